@@ -16,11 +16,11 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.parallel import InThisProcess
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.studies.result import Tried
+from biaxbayes.studies.result import SpecimenOutcome
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.tasks import Outcome
 from biaxbayes.verbs import batch as batch_module
-from biaxbayes.verbs.batch import Batch, SpecimenTask, try_specimen
+from biaxbayes.verbs.batch import Batch, SpecimenTask, sample_specimen
 from commands import refused, run
 
 LAYERS = ("media", "intima")
@@ -150,9 +150,9 @@ def spy(monkeypatch):
 
     def note(task):
         seen.append(task)
-        return Tried("failed", "not tried", [])
+        return SpecimenOutcome("failed", "not tried", [])
 
-    monkeypatch.setattr(batch_module, "try_specimen", note)
+    monkeypatch.setattr(batch_module, "sample_specimen", note)
     return seen
 
 
@@ -181,10 +181,10 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
         """Asked to stop while its task is under way."""
 
         def run(self, function, tasks, *, stop=lambda: False):
-            if function is not try_specimen:
+            if function is not sample_specimen:
                 return
             [task] = tasks
-            found = function(replace(task, going=_GoneLater()))
+            found = function(replace(task, running=_GoneLater()))
             asked.append(True)
             assert stop()
             yield Outcome(0, found)
@@ -228,7 +228,7 @@ def test_a_folder_that_a_worker_does_not_see_is_said(study, tmp_path):
         def run(self, function, tasks, *, stop=lambda: False):
             for index, task in enumerate(tasks):
                 gone = tmp_path / "not" / "mounted"
-                yield Outcome(index, try_specimen(replace(task, going=gone)))
+                yield Outcome(index, sample_specimen(replace(task, running=gone)))
 
     with pytest.raises(RunError, match="does not see the study folder"):
         Batch(study, tmp_path / "study", Elsewhere()).execute()
@@ -251,7 +251,7 @@ def test_a_foreign_folder_is_left_alone(study, tmp_path):
         (["media.csv", "none.csv"], "no such file"),
         (["media.csv", "--mounting-force", "1", "1"], "belongs to one specimen"),
         (["media.csv", "--workers", "0"], "--workers must be at least 1"),
-        (["media.csv", "--workers", "2", "--scheduler", "tcp://x:1"], "both"),
+        (["media.csv", "--workers", "2", "--scheduler", "tcp://x:1"], "either"),
         (["media.csv", "--ess", "1"], "--ess must be"),
     ],
 )

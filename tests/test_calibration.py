@@ -44,8 +44,8 @@ from biaxbayes.verbs.calibrate import (
     CalibrationStudy,
     Outcome,
     closing_message,
+    make_study,
     read_ranks,
-    study_of,
 )
 from commands import run
 from goh_functions import GOH_LAW
@@ -85,7 +85,7 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
 
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_of_many_parameters_is_drawn_as_sample_draws(name):
-    found = study_of(media(21), {"law": name, "priors": {}}, CalibrationPlan())
+    found = make_study(media(21), {"law": name, "priors": {}}, CalibrationPlan())
     plan = Plan() if name == "four-fibre" else study()
     for size in ("ensembles", "walkers"):
         assert getattr(found, size) == getattr(plan, size)
@@ -434,7 +434,7 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
     row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
     outcome = Outcome(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
     message = closing_message(tmp_path, outcome, True)
-    assert ("nothing follows" in message) == (replications < 50 and p >= 0.05)
+    assert ("replications are too few" in message) == (replications < 50 and p >= 0.05)
     assert ("are uniform" in message) == (replications >= 50 and p >= 0.05)
     assert ("NOT uniform" in message) == (p < 0.05)
 
@@ -445,7 +445,7 @@ def test_unknown_break_is_an_input_error():
 
 
 def test_a_study_needs_the_mounting_stretch_as_an_unknown():
-    with pytest.raises(InputError, match="needs the mounting stretch as an unknown"):
+    with pytest.raises(InputError, match="needs an inferred mounting stretch"):
         study(mounting="ignored")
 
 

@@ -113,7 +113,7 @@ def test_a_cache_that_cannot_be_written_is_left_aside_with_one_line(tmp_path):
     (tmp_path / "file").write_text("no folder")
     words, told = small_program(tmp_path, tmp_path / "file")
     assert words == ["42.0", "True", "0"]
-    assert told.count("\n") == 1 and "compiled code is not kept in" in told
+    assert told.count("\n") == 1 and "compiled code cannot be cached in" in told
 
 
 FULL = """

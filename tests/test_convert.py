@@ -292,11 +292,11 @@ def test_refused_options(tmp_path, capsys):
     path, out = written(tmp_path, GOOD), tmp_path / "specimen.csv"
     for more, says in (
         (["--cycle", "7"], "no cycle 7; found 1, 2"),
-        (["--cycle", "first"], "--cycle 'first' is no cycle"),
+        (["--cycle", "first"], "--cycle 'first' is not a cycle"),
         (["--columns", "stretch_x=F11"], "--columns is for --machine generic"),
         (["--load-noise-kPa", "1"], "--load-noise-kPa does not fit"),
         (["--thickness-sd-mm", "-1"], "thickness_sd_mm must be a positive number, not '-1'"),
-        (["--mounting-stretch-x", "1.03"], "reads like '1.03 +- 0.01'"),
+        (["--mounting-stretch-x", "1.03"], "of the form '1.03 +- 0.01'"),
         (["--sheet", "A"], "has no sheets"),
     ):
         code, _, err = biotester(path, out, capsys, *more)
@@ -337,7 +337,7 @@ def test_a_format_is_one_module_and_one_line(tmp_path, monkeypatch):
     path = written(tmp_path, "a,b,c,d\n1,2,1,3\n1.1,20,1.2,30\n1.2,50,1.3,70\n")
     made = convert([path], Choice("toy"), header={}).specimen
     np.testing.assert_array_equal(made.protocols[0].load_y, [3.0, 30.0, 70.0])
-    with pytest.raises(InputError, match="machine must be one of biotester, generic, toy, not 'x'"):
+    with pytest.raises(InputError, match=f"machine must be one of {', '.join(FORMATS)}, not 'x'"):
         Choice("x")
 
 
@@ -430,7 +430,7 @@ def test_a_kind_of_strain_that_is_open_is_asked_for(name, stated, tmp_path, caps
 @pytest.mark.parametrize(
     ("names", "values", "says"),
     [
-        (["Green [%]", "Green y [%]"], GREEN, "spreadsheets keep 20 % as 0.2"),
+        (["Green [%]", "Green y [%]"], GREEN, "spreadsheets store 20 % as 0.2"),
         (["Green", "Green y"], STRETCH, "starts at 1"),
         (["lambda_x", "lambda_y"], STRETCH - 1.0, "starts at 0"),
     ],

@@ -18,8 +18,8 @@ from biaxbayes.optimal_design.candidates import FurtherProtocol, Reading, standa
 from biaxbayes.optimal_design.design import design
 from biaxbayes.optimal_design.information_gain import (
     OutcomePosterior,
+    design_quantities,
     expect,
-    targets,
     weighted_spread,
 )
 from biaxbayes.sampling.sampler import Plan
@@ -89,7 +89,7 @@ def precise(run):
     """A fibre angle known far better than before: hardly a draw of the run has weight."""
     posterior = with_sampling_constants(run.posterior())
     candidate = Reading("precise", ("alpha",), 5e-4 * run.draws["alpha"].std())
-    names = tuple(targets(posterior, run.draws))
+    names = tuple(design_quantities(posterior, run.draws))
     return posterior, OutcomePosterior(posterior, candidate, run.draws, names, _stretch(run))
 
 
@@ -103,7 +103,7 @@ def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
     fixed = Posterior(posterior.specimen, **{**posterior.options(), "priors": {"alpha": angle}})
     chains = draw_posterior(fixed, Plan(ess=1500.0, seed=3, walkers=32)).quantities
     table = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
-    exact = targets(fixed, table, after.stretch)
+    exact = design_quantities(fixed, table, after.stretch)
     shared = [n for n in exact if n in after.quantities]
     assert {"C1", "k1", "k2", "kappa", "mounting_stretch_x"} <= set(shared)
     for name in shared:
@@ -122,7 +122,7 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
     """Outcomes of an accuracy that leaves hundreds of draws: spreads, and the mean likelihood."""
     posterior = with_sampling_constants(run.posterior())
     candidate = Reading("angle", ("alpha",), 0.3 * run.draws["alpha"].std())
-    quantities = targets(posterior, run.draws)
+    quantities = design_quantities(posterior, run.draws)
     values = np.column_stack(list(quantities.values()))
     after = OutcomePosterior(posterior, candidate, run.draws, tuple(quantities), _stretch(run))
     rng = np.random.default_rng(2)
@@ -143,7 +143,7 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
 def test_a_precise_reading_is_gone_into(run, precise):
     """With the posterior at hand its numbers are trusted, and the angle's own is exact."""
     posterior, after = precise
-    quantities = targets(posterior, run.draws)
+    quantities = design_quantities(posterior, run.draws)
     alone = expect(after.candidate, run.draws, quantities, np.random.default_rng(3), outcomes=20)
     assert not alone.trusted
     found = expect(
@@ -274,7 +274,7 @@ def test_fixed_parameters_are_no_candidates():
     )
     names = [c.name for c in standard_candidates(fixed.posterior())]
     assert not any("angle" in n or "image" in n for n in names)
-    assert "alpha" not in targets(fixed.posterior(), fixed.draws)
+    assert "alpha" not in design_quantities(fixed.posterior(), fixed.draws)
 
 
 def test_an_outcome_can_be_added_to_the_specimen(run, candidates):

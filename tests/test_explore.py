@@ -147,10 +147,10 @@ def test_what_is_fixed_has_neither_panels_nor_a_prior(small_run):
 
 
 def test_a_run_without_a_posterior_has_no_page(small_run):
-    with pytest.raises(InputError, match="no posterior to explore"):
+    with pytest.raises(InputError, match="has no posterior to explore"):
         explore_page(small_run.posterior(), small_run.draws, "unusable")
     constant = pd.concat([small_run.draws.iloc[:1]] * 3, ignore_index=True)
-    with pytest.raises(InputError, match="no posterior to explore"):
+    with pytest.raises(InputError, match="has no posterior to explore"):
         explore_page(small_run.posterior(), constant, "converged")
 
 

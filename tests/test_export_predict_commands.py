@@ -209,7 +209,7 @@ def test_predict_says_where_no_draw_holds_the_pressure(run, capsys):
         (["--stretches", "a.csv", "--ratio", "1:2"], "whole path"),
         (["--stretches", "a.csv"], "no such file"),
         (["--stretch", "nan"], "not strains or per cent"),
-        (["--stretch", "1"], "no largest stretch"),
+        (["--stretch", "1"], "not a possible largest stretch"),
         (["--style", "missing.mplstyle"], "the style cannot be read"),
     ],
 )

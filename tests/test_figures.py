@@ -460,7 +460,7 @@ def test_ranks_show_the_ensemble_that_disagrees():
         assert len(heights) == 4
         assert all(np.mean(h) == pytest.approx(1.0) for h in heights)
         assert (max(h.max() for h in heights) > highest) == (ax is apart)
-    with pytest.raises(InputError, match="no quantity 'beta'"):
+    with pytest.raises(InputError, match="unknown quantity 'beta'"):
         trace_figure(chains_of(), names=["beta"])
 
 
@@ -545,7 +545,7 @@ def test_a_style_file_changes_fonts_and_colours(tmp_path):
 def test_a_wrong_style_file_is_named_with_its_row(tmp_path):
     path = tmp_path / "wrong.mplstyle"
     for line, message in (
-        ("axes.linewidht: 1", "'axes.linewidht' is no setting"),
+        ("axes.linewidht: 1", "'axes.linewidht' is not a setting"),
         ("axes.linewidth: thick", "does not accept"),
         ("text.usetex: True", "cannot be used"),
     ):

@@ -117,7 +117,7 @@ def test_what_does_not_correct_refuses_the_file():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"grips": "clamps"}, "must read like 'hooks 5'"),
+        ({"grips": "clamps"}, "must be of the form 'hooks 5'"),
         ({"grip_inset_mm": None}, "needs grip_inset_mm"),
         ({"grip_width_mm": 3.0}, "reach over an edge"),
         ({"grip_spacing_mm": 1.0}, "overlap at a spacing of 1 mm"),
@@ -137,7 +137,7 @@ def test_details_without_grips_and_other_kinds_are_refused_with_their_row(tmp_pa
     for line, message in (
         ("# grip_inset_mm: 1.5", "row 1: grip_inset_mm needs the key grips"),
         ("# stretch_from: grips", "row 1: stretch_from needs the key grips"),
-        ("# grips: rakes 5", "row 1: grips must read like"),
+        ("# grips: rakes 5", "row 1: grips must be of the form"),
     ):
         path.write_text(f"{line}\n{text}")
         with pytest.raises(InputError, match=message):

@@ -64,7 +64,7 @@ HEADERS = {  # what stands in the good file, what in its place, and what the mes
     ("1.35", "thin"): "'thin'",
     ("1.35", "1,35"): "'1,35'",
     ("1.35", "nan"): "'nan'",
-    ("1.35", "1e308"): "cannot be",
+    ("1.35", "1e308"): "out of range",
     ("20", "20 mm"): "without unit",
     ("unloaded", "deformed"): "'deformed'",
     ("# thickness_mm: 1.35\n", ""): "must state thickness_mm",
@@ -167,7 +167,7 @@ def test_a_path_that_is_no_file(tmp_path):
             read_specimen(tmp_path / name)
         assert says in str(refusal.value) and str(refusal.value).isprintable()
     if os.geteuid() != 0:  # root reads everything
-        with pytest.raises(InputError, match="may not be read; check its permissions"):
+        with pytest.raises(InputError, match="cannot be read; check its permissions"):
             read_specimen(tmp_path / "locked")
     (tmp_path / "good.csv").write_text(GOOD)
     with pytest.raises(InputError, match="nowhere does not exist; make it"):
@@ -221,7 +221,7 @@ def test_odd_but_valid_values(tmp_path):
 # --- priors files ---------------------------------------------------------------------------------
 
 PRIORS: dict[str | bytes, str] = {
-    "": "is empty; write what it should state",
+    "": "is empty; write its settings",
     b"\x00\x01\x02kappa = 0\n": "is binary",
     "kappa: 0\n": "not valid TOML",
     "kappa = 0\nkappa = 0.1\n": "not valid TOML",

@@ -43,7 +43,7 @@ RECORDS = {
     "no JSON": (b"\x00\xff\xfe", "is damaged (not JSON)"),
     "deep": (b"[" * 100_000, "is damaged (not JSON)"),
     "a list": (b"[]", "'the whole'"),
-    "another program's": (b'{"seed": 1}', "is not that of a run"),
+    "another program's": (b'{"seed": 1}', "is not the record of a run"),
 }
 
 

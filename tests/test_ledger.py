@@ -109,7 +109,7 @@ def _parts(found: Variant) -> tuple[Posterior, pd.DataFrame]:
 
 
 def test_figure_has_its_width(variants):
-    figure = ledger_figure(ledger(variants), width_mm=180.0)
+    figure = ledger_figure(ledger(variants))
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
     assert len(figure.axes) == 2
 

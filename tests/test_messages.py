@@ -56,7 +56,7 @@ def test_a_protocol_that_the_run_does_not_have(capsys, small_run, tmp_path):
     own = [p.name for p in small_run.specimen.protocols]
     asked = ("predict", small_run.path, "--anyway", "--out", tmp_path / "out", "--protocol")
     said = run(capsys, *asked, "nope")
-    assert said[0] == 2 and f"no protocol 'nope' in this run; it has {', '.join(own)}" in said[2]
+    assert said[0] == 2 and f"unknown protocol 'nope'; the run has {', '.join(own)}" in said[2]
     assert not (tmp_path / "out").exists()
     assert run(capsys, *asked, own[0])[0] == 0
 

@@ -57,7 +57,7 @@ def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
         "corner-of-the-paper.pdf",
     }
     assert again.provenance["seed"] == 4
-    (told,) = [p.note for p in steps if p.note.startswith("removed with the run before")]
+    (told,) = [p.note for p in steps if p.note.startswith("removed with the previous run")]
     # How long writing takes is not known: it is no share that stands at 0 %.
     assert {p.share for p in steps if p.phase == "writing"} == {None}
     assert "cards-abaqus-kPa-mm" in told and "prediction.csv" in told

@@ -92,7 +92,7 @@ def population_record() -> dict:
             "alpha": {"scale": "linear", "mean": "N(45, 22.5)"} | prior,
         },
         "left_out": {"b": "did not converge: R-hat is 1.3"},
-        "notes": ["there are 2 donors: sd_donors rests much on its prior"],
+        "notes": ["there are 2 donors: sd_donors depends much on its prior"],
     }
 
 

@@ -10,6 +10,7 @@ from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.identifiability.profile.profile import profiles
+from biaxbayes.options import PLOTS
 from biaxbayes.runs.run import open_run
 from commands import exit_code
 from readable import assert_readable, in_view
@@ -22,7 +23,7 @@ def run(media_run, tmp_path_factory):
     return Path(shutil.copytree(media_run.path, tmp_path_factory.mktemp("plot") / "media.run"))
 
 
-@pytest.mark.parametrize("figure", ["bands", "mounting", "trace", "identifiability"])
+@pytest.mark.parametrize("figure", [name for name in PLOTS if name not in ("corner", "profile")])
 def test_each_figure_in_the_run_folder(run, figure, capsys):
     assert exit_code("plot", run, "--figure", figure, "--format", "svg", "--width-mm", 85) == 0
     written = Path(capsys.readouterr().out.strip())
@@ -97,14 +98,14 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
         ((run, "--figure", "bands", "--compare", run), "does not go with --figure bands"),
         ((run, "--figure", "profile", "--width-mm", 85), "5 profiles do not fit one column"),
         ((run, "--figure", "bands", "--parameter", "C1"), "does not go with --figure bands"),
-        ((run, "--parameter", "beta"), "no quantity 'beta' varies in this run"),
+        ((run, "--parameter", "beta"), "'beta' does not vary in this run"),
         ((run, "--width-mm", 60), "7 quantities do not fit a width of 60 mm"),
-        ((run, "--figure", "trace", "--parameter", "beta"), "no quantity 'beta'"),
+        ((run, "--figure", "trace", "--parameter", "beta"), "unknown quantity 'beta'"),
         ((run, "--figure", "profile", "--parameter", "beta"), "beta"),
         ((run, "--truth", wrong), "no entry for specimen 'donor2-media'"),
         ((run, "--out", tmp_path / "a.png", "--format", "pdf"), "--format pdf does not go"),
         ((run, "--style", tmp_path / "absent"), "the style cannot be read"),
-        ((run, "--out", tmp_path / "a.tiff"), "a.tiff: cannot draw a figure as '.tiff'; let"),
+        ((run, "--out", tmp_path / "a.tiff"), "a.tiff: cannot draw a figure as '.tiff'; use"),
         ((tmp_path / "absent",), "does not exist"),
         ((run, "--out", tmp_path / "no" / "folder" / "a.pdf"), "no"),
     ]

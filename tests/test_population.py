@@ -291,7 +291,7 @@ def test_columns_of_the_study_file(study, tmp_path, capsys):
         shutil.copy(study.parent / f"{name}.csv", tmp_path)
     bad = tmp_path / "study.toml"
     for change, said in (
-        ('columns = ["disease"]', "'disease' is no key of specimen 1"),
+        ('columns = ["disease"]', "'disease' is not a key of specimen 1"),
         ('disease = "healthy"\n', "disease is missing, which columns declares"),
     ):
         bad.write_text(text.replace(change, "", 1))

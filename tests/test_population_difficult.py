@@ -98,7 +98,7 @@ def test_one_donor_has_the_priors_spread_of_donors(pool):
     code, out, _, folder = pool(["m0", "m1", "m2"], donor=dict.fromkeys(MATERIALS, "D"))
     assert code == 0
     assert "media: 3 specimens of 1 donor\n" in out
-    assert "all specimens are of one donor" in out and "sd_donors is that of the prior" in out
+    assert "all specimens are of one donor" in out and "sd_donors is the prior's" in out
     groups, _ = tables(folder)
     pooled = groups[groups["in_words"].notna()]
     assert set(pooled["quantity"]) == {"C1", "k1", "k2", "alpha"}
@@ -115,7 +115,7 @@ def test_one_donor_has_the_priors_spread_of_donors(pool):
 @pytest.mark.long
 def test_two_specimens_rest_on_the_priors(pool):
     code, out, _, folder = pool(["m0", "m1"])
-    assert code == 0 and "there are 2 specimens: the sds rest much on their priors" in out
+    assert code == 0 and "there are 2 specimens: the sds depend much on their priors" in out
     groups, specimens = tables(folder)
     assert set(groups["verdict"]) <= {*VERDICTS, FIXED}
     pooled = groups[groups["in_words"].notna()]

@@ -88,19 +88,19 @@ def test_predictions_and_cards_come_as_tables(run, tmp_path):
     x = np.array([1.02, 1.04])
     path = pd.DataFrame({"x": x, "y": x})
     assert len(biaxbayes.predict(run.path, path)) == 2
-    with pytest.raises(InputError, match="either a path"):
+    with pytest.raises(InputError, match="give either `path`"):
         biaxbayes.predict(run)
     tube = biaxbayes.inflate(run, [5.0, 10.0], radius_mm=8.0, wall_mm=1.0)
     assert tube["pressure_kPa"].tolist() == [5.0, 10.0]
     cards = biaxbayes.export(run, "febio", draws=3, out=tmp_path / "cards")
     assert len(cards) == 3 and cards["check_relative_deviation"].max() < 1e-8
-    with pytest.raises(InputError, match="no program"):
+    with pytest.raises(InputError, match="unknown program"):
         biaxbayes.export(run, "ansys")
 
 
 def test_figures_and_the_report_of_a_run(run):
     assert biaxbayes.plot(run, "corner", width_mm=85.0).axes
-    with pytest.raises(InputError, match="no figure"):
+    with pytest.raises(InputError, match="unknown figure"):
         biaxbayes.plot(run, "pie")
     assert biaxbayes.report(run).name == "report.html"
 
@@ -303,7 +303,7 @@ def test_a_message_names_arguments_in_python_and_options_on_the_command_line(run
     assert "needs --radius and --wall" in capsys.readouterr().err
     text = "add `anyway=True`, or `mounting=zeroed` with `max_steps`"
     assert as_options(text) == "add --anyway, or --mounting zeroed with --max-steps"
-    with pytest.raises(InputError, match=r"`stretch` is one number.*give `path`"):
+    with pytest.raises(InputError, match=r"`stretch` must be a number.*give `path`"):
         biaxbayes.predict(run, stretch=[1.1, 1.2])
 
 
@@ -340,7 +340,7 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
         ("export", {"to": "febio", "units": "psi"}, "units"),
         ("plot", {"figure": "trace", "truth": {"C1": 1.0}}, "does not go with"),
         ("plot", {"figure": "bands", "truth": {"C1": 1.0}}, "the truth names no k1"),
-        ("report", {"kind": "doc"}, "no report"),
+        ("report", {"kind": "doc"}, "unknown report"),
     ],
 )
 def test_what_a_run_cannot_be_asked(run, verb, arguments, message):

@@ -191,7 +191,7 @@ def test_a_second_signal_stops_at_once_without_damage(expected, halfway, capsys,
     assert sample(halfway, "--resume", "--workers", 2) == 130
     assert time.monotonic() - begun[0] < 5.0
     assert [sender.wait() for sender in senders] == [0]
-    assert "stopped at once; what was saved is safe" in capsys.readouterr().err
+    assert "stopped at once; saved results are intact" in capsys.readouterr().err
     assert {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()} == before
     monkeypatch.undo()
     assert sample(halfway, "--resume") == 0

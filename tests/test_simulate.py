@@ -109,7 +109,7 @@ def test_a_specimen_of_another_law(tmp_path):
     ("arguments", "message"),
     [
         ([], "give one of --material NAME and --goh"),
-        (["--material", "granite"], "no material 'granite'"),
+        (["--material", "granite"], "unknown material 'granite'"),
         (["--material", "smoljkic-m55", "--total-stretch", 1.2], "give --prestretch X Y"),
         (["--material", "sheep1-fip"], "give --total-stretch or --measured-stretch"),
         (["--material", "donor1", "--total-stretch", 1.2, "--measured-stretch", 1.1], "give one"),
@@ -128,7 +128,7 @@ def test_a_specimen_of_another_law(tmp_path):
         ([*FUNG[:2], "--values", "c0_kPa=1,b=2"], "b is no parameter of the law fung"),
         ([*FUNG[:2], "--values", "c0_kPa=1,c_kPa=2"], "needs b_x and b_y and b_xy"),
         ([*FUNG[:2], "--values", "c0_kPa=1,c0_kPa=2"], "c0_kPa is given twice"),
-        ([*FUNG[:2], "--values", "c0_kPa"], "'c0_kPa' is no NAME=VALUE"),
+        ([*FUNG[:2], "--values", "c0_kPa"], "'c0_kPa' is not of the form NAME=VALUE"),
         ([*FUNG, "--material", "donor1"], "or --law with --values"),
         ([*FUNG, *TEST, "--hooks"], "leave --hooks out"),
         ([*FUNG, *TEST, "--fibre-switch"], "leaves no choice"),

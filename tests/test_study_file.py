@@ -86,12 +86,12 @@ def test_a_study_without_a_name_has_that_of_its_file(folder):
 
 A = '[[specimen]]\nfile = "a.csv"\n'
 BAD = {
-    "": "is empty; write what it should state",
+    "": "is empty; write its settings",
     "# nothing": "lists no specimen",
     "x =": "not valid TOML",
     "specimen = 3": "lists no specimen",
-    "specimen = [3]": "specimen 1: is no table",
-    "sede = 3\n" + A: "'sede' is no key of a study",
+    "specimen = [3]": "specimen 1: is not a table",
+    "sede = 3\n" + A: "'sede' is not a key of a study",
     "seed = -1\n" + A: "seed must be a whole number, at least 0",
     "seed = 1.5\n" + A: "seed must be a whole number",
     "ess = nan\n" + A: "ess must be a number, at least 50",
@@ -100,7 +100,7 @@ BAD = {
     "name = 3\n" + A: "name must be text",
     'options = "x"\n' + A: "options must be a table",
     "[options]\nnoise = 'efective'\n" + A: "options: noise must be one of effective,",
-    "[options]\nnois = 'effective'\n" + A: "'nois' is no key of options",
+    "[options]\nnois = 'effective'\n" + A: "'nois' is not a key of options",
     "[options]\nfibre_switch = 1\n" + A: "options: fibre_switch must be true or false",
     "[options]\nthin = -3\n" + A: "options: thin must be a number of rows",
     "[options]\nmounting = [1]\n" + A: "options: mounting must be one of",
@@ -109,7 +109,7 @@ BAD = {
     '[[specimen]]\nfile = "\\u0000"\n': "specimen 1: file must be the path",
     A + '[[specimen]]\nfile = "c.csv"\n': "specimen 2: file: no such file: ",
     A + A: "specimen 2: label 'a' is that of specimen 1",
-    A + 'lable = "x"\n': "'lable' is no key of specimen 1",
+    A + 'lable = "x"\n': "'lable' is not a key of specimen 1",
     A + "donor = 3\n": "specimen 1: donor must be text",
     A + 'layer = "  "\n': "specimen 1: layer must be text",
     A + "seed = 'x'\n": "specimen 1: seed must be a whole number",

@@ -31,7 +31,7 @@ class LazyGroup(click.Group):
         if cmd_name not in VERBS:
             return None
         command: click.Command = import_module(f"biaxbayes.verbs.{cmd_name}").command
-        # Raw docstrings hold click's mark of a paragraph to leave alone as two characters.
+        # in raw docstrings click's mark of a preformatted paragraph is two characters
         command.help = (command.help or "").replace("\\b\n", "\b\n")
         return command
 
@@ -56,7 +56,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs with their words, none imported."""
+        """Write the verbs with their descriptions without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl(list(VERBS.items()))
 
@@ -87,7 +87,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     # Matrices are small: with two threads `sample` takes an eighth more processor time, and longer.
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported
-    os.environ["MPLBACKEND"] = "agg"  # that of a notebook, inherited, may not exist here
+    os.environ["MPLBACKEND"] = "agg"  # an inherited backend of a notebook may not exist here
     # ArviZ 0.23 announces ArviZ 1 once a day.
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     try:
@@ -106,12 +106,12 @@ def _outcome(arguments: list[str] | None) -> int:
     except BiaxbayesError as error:
         return _ended(str(error), error.exit_code)
     except (click.exceptions.Abort, KeyboardInterrupt) as error:
-        # A second signal says which it was.
+        # the exception of a second signal has its number
         cause = error.__cause__ if isinstance(error, click.exceptions.Abort) else error
         if isinstance(cause, EOFError):  # click treats it as the end of the input
             return _internal(cause)
         number = next((a for a in getattr(cause, "args", ()) if isinstance(a, int)), 2)
-        return _ended("stopped at once; what was saved is safe", 128 + number)
+        return _ended("stopped at once; saved results are intact", 128 + number)
     except click.ClickException as error:
         error.show()
         return error.exit_code

@@ -1,4 +1,4 @@
-"""Tasks on the workers of a Dask scheduler, which have to give the draws of this machine."""
+"""Tasks on the workers of a Dask scheduler, whose draws must be those of this machine."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT_SECONDS, WORKER_SECONDS = 10.0, 30.0
-"""How long a cluster may take to answer, and to have its first worker."""
+"""Time limits for the answer of a cluster, and for its first worker."""
 POLL_SECONDS = 0.05
 SAME_VERSIONS = ("numpy", "scipy", "numba", "pandas")
-"""Packages on which draws depend to the last digit: the same here and on a cluster."""
+"""Packages that change draws in the last digit, so that their versions must be equal."""
 
 
 class Cluster:
@@ -61,7 +61,7 @@ class Cluster:
         *,
         stop: Callable[[], object] = no_stop,
     ) -> Iterator[Outcome[Result]]:
-        """As ``Executor.run``."""
+        """Run the tasks on the cluster; see ``Executor.run``."""
         if self._client is None:
             with self:
                 yield from self.run(function, tasks, stop=stop)
@@ -74,14 +74,14 @@ class Cluster:
             try:
                 workers = len(client.nthreads())
             except (OSError, ValueError, RuntimeError):
-                raise RunError(f"{self.address}: the scheduler has gone") from None
-            # One task per worker: were more with it, its death would count against them all.
+                raise RunError(f"{self.address}: lost the connection to the scheduler") from None
+            # One task per worker, since its death counts against all of its tasks.
             while waiting and not stopped and len(running) < workers:
                 index = waiting.popleft()
-                # Pickled here, as between any processes: Dask would hand over arrays to read only.
+                # pickled here, because Dask would make arrays read-only
                 work = pickle.dumps((function, tasks[index]))
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # that a specimen is large
+                    warnings.simplefilter("ignore")  # large specimens
                     running[client.submit(_answer, work, _versions(), pure=False)] = index
             done = [future for future in running if future.done()]
             for future in done:
@@ -102,8 +102,8 @@ class Cluster:
             if address.startswith("tls://") and certificates is None:
                 raise ValueError("Dask's configuration names no TLS certificates")
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that versions of Dask differ a little
-                # Never the default: what else writes files here must not ask the cluster.
+                warnings.simplefilter("ignore")  # slightly different versions of Dask
+                # not the default client, so that writing files here does not use the cluster
                 return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             reason = type(error).__name__ if isinstance(error, OSError) else str(error)
@@ -121,7 +121,7 @@ class Cluster:
             return Outcome(index, None, "the workers that had it died (out of memory, or killed)")
         except (CancelledError, OSError):
             raise RunError(
-                f"{self.address}: the scheduler has gone, or has dropped the work"
+                f"{self.address}: lost the connection to the scheduler, or the task"
             ) from None
         if error is not None:
             raise error
@@ -162,15 +162,15 @@ def _other_versions(who: str, there: dict[str, str], here: dict[str, str]) -> In
 
 
 _one_at_a_time = threading.Lock()
-"""In a worker of a cluster: one with several threads still works off one task at a time."""
+"""In a worker of a cluster: one task at a time, also with several threads."""
 
 
 def _answer(work: bytes, versions: dict[str, str]) -> bytes:
-    """In a worker of a cluster: do a task; its result, or its error and where it happened."""
+    """In a worker: do a task and return its result, or its error with its place."""
     import dask
 
     reply: tuple[Any, BaseException | None]
-    # A task that writes files must not take its locks from the cluster, as xarray would.
+    # xarray would otherwise take its file locks from the cluster
     plain = dask.config.set(scheduler="synchronous")
     try:
         if _versions() != versions:  # a worker that came later

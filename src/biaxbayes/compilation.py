@@ -1,16 +1,15 @@
-"""How code is compiled, and where compiled code is cached between runs.
+"""Compilation by numba, and the cache of compiled code.
 
-Numba notices a change of the file that a compiled function stands in, not of the files that it
-calls. Keyed by all sources that are compiled, the cache can never serve a density of yesterday's
-mechanics.
+Numba notices a change of the file of a compiled function, but not of the files that it calls. The
+name of the cache folder therefore has a digest of all compiled sources.
 
-What compiled code calls is inlined. A function that is called is linked by its name: a process that
-has compiled it for another caller, with other rounding, runs that code, and a process that finds
-its caller in the cache does not, so that one seed gave other draws on the first run than on later
-ones.
+Functions that compiled code calls are inlined. Numba links calls by name: a process that has
+compiled a function for another caller, with other rounding, runs that code, and a process that
+loads its caller from the cache does not, so that the first run of a seed gave other draws than
+later ones.
 
-What NumPy can refuse is avoided in it: the text of the refusal is compiled as well, which takes two
-seconds for ``numpy.diff`` or for a slice that is assigned to a slice.
+Compiled code avoids NumPy functions that can raise, since their messages are compiled as well,
+which takes two seconds for ``numpy.diff`` or for a slice that is assigned to a slice.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ logger = logging.getLogger("biaxbayes")
 
 
 WITHIN: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""How functions are compiled that only compiled code calls."""
+"""Options of functions that only compiled code calls."""
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -56,8 +55,7 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
     return generic.dispatch(kind) if kind in generic.registry else None
 
 
-# --- where compiled code is cached ----------------------------------------------------------------
-
+# --- the cache of compiled code -------------------------------------------------------------------
 
 COMPILED = ("laws/*.py", "mechanics/*.py", "error_model.py", "model/*.py", "populations/*.py")
 FREE_BYTES = 100_000_000
@@ -84,7 +82,7 @@ def _cache_folder() -> Path | None:
             raise OSError("the disk is full")
     except OSError as error:
         logger.warning(
-            "biaxbayes: compiled code is not kept in %s (%s), so that every start takes longer; "
+            "biaxbayes: compiled code cannot be cached in %s (%s), so every start takes longer; "
             "NUMBA_CACHE_DIR names another folder",
             folder,
             error.strerror or error,
@@ -94,7 +92,7 @@ def _cache_folder() -> Path | None:
 
 
 def _damaged(path: Path) -> bool:
-    """Whether a file of numba's cache has no end: all of them are pickles, which end with a dot."""
+    """True if a file of numba's cache is truncated: complete pickles end with a dot."""
     try:
         with path.open("rb") as file:
             file.seek(-1, os.SEEK_END)

@@ -2,10 +2,11 @@
 
 BiaxbayesError
 |-- InputError        a file, an option or a prior that cannot be used (exit 2)
-|   `-- TaredSpecimen the mounting force was zeroed; prestretch cannot be inferred (exit 2)
+|   `-- TaredSpecimen the mounting force was zeroed; no mounting stretch can be inferred (exit 2)
 |-- RunError          a run folder that is damaged, locked or of another problem (exit 2)
-|   `-- CannotResume  what is stored there is damaged or of another problem (exit 2)
-`-- NotConverged      ran, but the result cannot be trusted (exit 3)
+|   `-- CannotResume  a checkpoint that is damaged or of another problem (exit 2)
+|-- NotConverged      ran, but the result cannot be trusted (exit 3)
+`-- Interrupted       stopped by a signal (exit 128 + its number)
 
 Messages name arguments of Python functions, as ```name``` or ```name=value```; the command line
 writes them as its options.
@@ -84,7 +85,7 @@ class Interrupted(BiaxbayesError):
 
 
 def printable(text: str) -> str:
-    """Text from a file may hold line breaks and control characters; a message may not."""
+    """Text of a file without line breaks and control characters."""
     return "".join(ch if ch.isprintable() else " " for ch in text)
 
 

@@ -1,4 +1,4 @@
-"""Locks of the operating system on open files. A process that dies, however it dies, loses them."""
+"""Locks of the operating system on open files, which end with the process."""
 
 from __future__ import annotations
 
@@ -19,13 +19,7 @@ else:
     import fcntl
 
     def try_lock(handle: int) -> bool:
-        """Lock an open file unless another holds its lock; closing the file releases it.
-
-        Raises
-        ------
-        OSError
-            If the file system has no locks.
-        """
+        """Lock an open file unless another holds its lock; OSError without support for locks."""
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

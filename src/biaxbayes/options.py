@@ -240,6 +240,15 @@ CONTENT = 0.9
 """Default content of every interval and band."""
 CARD_PROGRAMS = ("abaqus", "febio")
 CARD_UNITS = ("kPa-mm", "MPa-mm", "Pa-m")
+PLOTS = {
+    "corner": "corner",
+    "bands": "stress-bands",
+    "identifiability": "identifiability",
+    "mounting": "mounting",
+    "trace": "trace",
+    "profile": "profile",
+}
+"""Figures of a run and the stems of their files."""
 PICTURES = ("pdf", "svg", "png")
 REPORTS = {"html": "report.html", "latex": "report.tex", "explore": "explore.html"}
 """Kinds of report and their files in a run."""

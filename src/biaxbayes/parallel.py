@@ -1,8 +1,8 @@
 """Many independent tasks: in this process, in processes of this machine, on a Dask cluster.
 
-The result of a task must depend on nothing but the task; then the executor changes the time and
-nothing else. Functions are defined at the top of a module, tasks and results can be pickled, and
-linear algebra takes one thread per task.
+The result of a task must depend on nothing but the task, so that the executor affects only the run
+time. Functions must be defined at the top of a module, tasks and results must be picklable. Linear
+algebra takes one thread per task.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from biaxbayes.tasks import Outcome, Result, Task, no_stop, with_one_blas_thread
 
 MOST_LOCAL = 4
 MOST_ATTEMPTS = 3
-"""A task whose worker dies this often is given up: it needs more memory than there is, say."""
+"""Number of worker deaths after which a task is given up (probably out of memory)."""
 STOP_SECONDS = 0.5
 
 
@@ -61,8 +61,8 @@ def executor_for(
     if scheduler is not None:
         if workers is not None:
             raise InputError(
-                "`workers` and `scheduler` are given both",
-                remedy="a cluster has the workers that were started for it",
+                "give either `workers` or `scheduler`",
+                remedy="the workers of a cluster are started with it",
             )
         return Cluster(scheduler)
     may_start = not multiprocessing.current_process().daemon
@@ -94,7 +94,7 @@ class InThisProcess:
         *,
         stop: Callable[[], object] = no_stop,
     ) -> Iterator[Outcome[Result]]:
-        """As :meth:`Executor.run`."""
+        """Run the tasks one after the other; see :meth:`Executor.run`."""
         for index, task in enumerate(tasks):
             if stop():
                 return
@@ -124,7 +124,7 @@ class Processes:
         *,
         stop: Callable[[], object] = no_stop,
     ) -> Iterator[Outcome[Result]]:
-        """As :meth:`Executor.run`."""
+        """Run the tasks in processes; see :meth:`Executor.run`."""
         waiting, deaths = deque(range(len(tasks))), Counter[int]()
         running: dict[Future[Result], tuple[int, _Worker]] = {}
         finished = stopped = False
@@ -132,12 +132,11 @@ class Processes:
             while running or (waiting and not stopped):
                 stopped = stopped or bool(stop())
                 while waiting and not stopped and len(running) < self.count:
-                    # The second attempt at a task gets a new process: one that ran another task
-                    # before may die of that.
+                    # The second attempt gets a new process, as an earlier task may be the cause.
                     worker = self._idle(running, new=deaths[waiting[0]] > 0)
                     try:
                         future = worker.submit(function, tasks[waiting[0]])
-                    except BrokenProcessPool:  # it died while it had nothing to do
+                    except BrokenProcessPool:  # it died while idle
                         self._remove(worker)
                         continue
                     running[future] = waiting.popleft(), worker
@@ -160,7 +159,7 @@ class Processes:
                 self._end()
 
     def _idle(self, running: dict[Future[Any], tuple[int, _Worker]], *, new: bool) -> _Worker:
-        """A worker with nothing to do, or a new one in its place."""
+        """An idle worker, or a new one in its place."""
         busy = [worker for _, worker in running.values()]
         idle = [worker for worker in self._workers if worker not in busy]
         if idle and not new:
@@ -175,8 +174,8 @@ class Processes:
         worker.end()
         if not worker.has_started:
             raise RunError(
-                "worker processes die as they start; in a script of your own the call must stand "
-                'below if __name__ == "__main__":, or use `workers=1`'
+                "worker processes fail to start; in a script put the call below "
+                'if __name__ == "__main__":, or use `workers=1`'
             )
 
     def _end(self) -> None:
@@ -194,7 +193,7 @@ class _Worker:
         chosen = multiprocessing.get_start_method(allow_none=True)
         with _signals_blocked():
             self._pid = self._pool.submit(os.getpid)
-        # To spawn fixes Python's default: a host that has chosen no method may still do so.
+        # Spawning fixes Python's default method; leave the choice to the calling program.
         multiprocessing.set_start_method(chosen, force=True)
 
     @property
@@ -205,7 +204,7 @@ class _Worker:
         return self._pool.submit(with_one_blas_thread, function, task)
 
     def end(self) -> None:
-        """End the process, whatever it does."""
+        """Kill the process."""
         if self.has_started:
             with contextlib.suppress(OSError):
                 os.kill(self._pid.result(), getattr(signal, "SIGKILL", signal.SIGTERM))
@@ -214,7 +213,7 @@ class _Worker:
 
 @contextlib.contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """What is started in here leaves the signals of the terminal to this process."""
+    """Start processes that leave the signals of the terminal to this one."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -227,7 +226,7 @@ def _signals_blocked() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """In a worker: end when the process that started it ends, however it does."""
+    """In a worker: end when the process that started it ends."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 

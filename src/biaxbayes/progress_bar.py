@@ -43,7 +43,7 @@ def live_bar(console: Console) -> Bar:
     from rich.text import Text
 
     class Share(ProgressColumn):
-        """Per cent and time left; nothing where the share is not known."""
+        """Per cent and time left; empty for an unknown share."""
 
         remaining = TimeRemainingColumn()
 
@@ -84,7 +84,7 @@ def shown_progress(console: Console) -> Iterator[Callable[[Any], None]]:
 
 @contextlib.contextmanager
 def _notebook_progress() -> Iterator[Callable[[Any], None]]:
-    """The same as one line of text that a notebook replaces; rich needs ipywidgets for that."""
+    """One line of text that a notebook replaces; rich needs ipywidgets for that."""
     from IPython.display import display
 
     shown = ""
@@ -106,7 +106,7 @@ def _notebook_progress() -> Iterator[Callable[[Any], None]]:
 
 
 def _in_notebook() -> bool:
-    """Whether this runs in a kernel, not only beside a module of one."""
+    """True in a notebook kernel."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return getattr(shell, "kernel", None) is not None
 
@@ -153,14 +153,13 @@ def with_progress(verb: Verb) -> Verb:
     return watched  # type: ignore[return-value]
 
 
-# --- progress on a terminal, silence elsewhere; and a stop that finishes the block first ---------
-
+# --- progress on a terminal, and a stop after the current block ----------------------------------
 
 STOPS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
 class StoppedAtOnce(KeyboardInterrupt):
-    """A second signal came; its number is the argument."""
+    """A second signal; its number is the argument."""
 
 
 @contextlib.contextmanager

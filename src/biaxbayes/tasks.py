@@ -1,4 +1,4 @@
-"""What all ways to work off tasks share: outcomes, and settings that belong to a whole process."""
+"""Outcomes of tasks, and settings that belong to a whole process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """The result of a task, by the index of the task; ``lost`` says why there is none."""
+    """The result of a task by its index; ``lost`` is the reason if there is none."""
 
     index: int
     value: Result
@@ -22,15 +22,13 @@ class Outcome(Generic[Result]):
 
 
 def no_stop() -> bool:
-    """Nobody stops the work."""
+    """Never stop."""
     return False
 
 
 one_call = threading.RLock()
-"""Locked by ``sample`` and ``plot``: other threads that call them wait.
-
-Pandas, ArviZ and matplotlib change warning filters and settings of the process and put them back.
-"""
+"""Lock of ``sample`` and ``plot``, since pandas, ArviZ and matplotlib temporarily change warning
+filters and settings of the process."""
 
 _blas_lock = threading.Lock()
 _blas_users = 0
@@ -63,13 +61,13 @@ def _limit_blas() -> None:
 
 
 def _in_short_thread(function: Callable[[], None]) -> None:
-    """Threadpoolctl ignores other threads for as long as the first that set a limit lives."""
+    """Run in a short thread: threadpoolctl ignores other threads while the first caller lives."""
     thread = threading.Thread(target=function)
     thread.start()
     thread.join()
 
 
 def with_one_blas_thread(function: Callable[[Task], Result], task: Task) -> Result:
-    """Do a task."""
+    """Call a function with one thread for linear algebra."""
     with one_blas_thread():
         return function(task)

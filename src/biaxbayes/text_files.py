@@ -35,12 +35,12 @@ SIGNATURES = {
     b"\x89HDF": ("an HDF5 file", "export it as CSV"),
     b"%PDF": ("a PDF", "export the table as CSV"),
 }
-"""First bytes of files that are no text, with what they are and what to do."""
+"""First bytes of files other than text, with their kind and a remedy."""
 EMPTY_REMEDIES = {
     **dict.fromkeys(("", ".csv", ".tsv", ".txt", ".xls", ".xlsx"), "export the record again"),
-    ".toml": "write what it should state into it",
+    ".toml": "write its settings into it",
 }
-"""What to do about an empty file, by the ending of its name."""
+"""Remedies for an empty file by its suffix."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 DECIMAL_POINT = re.compile(r"[+-]?\d+\.\d+([eE][+-]?\d+)?")
 NUMBER_WITH_UNIT = re.compile(r"[+-]?\d+\.?\d*([eE][+-]?\d+)?\s*[^\W\d_%]*[%\w/^°]*")
@@ -52,7 +52,7 @@ FORMULA = re.compile(r"'*[=+\-@\t\r]")
 
 
 def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
-    """Content of a regular file; one that is missing, unreadable, too large or empty is refused."""
+    """Content of a regular file that is neither empty nor larger than the limit."""
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
@@ -66,7 +66,7 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
     except FileNotFoundError:
         raise InputError("no such file", file=path, remedy="check the path") from None
     except PermissionError:
-        raise InputError("may not be read", file=path, remedy="check its permissions") from None
+        raise InputError("cannot be read", file=path, remedy="check its permissions") from None
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
         raise InputError(problem, file=path, remedy="check the path") from None
@@ -79,7 +79,7 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    r"""UTF-8 text of a regular file, with line ends as ``\n``; anything else is refused."""
+    r"""UTF-8 text of a regular file, with line ends as ``\n``."""
     raw = read_bytes(path)
     for signature, (kind, remedy) in SIGNATURES.items():
         if raw.startswith(signature):
@@ -153,7 +153,7 @@ def number_in(text: str) -> float:
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or a decimal comma."""
+    """True if a cell is a number, with a decimal point or a decimal comma."""
     try:
         number_in(cell.replace(",", ".", 1))
     except ValueError:
@@ -162,7 +162,7 @@ def is_number(cell: str) -> bool:
 
 
 def cell_fault(text: str) -> tuple[str, str]:
-    """What is wrong with a cell that holds no finite number, and what to do about it."""
+    """Describe a cell that holds no finite number, and what to do about it."""
     cell = text.strip()
     shown = repr(cell[:40])
     if not cell:
@@ -196,6 +196,12 @@ def one_line(text: str) -> str:
     return " ".join(printable(text).split())
 
 
+def without_empty_end(cells: Sequence[str]) -> list[str]:
+    """Cells without the empty ones at the end, as spreadsheets write."""
+    last = max((k for k, cell in enumerate(cells) if cell.strip()), default=-1)
+    return list(cells[: last + 1])
+
+
 def cells_of(line: str) -> list[str]:
     """Cells of a single line; spaces before a cell are not part of it."""
     return next(csv.reader([line], skipinitialspace=True), [])
@@ -205,7 +211,7 @@ def rows_of(
     lines: Sequence[str], path: Path, *, first: int = 0, separator: str = ",", kind: str = "a CSV"
 ) -> Iterator[tuple[int, list[str]]]:
     """Line numbers from 1 and cells, from index `first`; `kind` of file is named in errors."""
-    # Lines that the csv module took together had a quotation mark open between them.
+    # the csv module joins lines with an open quotation mark between them
     number = first
     reader = csv.reader(islice(lines, first, None), delimiter=separator, skipinitialspace=True)
     try:
@@ -236,7 +242,7 @@ def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
         )
     temporary = path.with_name(f".{path.name[:40]}.{os.getpid()}.tmp")
     try:
-        # A name that is there already was left by a crash, or is somebody's link: never follow it.
+        # an existing name was left by a crash, or is a link that must not be followed
         temporary.unlink(missing_ok=True)
         with temporary.open("xb") as handle:
             handle.write(data)

@@ -1,4 +1,4 @@
-"""Simulation-based calibration: whether the intervals are right on this protocol and noise.
+"""Simulation-based calibration on the protocols and noise of a specimen.
 
 True values are drawn from a prior, readings are simulated, and the posterior of the readings is
 sampled with the same prior and the procedure that a measured specimen gets. The rank of a true
@@ -30,11 +30,8 @@ from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.specimen import Specimen
 
-# --- simulation-based calibration: whether the intervals are right on this protocol and noise ----
-
-
 RANKED_DRAWS = 127
-"""Draws that a true value is ranked among; 128 possible ranks."""
+"""Number of draws among which a true value is ranked; 128 possible ranks."""
 BREAKS = ("determinant", "noise")
 WRONG_SD = 1.2
 
@@ -57,7 +54,7 @@ class Study:
 
     @property
     def quantities(self) -> Quantities:
-        """What each name is."""
+        """Symbol, unit and range by name."""
         shared = self.options.get("mounting_stretch") != "per-protocol"
         states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)
         return Quantities(self.law.parameters, states, self.specimen.unit)
@@ -71,7 +68,7 @@ class Study:
     def __post_init__(self) -> None:
         if self.options.get("mounting", ModelOptions.mounting) not in INFERRING:
             raise InputError(
-                "a study needs the mounting stretch as an unknown",
+                "a study needs an inferred mounting stretch",
                 remedy="use `mounting` noisy, exact or free",
             )
         if self.broken not in ("", *BREAKS):
@@ -90,8 +87,8 @@ class Study:
         )
 
     def rules(self) -> Rules:
-        """What simulated specimens have in common."""
-        # Independent errors: the layout of the unknowns needs no fit.
+        """Common rules of simulated specimens."""
+        # with independent errors no fit is needed
         template = Posterior(
             self.specimen, **{**self.options, "noise": "independent"}, priors=self.priors
         )
@@ -168,19 +165,19 @@ def _ranked(
         rank[name] = int(np.count_nonzero(flat[chosen] < truth[name]))
         below[name] = float(np.mean(flat < truth[name]))
         median[name], sd[name] = float(np.median(flat)), float(flat.std())
-    judged = draws.convergence
+    convergence = draws.convergence
     return Replication(
         index,
-        judged.state,
-        judged.reason,
+        convergence.state,
+        convergence.reason,
         {name: truth[name] for name in rank},
         rank,
         below,
         median,
         sd,
         rejected,
-        judged.worst_ess,
-        judged.worst_rhat,
+        convergence.worst_ess,
+        convergence.worst_rhat,
         posterior.beta,
         time.perf_counter() - clock,
     )
@@ -199,7 +196,7 @@ def run_replications(
     """Yield replications as they finish; RunError if workers keep dying."""
     left = list(indices)
     if executor is not None and not isinstance(executor, InThisProcess) and left:
-        # The first is made here: what it compiles, the workers find in the cache.
+        # The first runs here and fills the cache of compiled code for the workers.
         for outcome in InThisProcess().run(partial(replicate, study), left[:1], stop=stop):
             yield outcome.value
             left = left[1:]

@@ -1,4 +1,4 @@
-"""What the ranks of a study say: uniformity, and coverage.
+"""Uniformity of the ranks of a study, and coverage.
 
 With N replications and ranks 0 ... L, the number of ranks up to r is binomial with probability
 z_r = (r + 1) / (L + 1). A pointwise tail probability
@@ -25,7 +25,7 @@ from scipy.stats import beta, binom
 
 
 def rank_counts(ranks: np.ndarray, draws: int) -> np.ndarray:
-    """How many ranks are at most r, for r = 0 ... draws - 1; shape (draws,)."""
+    """Count the ranks that are at most r, for r = 0 ... draws - 1."""
     return np.cumsum(np.bincount(np.asarray(ranks, dtype=int), minlength=draws + 1))[:draws]
 
 
@@ -109,8 +109,7 @@ def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
     return 1.0 - probability_inside(ranks.size, draws, min(worst, 1.0))
 
 
-# --- whether intervals hold the truth as often as they say ---------------------------------------
-
+# --- coverage ------------------------------------------------------------------------------------
 
 LEVELS = (0.50, 0.80, 0.90, 0.95)
 
@@ -134,13 +133,12 @@ def coverage(below: np.ndarray, level: float) -> Coverage:
     return Coverage(level, hits / n, low, high)
 
 
-# --- what the ranks of a study say, parameter by parameter ---------------------------------------
-
+# --- uniformity and coverage of each parameter ---------------------------------------------------
 
 FEWEST = 50
 """Replications below which even clearly wrong intervals leave uniform ranks."""
 SIGNIFICANT = 0.05
-"""The simultaneous bands hold 95 % of uniform studies."""
+"""p-value below which ranks are not uniform; the simultaneous bands contain 95 %."""
 
 
 def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
@@ -163,6 +161,6 @@ def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
 
 
 def verdict(table: pd.DataFrame) -> tuple[bool, float]:
-    """Whether all ranks together are uniform, and the Bonferroni-corrected smallest p-value."""
+    """Test of all ranks together: uniform or not, and the smallest p-value times their number."""
     p = min(float(table["uniformity_p"].min()) * len(table), 1.0)
     return p >= SIGNIFICANT, p

@@ -1,15 +1,14 @@
-"""A specimen drawn from the statistical model, and the priors its truth is drawn from.
+"""Specimens drawn from the statistical model, and the priors of their true values.
 
-The default priors of a posterior are wide on purpose: most of their draws are no tissue (10 MPa,
-or pushed together at mounting) on the protocol at hand. A study needs true values that could be
-a specimen on this machine, and it must sample with the prior that it draws from.
+The default priors of a posterior are so wide that most of their draws are not like tissue on the
+protocols of a study (10 MPa, or compressed at mounting). A study needs realistic true values, and
+must sample with the prior that it draws from.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -23,16 +22,13 @@ from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Quantities, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 
-# --- A specimen drawn from the statistical model: true values from the prior ----------------------
-
-
 SAME_ROOT = 1e-6
-"""Relative difference of mounting stretches that count as one root."""
+"""Largest relative difference of mounting stretches of the same root."""
 
 
 @dataclass(frozen=True)
 class Rules:
-    """What all replications share."""
+    """Common rules of all replications."""
 
     specimen: Specimen
     settings: Settings
@@ -41,13 +37,13 @@ class Rules:
 
     @property
     def quantities(self) -> Quantities:
-        """What each name is."""
+        """Symbol, unit and range by name."""
         law = self.settings.material_law
         return Quantities(law.parameters, self.mounts, self.specimen.unit)
 
     @property
     def forward(self) -> ForwardModel:
-        """From true values to loads."""
+        """Forward model from true values to loads."""
         return ForwardModel.from_specimen(self.specimen, self.settings.material_law)
 
     @property
@@ -64,17 +60,9 @@ class SimulatedSpecimen(Specimen):
     reading_sd: tuple[tuple[float, float], ...] = ()
 
     def mounting_readings(self, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
-        """As in :class:`Specimen`, but as simulated."""
+        """Simulated mounting readings and their sds."""
         del shared
         return np.array(self.reading), np.array(self.reading_sd)
-
-    def __reduce__(self) -> Any:
-        fields = {key: getattr(self, key) for key in self.__dataclass_fields__}
-        return _rebuild, (fields | {"metadata": dict(self.metadata)},)
-
-
-def _rebuild(fields: dict[str, Any]) -> SimulatedSpecimen:
-    return SimulatedSpecimen(**fields)
 
 
 def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float], int]:
@@ -88,7 +76,7 @@ def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float]
         truth = _from_prior(rules.priors, rules.quantities, rng)
         if rules.settings.material_law.holds(truth) and _add_mounting_forces(rules, truth):
             return truth, rejected
-    raise ValueError("the prior has next to no mass where a stable mounted state exists")
+    raise ValueError("the prior has hardly any mass where a stable mounted state exists")
 
 
 def simulate_specimen(
@@ -138,14 +126,11 @@ def _pair(truth: Mapping[str, float], what: str, label: str) -> np.ndarray:
     return np.array([truth[name] for name in mounting_names(what, label)])
 
 
-def _material(rules: Rules, truth: Mapping[str, float]) -> MaterialResponse:
-    law = rules.settings.material_law
-    return law.material_at(tuple(truth[name] for name in law.names))
-
-
 def _add_mounting_forces(rules: Rules, truth: dict[str, float]) -> bool:
-    """Put the mounting forces in; False where the posterior has no such state."""
-    material, section = _material(rules, truth), rules.forward.section(truth)[0, 0]
+    """Add the mounting forces; False if the posterior has no such state."""
+    law = rules.settings.material_law
+    material = law.material_at(tuple(truth[name] for name in law.names))
+    section = rules.forward.section(truth)[0, 0]
     if not (np.all(section > 0.0) and np.all(np.isfinite(list(truth.values())))):
         return False
     for label in rules.mounts:
@@ -165,18 +150,17 @@ def _add_mounting_forces(rules: Rules, truth: dict[str, float]) -> bool:
 
 
 def _stable(material: MaterialResponse, reading: np.ndarray, lm: np.ndarray, mounted: bool) -> bool:
-    """Whether the balance is stable at a state."""
+    """True if the balance is stable at a state."""
     _, _, jxx, jxy, jyy = balance(
         material.constants, reading[0], reading[1], mounted, np.log(lm[0]), np.log(lm[1])
     )
     return bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
 
 
-# --- priors that a calibration study draws its true values from, and samples with ----------------
-
+# --- priors of a calibration study ---------------------------------------------------------------
 
 WIDENED = 2.0
-"""A local prior is this much wider than the posterior it is taken from."""
+"""Width of a local prior relative to the posterior it is taken from."""
 
 
 def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Tie]:
@@ -185,7 +169,7 @@ def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Ti
         float(max(p.stretch_x.max(), p.stretch_y.max())) for p in specimen.protocols
     )
     peak = max(float(np.abs(specimen.load(p) / specimen.area).max()) for p in specimen.protocols)
-    stated = default_priors(specimen, law)
+    default = default_priors(specimen, law)
     prior: dict[str, Prior | float | Tie] = {}
     for name, (family, first, second) in law.scaled_prior(stretch, peak).items():
         rounded = first if family == "uniform" else _rounded(first)
@@ -194,7 +178,7 @@ def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Ti
     prior[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 0.5)
     for name in mounting_names("stretch"):
         measured = name in specimen.metadata
-        prior[name] = stated[name] if measured else Prior("normal", 1.02, 0.01, low=0.5)
+        prior[name] = default[name] if measured else Prior("normal", 1.02, 0.01, low=0.5)
     return prior
 
 
@@ -204,13 +188,13 @@ def local_prior(
     """Independent priors twice as wide as the marginals of `draws`, never wider than `wide`."""
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():
-        own = [q for q in known.of_parameter(name) if q.name in draws]
-        values_of_states = [draws[q.name].ravel() for q in own]
+        quantities = [q for q in known.of_parameter(name) if q.name in draws]
+        values_of_states = [draws[q.name].ravel() for q in quantities]
         if not isinstance(prior, Prior) or not values_of_states:
             out[name] = prior
             continue
         values = np.concatenate(values_of_states)
-        parameter = own[0].parameter
+        parameter = quantities[0].parameter
         logs = parameter.logarithmic
         x = np.log(values) if logs else values
         low, middle, high = np.quantile(x, [0.1587, 0.5, 0.8413])
@@ -226,7 +210,12 @@ def local_prior(
 
 def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) -> str:
     """A priors file that reads back to these priors."""
-    lines = [f"# {_units_in_words(law)}, {unit} for noise_sd"]
+    by_unit: dict[str, list[str]] = {}
+    for p in law.parameters:
+        if p.unit_words():
+            by_unit.setdefault(p.unit_words().strip(), []).append(p.name)
+    units = [f"{words} for {' and '.join(names)}" for words, names in by_unit.items()]
+    lines = [f"# {', '.join(units)}, {unit} for noise_sd"]
     for name, prior in priors.items():
         value = prior_value(prior)
         if isinstance(value, dict):
@@ -237,18 +226,10 @@ def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) 
     return "\n".join(lines) + "\n"
 
 
-def _units_in_words(law: Law) -> str:
-    by_unit: dict[str, list[str]] = {}
-    for p in law.parameters:
-        if p.unit_words():
-            by_unit.setdefault(p.unit_words().strip(), []).append(p.name)
-    return ", ".join(f"{unit} for {' and '.join(names)}" for unit, names in by_unit.items())
-
-
 def _toml(value: object) -> str:
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
 def _rounded(value: float) -> float:
-    """Three significant digits: a stated prior should be possible to state."""
+    """Three significant digits, so that the prior can be reported."""
     return float(f"{value:.3g}")

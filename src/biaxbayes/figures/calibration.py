@@ -9,16 +9,16 @@ from matplotlib.figure import Figure
 
 from biaxbayes.calibration.ranks import count_band, rank_counts, uniformity_p_value
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.style import PAGE_MM, Style, blank_figure, colour, print_style
+from biaxbayes.figures.style import PAGE_MM, blank_figure, colour, print_style
 
 COLUMNS = 4
 
 
-def rank_figure(ranks: pd.DataFrame, draws: int, style: Style = None) -> Figure:
+def rank_figure(ranks: pd.DataFrame, draws: int) -> Figure:
     """Draw the empirical distribution of the ranks less the uniform one, a panel per quantity."""
     groups = list(ranks.groupby("parameter", sort=False))
     rows = -(-len(groups) // COLUMNS)
-    with print_style(style):
+    with print_style():
         figure = blank_figure(PAGE_MM, 36.0 * rows + 12.0)
         axes = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False)
         for ax in axes.flat[len(groups) :]:

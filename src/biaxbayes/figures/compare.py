@@ -13,7 +13,7 @@ from biaxbayes.comparison.compare import Comparison
 from biaxbayes.figures.panels import draw_cells, group_colour, row_panels
 from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, plain, quantity
 from biaxbayes.figures.run.identifiability import VERDICT_COLOURS
-from biaxbayes.figures.style import PAGE_MM, Style, add_note, blank_figure, few_ticks, print_style
+from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, few_ticks, print_style
 from biaxbayes.identifiability.bounded_density import at_edges, curve, interval
 from biaxbayes.identifiability.determined import STRESS
 from biaxbayes.identifiability.reported import Reported, report_rows
@@ -23,16 +23,14 @@ from biaxbayes.parameters import Quantity
 SHORT = {COMBINATION: "in combination"}
 ROW_MM, FOREST_ROW_MM = 9.5, 4.2
 REPORTED_OFFSET = 0.3
-"""Rows by which the reported interval stands below the posterior."""
+"""Offset of the reported interval below the posterior, in rows."""
 NOTE = (
     "coloured: posterior within the law; below in grey: the reported interval (arrow: bound)\n"
-    "filled: identified or bounded in that run; open: not, no difference of tissue"
+    "filled: identified or bounded in that run; open: not, so differences are not of the tissue"
 )
 
 
-def matrix_figure(
-    comparison: Comparison, *, width_mm: float = PAGE_MM, style: Style = None
-) -> Figure:
+def matrix_figure(comparison: Comparison) -> Figure:
     """Verdict and reported interval of every parameter of every run."""
     runs = [
         {row.name: row for row in report_rows(reported, member.posterior.quantities)}
@@ -47,8 +45,8 @@ def matrix_figure(
             [f"{SHORT.get(r.verdict, r.verdict)}\n{r.interval}" if r else "" for r in rows]
         )
         faces.append([VERDICT_COLOURS[row.verdict] if row else "white" for row in rows])
-    with print_style(style):
-        figure = blank_figure(width_mm, 15.0 + ROW_MM * len(runs))
+    with print_style():
+        figure = blank_figure(PAGE_MM, 15.0 + ROW_MM * len(runs))
         draw_cells(
             figure.subplots(),
             texts,
@@ -76,15 +74,13 @@ class Row:
     reported: list[Reported | None]
 
 
-def forest_figure(
-    comparison: Comparison, *, width_mm: float = PAGE_MM, style: Style = None
-) -> Figure:
+def forest_figure(comparison: Comparison) -> Figure:
     """Draw medians with 50 and 90 % intervals of every run; open symbols are not identified."""
     rows = [*_parameter_rows(comparison), *_derived_rows(comparison)]
     labels = [plain(label, 16) for label in comparison.labels]
-    with print_style(style):
+    with print_style():
         tall = FOREST_ROW_MM * len(labels) + 1.0
-        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, width_mm, NOTE)
+        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, NOTE)
         for ax, row in zip(axes, rows, strict=True):
             _draw_panel(ax, row)
     return figure
@@ -100,14 +96,15 @@ def _parameter_rows(comparison: Comparison) -> list[Row]:
         if any(d is not None for d in draws):
             identified = [d.get(name, False) for d in comparison.identified]
             reported = [
-                next((r for r in own if r.name == name), None) for own in comparison.reported
+                next((r for r in rows_of_run if r.name == name), None)
+                for rows_of_run in comparison.reported
             ]
             rows.append(Row(axis_text(known), draws, identified, reported))
     return rows
 
 
 def _derived_rows(comparison: Comparison) -> list[Row]:
-    """Structure tensor, stiffness and the stresses at the largest common stretch."""
+    """Structure tensor, stiffness, and stresses at the largest common stretch."""
     rows = []
     for derived in zip(*comparison.derived, strict=True):
         first = derived[0]

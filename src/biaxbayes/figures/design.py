@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from biaxbayes.figures.panels import draw_cells
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.style import PAGE_MM, Style, add_note, blank_figure, colour, print_style
+from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, colour, print_style
 from biaxbayes.optimal_design.design import Design
 
 ROW_MM, NOTE_MM, LETTER_MM = 6.5, 3.6, 1.35
@@ -22,21 +22,21 @@ CAUTION = "\N{DOUBLE DAGGER}"
 """Marks candidates that come with a caution."""
 
 
-def design_figure(design: Design, *, width_mm: float = PAGE_MM, style: Style = None) -> Figure:
+def design_figure(design: Design) -> Figure:
     """Expected reduction of every quantity's standard deviation, and the information gain."""
     cautions, expected = design.cautions(), design.expected
-    # Where each protocol has a mounted state of its own, these are left to the table.
-    own = {q.name for q in design.known.values() if q.state}
-    shown = [i for i, name in enumerate(design.quantities) if name not in own]
+    # Mounted states of single protocols are left to the table.
+    states = {q.name for q in design.known.values() if q.state}
+    shown = [i for i, name in enumerate(design.quantities) if name not in states]
     reduction = np.array([e.reduction[shown] for e in expected])
     faces = colormaps["Blues"](np.clip(reduction / LARGEST, 0.0, 1.0) / 1.35)
     notes = ["expected reduction of the sd, per cent; below a symbol: total stretch"]
     if not all(e.trusted for e in expected):
         notes.append("* too few effective draws: a rough number, see at_least in design.csv")
     for name, words in cautions.items():
-        notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(width_mm / LETTER_MM))
-    with print_style(style):
-        figure = blank_figure(width_mm, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
+        notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(PAGE_MM / LETTER_MM))
+    with print_style():
+        figure = blank_figure(PAGE_MM, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
         cells, bars = figure.subplots(1, 2, width_ratios=(0.78, 0.22), sharey=True)
         draw_cells(
             cells,

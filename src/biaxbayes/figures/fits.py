@@ -22,6 +22,7 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.options import FIT_METHODS
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 
 MAX_PROTOCOLS, DATA_POINTS = 6, 40
@@ -78,11 +79,11 @@ def _draw_fits(
     """Loads of a protocol with the fitted ones, and measured minus fitted loads."""
     protocol = specimen.protocols[k]
     load, moving = specimen.load(protocol), slice(protocol.rest_rows, None)
-    points = np.unique(np.linspace(0, protocol.rows - 1, DATA_POINTS).round().astype(int))
+    points = evenly_chosen(protocol.rows, DATA_POINTS)
     for axis, name in enumerate("xy"):
-        own = protocol.stretch_x if axis == 0 else protocol.stretch_y
-        # a fixed direction is drawn over the stretch in x
-        stretch = own if np.ptp(own) > 0.0 else protocol.stretch_x
+        stretch = protocol.stretch_x if axis == 0 else protocol.stretch_y
+        if np.ptp(stretch) == 0.0:  # a fixed direction is drawn over the stretch in x
+            stretch = protocol.stretch_x
         upper.plot(stretch[points], load[points, axis], MARKERS[name], **DATA)
         for fit in fits:
             residual = fit.residuals[k][:, axis]

@@ -1,4 +1,4 @@
-"""Laws side by side: misfit and prediction, mounting stretches, and the bands of their mixture."""
+"""Comparison of laws: misfit and prediction, mounting stretches, the bands of their mixture."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from matplotlib.figure import Figure
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.figures.quantities import quantity
 from biaxbayes.figures.run.bands import figure_from_bands, shown_protocols
-from biaxbayes.figures.style import PAGE_MM, Style, blank_figure, colour, few_ticks, print_style
+from biaxbayes.figures.style import PAGE_MM, blank_figure, colour, few_ticks, print_style
 from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.specimens.specimen import Specimen
 
 ROW_MM, HEAD_MM = 5.5, 14.0
 
 
-def _judged_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
-    """Laws that were judged, the heaviest on top, the mixture below; and their heights."""
+def _weighted_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
+    """Laws with a weight, the largest on top, the mixture below; and their heights."""
     table = compared.table[compared.table["left_out_rms_kPa"].notna()]
     laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
     rows = pd.concat([laws, table[table["law"] == STACKED]])
@@ -32,15 +32,13 @@ def _label_rows(ax: Axes, rows: pd.DataFrame, places: np.ndarray) -> None:
     ax.axhline(places[-1] + 0.5, color="0.6", linewidth=0.5)
 
 
-def law_misfit_figure(
-    compared: LawComparison, *, width_mm: float = PAGE_MM, style: Style = None
-) -> Figure:
+def law_misfit_figure(compared: LawComparison) -> Figure:
     """Misfit of the record beside that of left-out parts, and the weights."""
-    rows, places = _judged_rows(compared)
+    rows, places = _weighted_rows(compared)
     laws = rows["law"] != STACKED
-    with print_style(style):
+    with print_style():
         blue = colour("run")
-        figure = blank_figure(width_mm, HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4))
+        figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4))
         misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
         misfit.hlines(
             places, rows["rms_kPa"], rows["left_out_rms_kPa"], color="0.75", linewidth=0.8
@@ -64,17 +62,15 @@ def law_misfit_figure(
     return figure
 
 
-def law_mounting_figure(
-    compared: LawComparison, *, width_mm: float = PAGE_MM, style: Style = None
-) -> Figure | None:
+def law_mounting_figure(compared: LawComparison) -> Figure | None:
     """Draw the mounting stretches by law, grey the reported interval; None if none is inferred."""
-    rows, places = _judged_rows(compared)
+    rows, places = _weighted_rows(compared)
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
     reported = {row.name: row for row in compared.reported}
-    with print_style(style):
-        figure = blank_figure(width_mm, HEAD_MM + ROW_MM * (len(rows) + 0.4))
+    with print_style():
+        figure = blank_figure(PAGE_MM, HEAD_MM + ROW_MM * (len(rows) + 0.4))
         panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
         for ax, name in zip(panels, names, strict=True):
             low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
@@ -97,10 +93,8 @@ def law_mounting_figure(
     return figure
 
 
-def law_bands_figure(
-    compared: LawComparison, specimen: Specimen, *, width_mm: float = PAGE_MM, style: Style = None
-) -> Figure:
+def law_bands_figure(compared: LawComparison, specimen: Specimen) -> Figure:
     """Bands of the mixture over the record."""
-    names = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]
+    names = [p.name for p in specimen.protocols[: shown_protocols(specimen, PAGE_MM)]]
     table = compared.bands[compared.bands["protocol"].isin(names)]
-    return figure_from_bands(specimen, table, width_mm=width_mm, style=style)
+    return figure_from_bands(specimen, table)

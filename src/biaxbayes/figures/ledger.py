@@ -1,4 +1,4 @@
-"""What ignoring the mounting stretch costs: three treatments of the same record side by side."""
+"""The cost of ignoring the mounting stretch: three treatments of the same record."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from biaxbayes.comparison.mounting_bias import VARIANTS, Ledger
 from biaxbayes.figures.quantities import axis_text, number, quantity
-from biaxbayes.figures.style import PAGE_MM, RUNS, Style, blank_figure, colour, print_style
+from biaxbayes.figures.style import PAGE_MM, RUNS, blank_figure, colour, print_style
 
 MARKERS, OFFSETS = ("o", "s", "^"), (-0.25, 0.0, 0.25)
 LABELS = (
@@ -26,11 +26,11 @@ LARGEST_LINEAR, LINEAR = 15.0, 2.0
 """Up to the first shift the axis is linear; beyond, it is logarithmic outside the second."""
 
 
-def ledger_figure(ledger: Ledger, *, width_mm: float = PAGE_MM, style: Style = None) -> Figure:
+def ledger_figure(ledger: Ledger) -> Figure:
     """Draw parameters in sd of the inferred posterior, and stresses over the inferred median."""
     rows = max(len(ledger.parameters), len(ledger.stresses))
-    with print_style(style):
-        figure = blank_figure(width_mm, ROW_MM * rows + 20.0)
+    with print_style():
+        figure = blank_figure(PAGE_MM, ROW_MM * rows + 20.0)
         left, right = figure.subplots(1, 2, width_ratios=(0.46, 0.54))
         _draw_parameters(left, ledger)
         _draw_stresses(right, ledger.stresses)
@@ -82,7 +82,7 @@ def _draw_stresses(ax: Axes, table: pd.DataFrame) -> None:
 
 
 def _draw_rows(ax: Axes, values: np.ndarray, labels: Sequence[str]) -> None:
-    """Intervals and medians, shape (rows, treatments, 3), one below the other."""
+    """Draw intervals and medians, shape (rows, treatments, 3), in rows."""
     rows = np.arange(len(labels))
     for k, (label, marker, offset) in enumerate(zip(LABELS, MARKERS, OFFSETS, strict=True)):
         low, median, high = values[:, k].T

@@ -1,4 +1,4 @@
-"""What several figures share: panels of intervals with common rows, tables of coloured cells."""
+"""Parts of several figures: panels of intervals with common rows, tables of coloured cells."""
 
 from __future__ import annotations
 
@@ -12,11 +12,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from biaxbayes.figures.quantities import plain
-from biaxbayes.figures.style import RUNS, add_note, blank_figure, colour, small_text, text_colour
+from biaxbayes.figures.style import (
+    PAGE_MM,
+    RUNS,
+    add_note,
+    blank_figure,
+    colour,
+    small_text,
+    text_colour,
+)
 
 COLUMNS = 4
 LABEL_LENGTH, LEAST_LABEL_MM = 18, 2.6
-"""Characters of a label, and the least distance of rows that are labelled one by one."""
+"""Characters of a label, and the least distance of rows that are labelled singly."""
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
@@ -25,12 +33,11 @@ def row_panels(
     tall_mm: float,
     places: Sequence[float],
     labels: Sequence[str],
-    width_mm: float,
     note: str,
 ) -> tuple[Figure, list[Axes]]:
     """A figure of equal panels, four per line, with labelled rows and a note at its foot."""
     lines = max(-(-count // COLUMNS), 1)
-    figure = blank_figure(width_mm, lines * (tall_mm + 13.0) + 7.0)
+    figure = blank_figure(PAGE_MM, lines * (tall_mm + 13.0) + 7.0)
     panels = figure.subplots(lines, COLUMNS, squeeze=False)
     for ax in panels.flat[count:]:
         ax.remove()

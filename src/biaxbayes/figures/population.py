@@ -1,4 +1,4 @@
-"""Specimens before and after pooling, what they have in common, and the next one's stress."""
+"""Specimens before and after pooling, their groups, and the stress of a new specimen."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from biaxbayes.figures.panels import (
 )
 from biaxbayes.figures.quantities import LOG_SPREAD, axis_text, plain
 from biaxbayes.figures.run.corner import overlay_figure
-from biaxbayes.figures.style import PAGE_MM, Style, add_note, blank_figure, few_ticks, print_style
+from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, few_ticks, print_style
 from biaxbayes.parameters import Parameter, Quantity
 
 ROW_MM, TALLEST_MM = 4.4, 110.0
@@ -35,12 +35,7 @@ HIGHEST = 10.0
 
 
 def forest_figure(
-    specimens: pd.DataFrame,
-    groups: pd.DataFrame,
-    parameters: Sequence[Parameter],
-    *,
-    width_mm: float = PAGE_MM,
-    style: Style = None,
+    specimens: pd.DataFrame, groups: pd.DataFrame, parameters: Sequence[Parameter]
 ) -> Figure:
     """Draw every specimen alone (grey) and pooled (coloured), the group and a new specimen."""
     rows: list[tuple[str, str, int]] = []
@@ -53,13 +48,12 @@ def forest_figure(
         for i, (kind, name, _) in enumerate(rows)
         if kind == "group" or row_mm >= LEAST_LABEL_MM
     }
-    with print_style(style):
+    with print_style():
         figure, axes = row_panels(
             len(parameters),
             row_mm * len(rows) + 1.0,
             list(labels),
             list(labels.values()),
-            width_mm,
             NOTE,
         )
         for ax, p in zip(axes, parameters, strict=True):
@@ -102,12 +96,7 @@ def _draw_interval(
 
 
 def pairs_figure(
-    draws: Mapping[str, pd.DataFrame],
-    specimens: pd.DataFrame,
-    parameters: Sequence[Parameter],
-    *,
-    width_mm: float = PAGE_MM,
-    style: Style = None,
+    draws: Mapping[str, pd.DataFrame], specimens: pd.DataFrame, parameters: Sequence[Parameter]
 ) -> Figure:
     """New specimens of each group, pair by pair, with the tested ones as points."""
     names = [p.name for p in parameters]
@@ -119,8 +108,6 @@ def pairs_figure(
         list(draws),
         points=[{n: medians.loc[[group], n].to_numpy() for n in names} for group in draws],
         title=PAIRS,
-        width_mm=width_mm,
-        style=style,
     )
 
 
@@ -129,16 +116,14 @@ def band_figure(
     records: Sequence[tuple[str, np.ndarray, np.ndarray]],
     *,
     directions: tuple[str, str] = ("x", "y"),
-    width_mm: float = PAGE_MM,
-    style: Style = None,
 ) -> Figure:
     """Draw equibiaxial Cauchy stress of a new specimen over the records, a panel per group.
 
     `records` are (group, total stretch (n, 2), Cauchy stress in kPa (n, 2)).
     """
     groups = list(bands["group"].unique())
-    with print_style(style):
-        figure = blank_figure(width_mm, 48.0 * len(groups) + 6.0)
+    with print_style():
+        figure = blank_figure(PAGE_MM, 48.0 * len(groups) + 6.0)
         axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True)
         for (k, axis), ax in np.ndenumerate(axes):
             part, hue = bands[bands["group"] == groups[k]], group_colour(k)

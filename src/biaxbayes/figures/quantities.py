@@ -20,13 +20,13 @@ MEAN = r"\bar{\lambda}"
 """Symbol of a mean over the mounted states."""
 OTHERS = {"lp": "log density", "log_likelihood": "log likelihood"}
 DERIVED = {"H": "$H_{0}$", "stiffness_": "$c_{{{0}{0}}}$", "cauchy_": r"$\sigma_{0}$"}
-"""Symbols of what follows from the parameters, by name without the direction."""
+"""Symbols of derived quantities by name without the direction."""
 LOG_SPREAD = 8.0
 """Ratio of the 99.5 % to the 0.5 % point above which a positive scale gets a logarithmic axis."""
 
 
 class AxisText(NamedTuple):
-    """What an axis shows of its quantity: symbol, unit, range; ``scale``: may be logarithmic."""
+    """Symbol, unit and range of an axis; ``scale``: may be logarithmic."""
 
     symbol: str
     unit: str = ""
@@ -101,7 +101,7 @@ def corner_columns(
     return out
 
 
-# --- numbers, with as many digits as their interval deserves -------------------------------------
+# --- numbers with digits according to their interval ---------------------------------------------
 
 
 def number(value: float, low: float, high: float, *, log: bool = False) -> str:

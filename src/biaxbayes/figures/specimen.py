@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import COLUMN_MM, LOADS, MARKERS, blank_figure, colour, print_style
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
@@ -45,7 +45,7 @@ def specimen_figure(specimen: Specimen) -> Figure:
 
 
 def _draw_protocol(ax: Axes, protocol: Protocol) -> None:
-    shown = np.unique(np.linspace(0, protocol.rows - 1, POINTS).round().astype(int))
+    shown = evenly_chosen(protocol.rows, POINTS)
     rest = slice(0, protocol.rest_rows, max(1, protocol.rest_rows // REST_POINTS))
     for axis in "xy":
         stretch, load = getattr(protocol, f"stretch_{axis}"), getattr(protocol, f"load_{axis}")

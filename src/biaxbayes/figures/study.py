@@ -18,7 +18,7 @@ from biaxbayes.figures.panels import (
     row_panels,
 )
 from biaxbayes.figures.quantities import AxisText, axis_span, known_or_default, plain, quantity
-from biaxbayes.figures.style import PAGE_MM, Style, few_ticks, print_style
+from biaxbayes.figures.style import few_ticks, print_style
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.studies.groups import KNOWN
 
@@ -27,14 +27,14 @@ ROW_MM, TALLEST_PANEL_MM = 4.2, 62.0
 NOTE = "within the law; filled: identified or bounded; open: neither; cross: fixed"
 
 
-def study_figure(table: pd.DataFrame, *, width_mm: float = PAGE_MM, style: Style = None) -> Figure:
+def study_figure(table: pd.DataFrame) -> Figure:
     """Draw medians and 90 % intervals of every specimen; open symbols are not identified."""
     drawn = table[np.isfinite(table["q50"].astype(float))]
     layers = list(dict.fromkeys(table["layer"]))
     specimens = table.drop_duplicates("specimen")[["specimen", "layer"]]
     specimens = specimens.sort_values("layer", key=lambda c: c.map(layers.index), kind="stable")
-    judged = [q.name for q in known_or_default(None).assessed()]
-    names = [n for n in (*judged, *DERIVED) if (drawn["quantity"] == n).any()]
+    assessed = [q.name for q in known_or_default(None).assessed()]
+    names = [n for n in (*assessed, *DERIVED) if (drawn["quantity"] == n).any()]
     row_mm = min(ROW_MM, TALLEST_PANEL_MM / max(len(specimens), 1))
     if row_mm >= LEAST_LABEL_MM:
         rows = {float(i): str(name) for i, name in enumerate(specimens["specimen"])}
@@ -42,9 +42,9 @@ def study_figure(table: pd.DataFrame, *, width_mm: float = PAGE_MM, style: Style
         layer = specimens["layer"].reset_index(drop=True)
         rows = {float(np.mean(part.index)): k or "no layer" for k, part in layer.groupby(layer)}
     labels = [plain(name, LABEL_LENGTH) for name in rows.values()]
-    with print_style(style):
+    with print_style():
         tall = row_mm * len(specimens)
-        figure, axes = row_panels(len(names), tall, list(rows), labels, width_mm, NOTE)
+        figure, axes = row_panels(len(names), tall, list(rows), labels, NOTE)
         for ax, name in zip(axes, names, strict=True):
             part = drawn[drawn["quantity"] == name].set_index("specimen")
             _draw_panel(ax, part, quantity(name), specimens, layers)

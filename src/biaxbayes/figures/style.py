@@ -35,7 +35,7 @@ MM = 1.0 / 25.4
 COLUMN_MM, PAGE_MM = 85.0, 180.0
 """Widths of one column and of a page."""
 SIDE_BY_SIDE_MM = 120.0
-"""Width from which panels stand side by side."""
+"""Width from which panels are side by side."""
 CREDIBLE, PREDICTIVE = 0.45, 0.18
 """Opacity of the two bands."""
 MARKERS = {"x": "o", "y": "s"}
@@ -48,7 +48,7 @@ LOADS = {
 """Labels of the load axis by the kind of loads in a file."""
 FINER_UNIT = {"N": "mN", "kPa": "Pa"}
 PRINT_AND_SCREEN = ("pdf", "png")
-"""Formats of a figure that stands beside its tables."""
+"""Formats of a figure beside its tables."""
 
 # Okabe and Ito (2008): distinguishable with every common colour vision deficiency.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -95,8 +95,8 @@ STYLE: dict[str, Any] = {
 }
 """Matplotlib settings of every figure; a style file overrides them one by one."""
 
-# What a style file cannot change. The width in millimetres is fixed, so nothing is cut to fit;
-# names in specimen files are no TeX.
+# Settings that a style file cannot change: the width in millimetres is fixed, so nothing is
+# cropped; names in specimen files are not TeX.
 _FIXED: dict[str, Any] = {
     "text.parse_math": True,
     "text.usetex": False,
@@ -119,14 +119,14 @@ def read_style(path: Path | str) -> dict[str, Any]:
         key, colon, value = (part.strip() for part in line.split("#", 1)[0].partition(":"))
         if key and not (colon and key in mpl.rcParams):
             raise InputError(
-                f"{key[:60]!r} is no setting of matplotlib",
+                f"{key[:60]!r} is not a setting of matplotlib",
                 file=path,
                 row=row,
-                remedy="a style holds lines 'key: value', such as 'font.family: Arial'",
+                remedy="a style has lines 'key: value', such as 'font.family: Arial'",
             )
         if key == "text.usetex" and "t" in value.lower():
             raise InputError(
-                "text.usetex cannot be used: names in specimen files are no TeX",
+                "text.usetex cannot be used, because names in specimen files are not TeX",
                 file=path,
                 row=row,
                 remedy="set font.family, and mathtext.fontset: cm for the symbols of TeX",
@@ -139,12 +139,12 @@ def read_style(path: Path | str) -> dict[str, Any]:
 
 
 _one_thread_draws = threading.RLock()
-"""Settings of matplotlib and filters of warnings are those of the process."""
+"""Settings of matplotlib and filters of warnings belong to the process."""
 
 
 @contextmanager
 def print_style(style: Style = None) -> Iterator[None]:
-    """Draw in the style of a paper, whatever the session's own settings; other threads wait."""
+    """Draw in the style of a paper, whatever the settings of the session; other threads wait."""
     settings: Any = {k: v for k, v in mpl.rcParamsDefault.items() if k not in _IGNORED}
     settings |= {**STYLE, **(style or {}), **_FIXED}
     with _one_thread_draws, mpl.rc_context(), warnings.catch_warnings():
@@ -173,7 +173,7 @@ def blank_figure(width_mm: float, height_mm: float) -> Figure:
 
 
 def few_ticks(axis: Axis, most: int = 4) -> None:
-    """At most so many intervals between labelled ticks at round values; no minor ticks."""
+    """Set at most `most` intervals between labelled ticks at round values; no minor ticks."""
     if axis.get_scale() == "log":
         low, high = axis.get_view_interval()
         if high > 100.0 * low:
@@ -193,7 +193,7 @@ def small_text(**more: Any) -> dict[str, Any]:
 
 
 def add_note(figure: Figure, text: str) -> None:
-    """What a reader has to know, in grey at the foot."""
+    """Add a note in grey at the foot."""
     if text:
         figure.supxlabel(text, x=0.995, ha="right", **small_text(color="0.35"))
 
@@ -203,10 +203,10 @@ def figure_bytes(figure: Figure, suffix: str, style: Style = None) -> bytes:
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     with print_style(style), warnings.catch_warnings():
-        # Characters that the font lacks are drawn as boxes; that is no error.
+        # Characters that the font lacks are drawn as boxes.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         if (engine := figure.get_layout_engine()) is not None:
-            # The layout is made once; each time anew it would move panels by fractions of a dot.
+            # Repeating the layout would move panels by fractions of a dot.
             engine.execute(figure)
             figure.set_layout_engine("none")
         figure.savefig(out, format=suffix, metadata=undated.get(suffix))
@@ -218,9 +218,9 @@ def picture_suffix(path: Path) -> str:
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in PICTURES:
         raise InputError(
-            f"cannot draw a figure as {path.suffix or 'a file without ending'!r}",
+            f"cannot draw a figure as {path.suffix or 'a file without suffix'!r}",
             file=path,
-            remedy="let the name end with .pdf, .png or .svg",
+            remedy="use the suffix .pdf, .png or .svg",
         )
     return suffix
 
@@ -232,7 +232,7 @@ def save_figure(figure: Figure, path: Path | str, style: Style = None) -> None:
 
 
 def save_pictures(figure: Figure | None, folder: Path, stem: str) -> list[Path]:
-    """Write a figure for print and for the screen; None removes pictures that are there."""
+    """Write a figure for print and for the screen; None removes existing pictures."""
     paths = [folder / f"{stem}.{suffix}" for suffix in PRINT_AND_SCREEN]
     for path in paths:
         if figure is None:

@@ -16,7 +16,7 @@ from biaxbayes.tables.table import Table
 
 PHASE = re.compile(r"\s*(\d+)\s*-\s*(\w+)")
 LEAST_TRACKED = 5
-"""Rows in which all points are tracked, at least."""
+"""Least number of rows in which all points are tracked."""
 
 
 def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
@@ -27,7 +27,7 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     and Time_S. A branch is the Stretch phase, the reversed Recover phase, or both.
     """
     numbers, phases = _phases(table)
-    taken = []
+    out = []
     sets = _sets(table, choice.sets)
     others = [name for name in _set_names(table) if name not in sets]
     for name, rows in sets.items():
@@ -39,17 +39,17 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
         )
         notes = [*table.notes, *origin]
         if number > 0:
-            last_two = []
+            curves = []
             for cycle in cycles[number - 1 : number + 1]:
                 up, curve, *_ = _stretches(table, _branch(table, cycle, "loading"), choice, gauge)
-                last_two.append((curve, _forces(table, up)))
-            text, settled = settling(*last_two)
+                curves.append((curve, _forces(table, up)))
+            text, settled = settling(*curves)
             (notes if settled else assumptions).append(f"{name}: {text}" if name else text)
         if others:
             notes.append(f"sets left out: {', '.join(others)} (--set NAME or --set all takes them)")
         source = "Size_um" if gradient is None else "tracked points"
         time = _quantity(table, "time", "time", rows)
-        taken.append(
+        out.append(
             Recording(
                 name=name,
                 source=table.path.name + (f", set {name}" if name else ""),
@@ -67,11 +67,11 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
                 assumptions=tuple(assumptions),
             )
         )
-    return taken
+    return out
 
 
 def recognises(table: Table, choice: Choice) -> bool:
-    """Whether a sheet is an export of a BioTester."""
+    """True if a sheet is an export of a BioTester."""
     return table.by_stem("cycle") is not None or table.by_stem("xforce") is not None
 
 
@@ -109,7 +109,7 @@ def _set_names(table: Table) -> list[str]:
 
 
 def _sets(table: Table, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Rows of the wanted sets by their names; all rows where the file has no sets."""
+    """Rows of the selected sets by their names; all rows if the file has no sets."""
     index, names = table.by_stem("setname"), _set_names(table)
     if index is None:
         if wanted:
@@ -154,7 +154,7 @@ def _cycles(
 
 
 def _branch(table: Table, cycle: RecordedCycle, branch: str) -> np.ndarray:
-    """Rows of a branch of a cycle, two at least."""
+    """Rows of a branch of a cycle, at least two."""
     rows = cycle.rows(branch)
     if rows.size < 2:
         raise InputError(
@@ -258,7 +258,7 @@ def _forces(table: Table, rows: np.ndarray) -> np.ndarray:
 
 
 def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndarray, list[str]]:
-    """Stretches by the distance of the rakes, and what had to be assumed for them."""
+    """Stretches from the distance of the rakes, and their assumptions."""
     columns, assumptions = [], []
     for k, axis in enumerate("xy"):
         size = _quantity(table, f"{axis}size", "length", rows)
@@ -274,7 +274,7 @@ def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndar
             assumptions.append(note)
         else:
             raise InputError(
-                f"no column '{axis.upper()}Size_um', so the distance of the rakes is not known",
+                f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown",
                 file=table.path,
                 remedy=table.listing,
             )

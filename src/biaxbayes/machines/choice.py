@@ -1,4 +1,4 @@
-"""The formats of testing machines, and what to take from an export."""
+"""The formats of testing machines, and the selection of data from an export."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DIRECTIONS = ("x", "y", "xy")
 
 @dataclass(frozen=True)
 class Format:
-    """What it reads, for help, and the options of ``biaxbayes convert`` that only it takes."""
+    """Text for the help, and the options of ``biaxbayes convert`` that only this format takes."""
 
     words: str
     options: tuple[str, ...] = ()
@@ -29,7 +29,7 @@ FORMATS = {
 
 @dataclass(frozen=True)
 class Choice:
-    """What to take from a raw file.
+    """Selection of data from a raw file.
 
     Attributes
     ----------
@@ -43,18 +43,18 @@ class Choice:
     stretch_from : {"auto", "tracked", "rake"}
         Source of the stretches of a BioTester.
     sets : tuple of str
-        Sets of a BioTester; the last where empty.
+        Sets of a BioTester; by default the last.
     sheets : tuple of str
         Sheets of a workbook, one or more protocols each; ``all`` for every one with a table.
     gauge_x_mm, gauge_y_mm : float, optional
-        Length between the marks or grips where their displacement is zero.
+        Length between the marks or grips at displacement zero.
     gauge_at : {"", "zero", "start"}
-        Whether that is where the displacement reads zero, or at the first row of the file; needed
-        where the two differ.
+        The gauge length is that at displacement zero, or in the first row of the file; needed if
+        these differ.
     drop_missing : bool
-        Leave out rows in which a reading is missing; otherwise they are refused.
+        Leave out rows with a missing reading, which are refused otherwise.
     tension_negative : {"", "x", "y", "xy"}
-        Directions whose load cell counts tension negative.
+        Directions whose load cell reads tension as negative.
     """
 
     machine: str
@@ -85,6 +85,6 @@ class Choice:
             length = getattr(self, f"gauge_{axis}_mm")
             if length is not None and not 0.01 <= length <= 10_000.0:
                 raise InputError(
-                    f"a gauge length of {length:g} mm in {axis} cannot be",
+                    f"a gauge length of {length:g} mm in {axis} is out of range",
                     remedy=f"give `gauge_{axis}_mm` in mm, between 0.01 and 10000",
                 )

@@ -1,4 +1,4 @@
-"""Which column of a table is what, in which unit and which kind of strain; nothing is guessed."""
+"""Columns of a table by their target, with unit and kind of strain; nothing is guessed."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ TARGETS = {
     "cycle": "text",
     **dict.fromkeys(SHEAR, "shear"),
 }
-"""What can be mapped, and what kind of quantity it is."""
+"""Targets of a column, and their quantity."""
 OPTIONAL = ("time_s", *SHEAR)
-"""Taken from the only column of numbers with their own name and a unit, where there is one."""
+"""Targets that are mapped automatically if a single column of numbers has their name and a unit."""
 LENGTH_WORDS = r"distance|length|size|gap|separation|abstand|l[äa]nge|laenge|gauge"
 DISPLACEMENT_WORDS = (
     r"disp(lacement)?s?|extension|elongation|travel|stroke|crosshead|weg|verschiebung|change|delta"
@@ -105,10 +105,10 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
             continue
         elif target in OPTIONAL:
             stems = (stem_of(target), SHEAR.get(target))
-            own = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
-            if len(own) != 1 or not table.is_numeric(own[0]):
+            same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
+            if len(same) != 1 or not table.is_numeric(same[0]):
                 continue
-            index = own[0]
+            index = same[0]
         else:
             by_name = table.by_stem(stem_of(target))
             if by_name is None:
@@ -223,7 +223,7 @@ def _kinds(table: Table, index: int) -> set[str]:
 
 
 def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
-    """The kind of stretch, strain, length or displacement of a column; asks rather than guesses."""
+    """The kind of stretch, strain, length or displacement of a column; refuses an open one."""
     name, kinds, units = table.names[index], _kinds(table, index), table.units(index)
     share = next((u for u in units if u.quantity == "fraction" and u.factor < 1.0), None)
     if given is not None:
@@ -265,7 +265,7 @@ def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> 
 
 
 def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
-    """Whether a column in mm is the distance of grips or marks, or how far they have moved."""
+    """Unit of a column in mm: distance of grips or marks, or their displacement."""
     if unit.quantity == "displacement":
         return unit
     name = table.names[index]
@@ -290,7 +290,7 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
 
 
 def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
-    """Refuse a map without both stretches and one pair of loads, with columns of this file."""
+    """Refuse a map without both stretches and one pair of loads."""
     pairs = [p for p, names in STRESS_PAIRS.items() if any(name in columns for name in names)]
     problem = ""
     if len(pairs) > 1:
@@ -314,7 +314,7 @@ def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
 
 
 def _example(table: Table) -> str:
-    """A --columns option with columns that the file has, where enough of them are likely."""
+    """A --columns option with columns of the file, if enough of them are likely."""
     deformed: list[str] = []
     forces: list[str] = []
     stresses: list[str] = []

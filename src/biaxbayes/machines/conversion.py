@@ -56,7 +56,7 @@ def convert(
             remedy="convert them with the same columns",
         )
     recordings = _named(recordings, protocol_names)
-    # The rows as measured: a reader divides by the stretch at rest, and sees the drift.
+    # As measured: a reader divides by the stretch at rest, and sees the drift.
     timed = all(r.time_s is not None for r in recordings)
     recorded = []
     for r in recordings:
@@ -82,7 +82,7 @@ def convert(
 
 
 def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
-    """Recordings of all tables of a file, checked; a sheet without the columns is left out."""
+    """Checked recordings of all tables of a file; sheets without the columns are left out."""
     tables, others = read_tables(path, choice.sheets)
     edges = None
     if "edge_x_mm" in header and "edge_y_mm" in header:
@@ -159,15 +159,15 @@ def _check_signs(recordings: Sequence[Recording], file: object) -> None:
         if load[np.abs(away).argmax()] > load[0] and -away.min() > away.max():
             raise InputError(
                 f"the load in {axis} rises by {-change:.3g} while the stretch in {axis} falls to "
-                f"{stretch.min():.4g}: the machine may count extension negative, or the strain "
-                "be inverse",
+                f"{stretch.min():.4g}: the machine may count extension as negative, or the strain "
+                "may be inverse",
                 file=file,
                 column=recording.columns[k],
                 remedy="multiply the column by -1 (a displacement) in the table, and convert again",
             )
         raise InputError(
             f"the load in {axis} falls by {-change:.3g} while the stretch in {axis} rises to "
-            f"its largest value: the load cell may count tension negative",
+            "its largest value: the load cell may count tension as negative",
             file=file,
             column=recording.columns[2 + k],
             remedy=f"reverse its sign with `tension_negative={axis}` (or xy for both)",
@@ -175,7 +175,7 @@ def _check_signs(recordings: Sequence[Recording], file: object) -> None:
 
 
 def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]:
-    """Recordings under the given names, or their own, which must differ."""
+    """Recordings with the given names, or their own; names must differ."""
     if names and len(names) != len(recordings):
         raise InputError(
             f"{len(names)} protocol names for {len(recordings)} protocols",
@@ -186,7 +186,7 @@ def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]
         if not name.strip() or chosen.count(name) > 1:
             raise InputError(
                 f"protocol name {name[:40]!r} is empty or duplicated",
-                remedy="give `protocol_names`, one for each protocol",
+                remedy="give `protocol_names`, one per protocol",
             )
     return [replace(r, name=name) for r, name in zip(recordings, chosen, strict=True)]
 
@@ -194,7 +194,7 @@ def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]
 def _metadata(
     recordings: Sequence[Recording], paths: Sequence[Path], choice: Choice, header: Header
 ) -> dict[str, float | str]:
-    """Other header values, and where the record is from."""
+    """Other header values, and the origin of the record."""
     arguments = (*FIELDS, "specimen", "geometry", "load_noise_N", "load_noise_kPa")
     metadata = {key: value for key, value in header.items() if key not in arguments}
     metadata["source"] = f"{choice.machine}: " + ", ".join(path.name for path in paths)
@@ -207,7 +207,7 @@ def _metadata(
         metadata["conversion"] = "; ".join(assumptions)
     gradients = [r.gradient for r in recordings if r.gradient is not None]
     if gradients:
-        # Rounded: a word of caution, not a measurement.
+        # rounded, as it is a caution and not a measurement
         gradient = np.concatenate(gradients)
         shear, angle = np.abs(gradient[:, [0, 1], [1, 0]]), np.abs(shear_angle_deg(gradient))
         metadata["largest_shear"] = float(f"{shear.max():.3g}")

@@ -1,4 +1,4 @@
-"""Cycles of a record: where they are, which ratio each has, whether preconditioning has settled."""
+"""Cycles of a record, their ratios, and whether preconditioning has settled."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from biaxbayes.specimens.branches import cycles, path_progress
 from biaxbayes.tables.table import Table
 
 SAME_RATIO_DEG = 2.5
-"""Angles of the peaks of one ratio lie closer than this; 1:1 and 1:0.9 are 3 degrees apart."""
+"""Largest difference of angle between peaks of one ratio; 1:1 and 1:0.9 differ by 3 degrees."""
 STEADY_DEG = 0.75
-"""What a machine controls keeps its angle from cycle to cycle within this."""
+"""Largest change of angle from cycle to cycle of the quantity that the machine controls."""
 SETTLED = 0.03
-"""Change of peak load or curve between the last cycles below which they repeat: a convention."""
+"""Change of peak load or curve between the last cycles below which they repeat (a convention)."""
 SAME_PEAK = 0.05
 
 
 @dataclass(frozen=True)
 class RecordedCycle:
-    """Rows of one cycle: up to its peak, and from the peak on."""
+    """Rows of one cycle up to its peak, and from the peak on."""
 
     label: str
     loading: np.ndarray
     unloading: np.ndarray
 
     def rows(self, branch: str) -> np.ndarray:
-        """Rows of a branch; an unloading branch is turned round, so that it starts at rest."""
+        """Rows of a branch; an unloading branch is reversed, so that it starts at rest."""
         up, down = self.loading, self.unloading
         return {"loading": up, "unloading": down[::-1], "both": np.union1d(up, down)}[branch]
 
@@ -59,7 +59,7 @@ def recorded_cycles(
 
 
 def chosen_number(which: str, labels: Sequence[str], table: Table) -> int:
-    """Index of the wanted cycle, ``last`` or a label; the refusal of another lists the labels."""
+    """Index of the selected cycle, ``last`` or a label."""
     if which == "last":
         return len(labels) - 1
     if which not in labels:
@@ -71,7 +71,7 @@ def chosen_number(which: str, labels: Sequence[str], table: Table) -> int:
 
 
 def cycle_label(labels: Sequence[str], number: int) -> str | None:
-    """A cycle among others, such as ``6 of 6``; None where it is the only one."""
+    """A cycle among others, such as ``6 of 6``; None for a single one."""
     if len(labels) < 2:
         return None
     place = f"{number + 1} of {len(labels)}"

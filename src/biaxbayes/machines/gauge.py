@@ -1,4 +1,4 @@
-"""Stretches from displacements or distances of marks or grips, and what they assume."""
+"""Stretches from displacements or distances of marks or grips, and their assumptions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from biaxbayes.errors import InputError
 
 LONGEST, SHORTEST = 1.5, 0.11
-"""Lengths between marks or grips over the edge of the tissue: longer cannot be, as no tissue is
-mounted at such a stretch; shorter is likely in cm."""
+"""Range of lengths between marks or grips over the edge of the tissue: longer ones are impossible,
+shorter ones are probably in cm."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Gauge:
     def from_displacement(
         self, moved_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
     ) -> tuple[np.ndarray, str]:
-        """Stretches of a displacement whose first reading in the file is given, and a note."""
+        """Stretches from a displacement and its first reading in the file, and a note."""
         axis, length = "xy"[k], self.given_mm[k]
         if length is None and self.edges_mm is not None:
             length = self.edges_mm[k]
@@ -43,8 +43,8 @@ class Gauge:
                 f"{column!r} starts at {first_mm:g} mm, not at zero",
                 file=file,
                 column=column,
-                remedy=f"say with `gauge_at` whether the gauge length of {length:g} mm is that at "
-                "displacement zero ('zero') or that of the first row ('start')",
+                remedy=f"give `gauge_at`: 'zero' if the gauge length of {length:g} mm is that at "
+                "displacement zero, 'start' if it is that of the first row",
             )
         origin = first_mm if self.at == "start" else 0.0
         # lambda = 1 + (d - d0) / L0
@@ -69,7 +69,7 @@ class Gauge:
     def from_distance(
         self, length_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
     ) -> tuple[np.ndarray, str]:
-        """Stretches of a distance between marks or grips, and a note."""
+        """Stretches from a distance between marks or grips, and a note."""
         if first_mm <= 0.0:
             raise InputError(
                 f"{column!r} starts at {first_mm:g}, which is not a length",
@@ -86,7 +86,7 @@ class Gauge:
         )
 
     def _doubt(self, length_mm: float, k: int, column: str, file: object) -> str:
-        """Refuse a length that does not fit on the tissue; a note where it is unusually short."""
+        """Refuse a length that does not fit on the tissue; return a note on a very short one."""
         axis, edge = "xy"[k], None if self.edges_mm is None else self.edges_mm[k]
         if edge is not None and length_mm > LONGEST * edge:
             raise InputError(

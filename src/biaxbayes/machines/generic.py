@@ -23,7 +23,7 @@ from biaxbayes.tables.table import Table
 from biaxbayes.tables.units import STRAINS, Unit
 
 PER_CENT_RANGE = 0.01
-"""Strains in a column of per cent that stay within this are fractions, as a spreadsheet keeps."""
+"""Strains in a column of per cent within this range are fractions, as spreadsheets store them."""
 
 
 def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
@@ -45,7 +45,7 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
 
 
 def recognises(table: Table, choice: Choice) -> bool:
-    """Whether a sheet has any column of the map."""
+    """True if a sheet has any column of the map."""
     for text in parse_columns(choice.columns).values():
         for name in (text, text.rpartition(":")[0]):
             try:
@@ -64,7 +64,7 @@ def _protocols(
     choice: Choice,
     gauge: Gauge,
 ) -> list[Recording]:
-    """The wanted cycle of a record, or the last one of each ratio where it has several."""
+    """The selected cycle of a record, or the last one of each ratio."""
     pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
     stretch, load, time, gradient, assumptions = _curves(table, columns, pair, rows, gauge)
     labels = table.text(columns["cycle"].index, rows) if "cycle" in columns else None
@@ -113,7 +113,7 @@ def _protocols(
 def _curves(
     table: Table, columns: Mapping[str, Column], pair: str, rows: np.ndarray, gauge: Gauge
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None, list[str]]:
-    """Stretches, loads (n, 2), time, deformation gradient (n, 2, 2), and what they rest on."""
+    """Stretches, loads (n, 2), time, deformation gradient (n, 2, 2), and assumptions."""
 
     def scaled(target: str) -> np.ndarray:
         unit = columns[target].unit
@@ -134,7 +134,7 @@ def _curves(
             # Nominal stress is Cauchy stress over the stretch that the lab multiplied it by.
             raise InputError(
                 f"{column.name!r} is a displacement without a gauge length, and the loads are "
-                "Cauchy stresses: stretch and nominal stress would both rest on an assumed length",
+                "Cauchy stresses: stretch and nominal stress would depend on an assumed length",
                 file=table.path,
                 column=column.name,
                 remedy=f"give the gauge length that the stresses were computed with, "
@@ -159,7 +159,7 @@ def _curves(
 
 
 def _stretch_of_strain(table: Table, column: Column, unit: Unit, rows: np.ndarray) -> np.ndarray:
-    """Stretches of a column of stretches or strains, which must start near no deformation."""
+    """Stretches from a column of stretches or strains, which must start near no deformation."""
     start = float(table.numbers(column.index, np.array([0]))[0])
     is_stretch = unit.quantity == "stretch"
     if abs(start * unit.factor - is_stretch) > 0.6:
@@ -169,7 +169,7 @@ def _stretch_of_strain(table: Table, column: Column, unit: Unit, rows: np.ndarra
             file=table.path,
             row=int(table.lines[0]),
             column=column.name,
-            remedy="a stretch starts near 1 (100 in per cent), a strain near 0; state another kind",
+            remedy="a stretch starts near 1 (100 in per cent), a strain near 0; give another kind",
         )
     values = table.numbers(column.index, rows)
     stretch = stretch_from(values, unit)
@@ -180,13 +180,13 @@ def _stretch_of_strain(table: Table, column: Column, unit: Unit, rows: np.ndarra
             file=table.path,
             row=int(table.lines[rows[bad[0]]]),
             column=column.name,
-            remedy="check the kind of strain that the column holds",
+            remedy="check the kind of strain of the column",
         )
     return stretch
 
 
 def stretch_from(values: np.ndarray, unit: Unit) -> np.ndarray:
-    """Stretches from a stretch or any kind of strain; not finite where a value cannot be."""
+    """Stretches from a stretch or any kind of strain; not finite for impossible values."""
     e = values * unit.factor
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         if unit.quantity == "engineering":
@@ -214,6 +214,6 @@ def _check_per_cent(table: Table, columns: Mapping[str, Column], stretch: np.nda
             f"{name!r} changes by {in_per_cent[0][1]:.2%} only if it is in per cent",
             file=table.path,
             column=name,
-            remedy="spreadsheets keep 20 % as 0.2: rename the columns without the per cent sign, "
+            remedy="spreadsheets store 20 % as 0.2: rename the columns without the per cent sign, "
             "or multiply the values by 100",
         )

@@ -1,4 +1,4 @@
-"""One loading path as it was taken from an export."""
+"""One loading path of an export."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What could be measured next: a further protocol, a histology slide, an image of the mounting.
+"""Candidates for the next measurement: a further protocol, histology, an image of the mounting.
 
 A candidate simulates outcomes from draws of the posterior, each with its own material, mounted
 state and noise, and gives the probability of an outcome for any other draw.
@@ -34,7 +34,7 @@ class Candidate(Protocol):
     name: str
 
     def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
-        """One simulated outcome a draw, shape (draws, readings)."""
+        """One simulated outcome per draw, shape (draws, readings)."""
 
     def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
         """Weighted log likelihood, (outcomes, draws), up to a term common to all draws."""
@@ -145,15 +145,15 @@ class FurtherProtocol:
         Readings that disagree by more than their noise make the mounting load less certain
         (:meth:`.Specimen.mounting_readings`).
         """
-        own, sd = self.specimen.mounting_readings(shared=False)
+        old, sd = self.specimen.mounting_readings(shared=False)
         at_rest = [p.rest_rows > 0 for p in self.specimen.protocols]
-        own, sd = own[at_rest], sd[at_rest]
-        with_it = np.concatenate(
-            [np.broadcast_to(own, (len(reading), *own.shape)), reading[:, None]], axis=1
+        old, sd = old[at_rest], sd[at_rest]
+        with_new = np.concatenate(
+            [np.broadcast_to(old, (len(reading), *old.shape)), reading[:, None]], axis=1
         )
         sds = np.concatenate([sd, np.full((1, 2), self.mounting_sd)])
-        mean, pooled = pooled_reading(with_it, sds)
-        before, before_sd = pooled_reading(own, sd)
+        mean, pooled = pooled_reading(with_new, sds)
+        before, before_sd = pooled_reading(old, sd)
         z = (mean[:, None] - mounting_load) / pooled[:, None]
         z_before = (before - mounting_load) / before_sd
         gained = -0.5 * np.square(z).sum(axis=-1) + 0.5 * np.square(z_before).sum(axis=-1)
@@ -164,7 +164,7 @@ class FurtherProtocol:
         load, variance = self._model(draws)
         mean = variance.mean(axis=0)
         mean[1:] /= self.beta
-        # A pooled reading need not be a gain: the bound from below leaves it out.
+        # A pooled reading need not add information, so the lower bound omits it.
         first = 0 if self.mounting_sd > 0.0 and not self.shared else 1
         return load[:, first:].reshape(len(draws), -1), mean[first:].ravel()
 
@@ -174,7 +174,7 @@ class FurtherProtocol:
         """See :class:`Candidate`; the outcome becomes one more protocol."""
         load = outcome.reshape(self.stretch.shape).copy()
         if self.mounting_sd <= 0.0:
-            # Without a reading of its own the mounting load is the one that was given.
+            # without a reading the mounting load is that of the specimen
             load[0] = self.specimen.mounting_readings(shared=True)[0][0]
         if self.specimen.stress_pair == "cauchy":
             load = load * self.stretch
@@ -196,11 +196,11 @@ class FurtherProtocol:
 
 
 def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.ndarray]:
-    """Columns with one mounted state: where each protocol has its own, one of them at random."""
+    """Columns with one mounted state: of several, one at random for each draw."""
     columns = {str(k): draws[k].to_numpy(dtype=float) for k in draws.columns}
     labels = mounting_labels(draws, specimen)
     if labels and labels != ("",):
-        # By the draw's own number, so that a draw is mounted the same way each time.
+        # by the number of the draw, so that it has the same mounted state each time
         chosen = np.asarray(draws.index, dtype=np.int64) * 7919 % len(labels)
         for axis, name in enumerate(mounting_names("stretch")):
             states = np.stack([columns[mounting_names("stretch", n)[axis]] for n in labels])

@@ -1,4 +1,4 @@
-"""What to measure next: candidates ranked by how much they would narrow the posterior."""
+"""Ranking of further measurements by how much they would narrow the posterior."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from biaxbayes.errors import InputError, RunError, listed
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.optimal_design.candidates import Candidate, FurtherProtocol, standard_candidates
-from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, expect, targets
+from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, design_quantities, expect
 from biaxbayes.parallel import Executor, InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen
@@ -22,19 +22,19 @@ from biaxbayes.sampling.sampler import Progress
 from biaxbayes.specimens.specimen import Specimen
 
 BEYOND_TESTED = 1.2
-"""Planned loads above so many times the largest tested one come with a caution."""
+"""Ratio of a planned load to the largest tested one above which a caution is given."""
 WORTH_NAMING = 0.1
 """Expected reduction of an sd from which the conclusion names it."""
 
 
 @dataclass(frozen=True)
 class PeakLoad:
-    """Largest load of a planned protocol beside the largest that the specimen has borne.
+    """Largest load of a planned protocol, and the largest tested one.
 
     Attributes
     ----------
     low, high : float
-        5 and 95 % of it over the draws.
+        5 and 95 % quantile over the draws.
     tested : float
         Largest load of the record.
     unit : str
@@ -48,7 +48,7 @@ class PeakLoad:
 
     @property
     def caution(self) -> str:
-        """Words where it lies beyond what was tested; else empty."""
+        """Text if the load is beyond the tested ones; otherwise empty."""
         if not self.high > BEYOND_TESTED * self.tested:
             return ""
         return (
@@ -70,7 +70,7 @@ class Design:
     candidates : tuple
         In the order of ``expected``.
     known : Quantities
-        What the parameters of the run are.
+        Symbol, unit and range of the parameters.
     peaks : tuple of (PeakLoad or None)
         Of the candidates that load the specimen, in the order of ``expected``.
     """
@@ -83,16 +83,16 @@ class Design:
     peaks: tuple[PeakLoad | None, ...]
 
     def cautions(self) -> dict[str, str]:
-        """Words on candidates that load the specimen beyond what was tested, by their names."""
+        """Cautions by the name of candidates that load the specimen beyond the tested range."""
         pairs = zip(self.expected, self.peaks, strict=True)
         return {e.name: p.caution for e, p in pairs if p is not None and p.caution}
 
     @property
     def conclusion(self) -> str:
-        """What to measure next, in one sentence."""
+        """Sentence on what to measure next."""
         trusted = [e for e in self.expected if e.trusted]
         if not trusted:
-            return "no candidate can be recommended: too few draws describe their outcomes"
+            return "no candidate can be recommended: too few draws are left for their outcomes"
         best, material = trusted[0], {p.name for p in self.known.material}
         reductions = [
             (float(share), name)
@@ -164,12 +164,12 @@ def design(
     executor: Executor | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
 ) -> Design:
-    """Rank candidate measurements by what they are expected to bring.
+    """Rank candidate measurements by their expected benefit.
 
     Parameters
     ----------
     draws : DataFrame
-        Its draws, as in ``run.draws``.
+        Draws of the posterior, as in ``run.draws``.
     candidates : sequence of Candidate, optional
         Default :func:`~biaxbayes.optimal_design.candidates.standard_candidates`.
     rank_by : str
@@ -178,21 +178,21 @@ def design(
     outcomes : int
         Simulated outcomes of each candidate.
     executor : Executor, optional
-        Works off the candidates; default this process. The result does not depend on it.
+        Default this process. The result does not depend on it.
     progress : callable
-        Called with the share of the candidates that is done.
+        Called with the share of finished candidates.
 
     Raises
     ------
     InputError
-        If ``rank_by`` names no quantity.
+        If ``rank_by`` is not a quantity.
     """
     chosen = list(standard_candidates(posterior) if candidates is None else candidates)
-    quantities = targets(posterior, draws)
+    quantities = design_quantities(posterior, draws)
     if rank_by not in ("parameters", "information", *quantities):
         raise InputError(
-            f"`rank_by` {rank_by[:60]!r} is no quantity of this run",
-            remedy=f"choose parameters, information, {', '.join(quantities)}",
+            f"`rank_by` {rank_by[:60]!r} is not a quantity of this run",
+            remedy=f"one of parameters, information, {', '.join(quantities)}",
         )
     posterior = with_sampling_constants(posterior)
     work = partial(
@@ -207,7 +207,7 @@ def design(
 
     def rank(pair: tuple[Expected, Any]) -> float:
         expected = pair[0]
-        # Where all material parameters are fixed there is the information alone.
+        # with all material parameters fixed, rank by information
         return -float(expected.reduction[wanted].mean() if any(wanted) else expected.gain)
 
     ranked.sort(key=rank)
@@ -222,7 +222,7 @@ def design(
 
 
 PEAK_DRAWS = 4000
-"""Draws that the largest load is taken over."""
+"""Number of draws for the largest load."""
 
 
 def _peak(candidate: Any, specimen: Specimen, draws: pd.DataFrame) -> PeakLoad | None:
@@ -239,7 +239,7 @@ def _each(
     executor: Executor,
     progress: Callable[[Progress], None],
 ) -> list[Expected | None]:
-    """What each candidate is expected to bring, in their order."""
+    """Expected benefit of each candidate, in their order."""
     tasks = [(candidate, [seed, number]) for number, candidate in enumerate(candidates)]
     expected: list[Expected | None] = [None] * len(tasks)
     progress(Progress("simulating outcomes"))

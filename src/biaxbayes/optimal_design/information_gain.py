@@ -1,19 +1,17 @@
-"""What one candidate measurement is expected to bring.
+"""Expected benefit of one candidate measurement.
 
-A precise measurement leaves hardly any of the draws of a run with weight. Its posterior,
+Outcomes y of the candidate are simulated from some draws of the posterior; for each outcome the
+other draws are reweighted by its likelihood, which gives the posterior after the outcome,
 
-    p(x | data, y) = p(x | data) L(y | x) / Z(y),
+    p(x | data, y) = p(x | data) L(y | x) / Z(y).
 
-follows from them nevertheless: the reweighted draws, tempered so that enough of them count, give a
-first proposal, and population Monte Carlo
-(:mod:`biaxbayes.sampling.population_monte_carlo`) carries it to the density. The last population
-gives the spread of every quantity and, by its mean weight, Z(y).
+A precise measurement leaves few effective draws. For some of the outcomes its posterior is then
+sampled (:class:`OutcomePosterior`): the reweighted draws, tempered so that enough of them count,
+give a first proposal, which population Monte Carlo
+(:mod:`biaxbayes.sampling.population_monte_carlo`) adapts to the density. The last population gives
+the spread of every quantity and, by its mean weight, Z(y).
 
-Outcomes of the candidate are simulated from some draws of the posterior; for each outcome the other
-draws are reweighted by its likelihood, which gives the posterior that the outcome would lead to.
-Where the outcomes of a candidate leave too few draws, new ones are drawn for some of them
-(:class:`OutcomePosterior`). The expected information gain is, by nested Monte Carlo over outcomes j
-and draws i,
+The expected information gain is, by nested Monte Carlo over outcomes j and draws i,
 
     EIG = mean_j [ log L(y_j | j) - log mean_i L(y_j | i) ].
 """
@@ -36,10 +34,8 @@ from biaxbayes.optimal_design.candidates import Candidate
 from biaxbayes.sampling.population_monte_carlo import explore, resample, tempering
 from biaxbayes.sampling.proposal import MixtureProposal, fit_mixture_proposal
 
-# --- quantities whose spread a further measurement is to shrink ----------------------------------
 
-
-def targets(
+def design_quantities(
     posterior: Posterior, draws: pd.DataFrame, stretch: float | None = None
 ) -> dict[str, np.ndarray]:
     """Quantities whose spread is to shrink, on the scales of the verdicts.
@@ -59,17 +55,16 @@ def targets(
     return {name: v for name, v in out.items() if np.ptp(v) > 0.0}
 
 
-# --- the posterior that one outcome of a candidate would lead to ----------------------------------
-
+# --- the posterior after an outcome ---------------------------------------------------------------
 
 POPULATION = 2048
 COMPONENTS = 3
-"""What a precise measurement leaves is narrow, and narrow posteriors are nearly Gaussian."""
+"""A precise measurement leaves a narrow posterior, which is nearly Gaussian."""
 
 
 @dataclass(frozen=True)
-class Sharpened:
-    """What is known after an outcome."""
+class OutcomeResult:
+    """Posterior after an outcome."""
 
     sd: np.ndarray
     log_evidence: float  # log of the mean likelihood over the run's posterior
@@ -78,7 +73,7 @@ class Sharpened:
 
 @dataclass
 class OutcomePosterior:
-    """Draws from the posteriors that outcomes of a candidate would lead to."""
+    """Samples the posteriors after outcomes of a candidate."""
 
     posterior: Posterior  # in the sampling coordinates of the draws; mounted states are shared
     candidate: Candidate
@@ -94,7 +89,7 @@ class OutcomePosterior:
 
     def after(
         self, outcome: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
-    ) -> Sharpened | None:
+    ) -> OutcomeResult | None:
         """Posterior after an outcome, from its log likelihood by draw; None if no proposal fits."""
 
         def log_density(x: np.ndarray) -> np.ndarray:
@@ -117,11 +112,11 @@ class OutcomePosterior:
             return None
         inside = np.isfinite(log_weights)
         table = pd.DataFrame(self.posterior.natural(x[inside]))
-        values = targets(self.posterior, table, self.stretch)
+        values = design_quantities(self.posterior, table, self.stretch)
         columns = np.column_stack([values[name] for name in self.quantities])
         sd, effective = weighted_spread(log_weights[None, inside], columns)
         log_evidence = float(log_mean(log_weights)) - self._normaliser(rng)
-        return Sharpened(sd[0], log_evidence, float(effective[0]))
+        return OutcomeResult(sd[0], log_evidence, float(effective[0]))
 
     def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> MixtureProposal:
         chosen = resample(log_weight, POPULATION // 2, rng)
@@ -130,7 +125,7 @@ class OutcomePosterior:
         )
 
     def _normaliser(self, rng: np.random.Generator) -> float:
-        """Log integral of the run's own density in the sampling coordinates."""
+        """Log integral of the density of the run in the sampling coordinates."""
         if self._log_normaliser is None:
             equal = np.where(self._regular, 0.0, -np.inf)
             first = self._fitted(equal, rng)
@@ -159,16 +154,16 @@ def log_mean(log_weight: np.ndarray) -> np.ndarray:
     return np.asarray(logsumexp(log_weight, axis=-1) - np.log(log_weight.shape[-1]))
 
 
-# --- what one candidate measurement is expected to bring -----------------------------------------
-
+# --- the expected benefit of a candidate ----------------------------------------------------------
 
 OUTCOMES, DRAWS, BLOCKS = 200, 12_000, 4
 ENOUGH = 20.0
 """Effective draws below which the posterior of an outcome is not trusted."""
 FEW_SHARE = 0.1
-"""Share of outcomes with fewer from which a candidate's numbers are not trusted."""
-SOME_SHARE, SHARPENED, SPARSE = 0.02, 100, 200.0
-"""From this share, so many outcomes are gone into, with new draws where they left fewer."""
+"""Share of such outcomes above which the numbers of a candidate are not trusted."""
+SOME_SHARE, RESAMPLED, SPARSE = 0.02, 100, 200.0
+"""If more than 2 % of the outcomes have too few draws, those of the first 100 outcomes with fewer
+than 200 effective draws are resampled."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +181,7 @@ class Expected:
 
     @property
     def trusted(self) -> bool:
-        """Whether enough draws could be had for the outcomes of this candidate."""
+        """True if enough draws are left for the outcomes of this candidate."""
         return self.few <= FEW_SHARE
 
 
@@ -203,24 +198,24 @@ def expect(
     order = rng.permutation(len(draws))
     outer, inner = order[:outcomes], np.sort(order[outcomes : outcomes + DRAWS])
     if len(inner) < 4 * BLOCKS:
-        raise InputError(f"{len(draws)} draws are too few to plan with", remedy="sample longer")
+        raise InputError(f"{len(draws)} draws are too few to rank by", remedy="sample longer")
     values = np.column_stack(list(quantities.values()))
     response = candidate.response(draws.iloc[inner])
     if not all(np.isfinite(part).all() for part in response):
         return None
     simulated = candidate.outcomes(draws.iloc[outer], rng)
     log_weight = candidate.log_likelihood(simulated, draws.iloc[inner])
-    own = np.diag(candidate.log_likelihood(simulated, draws.iloc[outer]))
-    by_outcome = _reweighted(log_weight, own, values[inner])
+    at_truth = np.diag(candidate.log_likelihood(simulated, draws.iloc[outer]))
+    by_outcome = _reweighted(log_weight, at_truth, values[inner])
     if posterior is not None and by_outcome.few > SOME_SHARE and len(posterior.mounts) <= 1:
-        # That of all draws, as in the names of the quantities.
+        # the stretch of all draws, as in the names of the quantities
         stretch = largest_equibiaxial(draws, posterior.specimen)
         names = tuple(quantities)
         after = OutcomePosterior(posterior, candidate, draws.iloc[inner], names, stretch)
-        by_outcome = _sharpened(
-            by_outcome, after, simulated, log_weight, own, values[inner].std(axis=0), rng
+        by_outcome = _resampled(
+            by_outcome, after, simulated, log_weight, at_truth, values[inner].std(axis=0), rng
         )
-    return by_outcome.summed_up(candidate.name, _linear_reduction(*response, values[inner]))
+    return by_outcome.averaged(candidate.name, _linear_reduction(*response, values[inner]))
 
 
 @dataclass(frozen=True)
@@ -238,7 +233,7 @@ class _ByOutcome:
         """Share of outcomes with too few effective draws."""
         return float((self.effective < ENOUGH).mean())
 
-    def summed_up(self, name: str, at_least: np.ndarray) -> Expected:
+    def averaged(self, name: str, at_least: np.ndarray) -> Expected:
         """Means over the outcomes, with their errors."""
         # The error has a part from the outcomes and one from the draws, estimated by blocks.
         blocks = self.block_ratio.mean(axis=1)
@@ -258,44 +253,43 @@ class _ByOutcome:
         )
 
 
-def _reweighted(log_weight: np.ndarray, own: np.ndarray, values: np.ndarray) -> _ByOutcome:
+def _reweighted(log_weight: np.ndarray, at_truth: np.ndarray, values: np.ndarray) -> _ByOutcome:
     """Outcomes by reweighting draws with the given values, shape (draws, quantities)."""
     sd = values.std(axis=0)
     spread, effective = weighted_spread(log_weight, values)
     blocks = [slice(b, None, BLOCKS) for b in range(BLOCKS)]
     return _ByOutcome(
         spread / sd,
-        own - log_mean(log_weight),
+        at_truth - log_mean(log_weight),
         effective,
         np.array([weighted_spread(log_weight[:, b], values[b])[0] / sd for b in blocks]),
-        np.array([own - log_mean(log_weight[:, b]) for b in blocks]),
+        np.array([at_truth - log_mean(log_weight[:, b]) for b in blocks]),
     )
 
 
-def _sharpened(
+def _resampled(
     by_outcome: _ByOutcome,
     after: OutcomePosterior,
     simulated: np.ndarray,
     log_weight: np.ndarray,
-    own: np.ndarray,
+    at_truth: np.ndarray,
     sd: np.ndarray,
     rng: np.random.Generator,
 ) -> _ByOutcome:
     """The first outcomes alone, with new draws for those that left too few."""
-    few = slice(0, SHARPENED)
     first = _ByOutcome(
-        by_outcome.ratio[few],
-        by_outcome.gain[few],
-        by_outcome.effective[few],
-        by_outcome.block_ratio[:, few],
-        by_outcome.block_gain[:, few],
+        by_outcome.ratio[:RESAMPLED].copy(),
+        by_outcome.gain[:RESAMPLED].copy(),
+        by_outcome.effective[:RESAMPLED].copy(),
+        by_outcome.block_ratio[:, :RESAMPLED].copy(),
+        by_outcome.block_gain[:, :RESAMPLED].copy(),
     )
     for j in np.flatnonzero(first.effective < SPARSE):
         posterior = after.after(simulated[j], log_weight[j], rng)
         if posterior is None or posterior.effective <= first.effective[j]:
             continue
         first.ratio[j] = first.block_ratio[:, j] = posterior.sd / sd
-        first.gain[j] = first.block_gain[:, j] = own[j] - posterior.log_evidence
+        first.gain[j] = first.block_gain[:, j] = at_truth[j] - posterior.log_evidence
         first.effective[j] = posterior.effective
     return first
 
@@ -311,7 +305,7 @@ def _linear_reduction(readings: np.ndarray, noise: np.ndarray, values: np.ndarra
     scale = 1.0 / np.sqrt(noise)
     f = f * scale
     # var(q | y) = C_qq - C_qf (C_ff + R)^-1 C_fq, readings scaled so that R is one
-    cross, own = f.T @ q / len(f), f.T @ f / len(f)
-    explained = (cross * np.linalg.solve(own + np.eye(len(own)), cross)).sum(axis=0)
+    C_fq, C_ff = f.T @ q / len(f), f.T @ f / len(f)
+    explained = (C_fq * np.linalg.solve(C_ff + np.eye(len(C_ff)), C_fq)).sum(axis=0)
     share = np.clip(1.0 - explained / np.square(q).mean(axis=0), 0.0, 1.0)
     return 1.0 - np.sqrt(share)

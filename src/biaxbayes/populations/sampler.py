@@ -18,7 +18,13 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble, Spreading, Tuning
-from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
+from biaxbayes.sampling.convergence import (
+    MIN_STEPS_PER_TAU,
+    RHAT_LIMIT,
+    STATES,
+    Convergence,
+    assess,
+)
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.tasks import one_blas_thread
@@ -32,7 +38,6 @@ AHEAD = 1.15
 SPECIMENS_OWN = ("theta", "u", "effect")
 EVERY, MOST_BYTES = 2, 2**27
 """The specimens' values are kept every second sweep, half as often when they take more memory."""
-STATES = ("converged", "tentative", "unusable")
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
 FRESH_AT_ONCE = 32

@@ -1,4 +1,4 @@
-"""The closing message of a run: one screen that says what to report and how far to trust it."""
+"""The closing message of a run: what to report, and how far to trust it, on one screen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs, or laws, side by side: tables, figures at print size and a page that opens anywhere."""
+"""Pages on compared runs and compared laws, with tables and figures at print size."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TERMS = (
     "corner plot",
     "converged, tentative, unusable",
 )
-"""Terms of the glossary that stand on the page."""
+"""Terms of the glossary on the page."""
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
@@ -107,7 +107,7 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
         known = rows["identified_in_both"].astype(bool)
         parts = {
             "Identified or bounded in both runs": _rows(rows[known]),
-            "Not identified in both: no difference of tissue": _rows(rows[~known]),
+            "Not identified in both: differences are not of the tissue": _rows(rows[~known]),
         }
         out.append({"a": a, "b": b, "parts": parts})
     return out
@@ -127,7 +127,7 @@ def _rows(table: pd.DataFrame) -> list[Row]:
     return rows
 
 
-# --- laws weighed on a specimen ------------------------------------------------------------------
+# --- laws compared on a specimen -----------------------------------------------------------------
 
 LAW_TERMS = (
     "material laws",
@@ -143,24 +143,31 @@ LAW_TERMS = (
     "predictive band",
     "converged, tentative, unusable",
 )
-"""Terms of the glossary that stand on the page."""
+"""Terms of the glossary on the page."""
 
 
 def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
     """The page of a comparison of laws, with its figures by the stems of their files."""
     table = compared.table
-    best = table[table["law"] != STACKED].sort_values("left_out_rms_kPa").iloc[0]
+    laws = table[table["law"] != STACKED]
+    best = laws.sort_values("left_out_rms_kPa").iloc[0]
     mixture = table.set_index("law").loc[STACKED]
+    by_weight = pd.concat(
+        [
+            laws.sort_values("weight", ascending=False, kind="stable"),
+            table[table["law"] == STACKED],
+        ]
+    )
     rows = report_rows(compared.reported, Quantities(()))
     lost = [row.name for row in compared.reported if row.verdict != IDENTIFIED]
     return page_template("laws.html.jinja").render(
         specimen=compared.specimen,
         best=(
-            f"{best['law']} predicts best what was left out of its fit: it misses by "
-            f"{best['left_out_rms_kPa']:.3g} kPa (root mean square); the mixture of all laws "
-            f"by {mixture['left_out_rms_kPa']:.3g} kPa."
+            f"{best['law']} predicts left-out parts best: its rms error is "
+            f"{best['left_out_rms_kPa']:.3g} kPa, that of the mixture of all laws "
+            f"{mixture['left_out_rms_kPa']:.3g} kPa."
         ),
-        laws=[_law_row(row) for row in _heaviest_first(table)],
+        laws=[_law_row(row) for row in by_weight.to_dict("records")],
         left_out=sorted(compared.left_out.items()),
         reported=rows,
         advice=f"To know it, {measurement_advice(lost)}" if lost else "",
@@ -169,11 +176,6 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
         version=biaxbayes.__version__,
         figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
     )
-
-
-def _heaviest_first(table: pd.DataFrame) -> list[dict[Any, Any]]:
-    laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
-    return [*laws.to_dict("records"), *table[table["law"] == STACKED].to_dict("records")]
 
 
 def _number(value: Any, form: str) -> str:

@@ -1,7 +1,7 @@
-"""explore.html: the posterior to brush, and to reweight to other priors, on one page.
+"""explore.html: a page to brush the posterior, and to reweight it to other priors.
 
-Bokeh draws it: all panels of the corner share one source of draws, so what is brushed in one is
-selected in all. A script (``explore.js``) computes percentiles of the draws that are selected, and
+Bokeh draws it: all panels of the corner have one source of draws, so a selection in one is a
+selection in all. A script (``explore.js``) computes percentiles of the selected draws and
 importance weights. Every other number on the page is computed here.
 """
 
@@ -39,11 +39,11 @@ from biaxbayes.reports.templates import page_template
 from biaxbayes.reports.words import as_html, cut
 
 LEAST_EFFECTIVE = 200
-"""Effective draws (Kish) below which other priors are refused: few draws carry all the weight."""
+"""Effective draws (Kish) below which another prior is refused."""
 MOST_DRAWS = 700
 """Draws on the page."""
 STATES, MOST_STATES = 130, 41
-"""States of all protocols together, and of one."""
+"""Largest number of states of all protocols together, and of one."""
 BINS = 24
 PANEL, CURVE = 105, 380
 """Width of a panel of the corner, and of the curves of a protocol, pixels."""
@@ -52,7 +52,7 @@ UUID = r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 
 
 def can_be_explored(known: Quantities, draws: pd.DataFrame) -> bool:
-    """Whether anything of a run varies that the page has panels for."""
+    """True if a quantity varies that the page has panels for."""
     return len(corner_columns(draws, known)) > 0
 
 
@@ -72,8 +72,8 @@ def explore_page(
     """The page as HTML, with scripts and data inside; InputError if there is nothing to explore."""
     if state == "unusable" or not can_be_explored(posterior.quantities, draws):
         raise InputError(
-            "this run holds no posterior to explore",
-            remedy="sample until it converges, with something free",
+            "this run has no posterior to explore",
+            remedy="sample until it converges, with a free parameter",
         )
     few = thinned_draws(draws)
     with print_style():
@@ -127,7 +127,7 @@ def explore_page(
 
 
 def _numbered_in_order(page: str) -> str:
-    """The page with Bokeh's ids, which count on within a process, numbered from the first on it."""
+    """Renumber Bokeh's ids, which otherwise depend on earlier pages of the process."""
     models = dict.fromkeys(re.findall(r'"id":"(p\d+)"', page))
     number = {name: f"p{1001 + k}" for k, name in enumerate(models)}
     page = re.sub(r'(?<!"text":)"(p\d+)"', lambda m: f'"{number.get(m[1], m[1])}"', page)
@@ -181,9 +181,7 @@ def _axes(
 
 
 def _source(axes: list[Axis], priors: list[PriorControl], few: pd.DataFrame) -> Any:
-    """The draws, shared by all panels: axes of the corner, quantities with a prior, weights."""
-    from bokeh.models import ColumnDataSource
-
+    """Draws for all panels: axes of the corner, quantities with a prior, weights."""
     columns: dict[str, Any] = {f"axis {a.name}": a.values for a in axes}
     for prior in priors:
         columns |= {n: few[n].to_numpy(dtype=float) for n in prior.data["columns"]}
@@ -192,7 +190,7 @@ def _source(axes: list[Axis], priors: list[PriorControl], few: pd.DataFrame) -> 
 
 
 def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, list[Any]]:
-    """Panels of pairs to brush and histograms, and the sources of the histograms."""
+    """Panels of pairs and histograms, and the sources of the histograms."""
     ranges = [Range1d(a.span.low, a.span.high) for a in axes]
     kinds: Any = ["log" if a.span.log else "linear" for a in axes]
     last = len(axes) - 1
@@ -241,7 +239,7 @@ def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, l
 
 
 def _histogram(panel: Any, axis: Axis, hue: str) -> Any:
-    """All draws as a line, the selected ones as bars; the source of both."""
+    """Draw all draws as a line, the selected ones as bars; return the source of both."""
     edges = axis.span.back(np.linspace(0.0, 1.0, BINS + 1))
     counts = np.histogram(axis.values, edges)[0] / len(axis.values)
     source = ColumnDataSource(
@@ -262,7 +260,7 @@ Curve = tuple[Any, str, float]
 def _curve_panels(
     posterior: Posterior, few: pd.DataFrame, source: Any, hues: dict[str, str]
 ) -> tuple[Any, list[Curve]]:
-    """Loads of each protocol, and below the residuals about the median of all draws."""
+    """Loads of each protocol, and the residuals about the median of all draws."""
     specimen = posterior.specimen
     count = shown_protocols(specimen, PAGE_MM)
     drawn = curves_of_draws(
@@ -299,7 +297,7 @@ def _curve_panels(
 
 
 def _table(curves: DrawnCurves) -> pd.DataFrame:
-    """Both directions of a protocol, one below the other, with the median of all draws."""
+    """Both directions of a protocol in one table, with the median of all draws."""
     parts = [
         pd.DataFrame(
             {
@@ -352,7 +350,7 @@ class PriorControl:
 
 
 def _prior_controls(posterior: Posterior, draws: pd.DataFrame) -> list[PriorControl]:
-    """Priors of what varies; equal ones of mounting stretches are one, and come first."""
+    """Priors of varying quantities; equal ones of mounting stretches are merged and come first."""
     groups: dict[tuple[Any, ...], list[Quantity]] = {}
     for name, prior in posterior.priors.items():
         if isinstance(prior, Prior) and name in draws and np.ptp(draws[name]) > 0.0:

@@ -42,13 +42,14 @@ MOUNTING = {
     ),
 }
 INDEPENDENT = 0.95
-"""Weight of the likelihood from which readings count as independent."""
+"""Weight of the likelihood above which readings count as independent."""
 PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
-"""What the numbers of a prior are called, where that is not their name."""
+"""Texts of the numbers of a prior, if other than their names."""
 
 
 def methods(run: Run) -> str:
     """The methods section as one paragraph of plain text, without results."""
+    priors = "; ".join(f"{name} {words}" for name, words in priors_in_words(run).items())
     sentences = (
         _test(run),
         _grips(run),
@@ -56,7 +57,7 @@ def methods(run: Run) -> str:
         "the total stretch is the measured one times the mounting stretch.",
         MOUNTING[str(run.provenance["settings"]["mounting"])],
         _noise(run),
-        _priors(run),
+        f"Priors: {priors}." if priors else "",
         _sampling(run),
         _intervals(run),
     )
@@ -79,7 +80,7 @@ def _test(run: Run) -> str:
 
 
 def _grips(run: Run) -> str:
-    """How the loads were corrected for the grips, where they were."""
+    """Sentence on the correction of the loads for the grips, or empty."""
     record = run.provenance.get("grips")
     if not isinstance(record, dict):
         return ""
@@ -138,19 +139,13 @@ def prior_in_words(prior: Any, unit: str = "") -> str:
 
 
 def priors_in_words(run: Run) -> dict[str, str]:
-    """The priors of a run by the names of their quantities; empty where none are recorded."""
+    """Priors of a run as text, by the names of their quantities."""
     priors = run.provenance.get("priors")
     words = {}
     for name, prior in priors.items() if isinstance(priors, dict) else ():
         known = run.quantities.get(name)
         words[cut(name, 40)] = prior_in_words(prior, "" if known is None else known.unit)
     return words
-
-
-def _priors(run: Run) -> str:
-    priors = priors_in_words(run)
-    parts = [f"{name} {words}" for name, words in priors.items()]
-    return f"Priors: {'; '.join(parts)}." if parts else ""
 
 
 def _sampling(run: Run) -> str:
@@ -173,7 +168,7 @@ def _sampling(run: Run) -> str:
 
 
 def _intervals(run: Run) -> str:
-    """How the intervals of the results paragraph were obtained."""
+    """Sentence on the origin of the intervals."""
     if run.state != "converged" or not run.result.rows:
         return ""
     text = (

@@ -1,4 +1,4 @@
-"""report.html: a run on one page that opens anywhere, for somebody who has two minutes."""
+"""report.html: a run on one page."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ LOADS = {
 
 
 def write_report(folder: Path | str, run: Run | None = None) -> Path:
-    """Write the report of a finished run into its folder; the path of the page.
+    """Write the report of a finished run into its folder, and return the path of the page.
 
-    ``run`` is the same run where it is open already. Raises :class:`RunError` if the folder is not
-    a run.
+    ``run`` is the same run if it is already open. Raises :class:`RunError` if the folder is not a
+    run.
     """
     folder = Path(folder)
     page = report_page(run or open_run(folder), explore=(folder / EXPLORE).is_file())
@@ -58,7 +58,7 @@ def write_report(folder: Path | str, run: Run | None = None) -> Path:
 def report_page(run: Run, *, explore: bool = False) -> str:
     """The page as HTML: no scripts, no network, figures of the folder inside.
 
-    ``explore`` says whether explore.html lies beside it, to link to.
+    ``explore``: add a link to explore.html beside it.
     """
     result, record = run.result, run.provenance
     sampler, convergence = record["sampler"], record["convergence"]
@@ -184,7 +184,7 @@ def _settings_facts(run: Run) -> list[tuple[str, str]]:
 
 
 def _version_facts(run: Run) -> list[tuple[str, str]]:
-    """Seed, hash and versions; no times, so that the same run writes the same page."""
+    """Seed, hash and versions, without times, so that the same run writes the same page."""
     record = run.provenance
     versions = record.get("versions")
     return [
@@ -199,14 +199,14 @@ def _version_facts(run: Run) -> list[tuple[str, str]]:
 
 
 def _test_rows(run: Run) -> list[Row]:
-    """One row per protocol: what was reached."""
+    """Largest stretches and loads of each protocol."""
     s = run.specimen
     rows: list[Row] = []
     for p in s.protocols:
         fx, fy = s.mounting_reading(p)
         load = abs(s.load(p)).max(axis=0)
         stretches = (f"{p.stretch_x.max():.3f}", f"{p.stretch_y.max():.3f}")
-        mounted = f"{fx:.3g}, {fy:.3g}" if p.rest_rows else "that of the others"
+        mounted = f"{fx:.3g}, {fy:.3g}" if p.rest_rows else "as the others"
         loads = (f"{load[0]:.3g}", f"{load[1]:.3g}")
         rows.append((cut(p.name, 60), f"{p.rows:,}", *stretches, *loads, mounted))
     return rows
@@ -241,7 +241,7 @@ def _convergence_rows(run: Run) -> list[Row]:
 
 
 def _contraction_rows(run: Run) -> list[Row]:
-    """How much the data narrow each parameter, and what it trades with."""
+    """Rows on how much the data narrow each parameter, and on its correlations."""
     rows: list[Row] = []
     for r in run.result.identifiability.to_dict("records"):
         contraction = float(r.get("contraction", math.nan))
@@ -278,8 +278,8 @@ def _law_rows(run: Run) -> list[Row]:
     return rows
 
 
-STATES = 3
-"""Total stretches on the page, beside the end of every protocol; determined.csv has all."""
+MOST_STRETCHES = 3
+"""Number of total stretches on the page, beside the end of every protocol."""
 TENSOR = {
     "Hx": "structure tensor, x",
     "Hy": "structure tensor, y",
@@ -334,10 +334,10 @@ def _percent(value: float) -> str:
 
 
 def _largest_states(table: pd.DataFrame) -> pd.Series:
-    """The largest total stretches, and the end of every protocol: what the test was made for."""
+    """Rows at the largest total stretches, and at the end of every protocol."""
     measured = table["quantity"].str.contains(MEASURED, regex=False)
     total = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
     state = table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)
-    last = list(dict.fromkeys(state[total]))[-STATES:]
+    last = list(dict.fromkeys(state[total]))[-MOST_STRETCHES:]
     ends = measured & ~table["quantity"].duplicated(keep="last")
     return (~measured & ~total) | (total & state.isin(last)) | ends

@@ -1,4 +1,4 @@
-"""population.html: what specimens have in common on one page, with its methods paragraph."""
+"""population.html: the result of a population on one page, with a methods paragraph."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 import biaxbayes
+from biaxbayes.errors import listed
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import unit_words
 from biaxbayes.populations.text import (
@@ -29,28 +30,27 @@ PAGE = "population.html"
 FIGURES = {
     "population-forest": (
         "Specimens alone and pooled",
-        "Medians and 90 % intervals. Grey: the specimen by its own test alone; coloured: judged "
-        "together with the others (pooled); diamond: the middle of the group; thin line: where the "
-        "next specimen would lie.",
+        "Medians and 90 % intervals. Grey: the specimen by its own test alone; coloured: together "
+        "with the others (pooled); diamond: the centre of the group; thin line: a new specimen.",
     ),
     "population-pairs": (
         "New specimens",
-        "Every parameter alone (diagonal) and with every other. Inside the contours lie 50 and "
-        "90 % of specimens that were not tested yet; points are the tested ones, pooled.",
+        "Every parameter (diagonal) and every pair. The contours contain 50 and 90 % of new "
+        "specimens; points are the tested ones, pooled.",
     ),
     "new-specimen-bands": (
         "Stress of a new specimen",
-        "Cauchy stress where both directions are stretched alike: the band holds 90 % of specimens "
-        "that were not tested yet; thin lines are the records of the tested ones.",
+        "Equibiaxial Cauchy stress: the band contains 90 % of new specimens; thin lines are the "
+        "records of the tested ones.",
     ),
 }
 ALTERNATIVES = {
     "population-forest": "Medians and 90 % intervals of every specimen alone and pooled, with "
-    "those of its group; the numbers stand in the tables.",
+    "those of its group; the numbers are in the tables.",
     "population-pairs": "Contours of new specimens for every pair of parameters, with the tested "
     "specimens as points.",
     "new-specimen-bands": "Equibiaxial Cauchy stress of new specimens over total stretch, with the "
-    "equibiaxial records; the numbers stand in new-specimen-bands.csv.",
+    "equibiaxial records; the numbers are in new-specimen-bands.csv.",
 }
 TERMS = (
     "population, group",
@@ -79,14 +79,14 @@ TERMS = (
     "effective draws (ESS), bulk and tail",
     "R-hat",
 )
-"""Terms of the glossary that stand on the page."""
+"""Terms of the glossary on the page."""
 
 
 def population_page(
     folder: Path, tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]
 ) -> str:
     """The page as HTML from the three tables and the record in population.json."""
-    there = pictures(folder, tuple(FIGURES))
+    drawn = pictures(folder, tuple(FIGURES))
     own = tables["specimens"].drop_duplicates("specimen")
     state, reason = (record["convergence"][k] for k in ("state", "reason"))
     converged = state == "converged"
@@ -102,8 +102,8 @@ def population_page(
         reason="" if converged else reason,
         left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
         notes=[cut(n, 500) for n in record["notes"]],
-        figure_titles={stem: FIGURES[stem][0] for stem in there},
-        figures=[(k, *FIGURES[k], ALTERNATIVES[k], picture) for k, picture in there.items()],
+        figure_titles={stem: FIGURES[stem][0] for stem in drawn},
+        figures=[(k, *FIGURES[k], ALTERNATIVES[k], picture) for k, picture in drawn.items()],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
         columns=["Specimen, group, donor", ">#Fit", *heads],
         own=_specimens(tables["specimens"], shown),
@@ -116,7 +116,7 @@ def population_page(
 
 
 def _marked(median: str, identified: bool) -> str | Markup:
-    """In italics with an asterisk where it is not identified."""
+    """Text in italics with an asterisk if it is not identified."""
     return median if identified else Markup("<i>{}*</i>").format(median)
 
 
@@ -149,7 +149,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
 
 
 def _specimens(table: pd.DataFrame, names: list[str]) -> list[Row]:
-    """Every specimen pooled, and in brackets what its own run reports."""
+    """Every specimen pooled, and in brackets the interval reported by its own run."""
     out: list[Row] = []
     for label, part in table.groupby("specimen", sort=False):
         rows = {str(r["quantity"]): r for r in part.to_dict("records")}
@@ -182,7 +182,7 @@ def _contrasts(table: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
 
 
 def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
-    """One paragraph for a paper, with the population's own numbers."""
+    """One paragraph for a paper, with the numbers of this population."""
     groups = tables["groups"].drop_duplicates("group")
     members = "; ".join(
         f"{cut(r['group'], 60)}: {counted(r['specimens'], 'specimen')} of "
@@ -194,9 +194,10 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
     others = [name for name in pooled if name not in logs]
     scales = []
     if logs:
-        scales.append(f"the natural logs of {_and(logs)}")
+        scales.append(f"the natural logs of {listed(logs)}")
     if others:
-        scales.append(f"{_and(others)} cut at the physical edges")
+        scales.append(f"{listed(others)} truncated at their physical limits")
+    values = listed(scales)
     units = tables["groups"].drop_duplicates("quantity").set_index("quantity")["unit"]
     priors = "; ".join(
         f"{name}: mean {v['mean']}{unit_words(units[name])}, sds {v['sd_donors']} between donors "
@@ -204,29 +205,22 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         + (" of its log" if name in logs else unit_words(units[name]))
         for name, v in pooled.items()
     )
-    known = ["N(mean, sd) normal", "half-normal(scale)"]
-    known += ["LN(median, sd of the log) lognormal"] if logs else []
+    families = ["N(mean, sd) normal", "half-normal(scale)"]
+    families += ["LN(median, sd of the log) lognormal"] if logs else []
     convergence = record["convergence"]
-    judged = (
+    chains = (
         f"R-hat was at most {convergence['worst_rhat']:.3f} and the effective sample size of "
         f"every reported quantity at least {convergence['worst_ess']:.0f}."
         if convergence["state"] == "converged"
         else f"The chains did not converge ({convergence['reason']})."
     )
-    left = f" Left out: {_and(list(record['left_out']))}." if record["left_out"] else ""
+    left = f" Left out: {listed(list(record['left_out']))}." if record["left_out"] else ""
     return (
-        f"A hierarchical model pooled the specimens ({members}). {_first_up(_and(scales))} of a "
-        "specimen were normal around the mean of its group plus the effect of its donor, which "
-        "the donor's specimens shared; each specimen kept the likelihood of its single run, the "
-        f"run's prior of the pooled parameters divided out. Priors ({'; '.join(known)}): {priors}. "
-        "Draws of the single runs served as proposals (Lunn et al. 2013), beside moves by the "
-        f"specimens' own likelihoods and joint moves of all specimens. {judged}{left}"
+        f"A hierarchical model pooled the specimens ({members}). {values[:1].upper()}{values[1:]} "
+        "of a specimen were normal around the mean of its group plus the effect of its donor, "
+        "which was common to the donor's specimens; each specimen kept the likelihood of its "
+        "single run, and the run's prior of the pooled parameters was divided out. Priors "
+        f"({'; '.join(families)}): {priors}. Draws of the single runs served as proposals (Lunn et "
+        "al. 2013), beside moves by the likelihoods of the specimens and joint moves of all "
+        f"specimens. {chains}{left}"
     )
-
-
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
-def _first_up(text: str) -> str:
-    return text[:1].upper() + text[1:]

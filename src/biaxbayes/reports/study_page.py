@@ -1,4 +1,4 @@
-"""study.html, all specimens of a study on one page, and the tables and figure beside it."""
+"""study.html, all specimens of a study on one page, and its tables and figure."""
 
 from __future__ import annotations
 
@@ -41,18 +41,20 @@ TERMS = (
     "factor",
     "above zero, below zero",
 )
-"""Terms of the glossary that stand on the page."""
+"""Terms of the glossary on the page."""
 KNOWN_QUANTITIES = Quantities(all_parameters())
-"""What the names of a study's tables are."""
+"""Symbol, unit and range by the names in the tables of a study."""
 
 
 def study_page(result: StudyResult) -> str:
     """The page as HTML: no scripts, no network; the links lead to the reports of the runs."""
     states = result.states
-    judged = [q for q in KNOWN_QUANTITIES.assessed() if (result.table["quantity"] == q.name).any()]
+    assessed = [
+        q for q in KNOWN_QUANTITIES.assessed() if (result.table["quantity"] == q.name).any()
+    ]
     columns: list[str | Markup] = ["Specimen, layer, donor"]
     columns += [Markup.escape(cut(name, 40)) for name in result.own_columns]
-    columns += ["State", *(Markup(">") + with_unit(q.name, q.unit) for q in judged)]
+    columns += ["State", *(Markup(">") + with_unit(q.name, q.unit) for q in assessed)]
     return page_template("study.html.jinja").render(
         name=cut(result.name),
         total=sum(states.values()),
@@ -60,7 +62,7 @@ def study_page(result: StudyResult) -> str:
         states=[(k, v) for k, v in states.items() if k != "converged"],
         failures=[(cut(k), cut(v, 300)) for k, v in result.failures.items()],
         columns=columns,
-        specimens=_specimens(result, [q.name for q in judged]),
+        specimens=_specimens(result, [q.name for q in assessed]),
         figures=pictures(result.folder, (FIGURE,)),
         layers=_groups(result.groups, "layer"),
         donors=_groups(result.groups, "donor"),
@@ -73,12 +75,12 @@ def study_page(result: StudyResult) -> str:
 
 
 def unit_text(text: object) -> str:
-    """A unit of a table as the page has it."""
+    """A unit of a table as the page prints it."""
     return {"deg": "°", "1": ""}.get(str(text), str(text))
 
 
 def named(name: object) -> Quantity | str:
-    """A quantity, which the page turns into its symbol, or words."""
+    """A quantity by its name, or text for a derived one."""
     return KNOWN_QUANTITIES.get(str(name)) or derived_words(str(name))
 
 
@@ -89,7 +91,7 @@ def with_unit(name: str, unit: object) -> Markup:
 
 
 def _specimens(result: StudyResult, names: list[str]) -> list[Row]:
-    """One row per specimen: its own columns, its state, and what its run reports."""
+    """One row per specimen: columns of the study file, state, and the reported table."""
     table = {(str(r["specimen"]), str(r["quantity"])): r for r in result.table.to_dict("records")}
     rows: list[Row] = []
     for s in result.specimens.to_dict("records"):
@@ -114,7 +116,7 @@ def _cell(row: dict[Any, Any] | None) -> Cell:
 
 
 def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
-    """Tables of the groups, with the rows that a group identifies anything of."""
+    """Tables of the groups, with the quantities that a specimen of the group identifies."""
     out = []
     for group, part in groups[groups["group_by"] == by].groupby("group", sort=False):
         first = part.iloc[0]
@@ -149,7 +151,7 @@ def _group_row(r: dict[Any, Any]) -> Row:
 
 
 def _of_tissue(name: str) -> bool:
-    """Whether groups are summarised in it: not in errors and loads, which are no tissue's."""
+    """True for properties of the tissue, which groups are summarised in; not errors and loads."""
     known = KNOWN_QUANTITIES.get(name)
     return known is None or (
         known.parameter.kind in (MATERIAL, STRETCH, DIMENSION) and (known.parameter.unit != LOAD)
@@ -183,7 +185,7 @@ TABLE, PAGE = "study", "study.html"
 
 
 def write_study(result: StudyResult) -> list[Path]:
-    """Write every file of a study into its folder; ``study.parquet`` where pyarrow is installed."""
+    """Write the files of a study into its folder; ``study.parquet`` if pyarrow is installed."""
     folder = result.folder
     written = []
     tables = {
@@ -213,7 +215,7 @@ def write_study(result: StudyResult) -> list[Path]:
 
 
 def _parquet(table: pd.DataFrame) -> bytes | None:
-    """The table with typed columns, where pyarrow is there to write it."""
+    """The table with typed columns; None without pyarrow."""
     try:
         import pyarrow  # noqa: F401
     except ImportError:

@@ -1,6 +1,6 @@
-"""The templates of the pages and what they are filled with: cells of tables, figures as data URIs.
+"""Templates of the pages, and their contents: cells of tables, figures as data URIs.
 
-Text that is put into a template is escaped.
+Text in a template is escaped.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Picture(NamedTuple):
 
 
 def pictures(folder: Path, stems: tuple[str, ...]) -> dict[str, Picture]:
-    """Figures of a folder by stem; the first ones where all would be too large."""
+    """Figures of a folder by stem, as far as they are not too large together."""
     left, out = TOTAL_BYTES, {}
     for stem in stems:
         path = folder / f"{stem}.png"

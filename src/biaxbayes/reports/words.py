@@ -1,4 +1,4 @@
-"""How quantities are called in what is written of a run, and what its words mean."""
+"""Text of quantities and states for pages and LaTeX, and the glossary."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SMALL_STRAIN = "small-strain stiffness, {}"
 
 
 def derived_words(name: str) -> str:
-    """What follows from parameters in words, as ``cauchy_x at 1.1``; other names as they are."""
+    """Text for a derived quantity such as ``cauchy_x at 1.1``; other names unchanged."""
     stem, at, stretch = name.partition(" at ")
     words = DERIVED.get(stem[:-1])
     if words is None or stem[-1:] not in "xyz":
@@ -57,12 +57,12 @@ STATES = {
 
 
 def state_words(state: str) -> str:
-    """What to trust of a run in this state."""
+    """Sentence on how far a run in this state can be trusted."""
     return STATES[state]
 
 
 def counted(number: int, noun: str) -> str:
-    """So many of a thing."""
+    """A number with its noun, as ``2 specimens``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
@@ -88,7 +88,7 @@ def latex_text(text: object, length: int = 120) -> str:
     return "".join(_LATEX.get(c, c) for c in cut(text, length))
 
 
-# --- the words of a report, each in half a line, for somebody who is no statistician -------------
+# --- glossary ------------------------------------------------------------------------------------
 
 NATS = "0.7 halve the volume of plausible values, 2.3 leave a tenth"
 GLOSSARY = {
@@ -179,7 +179,7 @@ SEVERAL = {
     "sd of donors, sd of specimens": "spread between donors; spread between specimens of one "
     "donor and group",
     "new specimen": "a specimen of a donor that was not tested; 90 % of them lie in the interval",
-    "new donor": "the median of the specimens of a donor that was not tested; nine of ten lie "
+    "new donor": "the median of the specimens of a donor that was not tested; 90 % of them lie "
     "in the interval",
     "ratio": "the second group over the first; 1 is no difference",
     "predictive p": "share of simulated specimens that lie further out than this one; below "
@@ -190,9 +190,7 @@ SEVERAL = {
     "density of what was left out": "probability density of the left-out readings; larger is "
     "better",
 }
-"""Further terms of pages that speak of several specimens, or laws."""
-
-
+"""Further terms of pages on several specimens, or laws."""
 VERDICT_TERMS = (
     "verdict",
     "identified",
@@ -206,6 +204,6 @@ VERDICT_TERMS = (
 
 
 def chosen_terms(*terms: str) -> list[tuple[str, str]]:
-    """Terms of a page with their words, in the order given."""
+    """Terms of a page with their definitions, in the order given."""
     known = GLOSSARY | SEVERAL
     return [(term, known[term]) for term in terms]

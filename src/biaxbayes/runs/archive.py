@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 MOST_OBJECTS = 2_000
 MOST_BYTES = 2_000_000_000
 MOST_COMPRESSION = 50
-"""Compression beyond this is not that of numbers that were measured or drawn."""
+"""Measured or drawn numbers are not compressed further."""
 
 
 class SuspiciousArchive(Exception):
-    """The file does what no archive of a run does."""
+    """The file cannot be an archive of a run."""
 
 
 def check_archive(path: Path) -> None:
@@ -53,7 +53,9 @@ def check_archive(path: Path) -> None:
         while waiting:
             group = waiting.pop()
             for name in group:
-                item = _inside(group, name)
+                if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                    raise SuspiciousArchive("it links to other data")
+                item = group[name]
                 address = h5py.h5o.get_info(item.id).addr
                 if address in seen:
                     raise SuspiciousArchive("its groups loop")
@@ -61,21 +63,11 @@ def check_archive(path: Path) -> None:
                 if isinstance(item, h5py.Group):
                     waiting.append(item)
                 elif isinstance(item, h5py.Dataset):
-                    claimed += _claimed_bytes(item)
+                    if item.is_virtual or item.external:
+                        raise SuspiciousArchive("its data are in another file")
+                    claimed += int(item.size or 0) * int(item.dtype.itemsize)
                 if claimed > most or len(seen) > MOST_OBJECTS:
                     raise SuspiciousArchive("it claims more data than it can hold")
-
-
-def _inside(group: h5py.Group, name: str) -> h5py.HLObject:
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        raise SuspiciousArchive("it links to other data")
-    return group[name]
-
-
-def _claimed_bytes(dataset: h5py.Dataset) -> int:
-    if dataset.is_virtual or dataset.external:
-        raise SuspiciousArchive("its data are in another file")
-    return int(dataset.size or 0) * int(dataset.dtype.itemsize)
 
 
 # --- posterior.nc: the draws as an xarray DataTree that ArviZ reads ------------------------------
@@ -83,9 +75,7 @@ def _claimed_bytes(dataset: h5py.Dataset) -> int:
 
 FORMAT = 1
 POINTWISE_DRAWS = 500
-"""Draws of each chain that carry pointwise likelihoods and predictions."""
-
-
+"""Draws of each chain with pointwise likelihoods and predictions."""
 SLASH = "\N{DIVISION SLASH}"
 
 
@@ -137,7 +127,7 @@ def netcdf_bytes(groups: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
 
 
 def _weighting(group: str, posterior: Posterior) -> dict[str, str]:
-    """What the two groups of log likelihoods say of themselves."""
+    """Attribute that names the weighting of a group of log likelihoods."""
     weight = f"n_eff / n = {posterior.beta:.6g}"
     texts = {
         "log_likelihood": (
@@ -152,7 +142,7 @@ def _weighting(group: str, posterior: Posterior) -> dict[str, str]:
 
 
 def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Dataset]:
-    """Everything that the archive of a run holds, by the name of its group."""
+    """Groups of the archive by name."""
     import xarray as xr
 
     unit = {"units": posterior.specimen.unit}
@@ -173,7 +163,8 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "lp": (chain_draw, flat["lp"]),
         "tempered_log_likelihood": (chain_draw, flat["log_likelihood"]),
     }
-    pick = _spread_indices(steps * walkers, POINTWISE_DRAWS)
+    count = steps * walkers
+    pick = np.linspace(0, count - 1, min(count, POINTWISE_DRAWS)).round().astype(int)
     measured = posterior.rows
     natural = {name: flat[name][:, pick] for name in posterior.parameter_names}
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
@@ -268,7 +259,7 @@ def stored_draws(tree: xr.DataTree) -> StoredDraws:
 
 
 def _schema_error(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:
-    """What the groups of an archive lack that every run has; empty when it is one."""
+    """Why these groups are not those of a run; empty if they are."""
     for group, needed in ((posterior, parameters), (stats, ("lp", "tempered_log_likelihood"))):
         for name in needed:
             if name not in group.data_vars:
@@ -287,10 +278,3 @@ def _schema_error(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:
         return "its walkers are out of order"
     sizes = [(group.sizes["chain"], group.sizes["draw"]) for group in (posterior, stats)]
     return "" if sizes[0] == sizes[1] else "its groups differ in size"
-
-
-def _spread_indices(count: int, most: int) -> np.ndarray:
-    """At most so many indices, spread evenly."""
-    if count <= most:
-        return np.arange(count)
-    return np.linspace(0, count - 1, most).round().astype(int)

@@ -251,7 +251,7 @@ def _check(state: State) -> None:
 
 
 def _fits(part: TransportedMixture, d: int) -> bool:
-    """Whether the arrays of a proposal in d dimensions fit together."""
+    """True if the arrays of a proposal in d dimensions fit together."""
     mixture, transport = part.mixture, part.transport
     k = mixture.weights.size
     floats = [mixture.weights, mixture.means, mixture.factors, part.bounds]

@@ -25,8 +25,9 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import BiaxbayesError, InputError, RunError
-from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Settings
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, PICTURES, PLOTS, REPORTS, Settings
 from biaxbayes.runs.provenance import parse_options
+from biaxbayes.sampling.convergence import STATES
 from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
 
 # --- the files of a run: written to a staging folder, then moved into place together ------------
@@ -45,16 +46,23 @@ WRITING, READY = ".writing-", ".ready"
 CARDS = "cards"
 CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD_UNITS)})")
 """Folders of material cards in a run."""
-PICTURE = r"\.(pdf|png|svg)"
-DERIVED = re.compile(
-    rf"(prediction|inflation|ledger|design|profile|grips)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
-    rf"|(identifiability|determined|same-curves|law-fits|edges|misfit|report|report-stresses)\.csv"
-    r"|report\.(html|md|tex)|explore\.html|results\.json|README\.txt"
-    r"|(identify|study-rows|study-layers)\.json"
-    rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
-    rf"|(population-forest|population-pairs|new-specimen-bands)(\.csv|{PICTURE})"
+OUTPUTS = (
+    *("prediction", "inflation", "ledger", "design", "profile", "grips"),
+    *("population-forest", "population-pairs", "new-specimen-bands"),
 )
-"""Files derived from the draws of their folder: stale once the draws change."""
+"""Stems of tables with a figure."""
+TABLES = (
+    *("profile-intervals", "report", "report-stresses", "identifiability", "law-fits"),
+    *("determined", "same-curves", "edges", "misfit"),
+)
+RECORDS = ("results", "profile-provenance", "identify", "study-rows", "study-layers")
+DERIVED = re.compile(
+    rf"({'|'.join((*OUTPUTS, *TABLES))})\.csv|({'|'.join(RECORDS)})\.json|README\.txt"
+    rf"|({'|'.join((*OUTPUTS, *PLOTS.values()))})(-.+mm)?\.({'|'.join(PICTURES)})"
+    rf"|{'|'.join(map(re.escape, REPORTS.values()))}|report\.md"
+)
+"""Files derived from the draws of their folder, stale once the draws change; some names are those
+of earlier versions."""
 PLAIN_NAME = re.compile(rf"({EVIDENCE}/)?[^./\\][^/\\]*")
 TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 """Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
@@ -77,7 +85,8 @@ def staged(
         try:
             yield staging
             for path in _files(staging):
-                _sync(path)
+                with path.open("rb") as handle:
+                    os.fsync(handle.fileno())
             sync_folder(staging)
             staging.replace(folder / READY)
             sync_folder(folder)
@@ -102,7 +111,7 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
         return []
     listed, before = _listed(ready / record), _listed(folder / record)
     for name, digest in before.items():
-        # A file of the run before that this one does not have; never one of the user's.
+        # A file of the previous run that this one does not have; files of the user stay.
         if listed and name not in listed and _digest(folder / name) == digest:
             (folder / name).unlink(missing_ok=True)
     other = is_finished(folder, record) and _posterior(folder / record) != _posterior(
@@ -136,13 +145,13 @@ def _name(path: Path, folder: Path) -> str:
 
 
 def _posterior(path: Path) -> tuple[Any, ...]:
-    """What tells the draws of two records apart; a run that was continued is the same."""
+    """Values that distinguish the draws of two records; a continued run has the same."""
     record = _record(path)
     return tuple(record.get(key) for key in ("specimen_sha256", "settings", "seed", "identity"))
 
 
 def _remove_derived(folder: Path, current: set[str]) -> list[str]:
-    """Remove what was derived from the draws before; what the user changed or added stays."""
+    """Remove files derived from the previous draws; files that the user added stay."""
     removed = []
     cards = [p for p in folder.iterdir() if p.is_dir()]
     for path in sorted([*_files(folder), *cards]):
@@ -159,7 +168,7 @@ def _remove_derived(folder: Path, current: set[str]) -> list[str]:
 
 
 def clear_leftovers(folder: Path) -> None:
-    """Remove what a killed process left half-written; the caller has locked the folder."""
+    """Remove half-written files of a killed process; the caller has locked the folder."""
     for path in folder.glob(f"{WRITING}*"):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
@@ -170,14 +179,14 @@ def clear_leftovers(folder: Path) -> None:
 
 
 def manifest(folder: Path, *, without: Sequence[str] = ()) -> dict[str, str]:
-    """SHA-256 of every file in a folder, but for the provenance that is to hold them."""
+    """SHA-256 of every file in a folder except the provenance."""
     left = (PROVENANCE, *without)
     names = [_name(p, folder) for p in _files(folder)]
     return {name: _digest(folder / name) for name in names if name not in left}
 
 
 def refresh_manifest(folder: Path, record: dict[str, Any], names: Sequence[str]) -> None:
-    """Write the provenance of a run again, with the digests of files that were written anew."""
+    """Write the provenance of a run again, with new digests of some files."""
     files = record.get("files")
     if isinstance(files, dict):
         digests = {name: _digest(folder / name) for name in names if (folder / name).exists()}
@@ -201,13 +210,18 @@ def _digest(path: Path) -> str:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder holds the provenance of a run of this program."""
+    """True if a folder holds the provenance of a run."""
     return is_finished(folder, PROVENANCE)
 
 
 def is_finished(folder: Path, record: str) -> bool:
-    """Whether a folder holds what this program writes last of a run, or of a population."""
+    """True if a folder holds the file that is written last: of a run, or of a population."""
     return "biaxbayes" in _record(folder / record)
+
+
+def stored_identity(path: Path) -> Any:
+    """Entry ``identity`` of a record: what its folder holds results of; None if unreadable."""
+    return _record(path).get("identity")
 
 
 def _listed(path: Path) -> dict[str, str]:
@@ -226,17 +240,11 @@ def _record(path: Path) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def _sync(path: Path) -> None:
-    with path.open("rb") as handle:
-        os.fsync(handle.fileno())
-
-
 # --- the record of a run folder and its files, read as untrusted input ---------------------------
 
 
-STATES = ("converged", "tentative", "unusable")
 EARLIER = {"reliable": "converged"}
-"""What earlier versions called a state."""
+"""Names of states in earlier versions."""
 MAX_BYTES = 50_000_000
 NUMBER = (int, float)
 NEEDED: dict[str, Any] = {
@@ -260,35 +268,35 @@ NEEDED: dict[str, Any] = {
         "worst_rhat": (*NUMBER, type(None)),
     },
 }
-"""What the readers of a run rely on; a run of this program holds more."""
+"""Entries that the readers of a run rely on."""
 ALLOWED = {"priors": dict, "versions": dict, "files": dict}
-"""What may be missing, but not be of another type."""
+"""Entries that may be missing."""
 
 
 def read_record(folder: Path) -> dict[str, Any]:
     """Read and check the provenance of a run folder."""
     record = read_json(folder, PROVENANCE)
-    missing = _schema_error(record, NEEDED) or _schema_error(record, ALLOWED, optional=True)
-    if not missing:
-        state = record["convergence"]["state"]
-        record["convergence"]["state"] = EARLIER.get(state, state)
-    if not missing and record["convergence"]["state"] not in STATES:
-        missing = "convergence: state"
-    if not missing and not 0.0 < record["noise"]["beta"] < math.inf:
-        missing = "noise: beta"
-    if not missing:
-        # A converged run has both, any other run both or neither.
-        stated = [record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat")]
-        if stated[0] != stated[1] or not (
-            stated[0] or record["convergence"]["state"] != "converged"
-        ):
-            missing = "convergence: worst_ess, worst_rhat"
-    if missing:
-        raise RunError(f"{folder / PROVENANCE}: is not that of a run (entry {missing!r})")
+    wrong = _schema_error(record, NEEDED) or _schema_error(record, ALLOWED, optional=True)
+    if not wrong:
+        convergence = record["convergence"]
+        state = EARLIER.get(convergence["state"], convergence["state"])
+        convergence["state"] = state
+        # A converged run has both numbers, any other run both or neither.
+        numbers = [convergence[k] is not None for k in ("worst_ess", "worst_rhat")]
+        if state not in STATES:
+            wrong = "convergence: state"
+        elif not 0.0 < record["noise"]["beta"] < math.inf:
+            wrong = "noise: beta"
+        elif numbers[0] != numbers[1] or (state == "converged" and not numbers[0]):
+            wrong = "convergence: worst_ess, worst_rhat"
+    if wrong:
+        raise RunError(f"{folder / PROVENANCE}: is not the record of a run (entry {wrong!r})")
     try:
         Settings(**parse_options(record["settings"]))
     except (BiaxbayesError, TypeError) as error:
-        raise RunError(f"{folder / PROVENANCE}: is not that of a run (settings: {error})") from None
+        raise RunError(
+            f"{folder / PROVENANCE}: is not the record of a run (settings: {error})"
+        ) from None
     return record
 
 
@@ -317,7 +325,9 @@ def read_json(folder: Path, name: str) -> Any:
             f"{path}: no such file; the run is not finished, continue it with `resume=True`"
         )
     try:
-        return json.loads(_content(path), parse_int=_whole)
+        return json.loads(read_bytes(path, limit=MAX_BYTES), parse_int=_whole)
+    except InputError as error:
+        raise RunError(f"{path}: {error.problem}") from None
     except (ValueError, RecursionError):
         raise RunError(
             f"{path}: is damaged (not JSON); sample again, or continue with `resume=True`"
@@ -325,7 +335,7 @@ def read_json(folder: Path, name: str) -> Any:
 
 
 def _whole(text: str) -> int:
-    """An integer that fits into 64 bits: with more, not even its printing is safe."""
+    """An integer of 64 bits; printing a longer one can fail."""
     value = int(text)
     if abs(value) >= 2**63:
         raise ValueError("too large")
@@ -340,12 +350,10 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
     listed = record.get("files")
     wanted = listed.get(name) if isinstance(listed, dict) else None
     if wanted is None:
-        return path
-    try:
-        with path.open("rb") as handle:
-            digest = hashlib.file_digest(handle, "sha256").hexdigest()
-    except OSError as error:
-        raise RunError(f"{path}: cannot be read ({error.strerror})") from None
+        return path  # a run of an earlier version
+    digest = _digest(path.resolve())
+    if not digest:
+        raise RunError(f"{path}: cannot be read; check its permissions")
     if digest != wanted:
         raise RunError(
             f"{path}: is not the file that the run wrote (damaged or changed); copy the folder "
@@ -365,21 +373,14 @@ def _inside(folder: Path, name: str) -> Path:
     return path
 
 
-def _content(path: Path) -> bytes:
-    try:
-        return read_bytes(path, limit=MAX_BYTES)
-    except InputError as error:
-        raise RunError(f"{path}: {error.problem}") from None
-
-
 def other_kind(folder: Path) -> str:
-    """What a folder is that is no run's, and what to give instead; empty where it is unknown."""
+    """Message for the folder of a population or study given as a run; empty for others."""
     if (folder / PROVENANCE).exists():
         return ""
     if (folder / POPULATION).is_file():
         return (
             "is a population's folder, not a run's; give one of the runs of its study, or export "
-            "its cards with `population`, a group of it"
+            "cards of a group with `population`"
         )
     if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
         return f"is a study's folder, not a run's; give one of the runs in {folder / RUNS}"

@@ -67,7 +67,7 @@ def _acquire(path: Path) -> int:
 
 
 def _lock_or_stale(handle: int, pid: int, began: str) -> bool:
-    """Whether a lock is ours now or, where the file system has no locks, its owner is dead."""
+    """Lock the file; where the file system has no locks, True if its owner is dead."""
     try:
         return try_lock(handle)
     except OSError:
@@ -75,7 +75,7 @@ def _lock_or_stale(handle: int, pid: int, began: str) -> bool:
 
 
 def _is_at(path: Path, handle: int) -> bool:
-    """Whether an open file is still the one of this name: its owner may have removed it."""
+    """True if an open file still has this name: its owner may have removed it."""
     try:
         return os.path.samestat(os.fstat(handle), path.lstat())
     except FileNotFoundError:

@@ -63,9 +63,8 @@ def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     known = {*Settings.__dataclass_fields__}
     priors = table.get("priors", {})
     flags = (table.get(name, False) for name in ("noise_growth", "fibre_switch"))
-    # A run of before there was thinning has all rows.
-    thin = table.get("thin", 0)
-    # An earlier way to the weight, which is stored with the run: the density is the same.
+    thin = table.get("thin", 0)  # runs of versions without thinning used all rows
+    # An earlier estimate of the weight; the weight itself is stored, so the density is the same.
     if table.get("noise") == "systematic":
         table = table | {"noise": "effective"}
     if not (
@@ -80,13 +79,13 @@ def parse_options(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def stored_law(table: Mapping[str, Any]) -> Law:
-    """The law of stored settings; a run of before there were others is one of the default law."""
+    """The law of stored settings; the oldest runs name none and have the default law."""
     name, switch = table.get("law", DEFAULT_LAW), table.get("fibre_switch") is True
     return law_named(str(name), fibre_switch=switch)
 
 
 def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:
-    """What must be equal for a run to be continued."""
+    """Values that must be equal for a run to be continued."""
     return {
         "specimen": specimen_digest(posterior.specimen),
         **{f"option {k}": v for k, v in settings_table(posterior).items()},
@@ -98,7 +97,7 @@ def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:
 
 
 def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> dict[str, Any]:
-    """Everything about a run that is not in its draws."""
+    """Record of a run: input, settings, sampler, convergence, versions."""
     from biaxbayes.model.marginal_likelihood import marginal_likelihood_record
 
     specimen, convergence = posterior.specimen, draws.convergence

@@ -43,7 +43,8 @@ DIGITS, STORED_DIGITS = 8, 12
 """Significant digits of the exported tables and of results.json."""
 TABLES = {
     "identifiability": "identifiability.csv: how much the data narrow each parameter, which others "
-    "it trades with, and which ends of its range stay open (prior and posterior within the law).",
+    "it is correlated with, and which ends of its range stay open (prior and posterior within the "
+    "law).",
     "law_fits": "law-fits.csv: every material law fitted to the same record. Laws that fit it "
     "and disagree on a mounting stretch are why it has no value.",
     "determined": "determined.csv: stresses, stiffnesses and structure tensors within the law. The "
@@ -54,7 +55,7 @@ TABLES = {
 }
 """The tables of evidence, and the sentence on what each shows."""
 LITTLE = 1.0 / 3.0
-"""A test that determines at most this share of its parameters is said to determine little."""
+"""A test that identifies or bounds at most this share of its parameters determines little."""
 
 
 def file_of(table: str) -> str:
@@ -92,7 +93,7 @@ class RunResult:
         return f"RunResult({rows})"
 
     def __getitem__(self, name: str) -> Reported:
-        """What to report of a parameter."""
+        """Reported row of a parameter."""
         for row in self.reported:
             if row.name == name:
                 return row
@@ -194,7 +195,7 @@ def run_result(
 def _advice(
     reported: Sequence[Reported], verdicts: Identifiability, mounting: str, quantities: Quantities
 ) -> str:
-    """What would help most: to converge, another law, the mounting stretch, a further test."""
+    """The most useful next step: converge, another law, the mounting stretch, a further test."""
     if verdicts.state != "converged":
         return "the chains have not converged: continue with --resume and a larger --max-steps"
     if mounting not in INFERRING:
@@ -305,7 +306,7 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
             raise ValueError("another law")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(
-            f"{path}: is not the result of this run ({error}); delete it, and it is computed anew"
+            f"{path}: is not the result of this run ({error}); delete it, and it is computed again"
         ) from None
     return result
 
@@ -316,7 +317,7 @@ def _reported(record: Mapping[str, Any], quantities: Quantities, state: str) -> 
     if state != "converged":
         verdict = NO_VERDICT  # runs of earlier versions have "not identified" here
     if verdict not in (*VERDICTS, NO_VERDICT):
-        raise ValueError(f"no verdict {verdict:.40}")
+        raise ValueError(f"unknown verdict {verdict:.40}")
     return Reported(
         quantities[str(record["name"])].name,
         str(record["unit"]),
@@ -329,7 +330,7 @@ def _reported(record: Mapping[str, Any], quantities: Quantities, state: str) -> 
 
 
 def _table(records: Any) -> pd.DataFrame:
-    """A table from its rows; columns without any value are numbers that are missing."""
+    """A table from its rows; columns without any value are NaN."""
     table = pd.DataFrame(list(records))
     empty = [c for c in table.columns if table[c].isna().all()]
     return table.astype(dict.fromkeys(empty, float))

@@ -209,7 +209,7 @@ class Run:
 
     @property
     def findings(self) -> list[str]:
-        """What was odd about the record of the test before it was sampled, a sentence each."""
+        """Findings of the specimen before it was sampled, one sentence each."""
         stored, out = self.provenance.get("findings"), []
         for finding in stored if isinstance(stored, list) else []:
             try:
@@ -240,7 +240,7 @@ class Run:
 
     @cached_property
     def quantities(self) -> Quantities:
-        """What each name of its tables is."""
+        """Symbol, unit and range by name."""
         settings = self.provenance["settings"]
         shared = settings.get("mounting_stretch") != "per-protocol"
         states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+STATES = ("converged", "tentative", "unusable")
 RHAT_LIMIT = 1.01
 TENTATIVE_RHAT = 1.05
 """Above this the ensembles disagree and no interval is shown."""

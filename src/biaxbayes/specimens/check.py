@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -14,17 +15,17 @@ from biaxbayes.specimens.findings import Finding, serious, sorted_findings
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
-from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
 
 DRIFT = 0.002
-"""First rows of protocols that differ by more in stretch are worth a warning."""
+"""Difference of the first stretches of protocols from which a warning is given."""
 LARGE_DRIFT = 0.02
-"""First rows that differ by more are refused until the header says what they are relative to:
-twice what the preconditioned aorta of the project's measured tissue drifts by."""
+"""Difference from which they are refused until the header gives their reference: twice the drift of
+the preconditioned aorta among the project's measured tissue."""
 SIGNIFICANT = 3.0
 CLIPPED_ROWS = 3
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
-"""Shares of the load's range between which stiffnesses are compared."""
+"""Shares of the load range between which stiffnesses are compared."""
 STIFF_START = 1.5
 PROPORTIONAL = 0.01
 JUMP = 0.05
@@ -40,7 +41,7 @@ LARGE_NOISE = 0.1
 
 
 def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
-    """Everything that a user should know of a specimen before trusting a fit of it.
+    """List everything that a user should know of a specimen before trusting a fit of it.
 
     Returns
     -------
@@ -70,9 +71,58 @@ def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, 
         raise InputError(
             f"{message}{more}",
             file=file,
-            remedy="or add `anyway=True` to go on all the same",
+            remedy="or add `anyway=True` to sample it nevertheless",
         )
     return findings
+
+
+# --- a specimen that is changed or made by the program --------------------------------------------
+
+FORCE_LIMIT = 3.0
+"""Largest ratio of a mounting force to the peak load; beyond it the unit is probably wrong."""
+
+
+def with_force(specimen: Specimen, mounting_force: Sequence[float], file: object) -> Specimen:
+    """A tared specimen with its mounting force added back; refuses one that cannot be right."""
+    unit, largest = specimen.unit, specimen.peak_load
+    if not specimen.is_tared:
+        raise InputError(
+            "already has a mounting force",
+            file=file,
+            remedy="`mounting_force` is for files whose force was zeroed after mounting",
+        )
+    try:
+        x, y = (float(v) for v in mounting_force)
+    except (TypeError, ValueError):
+        x = y = math.nan
+    if not math.isfinite(x + y) or (x, y) == (0.0, 0.0):
+        raise InputError(
+            "`mounting_force` must be two finite numbers, not both zero",
+            remedy=f"give the force before taring, in {unit}",
+        )
+    problem = ""
+    if max(abs(x), abs(y)) > FORCE_LIMIT * largest:
+        problem = f"more than {FORCE_LIMIT:g} times the largest load recorded"
+    elif (changed := specimen.with_mounting_force(x, y)).is_tared:
+        problem = "negligible beside the largest recorded load"
+    if problem:
+        raise InputError(
+            f"`mounting_force` {x:g} {y:g} is {problem}, {largest:.3g} {unit}",
+            file=file,
+            remedy=f"give it in {unit}",
+        )
+    check_round_trip(changed, file)
+    return changed
+
+
+def check_round_trip(specimen: Specimen, file: object) -> None:
+    """Refuse a specimen that cannot be read again from the copy in a run folder."""
+    check_readings(specimen)
+    try:
+        parse_specimen(specimen_text(specimen).split("\n"), Path("specimen.csv"))
+    except InputError as error:
+        where = f" in {error.column}" if error.column else ""
+        raise InputError(f"{error.problem}{where}", file=file, remedy=error.remedy) from None
 
 
 # --- the mounted state ----------------------------------------------------------------------------
@@ -86,7 +136,7 @@ def _tared(specimen: Specimen) -> Iterator[Finding]:
             "warning",
             "the force at the mounted state is zero in every protocol: the load cell was "
             "tared after mounting, or the record was shifted to start at zero before it was "
-            "exported. Prestretch cannot be inferred from this file; give the force with "
+            "exported. The mounting stretch cannot be inferred from this file; give the force with "
             "--mounting-force X Y, or sample with --mounting zeroed",
         )
         return
@@ -94,14 +144,14 @@ def _tared(specimen: Specimen) -> Iterator[Finding]:
     for p in specimen.protocols:
         curves = (p.load_x, p.load_y)
         for axis, value, curve in zip("xy", specimen.mounting_reading(p), curves, strict=True):
-            # A direction without any load is the free one of a uniaxial strip.
+            # A direction without any load is the free direction of a uniaxial strip.
             if abs(value) <= limit and np.any(curve != 0.0):
                 message = f"the mounting force in {axis} is exactly zero, as after a tare in this "
                 yield Finding("tared", "warning", f"{message}direction", p.name)
 
 
 def _clipped(specimen: Specimen) -> Iterator[Finding]:
-    """Loads cut off at zero, or at the top of the load cell."""
+    """Loads clipped at zero, or at the limit of the load cell."""
     for p in specimen.protocols:
         for axis, curve in zip("xy", (p.load_x, p.load_y), strict=True):
             zeros = _repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
@@ -202,7 +252,7 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
                 "note",
                 f"{len(away)} of {len(specimen.protocols)} protocols do not start at the mounted "
                 f"state ({', '.join(away[:4])}{' ...' if len(away) > 4 else ''}): the mounting "
-                "force is that of the others",
+                "force is taken from the others",
             )
         return
     starts = np.array([p.reference for p in specimen.protocols])
@@ -214,7 +264,7 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
         names = [p.name for p in specimen.protocols]
         stated = specimen.reference is not None
         remedy = (
-            ", as '# reference: each protocol' of the header says"
+            ", as stated by '# reference: each protocol' in the header"
             if stated
             else ". Add '# reference: common' to the header if the stretches share one reference, "
             "'# reference: each protocol' if each protocol starts at the mounted state"
@@ -244,9 +294,9 @@ def _paths(specimen: Specimen) -> Iterator[Finding]:
         load = specimen.load(p)
         if p.rows < FEW_ROWS:
             yield Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
-        turned = _order(p, load, specimen.noise_sd)
-        if turned is not None:
-            yield turned
+        order = _order(p, load, specimen.noise_sd)
+        if order is not None:
+            yield order
         yield from _jumps(p, load)
         back = np.flatnonzero(np.diff(p.time_s if p.time_s is not None else [0.0]) < 0.0)
         if back.size:
@@ -295,7 +345,7 @@ def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Finding | None:
 
 
 def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
-    """Single readings beside the curve: a wrong digit, a lost marker, a line cut off."""
+    """Single readings off the curve: a wrong digit, a lost marker, a truncated line."""
     if p.rows < 12:
         return
     curves = (*p.stretch.T, *load.T)
@@ -307,7 +357,7 @@ def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
         beside = np.maximum(middle - np.maximum(left, right), np.minimum(left, right) - middle)
         row = int(np.argmax(beside)) + 1
         if beside[row - 1] <= limit:
-            # The last reading has one neighbour: compare it with the way the curve was going.
+            # The last reading has one neighbour: extrapolate the curve.
             row = p.rows - 1
             if abs(curve[-1] - 2.0 * curve[-2] + curve[-3]) <= 4.0 * limit:
                 continue
@@ -321,7 +371,7 @@ def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
 
 
 def _camera_lag(p: Protocol) -> Iterator[Finding]:
-    """A load that rises while the stretch rests, and by more than such a small stretch explains."""
+    """A load that rises at constant stretch by more than small changes of stretch explain."""
     still = still_rows(p.stretch_x, p.stretch_y)
     load = np.column_stack([p.load_x, p.load_y])
     rest = rest_rows(p.stretch_x, p.stretch_y, load)
@@ -330,7 +380,7 @@ def _camera_lag(p: Protocol) -> Iterator[Finding]:
     rise = load[still - 1] - load[:rest].mean(axis=0)
     k = int(np.argmax(rise))
     stretch = p.stretch_x + p.stretch_y
-    # What the load rises by per stretch in as many rows after the rest
+    # rise of the load per stretch in the same number of rows after the rest
     later = load[2 * still - 1, k] - load[still - 1, k]
     moved = abs(float(stretch[2 * still - 1] - stretch[still - 1]))
     explained = later * float(np.ptp(stretch[:still])) / max(moved, 1e-12)
@@ -350,7 +400,7 @@ def _camera_lag(p: Protocol) -> Iterator[Finding]:
 
 
 def _resampled(specimen: Specimen) -> Iterator[Finding]:
-    """Loads on an even grid: no load cell records that beside a stretch that is not."""
+    """Loads on an evenly spaced grid, which a load cell does not record."""
     names = []
     for p in specimen.protocols:
         load = specimen.load(p)
@@ -370,12 +420,12 @@ def _resampled(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
-    """Stiffness that falls along the start, and faster than that of the matrix alone does."""
+    """Stiffness that falls along the start faster than that of the matrix alone."""
     ratios, ends, names = [], [], []
     for p in specimen.protocols:
         start = max(p.rest_rows - 1, 0)
         lx, ly = p.stretch_x[start:], p.stretch_y[start:]
-        # Neo-Hookean matrix: P_x = 2 C1 (lx - lx^-3 ly^-2), concave by itself
+        # neo-Hookean matrix, which is concave: P_x = 2 C1 (lx - lx^-3 ly^-2)
         matrix = np.column_stack([lx - lx**-3 * ly**-2, ly - ly**-3 * lx**-2])
         load = specimen.load(p)[start:]
         for k, axis in enumerate("xy"):
@@ -430,7 +480,7 @@ def _slope(
     basis = float(centred @ unit) / square
     residual = y - y.mean() - slope * centred
     error = float(np.sqrt(residual @ residual / (x.size - 2) / square))
-    # A path that hardly advances, or on which the matrix itself unloads, gives no stiffness.
+    # no stiffness on a path that hardly advances, or on which the matrix unloads
     return (slope / basis, error / basis) if basis >= 0.5 else None
 
 
@@ -443,7 +493,7 @@ def _one_direction(specimen: Specimen) -> Iterator[Finding]:
         scale = np.abs(curves).max(axis=0)
         if scale.min() <= 0.0:
             return
-        # How far the two columns are from one multiple of each other: the smaller singular value.
+        # the smaller singular value: distance of the columns from multiples of each other
         values = np.linalg.svd(curves / scale, compute_uv=False)
         misses.append(float(values[1] / values[0]))
     if max(misses) <= PROPORTIONAL:
@@ -452,8 +502,7 @@ def _one_direction(specimen: Specimen) -> Iterator[Finding]:
             "warning",
             "x and y are proportional to each other within "
             f"{100 * max(misses):.1f} %, in stretch and in load: the file holds one effective "
-            "direction; stiffness, fibre angle and dispersion may trade with each other; "
-            "'sample' shows whether they do",
+            "direction; stiffness, fibre angle and dispersion may be correlated, as 'sample' shows",
         )
 
 
@@ -500,7 +549,7 @@ def _sign(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _stretch(specimen: Specimen) -> Iterator[Finding]:
-    """Stretches that hardly change, or go far beyond what tissue is stretched to."""
+    """Stretches that hardly change, or are far beyond those of soft tissue."""
     top = max(float(p.stretch.max()) for p in specimen.protocols)
     low, high = USUAL_STRETCH
     if top < low:
@@ -511,7 +560,7 @@ def _stretch(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _dimensions(specimen: Specimen) -> Iterator[Finding]:
-    """Edges and thickness that are unusual, or not those of a membrane."""
+    """Unusual edges and thickness, or a specimen too thick for a membrane."""
     edges = {key: getattr(specimen, key) for key in ("edge_x_mm", "edge_y_mm")}
     thickness = {"thickness_mm": specimen.thickness_mm}
     for values, (low, high) in ((edges, USUAL_EDGE_MM), (thickness, USUAL_THICKNESS_MM)):
@@ -558,7 +607,7 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _origin(specimen: Specimen) -> Iterator[Finding]:
-    """What ``convert`` wrote about shear, cycle and branch."""
+    """Findings from the notes of ``convert`` on shear, cycle and branch."""
     shear = specimen.metadata.get("largest_shear")
     if shear is not None:
         angle = specimen.metadata.get("largest_shear_angle_deg")
@@ -566,8 +615,8 @@ def _origin(specimen: Specimen) -> Iterator[Finding]:
         yield Finding(
             "shear",
             "warning" if float(shear) > 0.02 else "note",
-            f"the record holds shear: |F12|, |F21| up to {float(shear):.2g}{turned}. "
-            "The model has none and ignores it",
+            f"the record contains shear: |F12|, |F21| up to {float(shear):.2g}{turned}. "
+            "The model ignores it",
         )
     cycle, branch = specimen.metadata.get("cycle"), specimen.metadata.get("branch")
     if cycle is not None:

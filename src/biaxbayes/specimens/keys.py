@@ -1,4 +1,4 @@
-"""The columns and header keys of a specimen file: what each means, and which values it takes."""
+"""The columns and header keys of a specimen file: meaning, default and allowed values."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ GEOMETRIES = ("unloaded", "mounted")
 STRETCHES_FROM = ("markers", "grips")
 HOOK_WIDTH_MM = 2.0
 REFERENCES = ("each protocol", "common")
-"""What measured stretches are relative to: the first rows of each protocol, or one state."""
+"""References of measured stretches: the first rows of each protocol, or one state for all."""
 
 
 class Column(NamedTuple):
-    """What a column means, and what holds without it."""
+    """Meaning of a column, and its default."""
 
     words: str
     default: str
@@ -67,7 +67,7 @@ COLUMNS = {
     ),
     "cauchy_y_kPa": Column("The same along y", ONE_PAIR),
 }
-"""Columns by name; no others are known."""
+"""Known columns by name."""
 KEYS = {
     "specimen": Key("Name of the specimen", "name of the file"),
     "donor": Key("Donor of the specimen, which `batch` groups by", NONE, extra=True),
@@ -164,14 +164,14 @@ KEYS = {
     "largest_shear": Key("Largest shear, which the model ignores", NONE, (0.0, 10.0), extra=True),
     "largest_shear_angle_deg": Key("The same as an angle", NONE, (0.0, 90.0), extra=True),
 }
-"""Header keys by name; no others are known."""
+"""Known header keys by name."""
 METADATA_KEYS = tuple(name for name, key in KEYS.items() if key.extra)
 GRIP_DETAILS = tuple(k for k in KEYS if k.startswith("grip_")) + ("stretch_from",)
-"""Keys that mean something only with `grips`."""
+"""Keys that need `grips`."""
 CHOICE_REMEDIES = {
-    "geometry": "say in which state the dimensions were measured",
-    "reference": "say what the stretches are relative to: the first rows of each protocol, or "
-    "one state for all",
+    "geometry": "give the state in which the dimensions were measured",
+    "reference": "give the reference of the stretches: the first rows of each protocol, or one "
+    "state for all",
     "missing_rows": "leave the line out to have such rows refused",
     "stretch_from": "leave the line out for markers",
     "grip_correction": "leave the line out for loads as measured",
@@ -181,7 +181,7 @@ CHOICE_REMEDIES = {
 def checked_value(
     key: str, value: object, row: int | None = None, path: object = None
 ) -> float | str:
-    """Value of a known key from a number or its text; one that cannot be is refused."""
+    """Value of a known key from a number or text; refuses impossible ones."""
     if KEYS[key].range is not None:
         return _number(key, value, row, path)
     text, choices = one_line(str(value)), KEYS[key].choices
@@ -219,7 +219,7 @@ def _number(key: str, value: object, row: int | None, path: object) -> float:
     if not low <= number <= high:
         unit = "" if key.startswith("mounted_state") else f" in {key.rsplit('_', 1)[1]}"
         raise InputError(
-            f"{key} of {number:g} cannot be",
+            f"{key} of {number:g} is out of range",
             file=path,
             row=row,
             remedy=f"give it{unit}, between {low:g} and {high:g}",
@@ -237,7 +237,8 @@ def measured_stretch(text: str, path: object = None, row: int | None = None) -> 
     low, high = STRETCH_RANGE
     if not (low < mean < high and 0.0 < sd < high):
         raise InputError(
-            f"a mounting stretch known from an image reads like '1.03 +- 0.01', not {text[:40]!r}",
+            "a mounting stretch known from an image must be of the form '1.03 +- 0.01', not "
+            f"{text[:40]!r}",
             file=path,
             row=row,
             remedy="give value and standard deviation",
@@ -250,7 +251,7 @@ def hook_count(text: str, path: object = None, row: int | None = None) -> int:
     match = re.fullmatch(r"hooks\s+([1-9]\d?)", text)
     if match is None:
         raise InputError(
-            f"grips must read like 'hooks 5', five hooks per edge, not {text[:40]!r}",
+            f"grips must be of the form 'hooks 5', five hooks per edge, not {text[:40]!r}",
             file=path,
             row=row,
             remedy="leave the line out for rakes and clamps, which have no correction",

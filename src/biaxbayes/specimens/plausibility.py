@@ -1,4 +1,4 @@
-"""Whether numbers can be what their column says: what no soft tissue shows is refused."""
+"""Refusal of readings that no soft tissue shows, as their unit is probably wrong."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from biaxbayes.specimens.protocol import LOAD_ROWS, ReadingError
 from biaxbayes.specimens.specimen import Specimen
 
 STRESS_LIMIT_KPA = 5_000.0
-"""Soft tissue tears below; beyond, the unit is wrong (``stress_limit_kPa`` overrides)."""
+"""Soft tissue tears below this stress (``stress_limit_kPa`` overrides)."""
 STRESS_FLOOR_KPA = 1e-6
 OUTLIER = 1e4
-"""So many times the limit is no question of units."""
+"""Multiple of the limit beyond which the unit is not the reason."""
 SMALL_SECTION_MM2 = 0.1
-"""An edge of 2 mm times a thickness of 0.05 mm, both the least usual ones."""
+"""An edge of 2 mm times a thickness of 0.05 mm, the smallest usual ones."""
 NEGATIVE = 0.3
-"""Compression beyond this share of the largest load, where the stretch is largest, is no test."""
+"""Compression at the largest stretch, as a share of the largest load, beyond which signs are wrong.
+"""
 
 
 def check_readings(specimen: Specimen) -> None:
-    """Refuse stretches that never change, loads that no tissue bears, noise beyond every load."""
+    """Refuse stretches that never change, impossible loads, and noise above every load."""
     protocols = specimen.protocols
     for key in ("stretch_x", "stretch_y"):
         if all(np.ptp(getattr(p, key)) == 0.0 for p in protocols):
@@ -80,7 +81,7 @@ def check_load(
     argument: str,
     protocol: str | None = None,
 ) -> None:
-    """Refuse loads that are all equal, or that no soft tissue bears; N with a section, else kPa."""
+    """Refuse loads (N with a section, otherwise kPa) that are all equal, or impossible."""
     row = int(np.argmax(np.abs(values)))
     peak = abs(float(values[row]))
     if np.all(values == values[0]):
@@ -114,7 +115,7 @@ def check_load(
 
 
 STRIPS = (
-    "no load was recorded in this direction. Uniaxial strips are not taken: the model needs a "
+    "no load was recorded in this direction. Uniaxial strips cannot be used: the model needs a "
     "planar biaxial test, with stretches and loads in both directions. A pair of strips, along x "
     "and y, is one file of two protocols where the transverse stretches were measured, with 0 for "
     "the transverse loads (sample it with --mounting-stretch per-protocol)"

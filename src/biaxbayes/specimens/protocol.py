@@ -1,4 +1,4 @@
-"""One loading path of a record: its curves, its rows at rest, and what its stretches refer to."""
+"""One loading path of a record: its curves, its rows at rest, the reference of its stretches."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ REST_FRACTION = 0.25
 """Rows count as at rest while they stay within this share of the mean increment."""
 LEAST_RISE_ROWS = 3
 RISE_SHARE = 0.005
-"""A rise of the load by less than this share of its range is drift, not the start of the test."""
+"""Largest rise of the load, as a share of its range, that counts as drift."""
 LOAD_ROWS = ("load_x", "load_y")
 CURVES = ("stretch_x", "stretch_y", *LOAD_ROWS)
 AUTOMATIC = -1
-"""Number of rows at rest that is to be counted from the curves."""
+"""Value of ``rest_rows`` for which the rows at rest are counted from the curves."""
 STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
 TIME_LIMIT_S = 1e9
 
@@ -29,13 +29,13 @@ class ReadingError(InputError):
     Parameters
     ----------
     fault : str
-        What is wrong.
+        The problem.
     argument : str
         Argument of :class:`Protocol` or :class:`Specimen`, such as ``load_x``.
     index : int, optional
         Index of the value in its array, from 0.
     protocol : str, optional
-        Name of the protocol, where it is one of them alone.
+        Name of the protocol, if the error concerns a single one.
     remedy : str, optional
     """
 
@@ -51,7 +51,7 @@ class ReadingError(InputError):
         self.fault, self.argument, self.index, self.protocol = fault, argument, index, protocol
         place = argument if index is None else f"{argument}[{index}] (row {index + 1})"
         where = None if protocol is None else f"protocol {protocol[:40]!r}"
-        # A fault such as "rest_rows must be ..." names its argument already.
+        # a fault such as "rest_rows must be ..." already names its argument
         text = fault if not place or fault.startswith(argument) else f"{place}: {fault}"
         super().__init__(text, file=where, remedy=remedy)
 
@@ -116,7 +116,7 @@ class Protocol:
                 negative = values[index] < 0.0 and np.median(values) > STRETCH_RANGE[0]
                 remedy = "a stretch is positive; mend the value or remove the row"
                 raise self._error(
-                    f"a stretch of {values[index]:g} cannot be",
+                    f"a stretch of {values[index]:g} is out of range",
                     key,
                     int(index),
                     remedy if negative else STRETCH_REMEDY,
@@ -124,7 +124,8 @@ class Protocol:
         time = np.empty(0) if self.time_s is None else self.time_s
         for index in np.flatnonzero(np.abs(time) > TIME_LIMIT_S):
             remedy = "give seconds from the start of the test"
-            raise self._error(f"a time of {time[index]:g} s", "time_s", int(index), remedy)
+            problem = f"a time of {time[index]:g} s is out of range"
+            raise self._error(problem, "time_s", int(index), remedy)
         if self.rest_rows == AUTOMATIC:
             load = np.column_stack([self.load_x, self.load_y])
             object.__setattr__(self, "rest_rows", rest_rows(self.stretch_x, self.stretch_y, load))
@@ -239,7 +240,7 @@ def second_difference_scatter(curve: np.ndarray) -> float:
 
 
 def _tolerance(curve: np.ndarray) -> float:
-    """How far rows at rest may lie from each other in one curve."""
+    """Largest distance between rows at rest of one curve."""
     increment = float(np.abs(curve - curve[0]).max()) / max(curve.size - 1, 1)
     return max(REST_FRACTION * increment, 3.0 * second_difference_scatter(curve))
 

@@ -18,7 +18,7 @@ STRESS_PAIRS = {
     "piola": ("piola_x_kPa", "piola_y_kPa"),
     "cauchy": ("cauchy_x_kPa", "cauchy_y_kPa"),
 }
-"""Columns of the stress pair a file may hold."""
+"""Columns of the stress pairs of a file."""
 RESOLUTION = 1e-6
 """Resolution of a load cell relative to the peak load (20 bit); smaller residuals are rounding."""
 FINE_DIGITS = 0.1
@@ -34,7 +34,7 @@ class Specimen:
     name : str
     protocols : sequence of Protocol
     stress_pair : {"force", "piola", "cauchy"}
-        What ``load_x`` and ``load_y`` of the protocols are.
+        Quantity of ``load_x`` and ``load_y`` of the protocols.
     geometry : {"unloaded", "mounted"}
         The state that dimensions, and any stress in the file, refer to.
     edge_x_mm, edge_y_mm, thickness_mm : float, optional
@@ -43,8 +43,8 @@ class Specimen:
         Standard deviation of one reading of the load cell, in :attr:`unit`.
     layer, axis_x, axis_y : str, optional
     reference : {"each protocol", "common"}, optional
-        What the stretches of the protocols are relative to. ``each protocol`` (also where not
-        given): the first rows of each are the mounted state, and its stretches are divided by
+        Reference of the stretches of the protocols. ``each protocol`` (the default): the first
+        rows of each are the mounted state, and its stretches are divided by
         their mean there. ``common``: one state for all protocols, the mounted state, where the
         stretch is (1, 1); a protocol that does not start there has no rows at rest.
     metadata : mapping, optional
@@ -117,7 +117,7 @@ class Specimen:
         for key in self.metadata:
             if key not in METADATA_KEYS:
                 raise ReadingError(
-                    f"metadata key {str(key)[:40]!r} has no place in a specimen",
+                    f"unknown metadata key {str(key)[:40]!r}",
                     argument="metadata",
                     remedy=f"known keys are {', '.join(METADATA_KEYS)}",
                 )
@@ -174,7 +174,7 @@ class Specimen:
 
     @property
     def needs_grip_correction(self) -> bool:
-        """Whether the header states grips and the loads are still those measured on them."""
+        """True if the header describes grips and the loads are still those measured on them."""
         return "grips" in self.metadata and "grip_correction" not in self.metadata
 
     # --- units and sections ---
@@ -227,7 +227,7 @@ class Specimen:
 
     @property
     def is_tared(self) -> bool:
-        """Whether every mounting reading is zero, so that the information on prestretch is lost.
+        """True if every mounting reading is zero, so that the information on prestretch is lost.
 
         Zero in the digits of the file, as the mean of the rows at rest or as their first one,
         whichever the tare subtracted.
@@ -330,18 +330,18 @@ class Specimen:
         return replace(p, load_x=p.load_x + x * by[0], load_y=p.load_y + y * by[1])
 
     def only(self, *names: str) -> Specimen:
-        """The same specimen with the named protocols alone."""
+        """The same specimen with only the named protocols."""
         return self.with_protocols([p for p in self.protocols if p.name in names])
 
     def without(self, name: str) -> Specimen:
-        """The same specimen with one protocol left out."""
+        """The same specimen without one protocol."""
         return self.with_protocols([p for p in self.protocols if p.name != name])
 
     def with_protocols(self, protocols: Sequence[Protocol]) -> Specimen:
         """The same specimen with some of its protocols.
 
-        Where none of them starts at the mounted state, the rows at rest of another one are put
-        in front of the first: with a common reference they are those of all.
+        If none of them starts at the mounted state, the rows at rest of another one are put in
+        front of the first: with a common reference they hold for all.
         """
         chosen = tuple(protocols)
         if chosen and not any(p.rest_rows for p in chosen):
@@ -358,7 +358,7 @@ class Specimen:
 
 
 def _checked(key: str, value: object) -> Any:
-    """A number or text that a header key takes; another is refused by its argument."""
+    """Value of a header key; an error names it as an argument."""
     try:
         return checked_value(key, value)
     except InputError as error:

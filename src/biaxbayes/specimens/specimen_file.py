@@ -25,7 +25,7 @@ MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
 
 @dataclass(frozen=True)
 class Header:
-    """Values by key, and the line of the file that each is in."""
+    """Values by key, and their lines in the file."""
 
     values: Mapping[str, float | str]
     rows: Mapping[str, int]
@@ -34,12 +34,12 @@ class Header:
         return key in self.values
 
     def number(self, key: str) -> float | None:
-        """A number, None where the file has no such key."""
+        """A number, or None without the key."""
         value = self.values.get(key)
         return None if value is None else float(value)
 
     def text(self, key: str) -> str | None:
-        """A text, None where the file has no such key or leaves it empty."""
+        """A text, or None without the key or if it is empty."""
         return str(self.values.get(key) or "") or None
 
 
@@ -49,7 +49,7 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
     rows: dict[str, int] = {}
     for row, line in enumerate(lines, start=1):
         stripped = line.strip()
-        # A spreadsheet quotes header lines and pads them with separators.
+        # spreadsheets quote header lines and append separators
         if stripped.startswith('"#'):
             stripped = cells_of(stripped)[0].strip()
         if stripped.endswith(",,"):
@@ -99,7 +99,7 @@ def read_specimen(path: str | os.PathLike) -> Specimen:
     Returns
     -------
     Specimen
-        Re-referenced so that each protocol starts at stretch 1; ``notes`` says when it was not.
+        Re-referenced so that each protocol starts at stretch 1; ``notes`` lists the changes.
 
     Raises
     ------
@@ -160,9 +160,7 @@ def _stress_pair(table: Table, path: Path) -> str:
         pairs = ", or ".join(" and ".join(columns) for columns in STRESS_PAIRS.values())
         raise refusal("no stress pair", f"give {pairs}")
     if len(present) > 1:
-        raise refusal(
-            f"more than one stress pair ({', '.join(present)})", "keep the one that was measured"
-        )
+        raise refusal(f"more than one stress pair ({', '.join(present)})", "keep the measured one")
     for column in STRESS_PAIRS[present[0]]:
         if column not in table.columns:
             raise refusal("missing column", "give both directions", column)
@@ -217,7 +215,7 @@ def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> li
             f"rest_rows has {len(resting)} values for {count} protocol{'s' * (count != 1)}",
             file=path,
             row=header.rows["rest_rows"],
-            remedy="give one for all protocols, or one each",
+            remedy="give one for all protocols, or one per protocol",
         )
     mounted = [header.number(key) or 1.0 for key in MOUNTED_STATE]
     names = (*STRETCHES, *STRESS_PAIRS[stress_pair])
@@ -261,9 +259,9 @@ def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
     Parameters
     ----------
     specimen : Specimen
-        The specimen, with a name of its own for each protocol.
+        The specimen; its protocols must have different names.
     path : path-like
-        The file appears under its name only when it is complete.
+        The file; it is written completely or not at all.
 
     Raises
     ------
@@ -274,10 +272,10 @@ def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
 
 
 def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None) -> str:
-    """Text of a specimen file; numbers are written with the digits that read back the same.
+    """Text of a specimen file with all digits of the numbers.
 
-    ``recorded`` are its protocols before their stretches were divided, written in place of its
-    own, so that a reader sees where each protocol started.
+    ``recorded``: protocols before their stretches were divided, to be written in place of those
+    of the specimen, so that a reader sees where each started.
     """
     _check_writable(specimen)
     protocols = specimen.protocols if recorded is None else recorded

@@ -15,7 +15,14 @@ from biaxbayes.specimens.keys import COLUMNS, STRETCH_RANGE
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
 from biaxbayes.tables.table import Table as CellTable
 from biaxbayes.tables.units import likely_name
-from biaxbayes.text_files import cells_of, number_in, one_line, read_lines, rows_of
+from biaxbayes.text_files import (
+    cells_of,
+    number_in,
+    one_line,
+    read_lines,
+    rows_of,
+    without_empty_end,
+)
 
 STRETCHES = ("stretch_x", "stretch_y")
 MAX_COLUMNS = 50
@@ -30,7 +37,7 @@ class Table:
     lines: np.ndarray  # of the file, from 1, for each row
     groups: tuple[tuple[str, slice], ...]  # rows of each protocol, in the order of the file
     names_line: int
-    notes: tuple[str, ...] = ()  # what was left out
+    notes: tuple[str, ...] = ()  # on rows left out
 
 
 def read_table(
@@ -68,14 +75,12 @@ def read_table(
 
 
 def _column_names(line: str, row: int, path: Path) -> list[str]:
-    """Names of the columns, each known and there once, both stretches among them."""
+    """Names of the columns, all known, none twice, with both stretches."""
 
     def error(problem: str, remedy: str, column: str | None = None) -> InputError:
         return InputError(problem, file=path, row=row, column=column, remedy=remedy)
 
-    names = [name.strip() for name in cells_of(line)]
-    while names and not names[-1]:
-        names.pop()  # separators at the end of the line
+    names = without_empty_end([name.strip() for name in cells_of(line)])
     for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if any(part.strip().strip('"') in COLUMNS for part in line.split(separator)[1:]):
             raise error(
@@ -107,7 +112,7 @@ def _column_names(line: str, row: int, path: Path) -> list[str]:
 
 
 def _row(cells: list[str], names: list[str], row: int, path: Path) -> list[str]:
-    """A row without empty cells behind its last column; one of another length is refused."""
+    """A row without empty cells after its last column; refuses one of another length."""
     if len(cells) >= len(names) and not any(cell.strip() for cell in cells[len(names) :]):
         return cells[: len(names)]
     problem = f"{len(cells)} {'cell' if len(cells) == 1 else 'cells'} for {len(names)} columns"
@@ -146,8 +151,8 @@ def _protocol_rows(
                 f"the rows of the protocols {', '.join(groups)[:200]} are mixed: protocol "
                 f"{name[:40]!r} comes back after another one",
                 start,
-                "keep its rows together in the order of the test, or give each loading path a "
-                "name of its own",
+                "keep its rows together in the order of the test, or give each loading path its "
+                "own name",
             )
         if len(groups) == MAX_PROTOCOLS:
             raise error(

@@ -1,4 +1,4 @@
-"""Fewer rows along a loading path with the same content.
+"""Averaging of rows along a loading path without loss of information.
 
 Every k consecutive rows of a protocol become one: their mean stretches, their mean loads and the
 scatter of the loads about their trend. For a residual that hardly changes within k rows,
@@ -7,8 +7,8 @@ scatter of the loads about their trend. For a residual that hardly changes withi
 
 so a Gaussian likelihood of the averaged rows, each counted k times with its scatter, is that of
 all rows, for any noise sd. Rows are grouped by their number and not by the length of the
-path, because the likelihood counts rows: bins of equal length would weigh the parts of a path
-that was recorded slowly less than the record does, and change the answer.
+path, because the likelihood counts rows: bins of equal length would give less weight to the parts
+of a path that were recorded slowly, and change the result.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from biaxbayes.specimens.protocol import CURVES, Protocol
 from biaxbayes.specimens.specimen import Specimen
 
 AUTO_ABOVE = 200
-"""Rows of a protocol, those at rest apart, beyond which thinning is worth it."""
+"""Rows of a protocol, without those at rest, from which ``auto`` averages."""
 AUTO_ROWS = 100
-"""Rows of a protocol that are left then, at most."""
+"""Largest number of rows of a protocol after ``auto``."""
 LEAST_ROWS = 10
 
 

@@ -1,11 +1,11 @@
 """Virtual specimens, homogeneous or hooked, as a virtual biaxial machine records them.
 
-The readings go into a :class:`Specimen`; what no machine knows (material, mounting stretch,
-true mounting force) goes into a separate :class:`Truth`, which is written to a file of its own.
+The readings go into a :class:`Specimen`, the true values (material, mounting stretch, true mounting
+force) into a separate :class:`Truth` with its own file.
 
-A homogeneous specimen is what the model says, plus the errors of the machine. A hooked specimen is
-a known material held by five hooks per edge: its stress is not uniform, and a record that
-divides the force by the nominal section is off by an amount that no noise explains.
+A homogeneous specimen follows the model, plus the errors of the machine. A hooked specimen is a
+known material held by five hooks per edge: its stress is not uniform, and a force divided by the
+nominal section is wrong by more than the noise.
 """
 
 from __future__ import annotations
@@ -268,7 +268,7 @@ def _largest_stretches(
     return out
 
 
-# --- the record, and the truth that no machine knows ---------------------------------------------
+# --- the record and the true values --------------------------------------------------------------
 
 
 def record_tests(
@@ -297,7 +297,7 @@ def record_tests(
     noise = machine.noise_N / float(np.sqrt(divisor.prod()))
     protocols, disturbed = [], {}
     for label, test in tests.items():
-        # Twelve digits: neither 1.0020000000000002 in the file nor an error that matters.
+        # twelve digits, to avoid 1.0020000000000002 in the file
         stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
         true_force = np.column_stack([test.force_x_N, test.force_y_N])
         force, readings = _disturb(true_force, machine, rng)
@@ -358,7 +358,7 @@ def _disturb(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Forces with smooth misfit, and the same as read by the load cells; shape (n, 2)."""
     path = np.arange(len(force), dtype=float)
-    # Drawn in any case, so that the noise of a seed does not depend on the misfit.
+    # always drawn, so that the noise of a seed does not depend on the misfit
     misfit = [smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)]
     noise = rng.standard_normal(force.shape)
     # f_j = f_true_j (1 + misfit_j)

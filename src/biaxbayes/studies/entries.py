@@ -1,4 +1,4 @@
-"""The specimens of a study as they were read: who they are, and what their runs depend on."""
+"""The specimens of a study as they were read, with the digest of what their runs depend on."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ import re
 from dataclasses import dataclass
 
 import biaxbayes
-from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.errors import BiaxbayesError
 from biaxbayes.model.priors import prior_value
 from biaxbayes.runs.folder import RUNS
 from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.specimens.check import with_force
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.studies.study_file import Study, StudySpecimen
-
-__all__ = ["RUNS", "Entry", "read_entries"]
 
 
 @dataclass(frozen=True)
@@ -60,9 +59,7 @@ def read_entries(study: Study) -> list[Entry]:
         try:
             specimen = read_specimen(entry.file)
             if entry.mounting_force is not None:
-                if not specimen.is_tared:
-                    raise InputError("already has a mounting force", file=entry.file)
-                specimen = specimen.with_mounting_force(*entry.mounting_force)
+                specimen = with_force(specimen, entry.mounting_force, entry.file)
         except BiaxbayesError as error:
             out.append(Entry(entry, slug, problem=str(error)))
             continue
@@ -71,12 +68,12 @@ def read_entries(study: Study) -> list[Entry]:
 
 
 def _slug(label: str) -> str:
-    """A folder's name that every file system takes."""
+    """A folder name that every file system accepts."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", label).strip(".-")[:60] or "specimen"
 
 
 def _fingerprint(study: Study, entry: StudySpecimen, specimen: Specimen) -> str:
-    """Everything that the run of a specimen depends on."""
+    """Digest of everything that the run of a specimen depends on."""
     options = dict(entry.options)
     options["priors"] = {k: prior_value(v) for k, v in dict(options.get("priors", {})).items()}
     content = {

@@ -1,7 +1,6 @@
-"""Many specimens: groups across donors and layers, and the layers of each donor apart.
+"""Summaries of many specimens by layer and donor, and contrasts of the layers of a donor.
 
-A median over specimens is worth something only where the specimens identify the quantity. What
-follows counts those that do, and takes numbers from them alone.
+Only specimens that identify a quantity are counted and averaged.
 """
 
 from __future__ import annotations
@@ -15,16 +14,8 @@ import pandas as pd
 
 from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED
 
-__all__ = [
-    "CONTRAST_COLUMNS",
-    "GROUP_COLUMNS",
-    "KNOWN",
-    "group_summaries",
-    "layer_contrasts",
-]
-
 KNOWN = (IDENTIFIED, BOUNDED)
-"""Verdicts with which a number is one of the specimen."""
+"""Verdicts with which the numbers of a specimen are used."""
 GROUP_COLUMNS = (
     "group_by",
     "group",
@@ -55,8 +46,8 @@ CONTRAST_COLUMNS = (
     "highest_difference",
 )
 KEPT = ("parameter", "structure tensor", "stiffness")
-"""Kinds of distance that mean the same for every donor: stresses are taken where a donor's own
-tests end."""
+"""Kinds of distance that are comparable between donors; stresses are those at the end of the tests
+of each donor."""
 
 
 def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFrame:
@@ -70,11 +61,10 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
     for group_by in ("layer", "donor", "all"):
         named = table if group_by == "all" else table[table[group_by].fillna("") != ""]
         parts = [named[c].astype(str) for c in own]
-        parts += (
-            []
-            if group_by == "all" and own
-            else [pd.Series("all", index=named.index) if group_by == "all" else named[group_by]]
-        )
+        if group_by != "all":
+            parts.append(named[group_by])
+        elif not own:
+            parts.append(pd.Series("all", index=named.index))
         keys = [", ".join(key) for key in zip(*parts, strict=True)]
         groups = named.assign(_group=keys)
         for group, members in groups.groupby("_group", sort=False):
@@ -92,9 +82,9 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
 
 def _summary(part: pd.DataFrame) -> dict[str, Any]:
     converged = part[part["state"] == "converged"]
-    # What is no property of the tissue has no verdict, only a number.
-    judged = converged["verdict"].isin(KNOWN) | (converged["verdict"].fillna("") == "")
-    known = converged[judged & np.isfinite(converged["q50"].astype(float))]
+    # Quantities that are not properties of the tissue have no verdict.
+    usable = converged["verdict"].isin(KNOWN) | (converged["verdict"].fillna("") == "")
+    known = converged[usable & np.isfinite(converged["q50"].astype(float))]
     units = [u for u in part["unit"] if isinstance(u, str)]
     scales = [s for s in part["scale"] if isinstance(s, str)]
     out: dict[str, Any] = {

@@ -20,17 +20,15 @@ FAILED, INTERRUPTED = "failed", "interrupted"
 
 
 @dataclass(frozen=True)
-class Tried:
-    """What became of a specimen.
+class SpecimenOutcome:
+    """Outcome of one specimen.
 
     Attributes
     ----------
     state : str
-        That of the run, ``failed`` or ``interrupted``.
-    reason : str
+        State of the run, ``failed`` or ``interrupted``.
     rows : list of dict
-        Of the study table, without what the study knows itself.
-    notes : list of str
+        Rows of the study table without the columns of the study.
     """
 
     state: str
@@ -39,8 +37,8 @@ class Tried:
     notes: list[str] = field(default_factory=list)
 
 
-def study_table(entries: list[Entry], tried: Mapping[str, Tried]) -> pd.DataFrame:
-    """The study table: rows of every specimen in their order, with the study's own columns."""
+def study_table(entries: list[Entry], outcomes: Mapping[str, SpecimenOutcome]) -> pd.DataFrame:
+    """The study table: rows of every specimen in their order, with the columns of the study."""
     rows: list[dict[str, Any]] = []
     for e in entries:
         head = {
@@ -51,7 +49,7 @@ def study_table(entries: list[Entry], tried: Mapping[str, Tried]) -> pd.DataFram
             "folder": e.folder,
             **e.entry.columns,
         }
-        rows += [head | row for row in tried[e.slug].rows]
+        rows += [head | row for row in outcomes[e.slug].rows]
     own = [name for e in entries for name in e.entry.columns]
     names = dict.fromkeys([*COLUMNS[:3], *own, *COLUMNS[3:]])
     return pd.DataFrame(rows, columns=list(names))
@@ -61,7 +59,7 @@ def study_table(entries: list[Entry], tried: Mapping[str, Tried]) -> pd.DataFram
 
 
 PARAMETER, CURVE = "parameter", "curve"
-"""Kinds of row: an unknown of the run, or what follows from the parameters and shapes the curve."""
+"""Kinds of row: an unknown of the run, or a derived quantity that shapes the curve."""
 COLUMNS = (
     "specimen",
     "donor",
@@ -105,7 +103,7 @@ def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[di
 
 
 MOST_WITHOUT_DONOR = 6
-"""Specimens that are compared with one another where no donor is named."""
+"""Largest number of specimens that are compared if no donor is named."""
 USABLE = ("converged", "tentative")
 
 
@@ -119,7 +117,7 @@ class ComparedLayers:
     distances : DataFrame
         As of :func:`biaxbayes.comparison.compare.compare`, with ``layer_a`` and ``layer_b``.
     notes : list of str
-        Differences that are none of tissue, or why there is no comparison.
+        Differences that are not of the tissue, or why there is no comparison.
     """
 
     donor: str
@@ -169,11 +167,11 @@ class StudyResult:
     folder : Path
         Holds ``study.csv``, ``study.html`` and, in ``runs``, a run folder of each specimen.
     table : DataFrame
-        One row a specimen and quantity, as ``study.csv``.
+        One row per specimen and quantity, as ``study.csv``.
     distances : DataFrame
         Distances between the layers of each donor.
     notes : list of str
-        What makes specimens of a donor hard to compare.
+        Obstacles to the comparison of specimens of a donor.
     """
 
     name: str
@@ -184,7 +182,7 @@ class StudyResult:
 
     @property
     def own_columns(self) -> list[str]:
-        """What the study file states of every specimen beside its donor and layer."""
+        """Columns that the study file adds to donor and layer."""
         return [str(c) for c in self.table.columns if c not in COLUMNS]
 
     @cached_property
@@ -201,7 +199,7 @@ class StudyResult:
 
     @cached_property
     def contrasts(self) -> pd.DataFrame:
-        """How layers differ within donors; see :func:`layer_contrasts`."""
+        """Differences between layers within donors; see :func:`layer_contrasts`."""
         return layer_contrasts(self.distances)
 
     @property
@@ -211,7 +209,7 @@ class StudyResult:
 
     @property
     def converged(self) -> bool:
-        """Whether every specimen is."""
+        """True if every specimen has converged."""
         return set(self.states) == {"converged"}
 
     @property
@@ -239,10 +237,10 @@ def _counts(states: dict[str, int]) -> str:
     return ", ".join(f"{n} {state}" for state, n in states.items())
 
 
-def result_of(
+def study_result(
     name: str, folder: Path, table: pd.DataFrame, compared: Sequence[ComparedLayers]
 ) -> StudyResult:
-    """Put the tables of a study together."""
+    """Result of a study from its table and the compared layers."""
     tables = [c.distances for c in compared if len(c.distances)]
     notes = [f"{c.donor}: {note}" if c.donor else note for c in compared for note in c.notes]
     distances = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()

@@ -1,4 +1,4 @@
-"""Rows of the study table: what one run says."""
+"""Rows of the study table from one run."""
 
 from __future__ import annotations
 
@@ -15,11 +15,8 @@ from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED,
 from biaxbayes.runs.run import Run
 from biaxbayes.studies.result import CURVE, LINEAR, LOG, PARAMETER
 
-__all__ = ["rows_of_run"]
-
-
 NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
-"""Of the summary of a run."""
+"""Columns from the summary of a run."""
 
 
 def rows_of_run(run: Run) -> list[dict[str, Any]]:
@@ -61,7 +58,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
 
 
 def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
-    """Structure tensor and small-strain stiffness: often known where parameters trade."""
+    """Structure tensor and small-strain stiffness, often known if parameters are correlated."""
     posterior = run.posterior()
     few = some_draws(draws)
     after, before = (

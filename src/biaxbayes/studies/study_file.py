@@ -1,4 +1,4 @@
-"""Study files: which specimens belong together, and how each is to be sampled.
+"""Study files: specimens that belong together, and the options of each.
 
 The format is TOML; paths are relative to the file::
 
@@ -34,17 +34,14 @@ from typing import Any
 from biaxbayes.errors import InputError
 from biaxbayes.laws import law_named
 from biaxbayes.model.priors import Prior, Tie, parse_priors
-from biaxbayes.options import ModelOptions, SamplingPlan, options_of
+from biaxbayes.options import MOST_WHOLE, ModelOptions, SamplingPlan, options_of
 from biaxbayes.text_files import one_line, read_toml
-
-__all__ = ["DEFAULT_OPTIONS", "Study", "StudySpecimen", "read_study", "study_of_files"]
 
 DEFAULT_OPTIONS: dict[str, Any] = {
     name: getattr(ModelOptions, name) for name in options_of(ModelOptions)
 }
 NUMBERS = ("seed", "ess", "max_steps")
-"""Of :class:`~biaxbayes.options.SamplingPlan`; a study may state them."""
-MOST = 2**63 - 1
+"""Options of :class:`~biaxbayes.options.SamplingPlan` in a study file."""
 STUDY_KEYS = ("name", *NUMBERS, "anyway", "columns", "options", "priors", "specimen")
 TEXT_KEYS = ("label", "donor", "layer")
 SPECIMEN_KEYS = ("file", *TEXT_KEYS, "seed", "mounting_force", "anyway", "options", "priors")
@@ -80,7 +77,7 @@ class Study:
 
 @dataclass(frozen=True)
 class _Common:
-    """What the specimens of a study file share."""
+    """Settings that the specimens of a study file share."""
 
     path: Path
     seed: int
@@ -91,7 +88,7 @@ class _Common:
 
     @property
     def own_columns(self) -> tuple[str, ...]:
-        """Declared columns that are no keys of every specimen."""
+        """Declared columns other than donor and layer."""
         return tuple(c for c in self.columns if c not in TEXT_KEYS)
 
 
@@ -161,7 +158,7 @@ def _columns(value: object, path: Path) -> tuple[str, ...]:
             raise InputError(
                 f"columns: {str(name)[:60]!r} cannot be a column",
                 file=path,
-                remedy='write columns = ["disease"], a word that is no other key of a specimen',
+                remedy='write columns = ["disease"], a word that is not a key of a specimen',
             )
     return tuple(dict.fromkeys(given))
 
@@ -172,7 +169,7 @@ def _column_value(entry: Mapping[str, object], name: str, where: str, path: Path
         raise InputError(
             f"{where}{name} is missing, which columns declares",
             file=path,
-            remedy=f'state {name} = "..." for every specimen, or take it out of columns',
+            remedy=f'give {name} = "..." for every specimen, or remove it from columns',
         )
     return value
 
@@ -180,7 +177,7 @@ def _column_value(entry: Mapping[str, object], name: str, where: str, path: Path
 def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
     path, where = common.path, f"specimen {number}: "
     if not isinstance(entry, dict):
-        raise InputError(f"{where}is no table", file=path, remedy="write it as [[specimen]]")
+        raise InputError(f"{where}is not a table", file=path, remedy="write it as [[specimen]]")
     _check_keys(entry, (*SPECIMEN_KEYS, *common.own_columns), f"specimen {number}", path)
     file = entry.get("file")
     if not isinstance(file, str) or not file.strip() or "\0" in file:
@@ -188,8 +185,8 @@ def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
     specimen = path.parent / file
     _check_file(specimen, f"{path}, {where}file", path=path)
     options = _options(entry.get("options", {}), common.options, f"{where}options", path)
-    own = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
-    priors = {**common.priors, **own}
+    given = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
+    priors = {**common.priors, **given}
     return StudySpecimen(
         specimen,
         _text(entry, "label", where, path) or specimen.stem[:LONGEST],
@@ -207,7 +204,7 @@ def _check_keys(table: Mapping[str, object], known: tuple[str, ...], what: str, 
     for key in table:
         if key not in known:
             raise InputError(
-                f"{key[:60]!r} is no key of {what}",
+                f"{key[:60]!r} is not a key of {what}",
                 file=path,
                 remedy=f"keys are {', '.join(known)}",
             )
@@ -232,7 +229,7 @@ def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> No
             raise InputError(
                 f"{where}label {specimen.label!r} is that of specimen {seen[label]} as well",
                 file=path,
-                remedy="give each a label of its own in a study file",
+                remedy="give different labels in a study file",
             )
         seen[label] = number
 
@@ -242,7 +239,7 @@ def _number(what: str, value: object, key: str, path: Path | None) -> Any:
     option = options_of(SamplingPlan)[key]
     whole = option.kind is int
     fits = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not (fits and option.least <= value <= MOST and math.isfinite(value)):  # type: ignore
+    if not (fits and option.least <= value <= MOST_WHOLE and math.isfinite(value)):  # type: ignore
         raise InputError(
             f"{what} must be a {'whole ' if whole else ''}number, at least {option.least:g}",
             file=path,

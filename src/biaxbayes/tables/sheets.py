@@ -1,4 +1,4 @@
-"""A file of any format as sheets of text cells, read with limits; text files are read here."""
+"""A file of any format as sheets of text cells; text files are read here."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from importlib import import_module
 from pathlib import Path
 
 from biaxbayes.errors import InputError, printable
-from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of
+from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of, without_empty_end
 
 MAX_BYTES = 64_000_000
 MAX_ROWS = 500_000
 MAX_CELLS = 8_000_000
 MAX_UNPACKED = 200_000_000
-"""Bytes of what a compressed file holds."""
+"""Bytes of the contents of a compressed file."""
 CONTROL = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "spaces", ",": "commas"}
 SAMPLE = 200
@@ -61,9 +61,7 @@ def sheet_of(values: Sequence[Sequence[object]], note: str) -> Sheet:
     """A sheet from rows of values, as typed formats hold them."""
     rows, lines = [], []
     for number, row in enumerate(values, start=1):
-        cells = [cell_text(value) for value in row]
-        while cells and not cells[-1].strip():
-            cells.pop()
+        cells = without_empty_end([cell_text(value) for value in row])
         if cells and not cells[0].startswith("#"):
             rows.append(cells)
             lines.append(number)
@@ -78,7 +76,7 @@ def cell_text(value: object) -> str:
 
 
 def too_large(what: str, path: Path) -> InputError:
-    """The refusal of a file that would take too much memory."""
+    """Error for a file that would take too much memory."""
     return InputError(what, file=path, remedy="save the rows of the test as CSV")
 
 

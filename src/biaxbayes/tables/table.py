@@ -21,6 +21,7 @@ from biaxbayes.text_files import (
     is_number,
     number_in,
     one_line,
+    without_empty_end,
 )
 
 ALL_SHEETS = "all"
@@ -30,7 +31,7 @@ SAMPLE = 200
 """Rows from which the form of a table is read."""
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 MISSING = ("", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none")
-"""Cells, in lower case, of a reading that is not there."""
+"""Cells of a missing reading, in lower case."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Table:
     lines: np.ndarray  # of the file, or rows of the sheet, from 1
     decimal_comma: bool = False
     unit_row: tuple[str, ...] = ()  # below the names, if there is one
+    preamble: tuple[tuple[str, ...], ...] = ()  # rows of cells above the names
     notes: tuple[str, ...] = ()  # encoding, separator, decimal comma
 
     @property
@@ -107,7 +109,7 @@ class Table:
         return units[0] if units else None
 
     def unknown_unit(self, index: int) -> str:
-        """What a column has in the place of a unit and is not one; empty otherwise."""
+        """Text in place of a unit that is not a known one; empty otherwise."""
         below = self.below(index)
         return unknown_unit(self.names[index]) or unknown_unit(f"[{below.strip('[](){}')}]")
 
@@ -117,7 +119,7 @@ class Table:
         return [cell.strip() for cell in (cells if rows is None else [cells[i] for i in rows])]
 
     def is_numeric(self, index: int) -> bool:
-        """Whether all cells of a column are numbers."""
+        """True if all cells of a column are numbers."""
         try:
             self.numbers(index)
         except InputError:
@@ -135,7 +137,7 @@ class Table:
         return values
 
     def sparse_numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
-        """As :meth:`numbers`, with NaN where a reading is missing."""
+        """Numbers of a column, NaN where a reading is missing."""
         values = []
         for at, cell in enumerate(self.text(index, rows)):
             plain = cell
@@ -244,16 +246,14 @@ def table_of(sheet: Sheet, path: Path) -> Table:
     elif start == 0 or not _are_names(rows[at_names], numeric):
         shown = ", ".join(rows[max(at_names, 0)])[:60]
         raise InputError(
-            f"has no line of column names: {shown!r} is in their place",
+            f"has no line of column names, but {shown!r}",
             file=path,
             row=lines[max(at_names, 0)],
             remedy="add a line that names the columns, with their units",
         )
     else:
         names = list(rows[at_names])
-    names = [one_line(name) for name in names]
-    while names and not names[-1]:
-        names.pop()
+    names = without_empty_end([one_line(name) for name in names])
     if len(names) > MAX_COLUMNS:
         raise InputError(f"has {len(names)} columns", file=path, remedy="cut out those of the test")
     body = _squared(rows[start:], lines[start:], len(names), sheet, path)
@@ -261,7 +261,14 @@ def table_of(sheet: Sheet, path: Path) -> Table:
     notes = [*sheet.notes, "decimal commas"] if comma else sheet.notes
     columns = tuple(zip(*body, strict=True))
     return Table(
-        path, tuple(names), columns, np.array(lines[start:]), comma, units_row, tuple(notes)
+        path,
+        tuple(names),
+        columns,
+        np.array(lines[start:]),
+        comma,
+        units_row,
+        tuple(map(tuple, rows[: max(at_names, 0)])),
+        tuple(notes),
     )
 
 
@@ -300,14 +307,14 @@ def _first_row_of_numbers(rows: Sequence[Sequence[str]], path: Path) -> int:
 
 
 def _are_names(cells: Sequence[str], numeric: Sequence[int]) -> bool:
-    """Whether most columns of numbers have a text in a row."""
+    """True if most columns of numbers have text in this row."""
     named = sum(j < len(cells) and bool(cells[j].strip()) for j in numeric)
     numbers = sum(j < len(cells) and is_number(cells[j]) for j in numeric)
     return not numbers and named >= max(2, 0.6 * len(numeric))
 
 
 def _is_row_of_units(cells: Sequence[str], above: Sequence[str], numeric: Sequence[int]) -> bool:
-    """Whether a row below names holds units: known ones, or the same text several times."""
+    """True if a row below names holds units: known ones, or the same text several times."""
     filled = [cell.strip() for cell in cells if cell.strip()]
     if not filled or not _are_names(above, numeric) or any(map(is_number, cells)):
         return False
@@ -341,7 +348,7 @@ def _squared(
 
 
 def _decimal_comma(rows: Sequence[Sequence[str]], numeric: Sequence[int], path: Path) -> bool:
-    """Whether numbers have decimal commas; mixed ones and thousands separators are refused."""
+    """True for decimal commas; mixed ones and thousands separators are refused."""
     cells = [row[j].strip() for row in rows for j in numeric if j < len(row)]
     commas = [cell for cell in cells if DECIMAL_COMMA.fullmatch(cell)]
     if commas and any(map(DECIMAL_POINT.fullmatch, cells)):

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-# --- units, and what they are in N, kPa, mm and s -------------------------------------------------
+# --- units, and their size in N, kPa, mm and s ----------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "green": {"green": 1.0, "green_percent": 0.01},
     "log": {"log": 1.0, "log_percent": 0.01},
     "almansi": {"almansi": 1.0, "almansi_percent": 0.01},
-    # What a column may hold that no test can be made of, so that it is refused by its name.
+    # Units that a column may have, but that cannot be converted; named in errors.
     "membrane tension": {"N/m": 1.0, "N/mm": 1e3, "N/cm": 100.0, "mN/mm": 1.0, "gf/cm": GRAVITY},
     "pixel": {"px": 1.0},
     "angle": {"deg": 1.0, "rad": 57.29577951308232},
@@ -140,7 +140,7 @@ SCALED = re.compile(
 
 
 def is_scaled(column: str) -> bool:
-    """Whether a name gives a power, a multiple, an inverse or a rate: ``lambda^2``, ``F*100``."""
+    """True if a name has a power, multiple, inverse or rate: ``lambda^2``, ``F*100``."""
     return SCALED.search(split_units(column)[0]) is not None
 
 

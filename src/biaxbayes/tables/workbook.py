@@ -25,7 +25,7 @@ ODS_CELL = re.compile(
 REPEATED = re.compile(rb'number-(?:rows|columns)-repeated="(\d{1,9})"')
 MAX_CELLS = 2_000_000
 MAX_COLUMNS = 16_384
-"""Columns that a sheet of Excel has."""
+"""Number of columns of a sheet in Excel."""
 LABEL = b"\xfd\x00\x0a\x00"
 """First bytes of a cell of .xls that shows a shared string."""
 MAX_LABELS = 60_000

@@ -14,7 +14,7 @@ import time
 import traceback
 import uuid
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -38,21 +38,22 @@ from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import Executor, InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.study_page import write_study
-from biaxbayes.runs.folder import STATES, STUDY, clear_leftovers, is_run
+from biaxbayes.runs.folder import RUNS, STUDY, clear_leftovers, is_run
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.run import Run, open_run
+from biaxbayes.sampling.convergence import STATES
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.studies.entries import RUNS, Entry, read_entries
+from biaxbayes.studies.entries import Entry, read_entries
 from biaxbayes.studies.result import (
     FAILED,
     INTERRUPTED,
     ComparedLayers,
+    SpecimenOutcome,
     StudyResult,
-    Tried,
     compared_layers,
     donor_groups,
-    result_of,
     rows_without_run,
+    study_result,
     study_table,
 )
 from biaxbayes.studies.rows import rows_of_run
@@ -77,8 +78,7 @@ def batch(
 ) -> StudyResult:
     """Sample every specimen of a study that is not finished, and compare them.
 
-    In a script of your own the call stands below ``if __name__ == "__main__":``, as for everything
-    that starts processes.
+    In a script put the call below ``if __name__ == "__main__":``, because it starts processes.
 
     Parameters
     ----------
@@ -121,27 +121,24 @@ class SpecimenTask:
     folder: Path
     options: dict[str, Any]
     finished: bool
-    going: Path
-    """A file that is there as long as the study goes on."""
+    running: Path  # exists as long as the study runs
 
 
-def try_specimen(task: SpecimenTask) -> Tried:
-    """Sample a specimen into its run folder, or read the run that is there.
-
-    Nothing is raised: one specimen does not stop the others.
-    """
+def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
+    """Sample a specimen into its run folder, or read its finished run; raises nothing."""
     notes: list[str] = []
     law = task.options["options"]["law"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            if not task.going.exists():
-                return Tried(INTERRUPTED, f"{socket.gethostname()} does not see the study folder")
+            if not task.running.exists():
+                problem = f"{socket.gethostname()} does not see the study folder"
+                return SpecimenOutcome(INTERRUPTED, problem)
             run = open_run(task.folder) if task.finished else _sampled(task, notes)
             rows = rows_of_run(run)
-            return Tried(rows[0]["state"], rows[0]["reason"], rows, notes)
+            return SpecimenOutcome(rows[0]["state"], rows[0]["reason"], rows, notes)
         except Interrupted as error:
-            return Tried(INTERRUPTED, str(error))
+            return SpecimenOutcome(INTERRUPTED, str(error))
         except BiaxbayesError as error:
             return _failed(str(error), notes, law)
         except OSError as error:
@@ -152,8 +149,8 @@ def try_specimen(task: SpecimenTask) -> Tried:
             return _failed(f"internal error: {type(error).__name__}: {error}", notes, law)
 
 
-def _failed(reason: str, notes: list[str] | None = None, law: str = DEFAULT_LAW) -> Tried:
-    return Tried(FAILED, reason, rows_without_run(FAILED, reason, law), notes or [])
+def _failed(reason: str, notes: list[str] | None = None, law: str = DEFAULT_LAW) -> SpecimenOutcome:
+    return SpecimenOutcome(FAILED, reason, rows_without_run(FAILED, reason, law), notes or [])
 
 
 def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
@@ -162,7 +159,7 @@ def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
             notes.append(str(progress.note))
 
     def stop() -> bool:
-        return not task.going.exists()
+        return not task.running.exists()
 
     sampling = Sampling.prepare(task.specimen, out=task.folder, workers=1, **task.options)
     sampling = replace(sampling, source=task.source)
@@ -172,14 +169,14 @@ def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
         try:
             folder = sampling.execute(resume=True, overwrite=True, progress=note, stop=stop)
         except CannotResume as error:
-            notes.append(f"sampled anew: {error}")
+            notes.append(f"sampled again from the start: {error}")
             folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
     return open_run(folder)
 
 
 @dataclass(frozen=True)
 class LayerTask:
-    """Runs to compare: the layers of one donor (empty where none is named)."""
+    """Runs to compare: the layers of one donor, whose name may be empty."""
 
     donor: str
     labels: tuple[str, ...]
@@ -207,7 +204,7 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
 # --- the study -----------------------------------------------------------------------------------
 
 
-GOING = ".going-"
+RUNNING = ".going-"
 
 
 @dataclass
@@ -222,11 +219,11 @@ class Batch:
         """Sample what is missing, compare the layers of each donor, and write every file."""
         claim_folder(self.folder, {STUDY}, "a study's", own={RUNS})
         (self.folder / RUNS).mkdir(exist_ok=True)
-        with folder_lock(self.folder), self.executor, self._going() as going:
+        with folder_lock(self.folder), self.executor, self._running() as running:
             clear_leftovers(self.folder)
             progress(Progress("reading specimens"))
             entries = read_entries(self.study)
-            table = study_table(entries, self._sample(entries, going, progress, stop))
+            table = study_table(entries, self._sample(entries, running, progress, stop))
             progress(Progress("comparing layers"))
             folders = {e.entry.label: self.folder.absolute() / RUNS / e.slug for e in entries}
             tasks = [
@@ -238,16 +235,16 @@ class Batch:
                 lost = ComparedLayers(tasks[outcome.index].donor, notes=[outcome.lost])
                 compared[outcome.index] = lost if outcome.lost else outcome.value
             progress(Progress("writing"))
-            result = result_of(self.study.name, self.folder.absolute(), table, compared)
+            result = study_result(self.study.name, self.folder.absolute(), table, compared)
             write_study(result)
         return result
 
     @contextlib.contextmanager
-    def _going(self) -> Iterator[Path]:
-        """A file that is there as long as the study goes on; where it goes, workers stop."""
-        for left in self.folder.glob(f"{GOING}*"):
+    def _running(self) -> Iterator[Path]:
+        """A file that exists as long as the study runs; workers stop when it is removed."""
+        for left in self.folder.glob(f"{RUNNING}*"):
             left.unlink(missing_ok=True)
-        path = self.folder.absolute() / f"{GOING}{uuid.uuid4().hex[:12]}"
+        path = self.folder.absolute() / f"{RUNNING}{uuid.uuid4().hex[:12]}"
         path.touch()
         try:
             yield path
@@ -255,8 +252,8 @@ class Batch:
             path.unlink(missing_ok=True)
 
     def _sample(
-        self, entries: list[Entry], going: Path, progress: OnProgress, stop: Stop
-    ) -> dict[str, Tried]:
+        self, entries: list[Entry], running: Path, progress: OnProgress, stop: Stop
+    ) -> dict[str, SpecimenOutcome]:
         """The outcome of every specimen, by the name of its run folder."""
         readable = [e for e in entries if e.specimen is not None]
         tried = {e.slug: _failed(e.problem) for e in entries if e.specimen is None}
@@ -277,11 +274,11 @@ class Batch:
             nonlocal signal
             signal = signal or stop()
             if signal:
-                going.unlink(missing_ok=True)
+                running.unlink(missing_ok=True)
             return signal
 
-        tasks = [self._task(e, e.slug in done, going) for e in readable]
-        for outcome in self.executor.run(try_specimen, tasks, stop=stopped):
+        tasks = [self._task(e, e.slug in done, running) for e in readable]
+        for outcome in self.executor.run(sample_specimen, tasks, stop=stopped):
             entry = readable[outcome.index]
             result = _failed(outcome.lost) if outcome.lost else outcome.value
             if result.state == INTERRUPTED:
@@ -296,7 +293,16 @@ class Batch:
             if result.state in STATES and entry.slug not in done:
                 done[entry.slug] = entry.fingerprint
                 self._save(done)
-            progress(_progress(tried, len(entries), before, time.monotonic() - clock))
+            failed = sum(t.state not in STATES for t in tried.values())
+            text = f"{len(tried)} of {len(entries)} specimens"
+            text += f", {failed} failed" if failed else ""
+            if len(tried) > before:
+                seconds = time.monotonic() - clock
+                left = seconds * (len(entries) - len(tried)) / (len(tried) - before)
+                if left >= 1.0:
+                    time_left = f"{left:.0f} s" if left < 90.0 else f"{left / 60:.0f} min"
+                    text += f", about {time_left} left"
+            progress(Progress(text, len(tried) / len(entries)))
         if len(tried) < len(entries):
             raise Interrupted(
                 f"interrupted after {len(tried)} of {len(entries)} specimens, all saved in "
@@ -305,7 +311,7 @@ class Batch:
             )
         return tried
 
-    def _task(self, entry: Entry, finished: bool, going: Path) -> SpecimenTask:
+    def _task(self, entry: Entry, finished: bool, running: Path) -> SpecimenTask:
         assert entry.specimen is not None
         options = {
             "options": dict(entry.entry.options),
@@ -315,10 +321,11 @@ class Batch:
             "anyway": entry.entry.anyway,
         }
         folder = self.folder.absolute() / RUNS / entry.slug
-        return SpecimenTask(entry.specimen, entry.entry.file.name, folder, options, finished, going)
+        source = entry.entry.file.name
+        return SpecimenTask(entry.specimen, source, folder, options, finished, running)
 
     def _finished_before(self) -> dict[str, str]:
-        """Fingerprints of finished runs in the record; none where it cannot be read."""
+        """Fingerprints of finished runs; empty if the record cannot be read."""
         try:
             record = json.loads((self.folder / STUDY).read_text(encoding="utf-8"))
             return {str(k): str(v) for k, v in record["done"].items()}
@@ -326,24 +333,12 @@ class Batch:
             return {}
 
     def _save(self, done: dict[str, str]) -> None:
-        """Write the fingerprints of the finished runs, and the study's own columns."""
+        """Write the fingerprints of the finished runs, and the additional columns of the study."""
         record = {"biaxbayes": biaxbayes.__version__, "name": self.study.name, "done": done}
         if self.study.columns:
             values = {e.label: dict(e.columns) for e in self.study.specimens}
             record |= {"columns": list(self.study.columns), "stated": values}
         atomic_write_text(self.folder / STUDY, json.dumps(record, indent=2) + "\n")
-
-
-def _progress(tried: Mapping[str, Tried], total: int, before: int, seconds: float) -> Progress:
-    """Specimens done so far, and the time left."""
-    bad = sum(t.state not in STATES for t in tried.values())
-    text = f"{len(tried)} of {total} specimens" + (f", {bad} failed" if bad else "")
-    if len(tried) > before:
-        left = seconds * (total - len(tried)) / (len(tried) - before)
-        if left >= 1.0:
-            time_left = f"{left:.0f} s" if left < 90.0 else f"{left / 60:.0f} min"
-            text += f", about {time_left} left"
-    return Progress(text, len(tried) / total)
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -393,8 +388,15 @@ def command(
     """
     study: Any = sources
     mounting_force = given.pop("mounting_force")
-    if _is_study(sources[0]) and len(sources) == 1:
-        study = sources[0]
+    studies = [path for path in sources if path.suffix.lower() == ".toml"]
+    if studies and len(sources) > 1:
+        raise InputError(
+            "a study file cannot be combined with other files",
+            file=studies[0],
+            remedy="list all specimens in it",
+        )
+    if studies:
+        study = studies[0]
         for name, key in IN_FILE.items():
             opt.refuse_given(
                 context,
@@ -404,8 +406,12 @@ def command(
                 remedy=f"write it in the study file, under {key.format(name)}",
             )
         given = {}
+    elif mounting_force is not None:
+        raise InputError(
+            "`mounting_force` belongs to one specimen",
+            remedy="give mounting_force for each specimen in a study file",
+        )
     else:
-        _check_csvs(sources, mounting_force)
         given = opt.with_priors(**given)
     folder = out or Path(f"{sources[0].stem}-study" if len(sources) == 1 else "study")
     with opt.shown_work(quiet) as work:
@@ -417,27 +423,8 @@ def command(
     return 0 if result.converged else opt.NOT_CONVERGED
 
 
-def _is_study(path: Path) -> bool:
-    return path.suffix.lower() == ".toml"
-
-
-def _check_csvs(sources: tuple[Path, ...], mounting_force: object) -> None:
-    if mounting_force is not None:
-        raise InputError(
-            "`mounting_force` belongs to one specimen",
-            remedy="give mounting_force for each specimen in a study file",
-        )
-    for path in sources:
-        if _is_study(path):
-            raise InputError(
-                "a study file cannot be combined with other files",
-                file=path,
-                remedy="list all specimens in it",
-            )
-
-
 def closing_message(result: StudyResult) -> str:
-    """One line per specimen, and the files with everything else."""
+    """One line per specimen, and the files with all numbers."""
     heads = ["specimen", "donor", "layer", "state"]
     specimens = result.specimens.to_dict("records")
     lines = aligned([heads, *([printable(str(s[k])) for k in heads] for s in specimens)])

@@ -28,7 +28,7 @@ from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, t
 from biaxbayes.parallel import Executor, InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import EARLIER, clear_leftovers
+from biaxbayes.runs.folder import EARLIER, clear_leftovers, stored_identity
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan
@@ -84,21 +84,30 @@ class Outcome:
         return f"Outcome(replications {states}; p of uniform ranks {self.p:.3g})"
 
 
-def study_of(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
-    """The study that the options ask for."""
+def make_study(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
+    """The study, with priors for the protocols or around the posterior of the specimen."""
     model = {name: value for name, value in options.items() if name != "priors"}
-    own = dict(options["priors"])
+    given = dict(options["priors"])
     law = ModelOptions.from_values(model).material_law
     if plan.source == "posterior":
-        priors = _around_posterior(specimen, model, own, plan.seed)
+        posterior = prepare(specimen, **model, priors=given, seed=plan.seed)
+        drawn = draw_posterior(posterior, Plan(seed=plan.seed))
+        if drawn.convergence.state == "unusable":
+            raise NotConverged(
+                "the posterior of the specimen cannot be used as prior of the study: "
+                f"{drawn.convergence.reason}"
+            )
+        sd = posterior.settings.mounting_sd
+        wide = {**default_priors(specimen, posterior.law, sd), **given}
+        priors = local_prior(drawn.quantities, wide, posterior.quantities)
     else:
-        priors = {**protocol_prior(specimen, law), **own}
+        priors = {**protocol_prior(specimen, law), **given}
     study = Study(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
     return replace(study, **AS_SAMPLED) if len(law.parameters) >= MANY else study
 
 
 MANY = 8
-"""Parameters of a law from which replications are drawn with the ensembles of ``sample``. With the
+"""Number of parameters of a law from which replications use the ensembles of ``sample``. With the
 smaller ones of a study, 88 of 200 replications of ``four-fibre`` did not converge, and the ranks of
 its fibres were not uniform."""
 AS_SAMPLED: dict[str, Any] = {
@@ -108,19 +117,6 @@ AS_SAMPLED: dict[str, Any] = {
     "population": Plan.population,
     "first_block": Plan.first_block,
 }
-
-
-def _around_posterior(
-    specimen: Specimen, options: dict[str, Any], own: dict[str, Any], seed: int
-) -> dict[str, Any]:
-    posterior = prepare(specimen, **options, priors=own, seed=seed)
-    drawn = draw_posterior(posterior, Plan(seed=seed))
-    if drawn.convergence.state == "unusable":
-        raise NotConverged(
-            f"the specimen's own posterior is no basis for a study: {drawn.convergence.reason}"
-        )
-    wide = {**default_priors(specimen, posterior.law, posterior.settings.mounting_sd), **own}
-    return local_prior(drawn.quantities, wide, posterior.quantities)
 
 
 @dataclass
@@ -152,9 +148,10 @@ class CalibrationStudy:
         """Rows of the replications already done, by replication."""
         stored, ranks = self.folder / "study.json", self.folder / "ranks.csv"
         identity = study_identity(self.study)
+        digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
         rows: dict[int, list[dict[str, Any]]] = {}
         if resume and stored.exists() and ranks.exists():
-            if _read_identity(stored) != _digest(identity):
+            if stored_identity(stored) != digest:
                 raise RunError(
                     f"{self.folder}: holds another study (specimen, options, priors, seed or "
                     "version differ); choose another `out`, or leave out `resume`"
@@ -162,8 +159,7 @@ class CalibrationStudy:
             for row in read_ranks(ranks).to_dict("records"):
                 named = {str(key): value for key, value in row.items()}
                 rows.setdefault(int(named["replication"]), []).append(named)
-        record = {**identity, "identity": _digest(identity)}
-        atomic_write_text(stored, json.dumps(record, indent=2) + "\n")
+        atomic_write_text(stored, json.dumps({**identity, "identity": digest}, indent=2) + "\n")
         atomic_write_text(
             self.folder / "priors.toml",
             priors_toml(self.study.priors, self.study.specimen.unit, self.study.law),
@@ -240,7 +236,7 @@ def rows_of(replication: Replication, known: Quantities) -> list[dict[str, Any]]
 
 
 def study_identity(study: Study) -> dict[str, Any]:
-    """What determines the replications of a study."""
+    """Values that determine the replications of a study."""
     return {
         "specimen": study.specimen.name,
         "specimen_sha256": specimen_digest(study.specimen),
@@ -258,17 +254,6 @@ def study_identity(study: Study) -> dict[str, Any]:
     }
 
 
-def _digest(identity: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-
-
-def _read_identity(path: Path) -> str:
-    try:
-        return str(json.loads(path.read_text(encoding="utf-8"))["identity"])
-    except (OSError, ValueError, KeyError, TypeError):
-        raise RunError(f"{path}: cannot be read; leave out `resume` to start again") from None
-
-
 def read_ranks(path: Path) -> pd.DataFrame:
     """``ranks.csv`` of a study."""
     try:
@@ -277,13 +262,13 @@ def read_ranks(path: Path) -> pd.DataFrame:
             raise ValueError
         for name in COLUMNS:
             if name not in TEXT:
-                # By Python's own parser, which returns what was written to the last bit.
+                # Python's parser reads back exactly what was written.
                 table[name] = [float(v) if v else math.nan for v in table[name]]
         table["state"] = table["state"].replace(EARLIER)
         return table.astype({"replication": int, "rejected_draws": int})
     except (OSError, ValueError):
         raise RunError(
-            f"{path}: is not a whole table of ranks; leave out `resume` to start again"
+            f"{path}: is damaged or not a table of ranks; leave out `resume` to start again"
         ) from None
 
 
@@ -321,7 +306,7 @@ def calibrate(
     out : path-like
         Folder of the study.
     mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, put back on.
+        For a tared specimen: the force (or stress) at the mounted state, added back.
     workers, scheduler, progress, stop
         As in :func:`biaxbayes.batch`.
     resume : bool
@@ -333,7 +318,7 @@ def calibrate(
     plan, others = CalibrationPlan.split(options)
     model = InferringOptions.from_values(others).keywords()
     executor = executor_for(workers, scheduler)
-    study = study_of(inputs.open_specimen(specimen, mounting_force), model, plan)
+    study = make_study(inputs.open_specimen(specimen, mounting_force), model, plan)
     in_folder = CalibrationStudy(study, Path(out), plan.replications, executor)
     return in_folder.execute(resume=resume, progress=progress, stop=stop)
 
@@ -369,7 +354,7 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 
 def closing_message(folder: Path, outcome: Outcome, tested: bool) -> str:
-    """Uniformity and coverage of each quantity, and what follows from them."""
+    """Uniformity and coverage of each quantity, and the conclusion."""
     from biaxbayes.calibration.ranks import FEWEST
 
     total = sum(outcome.states.values())
@@ -386,16 +371,16 @@ def closing_message(folder: Path, outcome: Outcome, tested: bool) -> str:
     )
     if total < FEWEST and (outcome.calibrated or not tested):
         lines.append(
-            f"nothing follows from {total} replications: wrong intervals would look like this; "
-            f"run {FEWEST} or more (--replications, with --resume)"
+            f"{total} replications are too few: wrong intervals would look the same; run "
+            f"{FEWEST} or more (--replications, with --resume)"
         )
     elif tested:
         verdict = "uniform" if outcome.calibrated else "NOT uniform"
         lines.append(f"the ranks of all quantities together are {verdict} (p = {outcome.p:.3g})")
     else:
         lines.append(
-            "the weight of the likelihood is estimated from each record: uniform ranks are not "
-            "promised, coverage is what counts"
+            "the weight of the likelihood is estimated from each record, so the ranks need not be "
+            "uniform: look at the coverage"
         )
     lines.append(f"written to {folder}")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""``biaxbayes check``: what the tool understands of a specimen file, and its warnings."""
+"""``biaxbayes check``: contents of a specimen file as they are read, and warnings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Checked:
-    """What is understood of a specimen, and what is odd about it.
+    """A specimen as it was read, and the findings of its check.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Checked:
         return f"Checked({self.specimen.name!r}, {count} of {len(self.findings)} findings serious)"
 
     def record(self) -> dict[str, Any]:
-        """Everything as plain values, as ``biaxbayes check --json`` prints it."""
+        """Contents as plain values, as ``biaxbayes check --json`` prints them."""
         return {
             **understood(self.specimen),
             "findings": [finding.record() for finding in self.findings],
@@ -57,13 +57,13 @@ class Checked:
 
 
 def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None = None) -> Checked:
-    """What the tool understands of a specimen, and warnings of what may go wrong.
+    """Read a specimen and list warnings of what may go wrong.
 
     Parameters
     ----------
     specimen : Specimen or path-like
     fit : bool
-        Whether to try if GOH can follow the record.
+        Whether to fit the record, to see if GOH can follow it.
     figure : path-like, optional
         Draw the record into this file (.pdf, .png or .svg).
     """
@@ -106,7 +106,7 @@ FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis i
 
 
 def understood(specimen: Specimen) -> dict[str, Any]:
-    """What is understood of a specimen, as plain values."""
+    """Contents of a specimen as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
     area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
     return {
@@ -162,10 +162,10 @@ def understood(specimen: Specimen) -> dict[str, Any]:
     "with_fit",
     default=True,
     show_default=True,
-    help="Whether to try if GOH can follow the record.",
+    help="Whether to fit the record, to see if GOH can follow it.",
 )
 def command(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) -> int:
-    """Print what is understood of a specimen file, and warn of what may go wrong.
+    """Print the contents of a specimen file as they were read, and warn of what may go wrong.
 
     Exit code 0 for a record that 'sample' takes, with or without warnings; 2 for one with an error,
     which 'sample' refuses without --anyway.
@@ -188,7 +188,13 @@ def _print_checked(result: Checked) -> None:
     axes = [f"{k} {getattr(specimen, f'axis_{k}')}" for k in "xy" if getattr(specimen, f"axis_{k}")]
     if axes:
         click.echo(f"  axes       {', '.join(axes)}")
-    click.echo(f"  dimensions {_dimensions(specimen)}")
+    size = "not stated"
+    if specimen.edge_x_mm is not None and specimen.edge_y_mm is not None:
+        size = f"{specimen.edge_x_mm:g} x {specimen.edge_y_mm:g} mm"
+    if specimen.thickness_mm is not None:
+        size += f", {specimen.thickness_mm:g} mm thick"
+    state = f"stresses and dimensions refer to the {specimen.geometry} state"
+    click.echo(f"  dimensions {size} ({state})")
     if about["section_x_mm2"] is not None:
         click.echo(
             f"  sections   {about['section_x_mm2']:.4g} mm2 under the force in x, "
@@ -210,7 +216,9 @@ def _print_checked(result: Checked) -> None:
         click.echo(line)
     click.echo("")
     for finding in findings:
-        click.echo(_wrapped(str(finding)))
+        click.echo(
+            textwrap.fill(str(finding), width=96, subsequent_indent="    ", break_long_words=False)
+        )
     errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
     if errors:
         click.echo("'sample' refuses it without --anyway")
@@ -218,45 +226,15 @@ def _print_checked(result: Checked) -> None:
         click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")
 
 
-def _dimensions(specimen: Specimen) -> str:
-    if specimen.edge_x_mm is None or specimen.edge_y_mm is None:
-        text = "not stated"
-    else:
-        text = f"{specimen.edge_x_mm:g} x {specimen.edge_y_mm:g} mm"
-    if specimen.thickness_mm is not None:
-        text += f", {specimen.thickness_mm:g} mm thick"
-    return f"{text} (stresses and dimensions refer to the {specimen.geometry} state)"
-
-
 def _protocol_table(about: dict[str, Any]) -> list[str]:
-    unit = about["unit"]
-    heads = (
-        "protocol",
-        "rows",
-        "at rest",
-        "stretch x",
-        "stretch y",
-        f"mounting force x, y ({unit})",
-    )
-    lines = [heads]
+    force = f"mounting force x, y ({about['unit']})"
+    lines = [["protocol", "rows", "at rest", "stretch x", "stretch y", force]]
     for p in about["protocols"]:
-        forces = (
-            [f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"]
-            if p["rest_rows"]
-            else ["of the others"]
-        )
-        lines.append(
-            (
-                p["name"],
-                str(p["rows"]),
-                str(p["rest_rows"]),
-                "{:.4f}-{:.4f}".format(*p["stretch_x"]),
-                "{:.4f}-{:.4f}".format(*p["stretch_y"]),
-                ", ".join(forces),
+        ranges = ["{:.4f}-{:.4f}".format(*p[f"stretch_{k}"]) for k in "xy"]
+        forces = "as the others"
+        if p["rest_rows"]:
+            forces = ", ".join(
+                f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"
             )
-        )
+        lines.append([p["name"], str(p["rows"]), str(p["rest_rows"]), *ranges, forces])
     return [f"  {line}" for line in aligned(lines)]
-
-
-def _wrapped(text: str) -> str:
-    return textwrap.fill(text, width=96, subsequent_indent="    ", break_long_words=False)

@@ -35,7 +35,7 @@ def compare(
     stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> Comparison:
-    """Runs side by side: what each reports, and how far apart they are in what both identify.
+    """Compare what runs report, and the quantities that two of them identify.
 
     Parameters
     ----------
@@ -46,10 +46,10 @@ def compare(
     out : path-like, optional
         Folder of the tables, figures and the page, compare.html.
     mounting_force : (float, float), optional
-        Of tared specimens to sample.
+        Force (or stress) at the mounted state of tared specimens to sample.
     anyway : bool
-        Take runs whose chains have not converged, which get no verdict, and specimens that
-        cannot be loading curves.
+        Use runs that have not converged, which get no verdict, and sample specimens whose data do
+        not look like a loading curve.
     overwrite : bool
         Replace finished runs of specimens in ``out``.
     progress, stop : callable, optional
@@ -84,7 +84,7 @@ def compare(
             )
         opened.append(inputs.usable_run(run, anyway=anyway))  # type: ignore[arg-type]
     names = labels or run_labels([r.specimen for r in opened], [r.path.name for r in opened])
-    # Draws taken anyway still get no verdict.
+    # Draws used in spite of their state still get no verdict.
     states = ["tentative" if r.state == "unusable" else r.state for r in opened]
     result = lay_out(
         [
@@ -98,12 +98,12 @@ def compare(
 
 
 def _check(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
-    """Refuse fewer than two runs, or labels that are not one each."""
+    """Refuse fewer than two runs, or labels that do not match them."""
     if len(runs) < 2:
-        raise InputError("a comparison needs two runs or more")
+        raise InputError("a comparison needs at least two runs")
     if labels is not None and (len(labels) != len(runs) or not all(labels)):
         raise InputError(
-            f"`labels` names {len(labels)} runs of {len(runs)}", remedy="one each, between commas"
+            f"`labels` names {len(labels)} runs of {len(runs)}", remedy="give one label per run"
         )
 
 
@@ -124,7 +124,7 @@ def _check(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
 @opt.options(SamplingPlan, "ess", "workers")
 @opt.flag(
     "anyway",
-    "Take runs whose chains have not converged, and records that cannot be loading curves.",
+    "Use runs that have not converged, and sample data that do not look like a loading curve.",
 )
 @opt.overwrite_option("run")
 @opt.quiet_option

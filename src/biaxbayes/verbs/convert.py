@@ -45,14 +45,14 @@ def convert(
         Header values by their key in a specimen file (``edge_x_mm``, ``geometry``,
         ``load_noise_N``, ``layer`` ...).
     protocol_names : sequence of str
-        One a protocol; from the names of the files where empty.
+        One per protocol; by default from the names of the files.
     out : path-like, optional
-        The specimen file to write. Nothing is written that cannot be read again.
+        The specimen file to write; it is written only if it can be read again.
     overwrite : bool
         Replace a file of that name.
     **choices
         ``machine``, ``columns``, ``cycle``, ``branch``, ``stretch_from``, ``sets`` and ``sheets``,
-        as in :class:`~biaxbayes.machines.choice.Choice`. Texts may stand for a list of one.
+        as in :class:`~biaxbayes.machines.choice.Choice`. A text counts as a list of one.
 
     Returns
     -------
@@ -84,7 +84,14 @@ def convert(
             )
         if value is not None and str(value).strip():
             values[key] = checked_value(key, value)
-    chosen = replace(choice, cycle=_cycle(str(choice.cycle)))
+    cycle = str(choice.cycle)
+    if cycle != "last":
+        if not (cycle.isascii() and cycle.isdigit() and len(cycle) < 10 and int(cycle) > 0):
+            raise InputError(
+                f"`cycle` {cycle[:20]!r} is not a cycle", remedy="give a number or 'last'"
+            )
+        cycle = str(int(cycle))
+    chosen = replace(choice, cycle=cycle)
     result = conversion(files, chosen, header=values, protocol_names=list(protocol_names))
     if target is None:
         return result
@@ -95,12 +102,14 @@ def convert(
 
 
 def _choice(choice: Choice | None, given: Mapping[str, Any]) -> Choice:
-    """What to take from the files, from either way to say it."""
+    """The choice from either a Choice or its fields as keywords."""
     from biaxbayes.machines.choice import Choice
 
     if choice is not None:
         if given:
-            raise InputError(f"{next(iter(given))} is given beside a choice", remedy="give one")
+            raise InputError(
+                f"{next(iter(given))} cannot be combined with a Choice", remedy="give one"
+            )
         return choice
     known = Choice.__dataclass_fields__
     for name in given:
@@ -148,14 +157,6 @@ def _check_raw(raw: Sequence[Path], out: Path | None) -> None:
         if real in seen:
             raise InputError("is given twice", file=path, remedy="name each file once")
         seen.add(real)
-
-
-def _cycle(text: str) -> str:
-    if text == "last":
-        return text
-    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) > 0):
-        raise InputError(f"`cycle` {text[:20]!r} is no cycle", remedy="give a number or 'last'")
-    return str(int(text))
 
 
 # --- the command ---------------------------------------------------------------------------------

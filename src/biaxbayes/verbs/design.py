@@ -1,4 +1,4 @@
-"""``biaxbayes design``: what to measure next."""
+"""``biaxbayes design``: further measurements ranked by their expected benefit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 
 from biaxbayes.options import DesignOptions, takes_options
 from biaxbayes.progress_bar import progress_line, with_progress
-from biaxbayes.text_files import aligned
+from biaxbayes.text_files import aligned, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike
@@ -29,7 +29,7 @@ def design(
     progress: OnProgress = inputs.no_progress,
     **options: Any,
 ) -> Design:
-    """Which further measurement would narrow the posterior of a run most.
+    """Rank further measurements by how much they would narrow the posterior of a run.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def design(
         from biaxbayes.figures.style import save_pictures
 
         folder = inputs.make_folder(out)
-        inputs.write_table(folder, "design", result.to_frame(), "%.5g")
+        write_csv(folder / "design.csv", result.to_frame(), digits=5)
         save_pictures(design_figure(result), folder, "design")
     return result
 
@@ -74,11 +74,11 @@ def design(
 @opt.flag("quiet", "No progress.")
 @opt.file_option("out", "Folder of the files [the run's].")
 def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
-    """Say which further measurement would narrow the posterior of RUN most.
+    """Rank further measurements by how much they would narrow the posterior of RUN.
 
     Outcomes of each candidate are simulated from the draws of the run, which are then reweighted;
-    where an outcome leaves too few of them, new ones are drawn.
-    Writes design.csv, design.pdf and design.png. Exit code 3 where the run has not converged.
+    if an outcome leaves too few of them, new ones are drawn.
+    Writes design.csv, design.pdf and design.png. Exit code 3 if the run has not converged.
     """
     opened = opt.open_usable_run(run, anyway=False)
     folder = out or run
@@ -90,7 +90,7 @@ def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
 
 
 def print_design(result: Design, unit: str) -> None:
-    """A row for each candidate, what limits the result, and what to measure next."""
+    """Print a row per candidate, cautions, and what to measure next."""
     from biaxbayes.reports.words import NATS
 
     names = [p.name for p in result.known.material if p.name in result.quantities]
@@ -111,15 +111,15 @@ def print_design(result: Design, unit: str) -> None:
         click.echo(line)
     if not all(e.trusted for e in result.expected):
         click.echo(
-            "\n* too few draws could be had for these outcomes: the true reduction "
-            "is at least the column at_least of design.csv"
+            "\n* too few draws are left for these outcomes: the true reduction is at least the "
+            "column at_least of design.csv"
         )
     for name, words in result.cautions().items():
         click.echo(f"caution: {name} {words}")
     for name in result.skipped:
-        click.echo(f"note: {name} left out, its loads are beyond any number for some draws")
+        click.echo(f"note: {name} is left out, because its loads overflow for some draws")
     click.echo(
-        "note: new protocols are taken to have errors of their own, of the size and correlation "
-        "of the run's;\na misfit that comes back in every repeat is not averaged away"
+        "note: new protocols are assumed to have independent errors of the same size and "
+        "correlation as the run;\na misfit that recurs in every repeat does not average out"
     )
     click.echo(f"\n{result.conclusion}")

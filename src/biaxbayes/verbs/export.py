@@ -12,7 +12,13 @@ import numpy as np
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
-from biaxbayes.verbs.options import anyway_option, argument, file_option, open_usable_run, options
+from biaxbayes.verbs.options import (
+    argument,
+    file_option,
+    open_usable_run,
+    options,
+    unconverged_option,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,28 +67,35 @@ def export(
     anyway: bool = False,
     **options: Any,
 ) -> pd.DataFrame:
-    """Material cards of posterior draws, each checked against its draw; the manifest.
+    """Write material cards of posterior draws, each checked against its draw.
 
     Parameters
     ----------
     run : Run or path-like
     to : {"abaqus", "febio"}
     population : str, optional
-        A group of a population, whose folder ``run`` is then: cards of its new specimens, and in a
-        folder of its own that of the mean curve.
+        A group, if ``run`` is the folder of a population: cards of new specimens of the group, and
+        one of the mean curve in a sub-folder.
     out : path-like, optional
         Folder; default in the run.
     anyway : bool
-        Take draws that the run itself calls unusable.
+        Use the draws of a run that has not converged.
     **options
         As in :class:`CardOptions`.
+
+    Returns
+    -------
+    DataFrame
+        The manifest: one row per card.
     """
     from biaxbayes.cards.export import export_cards
     from biaxbayes.prediction.draws import chosen_draws
     from biaxbayes.runs.run import Run
 
     if to not in CARD_PROGRAMS:
-        raise InputError(f"no program {to[:40]!r}", remedy=f"choose {', '.join(CARD_PROGRAMS)}")
+        raise InputError(
+            f"unknown program {to[:40]!r}", remedy=f"one of {', '.join(CARD_PROGRAMS)}"
+        )
     chosen = CardOptions.from_values(options)
     if chosen.draws is not None and chosen.at is not None:
         raise InputError("`draws` and `at` exclude each other", remedy="give one of them")
@@ -136,7 +149,7 @@ def _export_population(
     if read_population(folder).state == "unusable" and not anyway:
         raise NotConverged(
             f"{folder}: the chains of this population have not converged; sample longer, or add "
-            "`anyway=True` to use them all the same"
+            "`anyway=True` to use them nevertheless"
         )
     table, attributes = _new_materials(folder, group)
     law = law_named(str(attributes["law"]), fibre_switch=bool(attributes["fibre_switch"]))
@@ -185,7 +198,7 @@ def _new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, An
 
 
 def _equibiaxial(group: str, law: Law, table: pd.DataFrame, top: float) -> Specimen:
-    """A record of the group's median curves, whose states the cards are checked at."""
+    """Median curves of the group as a specimen; the cards are checked at its states."""
     from biaxbayes.specimens.protocol import Protocol
     from biaxbayes.specimens.specimen import Specimen
 
@@ -215,7 +228,7 @@ def _equibiaxial(group: str, law: Law, table: pd.DataFrame, top: float) -> Speci
 @options(CardOptions, "draws", "at", "units", "bulk_ratio", "seed")
 @file_option("out", "Folder  [default: in the run]", "DIR")
 @options(CardOptions, "overwrite")
-@anyway_option
+@unconverged_option
 def command(run: Path, out: Path | None, **given: Any) -> None:
     r"""Material cards of posterior draws, each checked against the draw.
 
@@ -241,7 +254,7 @@ def command(run: Path, out: Path | None, **given: Any) -> None:
     if len(changed):
         click.echo(
             f"warning: the fibre strain is negative in tested states of {len(changed)} of {number} "
-            "draws; there the program drops the fibres, which the fit did not (up to "
+            "draws; there the program ignores the fibres, and the fit did not (difference up to "
             f"{changed['switch_changes_stress_kPa'].max():.3g} kPa); sample with --fibre-switch",
             err=True,
         )

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from biaxbayes.fitting.result import FitResult
-    from biaxbayes.laws.law import Law
-    from biaxbayes.parameters import Parameter
     from biaxbayes.specimens.specimen import Specimen
 
 
@@ -43,7 +41,7 @@ def fit(
     method : {"standard", "zeroed", "fip", "linden", "constrained", "all"}
         As in :func:`biaxbayes.fitting.fit.fit`; ``all`` gives a list, as :func:`fit_all`.
     mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, put back on.
+        For a tared specimen: the force (or stress) at the mounted state, added back.
     out : path-like, optional
         Folder for fits.csv, fits.pdf and fits.png.
     **options
@@ -76,7 +74,7 @@ def fit_all(
     out: PathLike | None = None,
     **options: Any,
 ) -> list[FitResult]:
-    """Every method that the specimen allows; arguments as in :func:`fit`."""
+    """Fit by every method that the specimen allows; arguments as in :func:`fit`."""
     from biaxbayes.fitting.fit import fit_all as fitted
 
     chosen = dict(vars(FitOptions.from_values(options)))
@@ -156,7 +154,7 @@ def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, o
     help="; ".join(f"{name} {words}" for name, words in FIT_WORDS.items()) + ".",
 )
 @opt.json_option("A list of objects instead of the table.")
-@opt.fix_option("Hold a parameter, e.g. kappa=0.")
+@opt.fix_option("Fix a parameter, e.g. kappa=0.")
 @opt.options(FitOptions, "mounting_stretch")
 @opt.mounting_force_option(
     "Force (N, or stress in kPa) at the mounted state of a tared file, known from elsewhere."
@@ -216,7 +214,7 @@ def command(
 
 STRETCHES = ("mounting_stretch_x", "mounting_stretch_y")
 COARSE = {"deg": "{:.2f}", "1": "{:.4f}"}
-"""Formats of what is no scale: of angles, and of shares and stretches."""
+"""Formats of angles and of dimensionless parameters that are not logarithmic."""
 AFTER = (
     *((name.replace("_", " "), "", name, "{:.4f}") for name in STRETCHES),
     ("R2", "", "r2", "{:.5f}"),
@@ -224,18 +222,6 @@ AFTER = (
     ("MAE", "kPa", "mae_kPa", "{:.4g}"),
     ("iterations", "", "iterations", "{:d}"),
 )
-
-
-def _fit_rows(law: Law) -> list[tuple[str, str, str, str]]:
-    """Label, unit, key of the record and format of each row of the table of fits."""
-    of_law = [
-        (p.name, "" if p.unit == "1" else p.unit, p.label, _format(p)) for p in law.parameters
-    ]
-    return [*of_law, *AFTER]
-
-
-def _format(parameter: Parameter) -> str:
-    return "{:.4g}" if parameter.logarithmic else COARSE[parameter.unit]
 
 
 def _print_fits(
@@ -282,7 +268,17 @@ def _table(
     for result in fits:
         table.add_column(result.method, justify="right", no_wrap=True)
     records = [_record(result, truth) for result in fits]
-    rows = _fit_rows(fits[0].material.law)
+    # label, unit, key of the record and format
+    rows = [
+        (
+            p.name,
+            "" if p.unit == "1" else p.unit,
+            p.label,
+            "{:.4g}" if p.logarithmic else COARSE[p.unit],
+        )
+        for p in fits[0].material.law.parameters
+    ]
+    rows += AFTER
     if truth is not None:
         rows.append(("parameter error", "", "parameter_error", "{:.4g}"))
     for label, unit, key, form in rows:
@@ -290,7 +286,7 @@ def _table(
         for result, record in zip(fits, records, strict=True):
             value = record[key]
             values = value if isinstance(value, list) else [value]
-            shown = [_shown(value, form) for value in values]
+            shown = ["-" if value is None else form.format(value) for value in values]
             mark = "*" if label in result.at_bound else "=" if label in fixed else ""
             if key in STRETCHES and result.method in ("standard", "zeroed"):
                 shown = ["-"]
@@ -298,7 +294,3 @@ def _table(
         table.add_row(f"{label} {unit}".rstrip(), *cells)
     table.add_row("converged", *("yes" if result.converged else "NO" for result in fits))
     return table
-
-
-def _shown(value: object, form: str) -> str:
-    return "-" if value is None else form.format(value)

@@ -1,4 +1,4 @@
-"""``biaxbayes identify``: what to report of each parameter."""
+"""``biaxbayes identify``: interval or bound, verdict and reason of each parameter."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) -> RunResult:
-    """What a run found, computed anew: what to report of each parameter, with the evidence.
+    """Compute the result of a run again: what to report of each parameter, with the evidence.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     from biaxbayes.runs.result import write_result
 
     opened = opened_run(run)
-    result, found = opened.analysed()
+    result, verdicts = opened.analysed()
     if out is not None:
         folder = make_folder(out)
         names = write_result(result, folder)
         if figure:
-            drawn = identifiability_figure(found, result.rows)
+            drawn = identifiability_figure(verdicts, result.rows)
             names += [path.name for path in save_pictures(drawn, folder, "identifiability")]
         if folder.resolve() == opened.path.resolve():
             refresh_manifest(folder, opened.provenance, names)
@@ -50,10 +50,10 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
 @json_option("The content of results.json.")
 @flag("no-figure", "Leave the figure out.")
 def command(run: Path, as_json: bool, no_figure: bool) -> int:
-    """Say what to report of each parameter of RUN: an interval or a bound, a verdict, a reason.
+    """List what to report of each parameter of RUN: an interval or a bound, a verdict, a reason.
 
     Writes results.json, report.csv, the tables in evidence and identifiability.pdf into the run
-    folder. Exit code 3 where the chains have not converged: nothing is reported then.
+    folder. Exit code 3 if the chains have not converged: nothing is reported then.
     """
     from biaxbayes.errors import printable
     from biaxbayes.identifiability.reported import row_lines

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -11,23 +11,22 @@ import numpy as np
 
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.parameters import NOISE_SD, STRETCH
+from biaxbayes.progress_bar import Progress
+from biaxbayes.specimens.check import check_round_trip as check_round_trip
+from biaxbayes.specimens.check import with_force
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
+from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.tasks import no_stop as no_stop
-from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from biaxbayes.runs.run import Run
-    from biaxbayes.sampling.sampler import Progress
 
 PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
 
-OnProgress = Callable[["Progress"], None]
+OnProgress = Callable[[Progress], None]
 Stop = Callable[[], int]
 
 
@@ -39,61 +38,14 @@ def open_specimen(
     specimen: SpecimenLike, mounting_force: Sequence[float] | None = None
 ) -> Specimen:
     """A specimen, or the CSV to read it from; adds a mounting force to a tared one."""
-    file: object = None
-    if not isinstance(specimen, Specimen):
+    file: object
+    if isinstance(specimen, Specimen):
+        file = specimen.name
+        check_readings(specimen)
+    else:
         file = Path(specimen)
         specimen = read_specimen(specimen)
-    else:
-        check_readings(specimen)
-    if mounting_force is None:
-        return specimen
-    if not specimen.is_tared:
-        raise InputError(
-            "already has a mounting force",
-            file=file or specimen.name,
-            remedy="`mounting_force` is for files whose force was zeroed after mounting",
-        )
-    try:
-        x, y = (float(v) for v in mounting_force)
-    except (TypeError, ValueError):
-        x = y = math.nan
-    if not math.isfinite(x + y) or (x, y) == (0.0, 0.0):
-        raise InputError(
-            "`mounting_force` must be two finite numbers, not both zero",
-            remedy=f"give the force before taring, in {specimen.unit}",
-        )
-    largest = specimen.peak_load
-    if max(abs(x), abs(y)) > FORCE_LIMIT * largest:
-        raise InputError(
-            f"`mounting_force` {x:g} {y:g} is more than {FORCE_LIMIT:g} times the largest load "
-            f"recorded, {largest:.3g} {specimen.unit}",
-            file=file or specimen.name,
-            remedy=f"give it in {specimen.unit}",
-        )
-    with_force = specimen.with_mounting_force(x, y)
-    if with_force.is_tared:
-        raise InputError(
-            f"`mounting_force` {x:g} {y:g} is negligible beside the largest recorded load, "
-            f"{largest:.3g} {specimen.unit}",
-            file=file or specimen.name,
-            remedy=f"give it in {specimen.unit}",
-        )
-    return readable_specimen(with_force, file or specimen.name)
-
-
-FORCE_LIMIT = 3.0
-"""Largest ratio of a mounting force to the peak load; beyond it the unit is probably wrong."""
-
-
-def readable_specimen(specimen: Specimen, file: object) -> Specimen:
-    """The same specimen; refused if it cannot be read again from the copy in a run folder."""
-    check_readings(specimen)
-    try:
-        parse_specimen(specimen_text(specimen).split("\n"), Path("specimen.csv"))
-    except InputError as error:
-        where = f" in {error.column}" if error.column else ""
-        raise InputError(f"{error.problem}{where}", file=file, remedy=error.remedy) from None
-    return specimen
+    return specimen if mounting_force is None else with_force(specimen, mounting_force, file)
 
 
 def opened_run(run: RunLike) -> Run:
@@ -128,7 +80,7 @@ def _check_draws(run: Run) -> None:
 
 
 def is_run(source: RunLike | SpecimenLike) -> bool:
-    """Whether this is a run or its folder, not a specimen."""
+    """True for a run or its folder, False for a specimen."""
     if isinstance(source, str | Path):
         return Path(source).is_dir()
     from biaxbayes.runs.run import Run
@@ -158,10 +110,20 @@ def claim_folder(
     return names
 
 
-def write_table(folder: Path, stem: str, table: pd.DataFrame, digits: str | None) -> None:
-    """Write ``<stem>.csv``; ``digits`` as in ``%.6g``, None for all."""
-    text = table.to_csv(index=False, float_format=digits, lineterminator="\n")
-    atomic_write_text(folder / f"{stem}.csv", text)
+@contextlib.contextmanager
+def locked_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
+    """Claim and lock the folder of a run or population, and finish what a crash interrupted."""
+    from biaxbayes.runs.checkpoint import NAMES
+    from biaxbayes.runs.folder import KINDS, clear_leftovers, finish_moving, is_finished
+    from biaxbayes.runs.lock import folder_lock
+
+    records = {*NAMES, record} if is_finished(folder, record) else {*NAMES}
+    claim_folder(folder, records, f"a {KINDS[record]}'s")
+    with folder_lock(folder):
+        clear_leftovers(folder)
+        finish_moving(folder, record)
+        refuse_finished(folder, record, resume=resume, overwrite=overwrite)
+        yield
 
 
 def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
@@ -175,14 +137,14 @@ def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
 
 
 def opened_style(style: Any) -> dict[str, Any] | None:
-    """A matplotlib style, or the file to read it from."""
+    """Settings of matplotlib, read from a file if it is a path."""
     from biaxbayes.figures.style import read_style
 
     return read_style(style) if isinstance(style, str | Path) else style
 
 
 def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:
-    """Refuse to overwrite a finished run, unless asked to or to continue it."""
+    """Refuse to overwrite a finished run without `overwrite`, or a checkpoint and `resume`."""
     from biaxbayes.runs.checkpoint import NAMES
     from biaxbayes.runs.folder import KINDS, is_finished
 
@@ -197,11 +159,10 @@ def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool)
 def removal_note(progress: OnProgress, record: str) -> Callable[[list[str]], None]:
     """Callback that reports the derived files removed with the previous run or population."""
     from biaxbayes.runs.folder import KINDS
-    from biaxbayes.sampling.sampler import Progress
 
     def on_removed(names: list[str]) -> None:
         if names:
-            note = f"removed with the {KINDS[record]} before: {', '.join(names)}"
+            note = f"removed with the previous {KINDS[record]}: {', '.join(names)}"
             progress(Progress("writing", note=note))
 
     return on_removed

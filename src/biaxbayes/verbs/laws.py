@@ -1,4 +1,4 @@
-"""``biaxbayes laws``: material laws side by side, weighed by what they predict."""
+"""``biaxbayes laws``: material laws compared by their predictions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from biaxbayes.options import (
 from biaxbayes.parallel import Executor, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import clear_leftovers
+from biaxbayes.runs.folder import clear_leftovers, stored_identity
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.runs.result import REPORT
@@ -53,7 +53,7 @@ OF_ONE_LAW = ("law", "fibre_switch", "priors")
 
 @dataclass(frozen=True)
 class LawsPlan(Options):
-    """How much is sampled to weigh laws; their names in a sequence, or in a text with commas."""
+    """Laws to compare, and how much is sampled for each."""
 
     laws: Sequence[str] | str | None = option(
         None, "Laws, separated by commas  [all]", metavar="NAME,NAME"
@@ -64,7 +64,7 @@ class LawsPlan(Options):
 
 
 def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
-    """The laws that are named, also in a text with commas; all of them where none is."""
+    """Laws from a sequence or a text with commas; by default all."""
     parts = named.split(",") if isinstance(named, str) else list(named or ())
     names = [name.strip() for name in parts if name.strip()]
     if named is not None and not names:
@@ -77,7 +77,7 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> Prediction | None:
-    """A stored prediction; None where there is none, or a damaged one, which is made again."""
+    """A stored prediction; None if it is missing or damaged and has to be made again."""
     try:
         with np.load(path, allow_pickle=False) as data:
             about = json.loads(str(data["about"]))
@@ -119,7 +119,7 @@ def compare_laws(
     stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> LawComparison:
-    """Fit and sample every law on a specimen, and weigh them by what they predict.
+    """Fit and sample every law on a specimen, and weight them by their predictions.
 
     Each protocol is left out in turn, or each quarter of the only one.
 
@@ -130,9 +130,9 @@ def compare_laws(
         Folder for laws.csv, report.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the
         figures and laws.html.
     mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, put back on.
+        For a tared specimen: the force (or stress) at the mounted state, added back.
     resume : bool
-        Go on with what the folder holds.
+        Continue the comparison in the folder.
     workers : int, optional
         Local processes; the result does not depend on them.
     scheduler : str, optional
@@ -158,13 +158,13 @@ def compare_laws(
     folder = None if out is None else inputs.make_folder(out)
     if common["mounting_stretch"] == "per-protocol":
         raise InputError(
-            "a protocol with a mounted state of its own cannot be predicted from the others",
+            "a protocol with its own mounted state cannot be predicted from the others",
             remedy="leave out `mounting_stretch=per-protocol`",
         )
     if len(laws) < 2:
         raise InputError(
-            f"{', '.join(laws)} alone is no comparison",
-            remedy="name two laws or more, or sample one with `law`",
+            f"{', '.join(laws)} alone cannot be compared",
+            remedy="name at least two laws, or sample one with `law`",
         )
     tasks = [
         Task(law, specimen, part, common, _seed(plan.seed, law, part), plan.ess, plan.max_steps)
@@ -185,10 +185,10 @@ def compare_laws(
 
 
 def _seed(seed: int, law: str, part: Part | None) -> int:
-    """A seed of its own for each law and part, whichever others are sampled."""
+    """Seed for a law and part, independent of which others are sampled."""
     text = f"{law}/{part.name if part else WHOLE}"
-    own = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
-    return int(np.random.default_rng([seed, own]).integers(2**62))
+    key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
+    return int(np.random.default_rng([seed, key]).integers(2**62))
 
 
 def _start(
@@ -199,6 +199,7 @@ def _start(
     plan: LawsPlan,
     resume: bool,
 ) -> None:
+    """Record what the folder compares; refuse one that holds another comparison."""
     identity = {
         "specimen_sha256": specimen_digest(specimen),
         "options": {k: str(v) for k, v in options.items()},
@@ -210,22 +211,17 @@ def _start(
     }
     record = folder / RECORD
     names = inputs.claim_folder(folder, {RECORD}, "a comparison of laws")
-    if RECORD in names:
-        try:
-            same = json.loads(record.read_text(encoding="utf-8"))["identity"] == identity
-        except (OSError, ValueError, KeyError, TypeError):
-            same = False
-        if resume and not same:
-            raise RunError(
-                f"{folder}: holds another comparison (specimen, options, laws, seed or version "
-                "differ); choose another `out`"
-            )
-        if not resume:
-            raise InputError(
-                "holds a comparison of laws already",
-                file=folder,
-                remedy="choose another `out`, or go on with it by `resume=True`",
-            )
+    if RECORD in names and not resume:
+        raise InputError(
+            "already holds a comparison of laws",
+            file=folder,
+            remedy="choose another `out`, or continue it with `resume=True`",
+        )
+    if RECORD in names and stored_identity(record) != identity:
+        raise RunError(
+            f"{folder}: holds another comparison (specimen, options, laws, seed or version "
+            "differ); choose another `out`"
+        )
     text = json.dumps({"specimen": specimen.name, "identity": identity}, indent=2)
     atomic_write_text(record, text + "\n")
 
@@ -233,7 +229,7 @@ def _start(
 def _sampled(
     tasks: Sequence[Task], folder: Path | None, executor: Executor, progress: OnProgress, stop: Stop
 ) -> dict[tuple[str, str], Prediction]:
-    """Predictions by law and part; those in the folder are read, the others stored there."""
+    """Predictions by law and part, read from the folder or computed and stored there."""
     files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]
     results = [None if file is None else _read(file) for file in files]
     missing = [i for i, result in enumerate(results) if result is None]
@@ -295,10 +291,10 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
 @opt.mounting_force_option()
 @opt.options(LawsPlan, "seed", "ess", "max_steps")
 @opt.executor_options
-@opt.flag("resume", "Go on with what the folder holds.")
+@opt.flag("resume", "Continue the comparison in the folder.")
 @opt.quiet_option
 def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
-    r"""Fit and sample every material law on SPECIMEN, and weigh them by what they predict.
+    r"""Fit and sample every material law on SPECIMEN, and compare their predictions.
 
     Each protocol is left out in turn, or each quarter of the only one, and predicted from the rest.
     Writes laws.csv, report.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures
@@ -318,7 +314,7 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 
 def _print_laws(result: LawComparison, folder: Path) -> None:
-    """The table, the heaviest law first, and what to report of the mounting stretches."""
+    """Print the table, largest weight first, and the reported mounting stretches."""
     from biaxbayes.identifiability.reported import report_rows, row_lines
 
     stretches = [c for c in result.table if str(c).startswith("mounting_stretch_x")]
@@ -346,10 +342,10 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
     for line in aligned(lines, right=range(1, 6)):
         click.echo(line)
     click.echo(
-        "\nrms (typical miss) of the fit to all, and of parts left out; density: how well these\n"
-        "were predicted, larger is better, 2.3 nats more are ten times as probable; weights by\n"
-        "stacking, the shares of the mixture that predicts best. The mixture is a prediction\n"
-        "of stresses, no posterior of the mounting stretch."
+        "\nrms: error of the fit to all rows; left out: error of predicting the parts left out;\n"
+        "density: log predictive density of these, larger is better (2.3 nats more: ten times as\n"
+        "probable); weights: shares of the mixture that predicts best (stacking). The mixture\n"
+        "predicts stresses; it is not a posterior of the mounting stretch."
     )
     for line in row_lines(report_rows(result.reported, Quantities(()))):
         click.echo(line)

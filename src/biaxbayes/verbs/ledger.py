@@ -1,4 +1,4 @@
-"""``biaxbayes ledger``: what ignoring the mounting stretch costs."""
+"""``biaxbayes ledger``: the cost of ignoring the mounting stretch."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from biaxbayes.options import (
     takes_options,
 )
 from biaxbayes.progress_bar import Progress, progress_line, with_progress
-from biaxbayes.text_files import aligned
+from biaxbayes.text_files import aligned, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike, SpecimenLike
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LedgerPlan(SamplingPlan):
-    """As for ``sample``; the medians of a ledger need fewer draws."""
+    """Options of ``sample`` with fewer draws, which are enough for medians."""
 
     ess: float = option(1000.0, WANTED, least=50, most=MOST)
 
@@ -49,21 +49,20 @@ def ledger(
     progress: OnProgress = inputs.no_progress,
     **options: Any,
 ) -> Ledger:
-    """What ignoring the mounting stretch costs: inferred, ignored and zeroed, side by side.
+    """Compare inferred, ignored and zeroed mounting stretches: the cost of ignoring them.
 
     Parameters
     ----------
     source : Run, Specimen or path-like
         A run serves as the inferred posterior, with its own model; a specimen is sampled.
     stretches : sequence of float
-        Total equibiaxial stretches of the stresses; five up to the largest tested one where none
-        is given.
+        Total equibiaxial stretches of the stresses; by default five up to the largest tested one.
     out : path-like, optional
         Folder for ledger.csv, ledger.pdf and ledger.png.
     mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, put back on.
+        For a tared specimen: the force (or stress) at the mounted state, added back.
     anyway : bool
-        Sample a specimen that cannot be a loading curve, too.
+        Sample a specimen even if its data do not look like a loading curve.
     progress : callable or bool, optional
         Called with each step; True or False shows a line or none, by default on a terminal and
         in a notebook.
@@ -106,7 +105,7 @@ def ledger(
         from biaxbayes.figures.style import save_pictures
 
         folder = inputs.make_folder(out)
-        inputs.write_table(folder, "ledger", result.table, "%.6g")
+        write_csv(folder / "ledger.csv", result.table, digits=6)
         save_pictures(ledger_figure(result), folder, "ledger")
     return result
 
@@ -179,7 +178,7 @@ def _print_ledger(result: Ledger, folder: Path) -> None:
         click.echo(line)
     outside = result.stresses["extrapolation"] != INSIDE
     if outside.any():
-        click.echo("\n* outside of what the test covered, or below the mounted state")
+        click.echo("\n* outside the tested range, or below the mounted state")
     click.echo(f"\n{folder / 'ledger.csv'}, {folder / 'ledger.pdf'}")
 
 
@@ -189,6 +188,6 @@ def cell(row: Any, name: str) -> str:
 
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
     if low == high:
-        return f"{median:.4g} (taken)"
+        return f"{median:.4g} (assumed)"
     shown = [number(v, low, high) for v in (median, low, high)]
     return f"{shown[0]} ({shown[1]}, {shown[2]})"

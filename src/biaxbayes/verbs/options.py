@@ -123,8 +123,8 @@ def flag(name: str, words: str) -> Decorator:
 
 
 quiet_option = flag("quiet", "Print nothing but errors.")
-anyway_option = flag("anyway", "Even if the run has not converged.")
-any_record_option = flag("anyway", "Even if the data cannot be a loading curve (see check).")
+unconverged_option = flag("anyway", "Use the draws of a run that has not converged.")
+any_record_option = flag("anyway", "Sample data that do not look like a loading curve (see check).")
 resume_option = flag("resume", "Continue from the folder's checkpoint.")
 
 

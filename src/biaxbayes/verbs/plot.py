@@ -23,7 +23,7 @@ from biaxbayes.figures.style import SIDE_BY_SIDE_MM, Style, picture_suffix, save
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.laws import all_parameters
-from biaxbayes.options import PICTURES
+from biaxbayes.options import PICTURES, PLOTS
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
 from biaxbayes.tasks import one_call
@@ -31,31 +31,23 @@ from biaxbayes.text_files import read_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run, opened_style, usable_run
 
-PLOTS = {
-    "corner": "corner",
-    "bands": "stress-bands",
-    "identifiability": "identifiability",
-    "mounting": "mounting",
-    "trace": "trace",
-    "profile": "profile",
-}
-"""Figures of a run and the stems of their files."""
 PLOT_TAKES = {
     "truth": ("corner", "bands", "mounting"),
     "compare": ("corner",),
     "parameters": ("corner", "profile", "trace"),
 }
-"""Options that go with some figures only."""
-WITHOUT_JUDGEMENT = ("trace", "profile")
-"""Traces are there to see why a run has not converged; a profile rests on no draws."""
+"""Options of some figures only."""
+OF_ANY_STATE = ("trace", "profile")
+"""Figures of runs that have not converged: traces show why, and a profile uses no draws."""
 MOST_IN_COLUMN = 3
 """Profiles that fit one column of a page."""
 
 
-# --- known values of a virtual specimen, read to be drawn beside what was inferred ---------------
+# --- true values of a virtual specimen -----------------------------------------------------------
 
 
 MOUNTING = (*mounting_names("stretch"), *mounting_names("force"))
+REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa": 0.0}'
 
 
 def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
@@ -71,7 +63,7 @@ def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not JSON ({error})", file=path) from None
     if not isinstance(content, dict) or not content:
-        raise InputError("is no JSON object of known values", file=path, remedy=_REMEDY)
+        raise InputError("is not a JSON object of known values", file=path, remedy=REMEDY)
     if "material" not in content and all(isinstance(v, dict) for v in content.values()):
         if specimen not in content:
             raise InputError(f"has no entry for specimen {specimen!r}", file=path)
@@ -83,16 +75,11 @@ def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
         known |= {name: content[name] for name in MOUNTING if name in content}
     else:
         known = content
-    return {str(name): _number(value, str(name), path) for name, value in known.items()}
-
-
-_REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa": 0.0}'
-
-
-def _number(value: Any, name: str, path: Path) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{name[:60]} is not a finite number", file=path, remedy=_REMEDY)
-    return float(value)
+    for name, value in known.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value):
+            raise InputError(f"{str(name)[:60]} is not a finite number", file=path, remedy=REMEDY)
+    return {str(name): float(value) for name, value in known.items()}
 
 
 # --- the figures of a run, by name ---------------------------------------------------------------
@@ -113,11 +100,11 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
             how |= {"unit": run.specimen.unit, "known": run.quantities}
             return trace_figure(run.chains, rhat=rhat, **how)
         case "identifiability":
-            judged = identify_draws(run.posterior(), run.draws, run.state)
-            return identifiability_figure(judged, run.result.rows, **how)
+            verdicts = identify_draws(run.posterior(), run.draws, run.state)
+            return identifiability_figure(verdicts, run.result.rows, **how)
         case "profile":
             return _profiles(run, **how)
-    raise InputError(f"no figure {kind[:40]!r}", remedy=f"choose {', '.join(PLOTS)}")
+    raise InputError(f"unknown figure {kind[:40]!r}", remedy=f"one of {', '.join(PLOTS)}")
 
 
 def _profiles(run: Run, *, names: Sequence[str] = (), width_mm: float, style: Style) -> Figure:
@@ -148,7 +135,7 @@ def plot(
     anyway: bool = True,
     **how: Any,
 ) -> Figure:
-    """A figure of a run, in the style of a paper.
+    """Draw a figure of a run, in the style of a paper.
 
     Parameters
     ----------
@@ -159,7 +146,7 @@ def plot(
     suffix : {"pdf", "svg", "png"}, optional
         Kind of file; default that of ``out``, else pdf.
     style : mapping or path-like, optional
-        Of matplotlib, or the file to read it from.
+        Settings of matplotlib, or the file to read them from.
     truth : mapping or path-like, optional
         Known values to draw, or the JSON to read them from: corner, bands and mounting.
     compare : Run, path-like or DataFrame, optional
@@ -167,7 +154,7 @@ def plot(
     parameters : sequence of str
         What to show: profile and trace.
     anyway : bool
-        Take draws that the run itself calls unusable.
+        Use the draws of a run that has not converged.
     **how
         ``width_mm`` and what the figure takes; see :func:`run_figure`.
     """
@@ -175,9 +162,16 @@ def plot(
     target = None if out is None else picture_file(out, suffix)
     with one_call:
         how["style"] = opened_style(style)
-        opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
-        if target is not None:
-            _refuse_own(opened, target)
+        opened = opened_run(run) if anyway or figure in OF_ANY_STATE else usable_run(run)
+        files = opened.provenance.get("files") or {}
+        if (
+            target is not None
+            and target.name in files
+            and target.resolve().parent == opened.path.resolve()
+        ):
+            raise InputError(
+                "is a figure of the run itself", file=target, remedy="choose another name by `out`"
+            )
         if parameters:
             key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
             how[key] = tuple(dict.fromkeys(parameters))
@@ -188,7 +182,10 @@ def plot(
             how["compare"] = compare
         elif compare is not None:
             other = opened_run(compare) if anyway else usable_run(compare)
-            how |= {"compare": other.draws, "names": _labels(opened, other)}
+            names = opened.specimen.name, other.specimen.name
+            if names[0] == names[1]:
+                names = opened.path.name, other.path.name
+            how |= {"compare": other.draws, "names": names}
         drawn = run_figure(opened, figure, **how)
         if target is not None:
             save_figure(drawn, target, how["style"])
@@ -196,11 +193,11 @@ def plot(
 
 
 def check_figure(figure: str, **given: Any) -> None:
-    """Refuse what a figure does not take: truth, compare or parameters."""
+    """Refuse options that do not belong to a figure: truth, compare or parameters."""
     for name, figures in PLOT_TAKES.items():
         taken = given.get(name)
-        none = taken is None or (name == "parameters" and not taken)
-        if not none and figure not in figures:
+        empty = taken is None or (name == "parameters" and not taken)
+        if not empty and figure not in figures:
             raise InputError(
                 f"`{name}` does not go with `figure={figure}`",
                 remedy=f"it goes with {' and '.join(figures)}",
@@ -228,27 +225,12 @@ def picture_name(
     parameters: Sequence[str] = (),
     suffix: str | None = None,
 ) -> str:
-    """Name of a figure, which no figure of the run itself has."""
+    """Name of the file of a figure; the run's own figures have no width in theirs."""
     parts = [PLOTS[figure], *dict.fromkeys(parameters)]
     parts += [] if compare is None else ["with", compare.resolve().name]
     name = "-".join([*parts, f"{width_mm:g}mm"])
     safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     return f"{safe[:120]}.{suffix or PICTURES[0]}"
-
-
-def _refuse_own(run: Run, target: Path) -> None:
-    """Refuse to draw another figure in place of one that belongs to the run's own files."""
-    files = run.provenance.get("files") or {}
-    if target.name in files and target.resolve().parent == run.path.resolve():
-        raise InputError(
-            "is a figure of the run itself", file=target, remedy="choose another name with `out`"
-        )
-
-
-def _labels(run: Run, other: Run) -> tuple[str, str]:
-    """What tells two runs apart: the specimen, or else the folder."""
-    names = run.specimen.name, other.specimen.name
-    return names if names[0] != names[1] else (run.path.name, other.path.name)
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -285,7 +267,7 @@ def _labels(run: Run, other: Run) -> tuple[str, str]:
 @opt.file_option(
     "out", "The file to write  [default: in the run folder, named by figure and width]", "FILE"
 )
-@opt.anyway_option
+@opt.unconverged_option
 def command(
     run: Path, figure: str, suffix: str | None, out: Path | None, anyway: bool, **given: Any
 ) -> None:
@@ -303,8 +285,8 @@ def command(
         figure, given["width_mm"], compare=compare, parameters=parameters, suffix=suffix
     )
     target = picture_file(out or run / name, suffix)
-    judged = figure not in WITHOUT_JUDGEMENT
-    opened: Any = opt.open_usable_run(run, anyway=anyway) if judged else run
+    usable = figure not in OF_ANY_STATE
+    opened: Any = opt.open_usable_run(run, anyway=anyway) if usable else run
     other = None if compare is None else opt.open_usable_run(compare, anyway=anyway)
     plot(opened, figure, out=target, compare=other, anyway=anyway, **given)
     click.echo(str(target))

@@ -1,13 +1,11 @@
-"""``biaxbayes population``: what the specimens of a study have in common.
-
-Finished runs in, a hierarchical posterior over specimens out.
-"""
+"""``biaxbayes population``: a hierarchical posterior over the specimens of a study."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +32,7 @@ from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.words import counted
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.folder import POPULATION, clear_leftovers, finish_moving, staged
-from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.folder import POPULATION, staged
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.proposal import TransportedMixture
@@ -46,7 +43,7 @@ from biaxbayes.verbs.batch import batch
 from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop
 from biaxbayes.verbs.population_files import (
     Member,
-    PopulationFound,
+    PopulationResult,
     members_of_study,
     write_population,
 )
@@ -54,8 +51,8 @@ from biaxbayes.verbs.population_files import (
 # --- the job -------------------------------------------------------------------------------------
 
 LOW_WEIGHT = 0.5
-UNLIKE_STRETCH = 1.25
-"""Ratio of the largest strains from which specimens were stretched unlike."""
+MAX_STRAIN_RATIO = 1.25
+"""Ratio of the largest strains of two specimens from which a note says so."""
 
 
 @dataclass
@@ -76,7 +73,7 @@ class PopulationJob:
         overwrite: bool = False,
         progress: OnProgress = inputs.no_progress,
         stop: Stop = inputs.no_stop,
-    ) -> PopulationFound:
+    ) -> PopulationResult:
         """Sample the population and write every file."""
         progress(Progress("reading runs"))
         sources, left_out = self._opened()
@@ -85,11 +82,7 @@ class PopulationJob:
         values = self.priors.applied(
             pooled_values(sources[0].posterior.law, names, mounting=self.options.pool_mounting)
         )
-        inputs.claim_folder(self.folder, {POPULATION, *checkpoint.NAMES}, "a population's")
-        with folder_lock(self.folder):
-            clear_leftovers(self.folder)
-            finish_moving(self.folder, POPULATION)
-            inputs.refuse_finished(self.folder, POPULATION, resume=resume, overwrite=overwrite)
+        with inputs.locked_folder(self.folder, POPULATION, resume=resume, overwrite=overwrite):
             plan = Plan(
                 ess=self.options.ess,
                 max_steps=self.options.max_steps,
@@ -176,7 +169,7 @@ class PopulationJob:
     def _identity(
         self, sources: list[Source], grouping: Grouping, values: list[PooledValue], plan: Plan
     ) -> dict[str, Any]:
-        """What the draws depend on."""
+        """Values that the draws depend on."""
         runs = {}
         for source, group, donor in zip(sources, grouping.group, grouping.donor, strict=True):
             settings = json.dumps(settings_table(source.posterior), sort_keys=True, default=str)
@@ -193,19 +186,17 @@ class PopulationJob:
         return {
             "biaxbayes": biaxbayes.__version__,
             "options": options,
-            "priors": {v.name: _stated(v) for v in values}
-            | {"eta": [self.priors.eta_donors, self.priors.eta_specimens]},
+            "priors": {
+                **{v.name: {k: x for k, x in vars(v).items() if k != "parameter"} for v in values},
+                "eta": [self.priors.eta_donors, self.priors.eta_specimens],
+            },
             "sampler": {"ensembles": plan.ensembles, "chains": plan.chains},
             "runs": runs,
         }
 
 
-def _stated(value: PooledValue) -> dict[str, float]:
-    return {k: v for k, v in vars(value).items() if k != "parameter"}
-
-
 def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> list[str]:
-    """What a reader must know of the specimens before the numbers."""
+    """Notes on the specimens that a reader needs before the numbers."""
     out = []
     nameless = [m.label for m in members if not m.donor]
     if nameless:
@@ -213,8 +204,8 @@ def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> 
     donors = len(grouping.donors)
     if donors == 1:
         out.append(
-            "all specimens are of one donor, so how donors differ is not seen: sd_donors is that "
-            "of the prior, and mean, new_specimen and new_donor are as wide as it makes them"
+            "all specimens are of one donor, so the differences between donors are unknown: "
+            "sd_donors is the prior's and widens mean, new_specimen and new_donor"
         )
     elif donors == len(members):
         out.append(
@@ -222,9 +213,9 @@ def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> 
             "specimens: sd_total and new_specimen contain both"
         )
     elif donors < 4:
-        out.append(f"there are {donors} donors: sd_donors rests much on its prior")
+        out.append(f"there are {donors} donors: sd_donors depends much on its prior")
     if len(members) < 4:
-        out.append(f"there are {len(members)} specimens: the sds rest much on their priors")
+        out.append(f"there are {len(members)} specimens: the sds depend much on their priors")
     for group in grouping.groups:
         if len(grouping.members(group)) == 1:
             out.append(
@@ -238,23 +229,22 @@ def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> 
     weights = np.array([s.run.beta for s in sources])
     if np.median(weights) < LOW_WEIGHT:
         out.append(
-            f"the readings of the specimens were weighed by {weights.min():.2g} to "
-            f"{weights.max():.2g} because the law misses smoothly: widths of single specimens hold "
-            "that misfit, so the sd between specimens comes out too small, and an error of the law "
-            "that all specimens share does not average out"
+            f"the readings of the specimens are weighted by {weights.min():.2g} to "
+            f"{weights.max():.2g} because of systematic misfit of the law: this misfit is part of "
+            "the widths of single specimens, so the sd between specimens comes out too small, and "
+            "an error of the law that all specimens share does not average out"
         )
     return out
 
 
 def _apart(grouping: Grouping) -> list[str]:
     """Groups that share no donor."""
-    of = {g: {grouping.donor[i] for i in grouping.members(g)} for g in grouping.groups}
-    names = list(of)
-    pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 :] if not of[a] & of[b]]
+    donors = {g: {grouping.donor[i] for i in grouping.members(g)} for g in grouping.groups}
+    pairs = [(a, b) for a, b in combinations(donors, 2) if not donors[a] & donors[b]]
     if not pairs:
         return []
     groups = "; ".join(f"{a} and {b}" for a, b in pairs[:3])
-    return [f"no donor in common: {groups}: their contrasts hold the differences of the donors"]
+    return [f"no donor in common: {groups}: their contrasts include differences between donors"]
 
 
 def _unlike(sources: list[Source]) -> list[str]:
@@ -273,12 +263,12 @@ def _unlike(sources: list[Source]) -> list[str]:
         )
     tops = [s.largest_stretch for s in sources]
     low, high = min(tops), max(tops)
-    if high - 1.0 > UNLIKE_STRETCH * (low - 1.0):
+    if high - 1.0 > MAX_STRAIN_RATIO * (low - 1.0):
         few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
         out.append(
             f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
-            f"{_listed(few)}): stress and stiffness are given up to {low:.3f}, and the band of a "
-            "new specimen goes beyond what those show"
+            f"{_listed(few)}): stress and stiffness are given up to {low:.3f}, and above it the "
+            "band of a new specimen does not rest on all specimens"
         )
     return out
 
@@ -306,18 +296,17 @@ def population(
     progress: OnProgress = inputs.no_progress,
     stop: Stop = inputs.no_stop,
     **options: Any,
-) -> PopulationFound:
-    """What the specimens of a study have in common: a hierarchical posterior over them.
+) -> PopulationResult:
+    """Sample a hierarchical posterior over the specimens of a study.
 
     Parameters
     ----------
     study : path-like
-        The folder of a finished study, or a study file, whose specimens are sampled first where
-        that has not been done.
+        The folder of a finished study, or a study file; missing runs are sampled first.
     out : path-like
         Folder of population.csv, specimens.csv, contrasts.csv and population.nc.
     runs : path-like, optional
-        For a study file: the study folder; default as of ``biaxbayes batch``, ``<stem>-study``.
+        For a study file: the study folder; default ``<stem>-study``, as for ``biaxbayes batch``.
     priors : path-like, optional
         Population priors, a TOML file.
     scheduler : str, optional
@@ -325,9 +314,9 @@ def population(
     resume : bool
         Continue from the folder's checkpoint where there is one.
     overwrite : bool
-        Replace a finished population, with all that was made of it.
+        Replace a finished population and everything derived from it.
     anyway : bool
-        Take specimens whose runs are tentative, too.
+        Use tentative runs, too.
     progress, stop : callable, optional
         As in :func:`biaxbayes.sample`.
     **options
@@ -371,17 +360,17 @@ MOST_PAIRS = 3
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Dask scheduler for specimens that have to be sampled first, as tcp://host:8786.",
+    help="Dask scheduler for specimens that still have to be sampled, as tcp://host:8786.",
 )
 @opt.resume_option
 @opt.overwrite_option("population")
-@opt.flag("anyway", "Take specimens whose runs are tentative, too.")
+@opt.flag("anyway", "Use tentative runs, too.")
 @opt.quiet_option
 def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
-    r"""What the specimens of STUDY have in common: a hierarchical posterior over them.
+    r"""Sample a hierarchical posterior over the specimens of STUDY.
 
-    STUDY is the folder of a finished batch, or a study file, whose specimens are sampled first
-    where that has not been done. Groups are the layers, or what the study file names in columns.
+    STUDY is the folder of a finished batch, or a study file; missing runs are sampled first.
+    Groups are the layers, or the values of the columns that the study file names.
     Writes population.csv (means and spreads of donors and of specimens with verdicts, new specimens
     and donors), specimens.csv (each specimen before and after pooling), contrasts.csv and
     population.nc. Exit code 0 when the posterior has converged, 3 when the chains did not converge,
@@ -403,7 +392,7 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     return 0 if result.state == "converged" else opt.NOT_CONVERGED
 
 
-def closing_message(result: PopulationFound) -> str:
+def closing_message(result: PopulationResult) -> str:
     """Groups, differences between them and notes, for a terminal."""
     state = (
         result.state if result.state == "converged" else f"{result.state.upper()}: {result.reason}"
@@ -413,7 +402,7 @@ def closing_message(result: PopulationFound) -> str:
         lines += ["", *_group_lines(str(group), part)]
     groups = result.groups
     if any((groups[f"{side}_verdict"] == NOT_IDENTIFIED).any() for side in spread_parts(groups)):
-        lines += ["", f"{MARK} {NOT_IDENTIFIED}: the specimens say little of this sd"]
+        lines += ["", f"{MARK} {NOT_IDENTIFIED}: the specimens determine little of this sd"]
     pairs = list(result.contrasts.groupby(["group_a", "group_b"], sort=False))
     for (a, b), part in pairs[:MOST_PAIRS]:
         lines += ["", *_contrast_lines(str(a), str(b), part)]
@@ -425,7 +414,7 @@ def closing_message(result: PopulationFound) -> str:
 
 
 def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
-    """What a group's specimens have in common, and how they differ."""
+    """Table of a group: medians, spreads and new specimens."""
     first = part.iloc[0]
     members = f"{counted(first['specimens'], 'specimen')} of {counted(first['donors'], 'donor')}"
     split = len(spread_parts(part)) > 1
@@ -443,7 +432,7 @@ def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
 
 
 def _contrast_lines(a: str, b: str, part: pd.DataFrame) -> list[str]:
-    """How group b differs from group a, and whether the 90 % interval excludes no difference."""
+    """Table of the differences between two groups, with their 90 % intervals."""
     table = [
         [row.quantity, row.kind, row.median, row.interval, row.direction]
         for row in contrast_rows(part)

@@ -84,9 +84,9 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
             for column in grouped_by:
                 if not own.get(column):
                     raise InputError(
-                        f"{label} states no {column}, which makes its group",
+                        f"{label} has no {column}, which defines its group",
                         file=folder,
-                        remedy=f"state {column} in the study file, or name others in columns",
+                        remedy=f"give {column} in the study file, or name others in columns",
                     )
             group = ", ".join(own[column] for column in grouped_by)
         out.append(
@@ -106,7 +106,7 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
 
 
 @dataclass(frozen=True)
-class PopulationFound:
+class PopulationResult:
     """Result of a population: state with reason, tables, and reasons by specimen left out."""
 
     name: str
@@ -120,7 +120,7 @@ class PopulationFound:
     left_out: dict[str, str] = field(repr=False)
 
     def __repr__(self) -> str:
-        return f"PopulationFound({self.name!r}, {self.state}, {len(self.groups)} rows of groups)"
+        return f"PopulationResult({self.name!r}, {self.state}, {len(self.groups)} rows of groups)"
 
     def _repr_html_(self) -> str:
         """State and groups, for notebooks."""
@@ -129,8 +129,8 @@ class PopulationFound:
         return f"<p>{escape(self.name)}: {escape(self.state)}</p>{table}"
 
 
-def read_population(folder: Path) -> PopulationFound:
-    """A finished population, opened again."""
+def read_population(folder: Path) -> PopulationResult:
+    """Open a finished population."""
     if (folder / READY).is_dir():  # as in open_run
         with folder_lock(folder):
             finish_moving(folder, POPULATION)
@@ -139,7 +139,7 @@ def read_population(folder: Path) -> PopulationFound:
     try:
         record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
         tables = {k: read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
-        result = PopulationFound(
+        result = PopulationResult(
             name=str(record["name"]),
             folder=folder,
             state=str(record["convergence"]["state"]),
@@ -157,21 +157,23 @@ def read_population(folder: Path) -> PopulationFound:
 
 
 def _no_population(folder: Path) -> str:
-    """What is wrong with a folder that is not a finished population's, and what to do."""
+    """Why a folder is not a finished population's, and what to do."""
     if not folder.exists():
         return f"does not exist; {MAKE_POPULATION}"
     if (folder / PROVENANCE).exists():
         return "is a run's folder, not a population's; leave --population out"
     if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
-        return f"is a study's folder, not a population's; {MAKE_POPULATION} of it"
+        return f"is a study's folder, not a population's; {MAKE_POPULATION}"
     return f"is not the folder of a finished population; {MAKE_POPULATION}"
 
 
 # --- files ---------------------------------------------------------------------------------------
 
 
-def write_population(folder: Path, result: Population, identity: dict[str, Any]) -> PopulationFound:
-    """Every file of a population, its record last."""
+def write_population(
+    folder: Path, result: Population, identity: dict[str, Any]
+) -> PopulationResult:
+    """Write the files of a population, its record last."""
     specimens = specimens_table(result)
     result = replace(result, notes=[*result.notes, *contradictions(specimens)])
     tables = {
@@ -215,7 +217,7 @@ def write_population(folder: Path, result: Population, identity: dict[str, Any])
     atomic_write_text(folder / PAGE, population_page(folder, tables, record))
     record["files"] = manifest(folder)
     atomic_write_text(folder / POPULATION, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
-    return PopulationFound(
+    return PopulationResult(
         result.name,
         folder,
         result.state,
@@ -227,7 +229,7 @@ def write_population(folder: Path, result: Population, identity: dict[str, Any])
 
 
 def _draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFrame]) -> None:
-    """Forest, pairs and stress bands; none of draws that are unusable."""
+    """Draw forest, pairs and stress bands; no figure if the draws are unusable."""
     from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
     from biaxbayes.figures.style import save_pictures
 
@@ -265,8 +267,8 @@ def archive(result: Population) -> bytes:
     groups = list(result.grouping.groups)
 
     def flat(values: np.ndarray) -> np.ndarray:
-        # (ensembles, sweeps, chains, ...) to (chain, draw, ...), one chain of an ensemble after
-        # the other, as in posterior.nc
+        # (ensembles, sweeps, chains, ...) to (chain, draw, ...), chain after chain of an ensemble,
+        # as in posterior.nc
         moved = np.moveaxis(values, 2, 1)
         return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
 

@@ -12,6 +12,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.options import PICTURES, Options, PredictionOptions, option, takes_options
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
+from biaxbayes.text_files import write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike
@@ -26,12 +27,12 @@ REFERENCES = ("total", "measured")
 STRESSES = ("cauchy", "piola")
 AXES = ("x", "y")
 TESTED = "tested"
-"""The largest stretch that was tested."""
+"""Value of ``stretch`` for the largest tested stretch."""
 
 
 @dataclass(frozen=True)
 class FigureOptions(Options):
-    """How a figure is printed; ``style`` is a matplotlib style file, or its settings."""
+    """Printing of a figure; ``style`` is a matplotlib style file, or its settings."""
 
     suffix: str = option("pdf", choices=PICTURES, flag="format")
     width_mm: float = option(85.0, least=50.0, most=400.0, show_range=True)
@@ -74,7 +75,7 @@ def predict(
     out : path-like, optional
         Folder for prediction.csv and a figure.
     anyway : bool
-        Take draws that the run itself calls unusable.
+        Use the draws of a run that has not converged.
     **options
         As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
     """
@@ -85,7 +86,7 @@ def predict(
     picture = FigureOptions.from_values(rest)
     style = inputs.opened_style(picture.style)
     if (path is None) == (stretch is None):
-        raise InputError("give either a path or the largest stretch of one")
+        raise InputError("give either `path` or `stretch`")
     if path is not None and ratio is not None:
         raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
     opened = inputs.usable_run(run, anyway=anyway)
@@ -93,12 +94,15 @@ def predict(
     names = [p.name for p in specimen.protocols]
     if protocol is not None and protocol not in names:
         raise InputError(
-            f"no protocol {protocol[:60]!r} in this run", remedy=f"it has {', '.join(names)}"
+            f"unknown protocol {protocol[:60]!r}", remedy=f"the run has {', '.join(names)}"
         )
     if path is None:
         states = _straight_path(opened, stretch, ratio, bands.points, protocol, reference)
     else:
-        states = _stated_path(path)
+        from biaxbayes.specimens.table import read_stretches
+
+        in_file = isinstance(path, str | Path)
+        states = read_stretches(Path(path)) if in_file else np.asarray(path, float)
     where: dict[str, Any] = {"reference": reference, "protocol": protocol, "stress": stress}
     table = predict_stress(
         opened.draws, specimen, opened.law, states, **where, probability=bands.probability
@@ -120,13 +124,6 @@ def predict(
     return table
 
 
-def _stated_path(path: Any) -> np.ndarray:
-    """States of stretch from a file or an array."""
-    from biaxbayes.specimens.table import read_stretches
-
-    return read_stretches(Path(path)) if isinstance(path, str | Path) else np.asarray(path, float)
-
-
 def _straight_path(
     run: Run,
     stretch: Any,
@@ -140,8 +137,8 @@ def _straight_path(
 
     if np.ndim(stretch) > 0:
         raise InputError(
-            "`stretch` is one number, the largest stretch of a straight path",
-            remedy="for stretches of your own give `path`, an array of two columns (x, y)",
+            "`stretch` must be a number, the largest stretch of a straight path",
+            remedy="for other paths give `path`, an array of two columns (x, y)",
         )
     if stretch == TESTED:
         stretch = float(prediction_range(run.draws, run.specimen, protocol, reference).high.max())
@@ -150,14 +147,14 @@ def _straight_path(
         if not isinstance(stretch, str) and 0.0 < stretch < 0.5:
             remedy = f"for a strain of {stretch:g} write {1.0 + stretch:g}"
         shown = stretch if isinstance(stretch, str) else f"{stretch:g}"
-        raise InputError(f"`stretch` {shown} is no largest stretch", remedy=remedy)
+        raise InputError(f"`stretch` {shown} is not a possible largest stretch", remedy=remedy)
     return stretch_path(stretch, ratio=ratio or (1.0, 1.0), points=points)
 
 
 def _write(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: Any) -> None:
     from biaxbayes.figures.style import save_figure
 
-    inputs.write_table(stem.parent, stem.name, table, None)
+    write_csv(stem.with_suffix(".csv"), table)
     save_figure(figure, stem.with_suffix(f".{suffix}"), style)
 
 
@@ -196,7 +193,7 @@ def inflate(
     out : path-like, optional
         Folder for inflation.csv and a figure.
     anyway : bool
-        Take draws that the run itself calls unusable.
+        Use the draws of a run that has not converged.
     **options
         As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
     """
@@ -279,7 +276,7 @@ TUBE = ("radius_mm", "wall_mm", "axial_stretch", "pressure_kPa", "circumferentia
 @opt.options(PredictionOptions)
 @opt.options(FigureOptions, style={"type": click.Path(path_type=Path)})
 @opt.file_option("out", "Folder  [default: the run]", "DIR")
-@opt.anyway_option
+@opt.unconverged_option
 def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     r"""Stress with credible and predictive bands on any path, or the inflation of a tube.
 
@@ -312,7 +309,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
 
 
 def _check_given(inflated: bool, given: dict[str, Any]) -> None:
-    """Options of the one kind of prediction do not go with the other."""
+    """Refuse options of the other kind of prediction."""
     if inflated and (given["radius_mm"] is None or given["wall_mm"] is None):
         raise InputError("a tube needs `radius_mm` and `wall_mm`", remedy="unloaded, in mm")
     for name in PATH if inflated else TUBE:
@@ -334,12 +331,12 @@ def _print_prediction(table: pd.DataFrame, *files: Path) -> None:
         )
     click.echo(", ".join(map(str, files)))
     click.echo(
-        "the predictive band is the interval of the tissue's response: it holds the error that "
-        "the run inferred; the credible band is that of the model"
+        "the predictive band is the interval of the tissue's response and includes the inferred "
+        "error; the credible band is that of the model"
     )
     outside = int((table["extrapolation"] != INSIDE).sum())
     if outside:
         click.echo(
             f"note: {outside} of {len(table)} rows are extrapolations, marked in the table and "
-            "dashed in the figure: there the bands rest on the model alone"
+            "dashed in the figure: their bands depend on the model alone"
         )

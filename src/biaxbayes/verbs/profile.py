@@ -43,19 +43,19 @@ def profile(
     workers: int = 1,
     **options: Any,
 ) -> list[Profile]:
-    """Profile likelihoods: what the data alone say of each parameter.
+    """Compute the profile likelihood of each parameter, from the data without priors.
 
     Parameters
     ----------
     source : Run, Specimen or path-like
         A run, with its own model, or a specimen.
     parameters : sequence of str
-        C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; the free ones of the first five where
-        none is named.
+        C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; by default the free ones of the first
+        five.
     out : path-like, optional
         Folder for profile.csv, profile-intervals.csv and profile.pdf.
     mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, put back on.
+        For a tared specimen: the force (or stress) at the mounted state, added back.
     workers : int
         Processes.
     **options
@@ -147,13 +147,10 @@ def profiles_as_json(profiles: Sequence[Profile]) -> str:
     records = []
     for row, profile in zip(interval_table(profiles).to_dict("records"), profiles, strict=True):
         curve = {str(k): v for k, v in profile.table.to_dict("list").items()}
-        records.append({**{str(k): _plain(v) for k, v in row.items()}, "curve": curve})
+        infinite = {k for k, v in row.items() if isinstance(v, float) and not math.isfinite(v)}
+        plain = {str(k): None if k in infinite else v for k, v in row.items()}
+        records.append({**plain, "curve": curve})
     return json.dumps(records, indent=2, allow_nan=False, ensure_ascii=False)
-
-
-def _plain(value: object) -> object:
-    """JSON knows no infinity."""
-    return value if not isinstance(value, float) or math.isfinite(value) else None
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -169,7 +166,7 @@ def _plain(value: object) -> object:
     help="C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; repeatable [the first five].",
 )
 @opt.options(ProfileOptions, "law", "mounting", "noise", "mounting_stretch")
-@opt.fix_option("Hold a parameter; repeatable.")
+@opt.fix_option("Fix a parameter; repeatable.")
 @opt.options(ProfileOptions, "fibre_switch")
 @opt.mounting_force_option()
 @click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
@@ -189,6 +186,6 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
     if as_json:
         click.echo(profiles_as_json(result))
         return
-    for one in result:
-        click.echo(one.in_words())
+    for each in result:
+        click.echo(each.in_words())
     click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")

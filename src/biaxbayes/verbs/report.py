@@ -15,7 +15,7 @@ from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file
 
 
 def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> Path:
-    """Write the report of a run again; the path of the file.
+    """Write the report of a run again, and return its path.
 
     Parameters
     ----------
@@ -49,7 +49,9 @@ def report_text(run: RunLike, kind: str = "html") -> str:
     from biaxbayes.reports.page import report_page
 
     if kind not in REPORTS:
-        raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")
+        raise InputError(
+            f"unknown report {str(kind)[:40]!r}", remedy=f"one of {', '.join(REPORTS)}"
+        )
     opened = opened_run(run)
     if kind == "explore":
         return _explore_text(opened, linked=False)
@@ -57,7 +59,7 @@ def report_text(run: RunLike, kind: str = "html") -> str:
 
 
 def _explore_text(run: Run, *, linked: bool) -> str:
-    """The page to explore; linked to the report where both stand in the run folder."""
+    """The page to explore, with a link to the report if both are in the run folder."""
     from biaxbayes.reports.explore import explore_page
 
     rows = run.result.rows
@@ -85,7 +87,7 @@ def command(run: Path, kind: str, out: Path | None) -> int:
     biaxbayes report media-run
     biaxbayes report media-run --format latex --out table2.tex
 
-    Exit code 3 where the chains did not converge: the report says so, too.
+    Exit code 3 if the chains did not converge, as the report says, too.
     """
     opened = opened_run(run)
     if out is not None and str(out) == "-":

@@ -31,22 +31,18 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parameters import STRETCH
-from biaxbayes.progress_bar import with_progress
+from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import draw_table, write_archive
 from biaxbayes.runs.folder import (
     PROVENANCE,
-    clear_leftovers,
-    finish_moving,
-    is_run,
     manifest,
     record_text,
     staged,
 )
-from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise
-from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
+from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
@@ -58,17 +54,15 @@ from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from biaxbayes.identifiability.identify import Identifiability
     from biaxbayes.runs.result import RunResult
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """Checked inputs of one sampling run.
-
-    Made by :meth:`prepare`, which checks everything that can be checked before the work; ``batch``
-    checks all its specimens before it samples the first.
-    """
+    """Checked inputs of one sampling run; ``batch`` checks all before it samples the first."""
 
     specimen: Specimen
     source: str
@@ -97,7 +91,7 @@ class Sampling:
             file: object = specimen.name
             safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in specimen.name)
             source, stem = specimen.name, safe.strip(".-")[:60] or "specimen"
-            inputs.readable_specimen(specimen, file)
+            inputs.check_round_trip(specimen, file)
         else:
             file = Path(specimen)
             source, stem = Path(specimen).name, Path(specimen).stem
@@ -125,12 +119,7 @@ class Sampling:
         """Sample, write the run folder, and return its path."""
         progress = progress or _warn
         start = time.perf_counter()
-        finished = [PROVENANCE] if is_run(self.folder) else []
-        inputs.claim_folder(self.folder, {*checkpoint.NAMES, *finished}, "a run's")
-        with folder_lock(self.folder):
-            clear_leftovers(self.folder)
-            finish_moving(self.folder)
-            inputs.refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
+        with inputs.locked_folder(self.folder, PROVENANCE, resume=resume, overwrite=overwrite):
             progress(Progress("fitting"))
             _show(self.findings, progress)
             fit_start = time.perf_counter()
@@ -141,43 +130,33 @@ class Sampling:
             findings = _findings_of_fit(posterior)
             _show(findings, progress)
             fit_seconds = time.perf_counter() - fit_start
-            state = None  # an old checkpoint stays until the first new one is written
-            if resume:
-                state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
-                if note:
-                    progress(Progress("resuming", note=note))
-            draws = self._draw(posterior, state, progress, stop)
-            if state is None:
-                draws.seconds["fit"] += fit_seconds
+            draws = self._draw(posterior, resume, fit_seconds, progress, stop)
             names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
             stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
-            of_draws = bracket_findings(stretches)
-            _show(of_draws, progress)
+            limits = bracket_findings(stretches)
+            _show(limits, progress)
             progress(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - start
             # All files are replaced together.
             with staged(self.folder, inputs.removal_note(progress, PROVENANCE)) as folder:
-                every = (*self.findings, *findings, *of_draws)
-                run._write_files(folder, posterior, draws, every, start)
+                findings = [*self.findings, *findings, *limits]
+                run._write_files(folder, posterior, draws, findings, start)
         return self.folder
 
-    def _corrected_for_grips(self, progress: OnProgress) -> Sampling:
-        """The same with a specimen whose loads are those of a uniform test."""
-        progress(Progress("correcting for the grips"))
-
-        def fitted(specimen: Specimen) -> FitResult:
-            posterior = Posterior(specimen, **self.options, beta=1.0)
-            return posterior.least_squares(self.plan.seed)
-
-        correction = corrected_for_grips(self.specimen, fitted)
-        specimen = correction.specimen
-        specimen = replace(specimen, notes=(*specimen.notes, correction.in_words))
-        return replace(self, specimen=specimen, correction=correction)
-
     def _draw(
-        self, posterior: Posterior, state: State | None, progress: OnProgress, stop: Stop
+        self,
+        posterior: Posterior,
+        resume: bool,
+        fit_seconds: float,
+        progress: OnProgress,
+        stop: Stop,
     ) -> Draws:
-        """Draws of the posterior, from the state of a checkpoint if there is one."""
+        """Draw from the posterior, from a checkpoint if there is one and ``resume``."""
+        state = None  # an old checkpoint stays until the first new one is written
+        if resume:
+            state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
+            if note:
+                progress(Progress("resuming", note=note))
         draws = draw_posterior(
             posterior,
             self.plan,
@@ -195,7 +174,22 @@ class Sampling:
                 stop(),
             )
         progress(Progress("sampling", 1.0))
+        if state is None:
+            draws.seconds["fit"] += fit_seconds
         return draws
+
+    def _corrected_for_grips(self, progress: OnProgress) -> Sampling:
+        """The same run with loads corrected to those of a uniform test."""
+        progress(Progress("correcting for the grips"))
+
+        def fitted(specimen: Specimen) -> FitResult:
+            posterior = Posterior(specimen, **self.options, beta=1.0)
+            return posterior.least_squares(self.plan.seed)
+
+        correction = corrected_for_grips(self.specimen, fitted)
+        specimen = correction.specimen
+        specimen = replace(specimen, notes=(*specimen.notes, correction.in_words))
+        return replace(self, specimen=specimen, correction=correction)
 
     def _write_files(
         self,
@@ -205,7 +199,7 @@ class Sampling:
         findings: Sequence[Finding],
         start: float,
     ) -> None:
-        """Every file of the run, its provenance last."""
+        """Write every file of the run, its provenance last."""
         from biaxbayes.figures.run.grips import grips_figure
         from biaxbayes.figures.style import save_pictures
         from biaxbayes.identifiability.identify import identify_run
@@ -249,7 +243,7 @@ class Sampling:
             verdicts, posterior, table, summary, record["convergence"], run.findings
         )
         write_result(result, folder)
-        write_figures(folder, posterior, draws, verdicts, result)
+        write_figures(folder, posterior, draws, table, verdicts, result)
         record["seconds"]["total"] = round(time.perf_counter() - start, 3)
         write_report(folder, run)
         record["files"] = manifest(folder)
@@ -257,9 +251,14 @@ class Sampling:
 
 
 def write_figures(
-    folder: Path, posterior: Posterior, draws: Draws, verdicts: Identifiability, result: RunResult
+    folder: Path,
+    posterior: Posterior,
+    draws: Draws,
+    table: pd.DataFrame,
+    verdicts: Identifiability,
+    result: RunResult,
 ) -> None:
-    """Figures and the page to explore; of unusable draws only the traces, which show why."""
+    """Write figures and the page to explore; of unusable draws only the traces."""
     from biaxbayes.figures.run.bands import bands_figure
     from biaxbayes.figures.run.corner import corner_figure
     from biaxbayes.figures.run.identifiability import identifiability_figure
@@ -269,7 +268,6 @@ def write_figures(
     from biaxbayes.reports.page import EXPLORE, NAME
 
     specimen, known = posterior.specimen, posterior.quantities
-    table = draw_table(draws.quantities)
     if result.state != "converged":
         trace = trace_figure(draws.quantities, unit=specimen.unit, known=known)
         save_pictures(trace, folder, "trace")
@@ -285,7 +283,7 @@ def write_figures(
 
 
 def _findings_of_fit(posterior: Posterior) -> list[Finding]:
-    """What the fit shows of the specimen and the priors."""
+    """Findings from the fit: swapped columns, radians, priors in conflict with the data."""
     swapped = swapped_columns(
         posterior.specimen,
         posterior.fit.residuals,
@@ -308,7 +306,7 @@ def _warn(progress: Progress) -> None:
 
 
 def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
-    """A warning where the protocols are too few for a law."""
+    """A warning if the protocols are too few for a law."""
     count, needed = len(specimen.protocols), law_named(law).least_protocols
     if count >= needed:
         return []
@@ -368,7 +366,7 @@ def sample(
     out : path-like, optional
         The run folder; default ``<stem>-posterior`` in the current directory.
     mounting_force : (float, float), optional
-        For a tared file: the force (or stress) at the mounted state, put back on.
+        For a tared file: the force (or stress) at the mounted state, added back.
     anyway : bool
         Sample even if the data do not look like a loading curve (see ``biaxbayes check``).
     resume : bool

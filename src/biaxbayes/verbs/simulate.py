@@ -16,7 +16,7 @@ from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.verbs.inputs import check_new, readable_specimen
+from biaxbayes.verbs.inputs import check_new, check_round_trip
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class VirtualTest(Options):
 def simulate(
     out: str | Path | None = None, *, overwrite: bool = False, **options: Any
 ) -> tuple[Specimen, Truth]:
-    """A virtual biaxial test, written to ``out`` as a specimen file.
+    """Simulate a virtual biaxial test, and write it to ``out`` as a specimen file.
 
     Parameters
     ----------
@@ -99,35 +99,31 @@ def simulate(
     Raises
     ------
     InputError
-        For a test that cannot be, or a file that is there already.
+        For an impossible test, or a file that exists already.
     """
     from biaxbayes.specimens.virtual_specimen import write_truth
 
     test = VirtualTest.from_values(options)
     if out is not None:
-        _check_files(Path(out), overwrite)
+        if not Path(out).parent.is_dir():
+            raise InputError("no such folder", file=Path(out).parent, remedy="make it first")
+        for path in (Path(out), truth_file(Path(out))):
+            check_new(path, overwrite)
     specimen, truth = _simulated(test, test.name or ("virtual" if out is None else Path(out).stem))
     if out is not None:
-        # The truth first: a specimen without its truth would be worth nothing.
+        # The truth first, so that no specimen is left without its truth.
         write_truth([truth], truth_file(Path(out)))
         write_specimen(specimen, Path(out))
     return specimen, truth
 
 
 def truth_file(out: Path) -> Path:
-    """Where the truth of a virtual specimen goes."""
+    """Path of the true values of a virtual specimen."""
     return out.with_name(f"{out.stem}.truth.json")
 
 
-def _check_files(out: Path, overwrite: bool) -> None:
-    if not out.parent.is_dir():
-        raise InputError("no such folder", file=out.parent, remedy="make it first")
-    for path in (out, truth_file(out)):
-        check_new(path, overwrite)
-
-
 def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
-    """The specimen that the options ask for."""
+    """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
     from biaxbayes.laws.goh import GOH
     from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
@@ -166,7 +162,7 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
     try:
-        readable_specimen(made[0], name)
+        check_round_trip(made[0], name)
     except InputError as error:
         raise InputError(
             f"this test gives a record that cannot be used: {error.problem}",
@@ -176,8 +172,9 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
 
 
 def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Dimensions]:
-    """Material, stretches and dimensions: the options, else what is published with a material."""
-    from biaxbayes.laws.materials import MaterialResponse
+    """Material, stretches and dimensions from the options or as published with the material."""
+    from biaxbayes.laws.goh import GOH
+    from biaxbayes.laws.materials import CheckedMaterial, MaterialResponse
     from biaxbayes.laws.published import MATERIALS, PublishedMaterial
     from biaxbayes.specimens.virtual_specimen import Dimensions
 
@@ -187,15 +184,19 @@ def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Di
         published = MATERIALS[test.material]
     elif test.material is None:
         raise InputError(
-            "no `material`", remedy="name a published one, or make one with biaxbayes.law(...)"
+            "`material` is missing",
+            remedy="name a published one, or make one by biaxbayes.law(...)",
         )
     else:
         raise InputError(
-            f"no material {str(test.material)[:60]!r}", remedy=f"known are {', '.join(MATERIALS)}"
+            f"unknown material {str(test.material)[:60]!r}", remedy=f"one of {', '.join(MATERIALS)}"
         )
     material = published.material
-    if test.fibre_switch:
-        material = _switched(material)
+    if test.fibre_switch and isinstance(material, GOH):
+        material = replace(material, fibre_switch=True)
+    elif test.fibre_switch:
+        switched = law_named(material.law.name, fibre_switch=True)
+        material = CheckedMaterial(switched, material.theta)
     thickness = test.thickness
     if thickness is None:
         thickness = published.thickness_mm or 1.0
@@ -206,17 +207,8 @@ def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Di
     return material, conditions, Dimensions(edge_x, edge_y, thickness)
 
 
-def _switched(material: MaterialResponse) -> MaterialResponse:
-    """The same material whose fibres carry no compression."""
-    from biaxbayes.laws.goh import GOH
-    from biaxbayes.laws.materials import CheckedMaterial
-
-    if isinstance(material, GOH):
-        return replace(material, fibre_switch=True)
-    return CheckedMaterial(law_named(material.law.name, fibre_switch=True), material.theta)
-
-
 def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
+    """Mounting stretch and stretch range from the options or as published."""
     top: list[Any]
     mounting = test.prestretch or published.mounting_stretch
     if not test.prestretch and published.mounting_stretch == (1.0, 1.0):
@@ -226,7 +218,9 @@ def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
         )
     total, measured = test.total_stretch, test.measured_stretch
     if total is not None and measured is not None:
-        raise InputError("`total_stretch` and `measured_stretch` are given", remedy="give one")
+        raise InputError(
+            "`total_stretch` and `measured_stretch` exclude each other", remedy="give one of them"
+        )
     if total is None and measured is None:
         measured = published.measured_stretch
     if total is None and measured is None:
@@ -242,7 +236,7 @@ def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
                     f"{label} of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
                 )
     if 1.0 in top:
-        raise InputError("the test ends where it starts", remedy="ask for a larger stretch")
+        raise InputError("the test ends where it starts", remedy="choose a larger stretch")
     return {
         "mounting_stretch": tuple(mounting),
         "total_stretch": total,
@@ -303,7 +297,7 @@ def command(
     values: str | None,
     **test: Any,
 ) -> None:
-    r"""A virtual biaxial test, written as a specimen file.
+    r"""Simulate a virtual biaxial test, and write it as a specimen file.
 
     The truth goes into a second file beside it, `<stem>.truth.json`, which no fit reads.
 
@@ -314,11 +308,13 @@ def command(
     biaxbayes simulate --law fung --values c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2 \
         --prestretch 1.02 1.02 --total-stretch 1.2 --out fung.csv
     """
+    from biaxbayes.laws.goh import GOH
+
     if material == "list":
         _print_materials()
         return
     if out is None:
-        raise InputError("no file to write", remedy="give --out FILE")
+        raise InputError("--out is missing", remedy="give --out FILE")
     chosen: Any = material
     if sum(x is not None for x in (material, goh, law or values)) != 1:
         raise InputError(
@@ -326,20 +322,16 @@ def command(
             remedy="'--material list' prints the names",
         )
     if goh:
-        chosen = _given_goh(goh)
+        try:
+            chosen = GOH(*goh)
+        except ValueError as error:
+            raise InputError(
+                f"--goh: {error}", remedy="C1 and k1 in kPa, alpha in degrees"
+            ) from None
     elif law or values:
         chosen = _given_material(law, values)
     specimen, truth = simulate(out, overwrite=overwrite, material=chosen, **test)
     _print_test(specimen, truth, out)
-
-
-def _given_goh(goh: tuple[float, float, float, float, float]) -> Any:
-    from biaxbayes.laws.goh import GOH
-
-    try:
-        return GOH(*goh)
-    except ValueError as error:
-        raise InputError(f"--goh: {error}", remedy="C1 and k1 in kPa, alpha in degrees") from None
 
 
 def _given_material(law: str | None, values: str | None) -> Any:
@@ -362,7 +354,7 @@ def _given_material(law: str | None, values: str | None) -> Any:
             numbers[name] = float(value)
         except ValueError:
             raise InputError(
-                f"--values: {text[:60]!r} is no NAME=VALUE",
+                f"--values: {text[:60]!r} is not of the form NAME=VALUE",
                 remedy=f"parameters of {law} are {', '.join(labels)}",
             ) from None
     try:
@@ -390,4 +382,4 @@ def _print_test(specimen: Specimen, truth: Truth, out: Path) -> None:
     truths = truth_file(out)
     click.echo(f"mounting load {first[0]:.4g}, {first[1]:.4g} {unit}; truth in {truths}")
     if specimen.is_tared:
-        click.echo("no mounting load: 'sample' will treat the file as tared", err=True)
+        click.echo("the mounting load is zero: 'sample' will treat the file as tared", err=True)

@@ -37,12 +37,12 @@ from biaxbayes.prediction.bands import bands, true_loads
 from biaxbayes.specimens.specimen import Specimen
 
 ROWS, DRAWS = 200, 500
-"""Readings of a curve and draws that the bands are computed from; of longer records every n-th
-reading is drawn, as the figure then says."""
+"""Readings of a curve and draws for the bands; from longer records every n-th reading is drawn, as
+a note in the figure says."""
 MAX_ROWS, LEAST_MM, LEFT_MM, STRIP_MM = 3, 32.0, 16.0, 12.0
 """Rows of panels, least width of a panel, space at their left, height of the residuals."""
 TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": DASHES}
-"""How true loads are drawn."""
+"""Line style of true loads."""
 OPEN_UP_TO = 150
 """Readings of a curve up to which markers are large and open."""
 QUANTILES = (
@@ -87,7 +87,7 @@ def figure_from_bands(
     style: Style = None,
 ) -> Figure:
     """Draw a table of :func:`~biaxbayes.prediction.bands.bands`, with true loads at its rows."""
-    # The quantiles are named after their levels; here they go by their order.
+    # The table names quantiles after their levels; rename them by their order.
     table = table.set_axis(pd.Index([*table.columns[:5], *QUANTILES]), axis=1)
     columns = [*QUANTILES, "measured"]
     if truth is not None:
@@ -133,7 +133,7 @@ def _most_columns(specimen: Specimen, width_mm: float) -> int:
 
 
 def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes]]]:
-    """For each protocol a panel of the loads and below it the residuals in x and in y."""
+    """Panels of the loads, and below them of the residuals in x and y, per protocol."""
     count = shown_protocols(specimen, width_mm)
     down = math.ceil(count / _most_columns(specimen, width_mm))
     across = math.ceil(count / down)
@@ -156,7 +156,7 @@ def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes
 
 
 def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
-    """Factor and unit that spare the residuals, measured less median, leading zeros."""
+    """Factor and unit that avoid leading zeros of the residuals, measured less median."""
     largest = float((table["measured"] - table["median"]).abs().max())
     return (1000.0, FINER_UNIT[unit]) if largest < 0.05 else (1.0, unit)
 
@@ -181,7 +181,7 @@ def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]
 
 
 def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
-    """Whether the model over x is one curve: ordered by x it hardly goes to and fro."""
+    """True if the model ordered by x is a curve that hardly goes back and forth."""
     y = part["median"].to_numpy()[np.argsort(x, kind="stable")]
     return float(np.abs(np.diff(y)).sum()) <= 1.5 * float(np.ptp(y)) + 1e-300
 
@@ -213,7 +213,7 @@ def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:
 
 
 def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
-    """What is left out of the figure."""
+    """Note on what is left out of the figure."""
     notes = []
     if count < len(specimen.protocols):
         notes.append(f"the first {count} of {len(specimen.protocols)} protocols")

@@ -53,7 +53,7 @@ OVERLAY = "filled 50 %, outline 90 % of the draws, within the law"
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity of the figure: its axis, and each run's draws (None: not varied) and axis."""
+    """A quantity of the figure: its axis, and the draws (None: not varied) and axis by run."""
 
     name: str
     quantity: AxisText
@@ -87,8 +87,7 @@ def corner_figure(
         for run in runs
     ]
     columns = _columns(runs, parameters, include=[truth, *fixed], known=known)
-    # What the run itself does not vary is no quantity of its figure.
-    columns = [c for c in columns if c.draws[0] is not None]
+    columns = [c for c in columns if c.draws[0] is not None]  # varied in the main run
     if not columns:
         raise InputError("no parameter of this run varies, so there is nothing to draw")
     with print_style(style):
@@ -131,16 +130,14 @@ def overlay_figure(
     *,
     points: Sequence[Mapping[str, np.ndarray]] = (),
     title: str = OVERLAY,
-    width_mm: float = PAGE_MM,
-    style: Style = None,
     known: Quantities | None = None,
 ) -> Figure:
     """Draw the posteriors of several runs: 50 % filled, 90 % outlined; `points` over the pairs."""
     columns = _columns(runs, known=known, include=points)
     if not columns:
         raise InputError("no parameter of these runs varies, so there is nothing to draw")
-    with print_style(style):
-        figure, grid = _panels(columns, width_mm)
+    with print_style():
+        figure, grid = _panels(columns, PAGE_MM)
         handles = []
         for run, label in enumerate(labels):
             hue = colour(RUNS[run % len(RUNS)])
@@ -158,7 +155,7 @@ def overlay_figure(
                 x, y = (points[run][columns[k].name] for k in (j, i))
                 grid[i, j].plot(x, y, "o", color=hue, markersize=2.6)
             handles.append(Patch(fc=(hue, FILL), ec=hue, linewidth=0.9, label=plain(label, 24)))
-        _set_axes(grid, columns, width_mm)
+        _set_axes(grid, columns, PAGE_MM)
         _add_legend(figure, handles, title)
     return figure
 
@@ -182,14 +179,13 @@ def _columns(
     include: Sequence[Mapping[str, Any]] = (),
     known: Quantities | None = None,
 ) -> list[Column]:
-    """The quantities in the order of the first run that has them; values to include in view."""
+    """Quantities in the order of the first run that has them; axes contain `include`."""
     by_run = [corner_columns(run, known) for run in runs]
     names = list(dict.fromkeys(name for columns in by_run for name in columns))
     for name in parameters or ():
         if name not in names:
             raise InputError(
-                f"no quantity {name[:40]!r} varies in this run",
-                remedy=f"choose from {', '.join(names)}",
+                f"{name[:40]!r} does not vary in this run", remedy=f"one of {', '.join(names)}"
             )
     result = []
     for name in names if parameters is None else [n for n in names if n in parameters]:
@@ -265,7 +261,7 @@ def _draw_pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bo
 def _draw_marginal(
     ax: Axes, column: Column, fixed: Sequence[Mapping[str, float]], probability: float
 ) -> list[str]:
-    """Density of every run, with the interval of the first shaded; medians and intervals."""
+    """Draw the densities, the interval of the first run shaded; return the texts by run."""
     texts = []
     top, log, label = 0.0, column.axis.log, column.quantity.label
     for run, (values, axis) in enumerate(zip(column.draws, column.own, strict=True)):

@@ -1,4 +1,4 @@
-"""What hooks do to the loads of a specimen: a sketch to scale, and the ratio of forces."""
+"""Effect of hooks on the loads of a specimen: a sketch to scale, and the ratio of forces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     CREDIBLE,
     PAGE_MM,
-    Style,
     blank_figure,
     colour,
     few_ticks,
@@ -27,15 +26,13 @@ HEIGHT_MM = 55.0
 TWO_SD = 2.0
 
 
-def grips_figure(
-    specimen: Specimen, ratios: pd.DataFrame, *, width_mm: float = PAGE_MM, style: Style = None
-) -> Figure:
+def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
     """Sketch the sheet and its hooks; draw the hook load over the uniform one, with two sd."""
     names = ratios["protocol"].drop_duplicates().to_list()[:MAX_PROTOCOLS]
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
-    with print_style(style):
-        figure = blank_figure(width_mm, HEIGHT_MM * rows)
+    with print_style():
+        figure = blank_figure(PAGE_MM, HEIGHT_MM * rows)
         widths = (1.0, 0.75 + columns)
         ((left, right),) = figure.subfigures(1, 2, squeeze=False, width_ratios=widths)
         _draw_sketch(left.subplots(), specimen)

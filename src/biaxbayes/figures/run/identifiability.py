@@ -1,4 +1,4 @@
-"""Which parameters the data determine: prior, posterior and verdict, row by row."""
+"""Prior, posterior and verdict of each parameter."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from biaxbayes.identifiability.verdict import (
 )
 from biaxbayes.model.priors import Prior
 
-# Okabe and Ito, from known to unknown; the word stands in the box, colour is only an aid.
+# Okabe and Ito, from known to unknown; the verdict is also written in the box.
 VERDICT_COLOURS = {
     IDENTIFIED: "#009E73",
     BOUNDED: "#56B4E9",
@@ -52,7 +52,7 @@ WIDE_LINE, NARROW_LINE = 40, 24
 
 
 def identifiability_figure(
-    judged: Identifiability,
+    verdicts: Identifiability,
     reported: Sequence[ReportRow],
     *,
     width_mm: float = PAGE_MM,
@@ -73,9 +73,9 @@ def identifiability_figure(
             len(rows), len(widths), squeeze=False, width_ratios=widths, height_ratios=heights
         )
         for axes, row, reason in zip(grid, rows, reasons, strict=True):
-            _draw_densities(axes[0], judged[row.name])
+            _draw_densities(axes[0], verdicts[row.name])
             if wide:
-                _draw_contraction(axes[1], judged[row.name])
+                _draw_contraction(axes[1], verdicts[row.name])
             _write_row(axes[-1], row, reason, wide=wide)
         for ax, head in zip(
             grid[0], heads if wide else ["prior, posterior", "to report"], strict=True
@@ -109,7 +109,7 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
 
 
 def _axis_range(row: ParameterVerdict, posterior: Density) -> tuple[float, float]:
-    """The physical range where it is bounded, else 98 % of the prior and all of the posterior."""
+    """The physical range if it is bounded, otherwise 98 % of the prior and all of the posterior."""
     prior, (low, high) = row.scale.prior, row.scale.limits
     if np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low))):
         return low, high
@@ -120,7 +120,7 @@ def _axis_range(row: ParameterVerdict, posterior: Density) -> tuple[float, float
 
 
 def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:
-    """A bar of the share of the prior's variance that the data removed."""
+    """Draw a bar of the share of the prior variance that the data remove."""
     ax.set_axis_off()
     if row.evidence is None:
         return

@@ -62,7 +62,7 @@ def mounting_figure(
     """Draw the mounting stretches, and the posterior of the mounting force with its reading."""
     if not mounting_labels(draws, specimen):
         raise InputError(
-            "this run does not infer the mounting stretch, so there is no mounted state to draw",
+            "this run does not infer the mounting stretch",
             remedy="sample with `mounting` noisy, exact or free",
         )
     with print_style(style):
@@ -89,7 +89,7 @@ def _states(
     rows = {p.name: i for i, p in enumerate(specimen.protocols)}
 
     def true_value(kind: str, label: str) -> tuple[float, float] | None:
-        """Its true stretches or forces, if given for it or for all states."""
+        """True stretches or forces of a state, if given for it or for all states."""
         for key in (label, ""):
             x, y = (truth.get(name) for name in mounting_names(kind, key))
             if x is not None and y is not None:

@@ -62,7 +62,7 @@ def profile_figure(
 
 
 class _Curves:
-    """The part of a profile up to a little beyond the threshold, drawn panel by panel."""
+    """Draws the part of a profile up to a little beyond the threshold, panel by panel."""
 
     def __init__(self, profile: Profile) -> None:
         table = profile.table
@@ -73,7 +73,7 @@ class _Curves:
         self.table = table[shown & (table["value"] > 0.0)] if self.log else table[shown]
 
     def smooth(self, y: Any) -> tuple[np.ndarray, np.ndarray]:
-        """A curve through the points that overshoots none of them (PCHIP)."""
+        """A curve through the points without overshoot (PCHIP)."""
         value, first = np.unique(self.table["value"].to_numpy(), return_index=True)
         y = np.asarray(y, dtype=float)[first]
         if value.size < 2:
@@ -125,7 +125,7 @@ class _Curves:
         ax.legend(handlelength=1.8)
 
     def structure(self, ax: Axes) -> None:
-        """Angle on the left, dispersion on the right, but for the one that is profiled."""
+        """Angle on the left, dispersion on the right, except the profiled parameter."""
         bounded = [q for q in self.profile.known.of_kind(MATERIAL) if q.parameter.bounded]
         shown = [q for q in bounded if q.name != self.profile.parameter][:2]
         for k, q in enumerate(shown):

@@ -19,9 +19,9 @@ from biaxbayes.identifiability.bounded_density import Span, robust_sd
 from biaxbayes.prediction.bands import evenly_chosen
 
 CONTENTS = (0.5, 0.9, 0.99)
-"""Shares of the draws that the regions hold."""
+"""Contents of the regions as shares of the draws."""
 SHADES = (0.18, 0.42, 0.78)
-"""Their darkness, the widest first."""
+"""Darkness of the regions, the widest first."""
 FILL = 0.3
 """Opacity of the region of 50 % and of the marginal in an overlay."""
 CELLS = 1.5
@@ -31,7 +31,7 @@ WIDER = 1.25
 WIDEST = 1.5
 """Times that the kernel of a pair is doubled at most, for draws beyond the region of 90 %."""
 VISIBLE = 20_000
-"""Draws of a pair that are drawn; more would change nothing to the eye."""
+"""Number of draws of a pair that are used; more would not be visible."""
 
 
 def regions(

@@ -23,6 +23,7 @@ from biaxbayes.figures.style import (
     small_text,
 )
 from biaxbayes.parameters import MATERIAL, NOISE_SD, STRETCH, Parameter, Quantities
+from biaxbayes.prediction.bands import evenly_chosen
 
 STEPS = 200
 """Steps that are drawn; more could not be distinguished in print."""
@@ -51,7 +52,7 @@ def trace_figure(
     for name in rows:
         if name not in chains:
             raise InputError(
-                f"no quantity {name!r} in this run", remedy=f"it has {', '.join(chains)}"
+                f"unknown quantity {name!r}", remedy=f"the run has {', '.join(chains)}"
             )
     narrow = width_mm < SIDE_BY_SIDE_MM
     with print_style(style):
@@ -97,7 +98,7 @@ def _default_rows(chains: Mapping[str, np.ndarray], known: Quantities) -> list[s
 
 
 def _draw_trace(ax: Axes, values: np.ndarray, q: AxisText) -> None:
-    steps = np.unique(np.linspace(0, values.shape[1] - 1, STEPS).round().astype(int))
+    steps = evenly_chosen(values.shape[1], STEPS)
     quantiles = np.quantile(values[:, steps], LEVELS, axis=2)
     for i in range(len(values)):
         for level, width in zip(quantiles[:, i], (0.3, 0.8, 0.3), strict=True):
