@@ -1,7 +1,7 @@
-"""Deterministic fits of a specimen: three that neglect nothing, two that many labs use.
+"""Deterministic fits of a specimen: three that infer the mounting stretch, two that do not.
 
-Math. Comput. Appl. 2024, 29(4), 55, Section 2.2.2 and Figure 2. Its fixed point is not a
-minimum of one objective: with noise it differs from the least-squares solutions.
+``fip`` is the alternation of Math. Comput. Appl. 2024, 29(4), 55, Section 2.2.2 and Figure 2. Its
+fixed point is not a minimum of one objective: with noise it differs from the least squares.
 """
 
 from __future__ import annotations

@@ -46,12 +46,12 @@ def screened_points(
 
     readings = Screening(stretch, load, data.area, with_mounting, point, free, CANDIDATES, factor)
     with np.errstate(all="ignore"):
-        points, mounting, cost, marks = screen(law, readings, rng)
-    chosen = _spread_out(cost, marks, count)
+        points, mounting, cost, features = screen(law, readings, rng)
+    chosen = _spread_out(cost, features, count)
     return points[chosen], mounting[chosen]
 
 
-def _spread_out(cost, marks, count) -> np.ndarray:
+def _spread_out(cost: np.ndarray, features: np.ndarray, count: int) -> np.ndarray:
     """Indices of low costs, no two close to each other while there is a choice."""
     order = np.argsort(cost, kind="stable")
     chosen: list[int] = []
@@ -59,7 +59,7 @@ def _spread_out(cost, marks, count) -> np.ndarray:
         for i in order:
             if len(chosen) == count:
                 return np.array(chosen, dtype=int)
-            near = [j for j in chosen if np.abs(marks[i] - marks[j]).max() < distance]
+            near = [j for j in chosen if np.abs(features[i] - features[j]).max() < distance]
             if i not in chosen and not near:
                 chosen.append(int(i))
     return np.array(chosen, dtype=int)
