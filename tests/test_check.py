@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from biaxbayes import GOH, Protocol, Specimen, write_specimen
-from biaxbayes.cli import main
 from biaxbayes.identifiability.fit_quality import misfit_finding, quick_fit, thinned
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.preparation import prepare
@@ -20,6 +19,7 @@ from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.branches import cycles, path_progress, reversal
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from commands import refused, run
 
 # A test of the paper's donor 2 media (Table 6, fip).
 MEDIA = GOH(C1_kPa=14.0, k1_kPa=140.0, k2=11.9, alpha_deg=38.4, kappa=0.21)
@@ -285,23 +285,23 @@ def test_goh_describes_its_own_specimen_and_not_another_law():
     assert "does not describe this specimen" in found.message
 
 
-def test_check_and_a_run_say_the_same_of_a_misfit():
+def test_check_and_a_run_say_the_same_of_a_misfit(small_run):
     """Least squares and the median of the draws miss a record by about as much."""
-    for misfit, noisy in ((0.0, True), (0.02, False)):
-        made, _ = virtual_specimen(
-            GOH(8.0, 15.0, 4.0, 40.0, 0.1),
-            name="m",
-            mounting_stretch=(1.01, 1.02),
-            total_stretch=1.2,
-            ratios=((1.0, 1.0), (1.0, 0.5)),
-            increments=60,
-            machine=Machine(noise_N=0.002, misfit=misfit),
-            seed=3,
-        )
-        plan = Plan(ess=200, max_steps=1500, ensembles=2, walkers=32)
-        draws = draw_table(draw_posterior(prepare(made), plan).quantities)
-        run = fit_in_words(predictive_checks(made, draws), made.unit, "GOH")
-        checked = misfit_finding(made, quick_fit(made)).message.partition(";")[0]
+    made, _ = virtual_specimen(
+        GOH(8.0, 15.0, 4.0, 40.0, 0.1),
+        name="m",
+        mounting_stretch=(1.01, 1.02),
+        total_stretch=1.2,
+        ratios=((1.0, 1.0), (1.0, 0.5)),
+        increments=60,
+        machine=Machine(noise_N=0.002, misfit=0.02),
+        seed=3,
+    )
+    plan = Plan(ess=200, max_steps=1500, ensembles=2, walkers=32)
+    drawn = draw_table(draw_posterior(prepare(made), plan).quantities)
+    for data, draws, noisy in ((small_run.specimen, small_run.draws, True), (made, drawn, False)):
+        run = fit_in_words(predictive_checks(data, draws), data.unit, "GOH")
+        checked = misfit_finding(data, quick_fit(data)).message.partition(";")[0]
         size = [float(text.split(" by ")[1].split()[0]) for text in (run, checked)]
         assert size[0] == pytest.approx(size[1], rel=0.2)
         assert ("about the noise" in run) == ("about the noise" in checked) == noisy
@@ -319,19 +319,12 @@ def test_thinning_keeps_rest_and_end():
 # --- the command ------------------------------------------------------------------------------
 
 
-def run(arguments: list[str], capsys) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main(["check", *arguments])
-    out, err = capsys.readouterr()
-    return int(stop.value.code or 0), out, err
-
-
 def test_the_text_holds_what_was_understood(tmp_path, capsys):
     subject = specimen(
         *GOOD.protocols, layer="media", edge_x_mm=20.0, edge_y_mm=18.0, thickness_mm=1.35
     )
     write_specimen(subject, tmp_path / "a.csv")
-    code, out, err = run([str(tmp_path / "a.csv")], capsys)
+    code, out, err = run(capsys, "check", str(tmp_path / "a.csv"))
     assert (code, err) == (0, "")
     for words in (
         "virtual, media",
@@ -348,7 +341,7 @@ def test_the_text_holds_what_was_understood(tmp_path, capsys):
 
 def test_json_is_the_same_as_data(tmp_path, capsys):
     write_specimen(GOOD.zeroed(), tmp_path / "a.csv")
-    code, out, _ = run([str(tmp_path / "a.csv"), "--json", "--no-fit"], capsys)
+    code, out, _ = run(capsys, "check", str(tmp_path / "a.csv"), "--json", "--no-fit")
     assert code == 0  # a warning, no error
     record = json.loads(out)
     assert record["tared"] is True
@@ -357,23 +350,13 @@ def test_json_is_the_same_as_data(tmp_path, capsys):
     assert record["protocols"][0]["mounting_force_x"] == 0.0
 
 
-@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
-def test_figure(ending, tmp_path, capsys):
+def test_figure(tmp_path, capsys):
     odd = [changed(p, name=f"$x^{i}$ <b> µ {p.name}") for i, p in enumerate(GOOD.protocols)]
     write_specimen(specimen(*odd, axis_x="umlaufend $"), tmp_path / "a.csv")
-    path = tmp_path / f"b.{ending}"
-    code, out, _ = run([str(tmp_path / "a.csv"), "--no-fit", "--figure", str(path)], capsys)
-    assert code == 0 and str(path) in out
-    head = path.read_bytes()[:5]
-    assert head.startswith({"png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}[ending])
-    first = path.read_bytes()
-    run([str(tmp_path / "a.csv"), "--no-fit", "--figure", str(path)], capsys)
-    assert path.read_bytes() == first
-
-
-def test_figure_names_the_formats_it_knows(tmp_path, capsys):
-    write_specimen(GOOD, tmp_path / "a.csv")
-    code, _, err = run([str(tmp_path / "a.csv"), "--no-fit", "--figure", "b.doc"], capsys)
-    assert code == 2
-    assert "'.doc'" in err and ".pdf, .png or .svg" in err
-    assert not Path("b.doc").exists()
+    words = ("check", tmp_path / "a.csv", "--no-fit", "--figure")
+    for ending, head in (("png", b"\x89PNG"), ("pdf", b"%PDF-"), ("svg", b"<?xml")):
+        path = tmp_path / f"b.{ending}"
+        code, out, _ = run(capsys, *words, path)
+        assert code == 0 and str(path) in out and path.read_bytes().startswith(head)
+    err = refused(capsys, *words, "b.doc")
+    assert "'.doc'" in err and ".pdf, .png or .svg" in err and not Path("b.doc").exists()

@@ -45,7 +45,10 @@ def bridged(target, seed, *, draws=(4, 100, 20), constant=0.0):
     return bridge((target.log_density(x) + constant - q.log_density(x)).reshape(draws), ratio)
 
 
-@pytest.mark.parametrize("target", TARGETS, ids=lambda t: t.name)
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(t, marks=[pytest.mark.long] * (t.dimension > 6), id=t.name) for t in TARGETS],
+)
 def test_normalised_targets_have_no_log_evidence(target):
     value, error = bridged(target, 3)
     assert abs(value) < 4.5 * error

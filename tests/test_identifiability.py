@@ -443,6 +443,10 @@ def test_the_sloppy_direction_keeps_the_curves_as_stated():
     for name in ("C1", "k1", "k2"):
         ratio = float(re.search(rf"{name} times ([\d.]+)", found.text)[1])
         assert ratio == pytest.approx(ends[name].iloc[1] / ends[name].iloc[0], rel=0.01)
+    for name, unit, digits in (("kappa", "", 1e-3), ("alpha", " degrees", 0.1)):
+        way, step = re.search(rf"{name} (up|down) ([\d.]+){unit}", found.text).groups()
+        moved = ends[name].iloc[1] - ends[name].iloc[0]
+        assert (1.0 if way == "up" else -1.0) * float(step) == pytest.approx(moved, abs=digits)
 
 
 def test_the_stiff_direction_is_the_known_one():

@@ -317,8 +317,8 @@ def test_a_cluster_does_every_task_once_and_raises_errors_here(scheduler):
 
 
 def test_workers_with_other_versions_are_refused(scheduler, monkeypatch):
-    other = dask_cluster._versions() | {"numpy": "1.0", "scipy": "1.1"}
-    monkeypatch.setattr(dask_cluster, "_versions", lambda: other)
+    other = dask_cluster.package_versions() | {"numpy": "1.0", "scipy": "1.1"}
+    monkeypatch.setattr(dask_cluster, "package_versions", lambda: other)
     with pytest.raises(InputError, match=r"numpy .*, scipy .*, here is numpy 1.0, scipy 1.1"):
         list(Cluster(scheduler).run(tasks.square, [1]))
 

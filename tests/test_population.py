@@ -190,7 +190,7 @@ def test_a_finished_population_is_refused_and_stays(study, found, tmp_path, caps
 
 @pytest.mark.long
 def test_a_population_is_replaced_whole(study, found, tmp_path, quick, monkeypatch):
-    monkeypatch.setattr(population_files, "_draw_figures", lambda *arguments: None)
+    monkeypatch.setattr(population_files, "draw_figures", lambda *arguments: None)
     folder = shutil.copytree(found.folder, tmp_path / "out")
     biaxbayes.export(folder, "abaqus", population="healthy", draws=2)
     (folder / "notes.txt").write_text("mine\n")
@@ -271,8 +271,8 @@ def test_words_for_difficult_studies(study):
             replace(m, **{k: v[i] for k, v in changes.items()}) for i, m in enumerate(members)
         ]
         of = PopulationJob("x", changed, study, anyway=True)
-        sources, left_out = of._opened()
-        return " | ".join(of._grouped(sources)[1]), left_out
+        sources, left_out = of.open_sources()
+        return " | ".join(of.group_sources(sources)[1]), left_out
 
     assert "one donor" in notes(donor=["D"] * 4)[0]
     assert "split" in notes(donor=list("pqrs"))[0]

@@ -32,7 +32,7 @@ max_steps = 800
 options = { noise = "independent", mounting = "exact" }
 priors = { kappa = 0.1 }
 """
-DRAW_FIGURES = population_files._draw_figures
+DRAW_FIGURES = population_files.draw_figures
 QUICK = {
     **{"ensembles": 4, "chains": 16, "rounds": 2, "round_sweeps": 20},
     **{"first_block": 40, "max_steps": 240, "ess": 50.0},
@@ -66,7 +66,7 @@ def whole(session_folder) -> Path:
 def quick(monkeypatch):
     monkeypatch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
     # the figures, which other tests look at, would cost most of the time
-    monkeypatch.setattr(population_files, "_draw_figures", lambda *arguments: None)
+    monkeypatch.setattr(population_files, "draw_figures", lambda *arguments: None)
 
 
 @pytest.fixture
@@ -208,7 +208,7 @@ def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
 
 @pytest.mark.long
 def test_pooled_mounting_stretches_are_judged_and_drawn(pool, monkeypatch):
-    monkeypatch.setattr(population_files, "_draw_figures", DRAW_FIGURES)
+    monkeypatch.setattr(population_files, "draw_figures", DRAW_FIGURES)
     code, _, _, folder = pool(["m0", "m1"], "--pool-mounting", "--spread", "by-group")
     assert code in (0, 3)
     groups, specimens = tables(folder)

@@ -21,7 +21,7 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import Parameter
-from biaxbayes.populations.hierarchy import Layout, _allowed
+from biaxbayes.populations.hierarchy import Layout, is_allowed
 from biaxbayes.populations.model import Grouping, PooledValue, make_design, pooled_values
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.verdicts import (
@@ -111,7 +111,7 @@ def test_prior_leaves_out_what_the_sampler_excludes(values, prior):
     effect = sd_donors[:, None] * rng.standard_normal((N, 2))
     ok = np.array(
         [
-            _allowed(of, m[:, None], e[:, None], np.array([[s]]))
+            is_allowed(of, m[:, None], e[:, None], np.array([[s]]))
             for m, e, s in zip(mu, effect, sd, strict=True)
         ]
     )

@@ -12,24 +12,17 @@ import pytest
 
 import biaxbayes
 import quick_posteriors
-from biaxbayes.cli import main
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from commands import refused, run
 
 REAL = os.environ.get("BIAXBAYES_REAL")
 DATA = Path(__file__).resolve().parents[1] / "data"
 CURVES = ("stretch_x", "stretch_y", "load_x", "load_y")
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
-
-
-def run(capsys, *arguments):
-    with pytest.raises(SystemExit) as left:
-        main([str(a) for a in arguments])
-    shown = capsys.readouterr()
-    return left.value.code, shown.out, shown.err
 
 
 def virtual(ratios=RATIOS, **how) -> Specimen:
@@ -69,8 +62,7 @@ def test_what_cannot_be_a_loading_curve_is_refused_before_the_work(capsys, tmp_p
     change, words = WRONG[name]
     path = tmp_path / "wrong.csv"
     write_specimen(changed(GOOD, change), path)
-    code, out, err = run(capsys, "sample", path, "--out", tmp_path / "run")
-    assert code == 2 and not out and len(err.splitlines()) == 1
+    err = refused(capsys, "sample", path, "--out", tmp_path / "run")
     assert f"{path}: cannot be a loading curve" in err and words in err and "--anyway" in err
     assert not (tmp_path / "run").exists()
     code, out, _ = run(capsys, "check", path, "--no-fit")

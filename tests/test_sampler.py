@@ -13,11 +13,9 @@ import pytest
 from scipy.stats import norm
 
 import biaxbayes
-from biaxbayes.errors import RunError
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.ensembles import Ensembles
@@ -157,11 +155,6 @@ def test_an_error_in_one_thread_ends_the_block():
     assert ensembles.evaluations < 100_000
 
 
-@pytest.fixture(scope="module")
-def chain():
-    return draw_posterior(prepared(), Plan(ess=500, seed=4, workers=1, walkers=32))
-
-
 @pytest.mark.long
 def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
     """And a posterior that was drawn from before gives the same draws again."""
@@ -174,22 +167,6 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
     thinned = draw_posterior(posterior, plan)
     assert thinned.thin == 8
     np.testing.assert_array_equal(thinned.chain, whole.chain[:, ::8])
-
-
-def test_draws_carry_what_they_claim(chain):
-    assert chain.convergence.state == "converged"
-    posterior = prepared()
-    ensembles, steps, walkers, d = chain.chain.shape
-    assert (ensembles, d) == (4, posterior.dimension)
-    for values in chain.quantities.values():
-        assert values.shape == (ensembles, steps, walkers)
-    natural = {n: chain.quantities[n].ravel()[:500] for n in posterior.free}
-    np.testing.assert_allclose(
-        posterior.log_density(natural), chain.quantities["lp"].ravel()[:500], rtol=1e-9
-    )
-    assert chain.evaluations >= ensembles * steps * walkers
-    assert chain.rejected["evaluated"] >= chain.evaluations
-    assert 0.2 < chain.acceptance <= 1
 
 
 # --- the run folder ---------------------------------------------------------------------------
@@ -412,16 +389,3 @@ def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):
     assert code == 2
     assert "choose another --out" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["thesis.docx"]
-
-
-def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
-    posterior = prepared()
-    plan = Plan(ess=1e9, max_steps=128, first_block=64, population=2048, walkers=32)
-    draw_posterior(
-        posterior,
-        plan,
-        on_block=lambda s: checkpoint.save(tmp_path, s, {"specimen": "one", "seed": 1}),
-        stop=lambda: True,
-    )
-    with pytest.raises(RunError, match="specimen"):
-        checkpoint.load(tmp_path, {"specimen": "two", "seed": 1})

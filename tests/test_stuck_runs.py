@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.cli import main
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling import sampler
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.verbs import sample as sampling
+from commands import run
 from quick_posteriors import without_figures
 
 SPECIMEN = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
@@ -33,15 +33,11 @@ def quick(monkeypatch):
 
 def sample(out, capsys, most=256) -> tuple[int, dict, pd.DataFrame]:
     """Exit code, provenance and summary of a run; its draws are there whatever came of it."""
-    with pytest.raises(SystemExit) as ended:
-        main(
-            ["sample", str(SPECIMEN), "--out", str(out), "--quiet", "--workers", "1"]
-            + ["--ess", "400", "--max-steps", str(most)]
-        )
+    words = ("--quiet", "--workers", 1, "--ess", 400, "--max-steps", most)
+    code, _, err = run(capsys, "sample", SPECIMEN, "--out", out, *words)
     assert (out / "posterior.nc").is_file()
     record = json.loads((out / "provenance.json").read_text())
-    code = ended.value.code or 0
-    assert record["convergence"]["reason"] in capsys.readouterr().err
+    assert record["convergence"]["reason"] in err
     return code, record["convergence"], pd.read_csv(out / "summary.csv")
 
 

@@ -82,7 +82,7 @@ class Cluster:
                 work = pickle.dumps((function, tasks[index]))
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # large specimens
-                    running[client.submit(_answer, work, _versions(), pure=False)] = index
+                    running[client.submit(_answer, work, package_versions(), pure=False)] = index
             done = [future for future in running if future.done()]
             for future in done:
                 yield self._outcome(running.pop(future), future)
@@ -137,8 +137,8 @@ def _check_workers(client: Client, address: str) -> None:
             f"`scheduler` {address}: the cluster has no workers",
             remedy=f"start some with 'dask worker {address} --nthreads 1'",
         ) from None
-    here = _versions()
-    for worker, there in client.run(_versions, on_error="return").items():
+    here = package_versions()
+    for worker, there in client.run(package_versions, on_error="return").items():
         if not isinstance(there, dict):
             raise InputError(
                 f"the worker {worker} has no biaxbayes of this version",
@@ -148,7 +148,8 @@ def _check_workers(client: Client, address: str) -> None:
             raise _other_versions(f"the worker {worker}", there, here)
 
 
-def _versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Versions on which the draws depend."""
     return {"biaxbayes": biaxbayes.__version__, **{name: version(name) for name in SAME_VERSIONS}}
 
 
@@ -173,8 +174,8 @@ def _answer(work: bytes, versions: dict[str, str]) -> bytes:
     # xarray would otherwise take its file locks from the cluster
     plain = dask.config.set(scheduler="synchronous")
     try:
-        if _versions() != versions:  # a worker that came later
-            raise _other_versions("a worker of the cluster", _versions(), versions)
+        if package_versions() != versions:  # a worker that came later
+            raise _other_versions("a worker of the cluster", package_versions(), versions)
         with _one_at_a_time, plain:
             function, task = pickle.loads(work)
             reply = with_one_blas_thread(function, task), None

@@ -125,7 +125,7 @@ def _augment(rng, layout, block, c, augmented):
 
 
 @compiled()
-def _allowed(layout, mu, effect, sd):
+def is_allowed(layout, mu, effect, sd):
     """Test that every location has enough of its normal inside the box."""
     for k in range(layout.low.size):
         if math.isinf(layout.low[k]) and math.isinf(layout.high[k]):
@@ -343,7 +343,7 @@ def update(rng, layout, block, augmented, cycles):
                 old_mu[:] = mu
                 old_effect[:] = effect
                 draw_means(rng, layout, work, mu, effect)
-                if cut and not _allowed(layout, mu, effect, sd):
+                if cut and not is_allowed(layout, mu, effect, sd):
                     # the whole move is refused: spread, means and effects stay together
                     mu[:] = old_mu
                     effect[:] = old_effect

@@ -76,8 +76,8 @@ class PopulationJob:
     ) -> PopulationResult:
         """Sample the population and write every file."""
         progress(Progress("reading runs"))
-        sources, left_out = self._opened()
-        grouping, notes = self._grouped(sources)
+        sources, left_out = self.open_sources()
+        grouping, notes = self.group_sources(sources)
         names = pooled_names(sources)
         values = self.priors.applied(
             pooled_values(sources[0].posterior.law, names, mounting=self.options.pool_mounting)
@@ -129,7 +129,7 @@ class PopulationJob:
                 written = write_population(folder, population, identity)
             return replace(written, folder=self.folder)
 
-    def _opened(self) -> tuple[list[Source], dict[str, str]]:
+    def open_sources(self) -> tuple[list[Source], dict[str, str]]:
         """The runs that can be pooled, and why the others cannot."""
         usable = ("converged", "tentative") if self.anyway else ("converged",)
         sources, left_out = [], {}
@@ -156,7 +156,7 @@ class PopulationJob:
             )
         return sources, left_out
 
-    def _grouped(self, sources: list[Source]) -> tuple[Grouping, list[str]]:
+    def group_sources(self, sources: list[Source]) -> tuple[Grouping, list[str]]:
         """Groups and donors, and notes on them."""
         by_label = {m.label: m for m in self.members}
         pooled = [by_label[s.label] for s in sources]

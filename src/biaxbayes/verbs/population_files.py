@@ -184,7 +184,7 @@ def write_population(
     for key, table in tables.items():
         write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
     atomic_write_bytes(folder / "population.nc", archive(result))
-    _draw_figures(folder, result, tables)
+    draw_figures(folder, result, tables)
     convergence = result.sampled.convergence
     record = {
         "biaxbayes": biaxbayes.__version__,
@@ -228,7 +228,7 @@ def write_population(
     )
 
 
-def _draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFrame]) -> None:
+def draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFrame]) -> None:
     """Draw forest, pairs and stress bands; no figure if the draws are unusable."""
     from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
     from biaxbayes.figures.style import save_pictures
