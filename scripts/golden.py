@@ -92,6 +92,8 @@ def run(case: tuple[str, dict[str, Any], int]) -> dict[str, Any]:
         draws = result.draws[[n for n in names if n in result.draws]]
         points = draws.iloc[:: max(1, len(draws) // 5)][:5].to_dict("list")
         summary = table(result.path / "summary.csv")
+        for parameter, row in table(result.path / "report.csv").items():
+            summary[parameter]["verdict"] = row["verdict"]
         return {"summary": summary, "beta": posterior.beta, "points": points}
 
 
