@@ -15,9 +15,10 @@ import reported
 import shared
 
 LONG = (
-    "test_sampler", "test_resume", "test_calibration", "test_posterior", "test_python_verbs",
-    "test_moves", "test_figures", "test_design", "test_plot_command", "test_evidence", "test_fit",
-    "test_profile", "test_compilation", "test_docs_commands", "test_identifiability", "test_batch",
+    "test_moves", "test_population", "test_figures", "test_sampler", "test_identifiability",
+    "test_pages", "test_posterior", "test_fit", "test_design", "test_batch", "test_python_verbs",
+    "test_plot_command", "test_profile", "test_resume", "test_compare", "test_evidence",
+    "test_calibration", "test_check", "test_compilation",
 )  # fmt: skip
 """Files that take longest, the longest first: the workers end together if they begin with them."""
 

@@ -1,8 +1,10 @@
 """Specimens that GOH does not describe."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.specimen import Specimen
 
 
 def bent(data: Specimen, name: str, share: float) -> Specimen:
@@ -12,8 +14,5 @@ def bent(data: Specimen, name: str, share: float) -> Specimen:
         load = np.array(p.load_y)
         if p.name == name:
             load += share * load.max() * np.sin(np.linspace(0.0, np.pi, p.rows))
-        protocols.append(
-            Protocol(p.name, p.stretch_x, p.stretch_y, p.load_x, load, rest_rows=p.rest_rows)
-        )
-    fields = {k: getattr(data, k) for k in data.__dataclass_fields__}
-    return Specimen(**fields | {"protocols": tuple(protocols)})
+        protocols.append(replace(p, load_y=load))
+    return replace(data, protocols=tuple(protocols))

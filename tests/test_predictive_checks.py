@@ -5,7 +5,12 @@ import pandas as pd
 import pytest
 
 from biaxbayes.laws.goh import GOH
-from biaxbayes.prediction.predictive_checks import checks_in_words, path_warnings, predictive_checks
+from biaxbayes.prediction.predictive_checks import (
+    checks_in_words,
+    misfit_in_words,
+    path_warnings,
+    predictive_checks,
+)
 from model_cases import bent
 from quick_posteriors import specimen
 
@@ -26,14 +31,33 @@ def true_draws(noise_sd: float, n: int = 50) -> pd.DataFrame:
     return pd.DataFrame({k: np.full(n, v) for k, v in values.items()})
 
 
-def test_truth_misses_by_noise_alone():
-    data = specimen(TRUTH, increments=60)
-    checks = predictive_checks(data, true_draws(0.002))
-    assert set(checks["verdict"]) == {"noise"}
-    assert path_warnings(checks, "N") == []
-    assert checks_in_words(checks, "N") == [
+def test_misfit_of_the_truth_is_the_noise():
+    data = specimen(TRUTH, noise_N=0.002, increments=400)
+    table = predictive_checks(data, true_draws(0.002))
+    assert len(table) == 6
+    # Standard error of an rms of 400 readings: 3.5 %.
+    assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
+    assert set(table["verdict"]) == {"noise"} and path_warnings(table, "N") == []
+    assert (table["runs_z"].abs() < 3.5).all()
+    assert (table["autocorrelation"].abs() < 0.2).all()
+    share = float(table["inside"].mean())
+    assert 0.87 < share < 0.93
+    words = " ".join(misfit_in_words(table))
+    assert "change as often as those of independent errors" in words
+    assert "noise explains the misfit" in words
+    assert checks_in_words(table, "N") == [
         "No reading lies further from the median model than 4 times the load cell's noise."
     ]
+
+
+def test_a_model_that_misses_smoothly_is_told():
+    data = specimen(TRUTH, noise_N=0.0002, increments=400)
+    wrong = true_draws(0.0002).assign(C1=12.0)
+    table = predictive_checks(data, wrong)
+    assert (table["runs_z"] < -10.0).all() and (table["autocorrelation"] > 0.9).all()
+    words = " ".join(misfit_in_words(table))
+    assert "6 of 6 curves the model misses smoothly" in words
+    assert "the model, not the load cell, limits the fit" in words
 
 
 def test_the_missed_protocol_is_named_with_its_number():

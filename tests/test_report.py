@@ -15,8 +15,6 @@ import biaxbayes
 import quick_posteriors as quick
 import reported
 from biaxbayes.errors import RunError
-from biaxbayes.laws.goh import GOH
-from biaxbayes.prediction.predictive_checks import misfit_in_words, predictive_checks
 from biaxbayes.reports import page as report
 from biaxbayes.reports.closing_message import closing_message
 from biaxbayes.reports.page import determined_rows, write_report
@@ -234,39 +232,6 @@ def test_page_without_figures_and_verdicts(run, tmp_path):
 def test_report_is_the_same_twice(run, html, copied):
     assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
     assert open_run(run.path).state == "converged"
-
-
-TRUTH = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.1}
-
-
-def truth_draws(noise: float) -> pd.DataFrame:
-    one = {**TRUTH, "mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02, "noise_sd": noise}
-    return pd.DataFrame([one] * 3)
-
-
-def test_misfit_of_the_truth_is_the_noise():
-    made = quick.specimen(GOH(*TRUTH.values()), noise_N=0.002, increments=400)
-    table = predictive_checks(made, truth_draws(0.002))
-    assert len(table) == 6
-    # Standard error of an rms of 400 readings: 3.5 %.
-    assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
-    assert (table["runs_z"].abs() < 3.5).all()
-    assert (table["autocorrelation"].abs() < 0.2).all()
-    share = float(table["inside"].mean())
-    assert 0.87 < share < 0.93
-    words = " ".join(misfit_in_words(table))
-    assert "change as often as those of independent errors" in words
-    assert "noise explains the misfit" in words
-
-
-def test_a_model_that_misses_smoothly_is_told():
-    made = quick.specimen(GOH(*TRUTH.values()), noise_N=0.0002, increments=400)
-    wrong = truth_draws(0.0002).assign(C1=12.0)
-    table = predictive_checks(made, wrong)
-    assert (table["runs_z"] < -10.0).all() and (table["autocorrelation"] > 0.9).all()
-    words = " ".join(misfit_in_words(table))
-    assert "6 of 6 curves the model misses smoothly" in words
-    assert "the model, not the load cell, limits the fit" in words
 
 
 def test_text_from_files_is_escaped():

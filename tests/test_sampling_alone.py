@@ -10,8 +10,8 @@ from scipy.stats import norm
 
 from analytic_targets import on_second_ridge, two_modes, two_ridges
 from biaxbayes.errors import NotConverged
-from biaxbayes.sampling import Plan, Target, bounds_array, draw, log_integral, sampler, search
-from biaxbayes.sampling.convergence import assess, effective_sample_size
+from biaxbayes.sampling import Plan, Target, bounds_array, draw, log_integral, search
+from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.modes import Mode, separate_ridges
 
 QUICK = Plan(ess=1000, seed=3, population=2048)
@@ -169,21 +169,3 @@ def test_the_sampler_imports_nothing_of_specimens():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.long
-def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
-    """Judging grows with what is kept: a dozen times in 20,000 steps, not once a block."""
-    judged, saved = [], []
-
-    def seen(quantities, *, target_ess):
-        judged.append(quantities["x0"].shape[1])
-        return assess(quantities, target_ess=target_ess)
-
-    monkeypatch.setattr(sampler, "assess", seen)
-    plan = replace(QUICK, ess=1e9, max_steps=6000, walkers=16, first_block=128)
-    target = Target(lambda x: -0.5 * x[:, 0] ** 2, bounds_array({}, 1))
-    sampled(target, np.zeros((1, 1)), np.ones(1), plan, on_block=lambda s: saved.append(s.steps))
-    assert np.diff(saved).max() <= sampler.LONGEST_BLOCK
-    assert saved[-1] == plan.max_steps
-    assert len(judged) <= 10 < len(saved)
