@@ -71,11 +71,11 @@ class Page:
             message["sessionId"] = self._session
         os.write(self._write, json.dumps(message).encode() + b"\0")
         while True:
-            told = self._next(60.0)
-            if told.get("id") == self._number:
-                assert "error" not in told, told
-                return told["result"]
-            self.events.append(told)
+            output = self._next(60.0)
+            if output.get("id") == self._number:
+                assert "error" not in output, output
+                return output["result"]
+            self.events.append(output)
 
     def open(self, path: Path) -> None:
         """Load a file and wait until it is shown."""
@@ -100,11 +100,11 @@ class Page:
 
     def evaluate(self, script: str) -> Any:
         """The value of a JavaScript expression; promises are awaited."""
-        told = self.call(
+        output = self.call(
             "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
         )
-        assert "exceptionDetails" not in told, told["exceptionDetails"]
-        return told["result"].get("value")
+        assert "exceptionDetails" not in output, output["exceptionDetails"]
+        return output["result"].get("value")
 
     def audit(self, scheme: str) -> dict[str, Any]:
         """What axe finds of the page in a colour scheme: how many passes, and its violations."""

@@ -176,7 +176,7 @@ def test_other_options_or_data_are_sampled_again(result, study, monkeypatch):
 
 def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_path):
     first = replace(study, specimens=study.specimens[:1])
-    asked = []
+    arguments = []
 
     class Stopped(InThisProcess):
         """Asked to stop while its task is under way."""
@@ -186,12 +186,12 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
                 return
             [task] = tasks
             found = function(replace(task, running=_GoneLater()))
-            asked.append(True)
+            arguments.append(True)
             assert stop()
             yield Outcome(0, found)
 
     with pytest.raises(Interrupted, match=r"0 of 1 specimens.*the same command"):
-        Batch(first, tmp_path / "study", Stopped()).execute(stop=lambda: bool(asked))
+        Batch(first, tmp_path / "study", Stopped()).execute(stop=lambda: bool(arguments))
     assert (tmp_path / "study" / "runs" / "media" / "checkpoint.npz").is_file()
     assert not (tmp_path / "study" / "runs" / "media" / "summary.csv").exists()
     Batch(first, tmp_path / "study").execute()
@@ -204,7 +204,7 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
 class _GoneLater:
     """A file that is there when a task begins, and then is not."""
 
-    asked = 0
+    arguments = 0
 
     def exists(self):
         self.asked += 1
@@ -224,7 +224,7 @@ def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
     assert not (tmp_path / "study" / "study-specimens.png").exists()
 
 
-def test_a_folder_that_a_worker_does_not_see_is_said(study, tmp_path):
+def test_a_folder_that_a_worker_does_not_see_is_named(study, tmp_path):
     class Elsewhere(InThisProcess):
         def run(self, function, tasks, *, stop=lambda: False):
             for index, task in enumerate(tasks):
@@ -243,7 +243,7 @@ def test_a_foreign_folder_is_left_alone(study, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["study.toml", "--noise", "effective"], "--noise is for CSV files"),
         (["study.toml", "--ess", "100"], "under ess"),
@@ -256,9 +256,9 @@ def test_a_foreign_folder_is_left_alone(study, tmp_path):
         (["media.csv", "--ess", "1"], "--ess must be"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(study, words, said, monkeypatch, capsys):
+def test_bad_input_is_one_line_and_exit_code_2(study, words, message, monkeypatch, capsys):
     monkeypatch.chdir(study.specimens[0].file.parent)
-    assert said in refused(capsys, "batch", *words)
+    assert message in refused(capsys, "batch", *words)
 
 
 def test_the_command_ends_with_3_and_names_the_failures(result, study, monkeypatch, capsys):

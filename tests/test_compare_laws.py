@@ -177,16 +177,16 @@ def test_draws_of_the_mixture_are_those_of_each_law_by_its_weight(two_laws):
             material = GOH(C1, 60.0, 8.0, 38.0, kappa)
             p = specimen.protocols[1]
             stress = material.cauchy(1.01 * p.stretch_x.max(), 1.02 * p.stretch_y.max())
-            told = [row[f"cauchy_{axis}_kPa[{p.name}]"] for axis in "xy"]
-            assert told == pytest.approx(np.ravel(stress), rel=1e-3)
+            output = [row[f"cauchy_{axis}_kPa[{p.name}]"] for axis in "xy"]
+            assert output == pytest.approx(np.ravel(stress), rel=1e-3)
             # d s_x / d ln l_x by central differences
             h = np.exp(1e-5)
             slope = [
                 (material.cauchy(h, 1.0)[0] - material.cauchy(1.0 / h, 1.0)[0]) / 2e-5,
                 (material.cauchy(1.0, h)[1] - material.cauchy(1.0, 1.0 / h)[1]) / 2e-5,
             ]
-            told = [row["stiffness_xx_kPa"], row["stiffness_yy_kPa"]]
-            assert told == pytest.approx(np.ravel(slope), rel=1e-3)
+            output = [row["stiffness_xx_kPa"], row["stiffness_yy_kPa"]]
+            assert output == pytest.approx(np.ravel(slope), rel=1e-3)
         np.testing.assert_allclose(own["mounting_stretch_y"], 1.02)
     alone = mixture_draws(specimen, list(posteriors), np.array([1.0, 0.0]), found, posteriors)
     assert set(alone["law"]) == {"goh"}
@@ -226,7 +226,7 @@ def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
 SD = 0.002
 
 
-def foretold(geometry="unloaded", **states):
+def predicted(geometry="unloaded", **states):
     """Two laws that foretell three protocols with one material each, the second 5 % too stiff."""
     specimen = replace(small_specimen(), geometry=geometry)
     rng = np.random.default_rng(2)
@@ -261,7 +261,7 @@ def misses(specimen, k1, kappa):
 
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
 def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(geometry):
-    specimen, found = foretold(geometry)
+    specimen, found = predicted(geometry)
     judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     table, parts = judged.table.set_index("law"), judged.parts
     assert judged.converged and judged.left_out == {}
@@ -292,8 +292,8 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(g
     assert 0.5 < low <= high < 1.0
     mixture = parts[parts["law"] == STACKED]
     assert mixture["weight"].tolist() == [1.0] * 3
-    told = {law: f"{table['weight'][law]:.2f}" for law in ("goh", "hgo")}
-    assert repr(judged) == f"LawComparison(virtual: goh {told['goh']}, hgo {told['hgo']})"
+    shares = {law: f"{table['weight'][law]:.2f}" for law in ("goh", "hgo")}
+    assert repr(judged) == f"LawComparison(virtual: goh {shares['goh']}, hgo {shares['hgo']})"
     assert table["left_out_density_nats"][STACKED] == pytest.approx(
         mixture["left_out_density_nats"].sum()
     )
@@ -312,7 +312,7 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(g
 
 
 def test_weights_of_the_other_parts_alone_and_of_none():
-    specimen, found = foretold()
+    specimen, found = predicted()
     judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     # of the first part, by the weights that the other two alone give
     others = np.array(
@@ -332,7 +332,7 @@ def test_weights_of_the_other_parts_alone_and_of_none():
 
 def test_levels_of_bands_come_from_the_other_parts_alone():
     """A part that is missed widens the bands of the others and not its own."""
-    specimen, found = foretold()
+    specimen, found = predicted()
     first, *rest = specimen.protocols
     load = first.load_x + np.where(np.arange(first.rows) < first.rest_rows, 0.0, 5.0 * SD)
     missed = replace(specimen, protocols=(replace(first, load_x=load), *rest))
@@ -348,23 +348,23 @@ def test_levels_of_bands_come_from_the_other_parts_alone():
     assert (after[1:] < before[1:] - 0.005).all()
 
 
-def test_laws_that_failed_or_have_not_converged_are_said_to():
-    specimen, found = foretold(hgo="tentative")
+def test_laws_that_failed_or_have_not_converged_are_named():
+    specimen, found = predicted(hgo="tentative")
     judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     assert not judged.converged and judged.left_out == {}
-    specimen, found = foretold(hgo="failed")
+    specimen, found = predicted(hgo="failed")
     judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     assert not judged.converged
     assert judged.left_out == {"hgo": f"{WHOLE}: failed for a reason"}
     assert judged.table.set_index("law")["weight"]["goh"] == pytest.approx(1.0)
     assert np.isnan(judged.table.set_index("law")["weight"]["hgo"])
-    specimen, found = foretold(hgo="failed", goh="unusable")
+    specimen, found = predicted(hgo="failed", goh="unusable")
     with pytest.raises(NotConverged, match=r"no law could be sampled.*goh.*unusable for a reason"):
         weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
 
 
 def test_a_measured_mounting_stretch_is_stated_as_the_mixture_has_it():
-    specimen, found = foretold()
+    specimen, found = predicted()
     measured = replace(
         specimen, metadata={**specimen.metadata, "mounting_stretch_x": "1.01 +- 0.01"}
     )
@@ -444,7 +444,7 @@ def test_the_law_of_the_truth_predicts_best(compared):
 
 
 @pytest.mark.long
-def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys):
+def test_what_is_reported_is_the_same_in_table_page_and_terminal(compared, capsys):
     folder, _ = compared
     reported = pd.read_csv(folder / "out" / "report.csv").set_index("parameter")
     laws = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
@@ -469,16 +469,16 @@ def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys)
         *("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"),
         "--resume",
     ) in (0, 3)
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     row = reported.loc["mounting_stretch_x"]
-    assert f"mounting_stretch_x  {row['interval']}" in told and row["reason"] in told
+    assert f"mounting_stretch_x  {row['interval']}" in output and row["reason"] in output
 
 
 def three(middle, width):
     return (middle - width, middle, middle + width)
 
 
-def test_a_value_needs_the_laws_that_foretell_alike_to_agree():
+def test_a_value_needs_the_laws_that_predict_equally_well_to_agree():
     intervals = {"goh": three(1.02, 0.002), "fung": three(1.022, 0.002), "hgo": three(1.3, 0.01)}
     density = {"goh": 10.0, "fung": 8.0, "hgo": 2.0}
     stated = interval_from_predictions(intervals, density, smooth=False)
@@ -525,7 +525,7 @@ def test_a_comparison_is_resumed_and_never_overwritten(compared, capsys):
         biaxbayes.compare_laws(small_specimen(), laws=LAWS, workers=1, stop=lambda: 1)
 
 
-def test_what_cannot_be_compared_is_said():
+def test_what_cannot_be_compared_is_refused():
     with pytest.raises(InputError, match="its own mounted state"):
         biaxbayes.compare_laws(small_specimen(), mounting_stretch="per-protocol", workers=1)
     with pytest.raises(InputError, match="did you mean fung"):

@@ -111,9 +111,9 @@ def test_a_damaged_cache_is_made_again(tmp_path, kind, damage):
 
 def test_a_cache_that_cannot_be_written_is_left_aside_with_one_line(tmp_path):
     (tmp_path / "file").write_text("no folder")
-    words, told = small_program(tmp_path, tmp_path / "file")
+    words, output = small_program(tmp_path, tmp_path / "file")
     assert words == ["42.0", "True", "0"]
-    assert told.count("\n") == 1 and "compiled code cannot be cached in" in told
+    assert output.count("\n") == 1 and "compiled code cannot be cached in" in output
 
 
 FULL = """

@@ -110,7 +110,7 @@ def test_a_numbered_cycle(cycle, tmp_path, capsys):
     )
 
 
-def test_unloading_is_turned_round_and_said(tmp_path, capsys):
+def test_unloading_is_reversed_with_a_note(tmp_path, capsys):
     export = biotester_export()
     out = tmp_path / "specimen.csv"
     path = written(tmp_path, export.text())
@@ -224,10 +224,10 @@ def test_sets_that_are_left_out_are_named(tmp_path, capsys):
     first, second = (biotester_export(name=n, cycles=1) for n in ("Precondition", "Main"))
     text = first.text() + second.text().split("\n", 1)[1]
     out = tmp_path / "specimen.csv"
-    code, said, _ = biotester(written(tmp_path, text), out, capsys)
-    assert code == 0 and "sets left out: Precondition" in said
-    code, said, _ = biotester(written(tmp_path, text), out, capsys, "--set", "all")
-    assert code == 0 and "left out" not in said
+    code, message, _ = biotester(written(tmp_path, text), out, capsys)
+    assert code == 0 and "sets left out: Precondition" in message
+    code, message, _ = biotester(written(tmp_path, text), out, capsys, "--set", "all")
+    assert code == 0 and "left out" not in message
 
 
 @pytest.mark.parametrize(
@@ -419,7 +419,7 @@ def test_kinds_of_strain_as_given_or_by_name(x, y, values, tmp_path, capsys):
         ("strain_true", ":percent"),
     ],
 )
-def test_a_kind_of_strain_that_is_open_is_asked_for(name, stated, tmp_path, capsys):
+def test_an_ambiguous_kind_of_strain_is_refused(name, stated, tmp_path, capsys):
     text = generic_text(STRETCH - 1.0, PIOLA, [name, f"{name} y", "P_kPa", "Q_kPa"])
     columns = f"stretch_x={name}{stated},stretch_y={name} y,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     code, printed, _ = generic(tmp_path, text, columns, capsys)
@@ -484,7 +484,7 @@ def test_a_distance_of_marks_needs_no_gauge_length(tmp_path, capsys):
     assert specimen.protocols[0].reference == pytest.approx((7.3 / 7.0, 7.3 / 7.0))
 
 
-def test_a_displacement_that_does_not_start_at_zero_is_asked_about(tmp_path, capsys):
+def test_a_displacement_that_does_not_start_at_zero_needs_its_origin(tmp_path, capsys):
     moved = 0.5 + 10.0 * (STRETCH - 1.0)  # the first row is 10 mm apart, zero was 9.5 mm
     text = generic_text(moved, PIOLA, ["dispx_mm", "dispy_mm", "P_kPa", "Q_kPa"])
     columns = "stretch_x=dispx_mm,stretch_y=dispy_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"

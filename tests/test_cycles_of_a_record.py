@@ -84,10 +84,10 @@ def test_a_load_controlled_record_is_split_by_its_loads(tmp_path):
 def test_whether_preconditioning_has_settled(softening, settled, tmp_path):
     found = read(tmp_path, *record([(0.2, 0.2)] * len(softening), softening))
     (recording,) = found.recordings
-    said = " ".join((*recording.notes, *recording.assumptions))
-    assert ("has not settled" in said) is not settled
+    message = " ".join((*recording.notes, *recording.assumptions))
+    assert ("has not settled" in message) is not settled
     change = (softening[-1] - softening[-2]) / softening[-1]
-    assert f"peak load changes by {change:+.1%} in x" in said
+    assert f"peak load changes by {change:+.1%} in x" in message
     assert ("has not settled" in str(found.specimen.metadata.get("conversion"))) is not settled
 
 

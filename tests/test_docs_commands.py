@@ -65,8 +65,10 @@ def run_command(words: list[str]) -> None:
     ):
         main(arguments)
     code = int(ended.value.code or 0)
-    told = err.getvalue()[-1500:]
-    assert code in (TRIED if words[1] in SAMPLING else {0}), f"{shlex.join(words)}\n{code}: {told}"
+    output = err.getvalue()[-1500:]
+    assert code in (TRIED if words[1] in SAMPLING else {0}), (
+        f"{shlex.join(words)}\n{code}: {output}"
+    )
 
 
 def run_python(text: str) -> None:

@@ -334,8 +334,8 @@ def test_bands_figure_is_readable(width, ratios):
     assert top.get_xlim() == res_x.get_xlim() == res_y.get_xlim()
 
 
-def test_every_reading_is_drawn_or_it_is_said():
-    for increments, said in ((150, ""), (450, "one reading in 3 is drawn")):
+def test_every_reading_is_drawn_or_the_share_is_named():
+    for increments, message in ((150, ""), (450, "one reading in 3 is drawn")):
         specimen = specimen_of(increments=increments)
         for width in (85.0, 180.0):
             figure = bands_figure(specimen, draws_of(20), width_mm=width)
@@ -343,10 +343,10 @@ def test_every_reading_is_drawn_or_it_is_said():
             for ax in figure.axes:
                 points = [ln for ln in ax.lines if ln.get_linestyle() == "None"]
                 drawn = [len(line.get_xdata()) for line in points]
-                assert drawn == [increments + 1 if not said else 151] * len(drawn) and drawn
+                assert drawn == [increments + 1 if not message else 151] * len(drawn) and drawn
             texts = [text for text, _ in in_view(figure)]
-            assert any("reading" in text for text in texts) == bool(said)
-            assert not said or said in texts
+            assert any("reading" in text for text in texts) == bool(message)
+            assert not message or message in texts
 
 
 def test_true_loads_stand_on_the_bands():
@@ -389,7 +389,7 @@ def test_bands_of_two_points_and_of_many_protocols():
     assert any("the first 6 of 20" in text for text, _ in in_view(figure))
 
 
-def test_a_direction_that_is_held_is_drawn_over_the_other_one():
+def test_a_direction_that_does_not_move_is_drawn_over_the_other_one():
     specimen = specimen_of(((1.0, 0.0),))
     figure = bands_figure(specimen, draws_of(100))
     assert figure.axes[2].get_xlabel() == "measured stretch in x"

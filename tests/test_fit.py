@@ -396,7 +396,7 @@ HELD = [{"kappa": 0.1}, {"alpha": 45.0}, {"C1": 3.0, "k2": 2.0}, {"k1": 10.0}, {
     ("method", "fixed"),
     list(zip(METHODS, HELD, strict=True)),
 )
-def test_held_parameters_stay(method, fixed):
+def test_fixed_parameters_stay(method, fixed):
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
     found = fit(specimen, method, fixed=fixed, starts=3)
     record = found.record()
@@ -406,7 +406,7 @@ def test_held_parameters_stay(method, fixed):
         assert name not in found.at_bound
 
 
-def test_all_parameters_held_is_an_evaluation():
+def test_all_parameters_fixed_is_an_evaluation():
     fixed = {"C1": 2.98, "k1": 12.47, "k2": 1.88, "alpha": 39.0, "kappa": 0.0}
     found = fit(specimen_of(MEDIA, (1.009, 1.01)), fixed=fixed)
     np.testing.assert_allclose(found.mounting_stretch, [[1.009, 1.01]], rtol=1e-9)

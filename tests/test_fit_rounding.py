@@ -19,16 +19,16 @@ TEST = ["--prestretch", "1.019", "1.02", "--total-stretch", "1.15", "--increment
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "arguments",
     [
         ("--goh", *STIFF, *TEST),
         ("--goh", *STEEP, *TEST, "--stress-pair", "cauchy"),
         ("--material", "donor2-intima"),
     ],
 )
-def test_what_is_simulated_without_noise_is_fitted_by_all_five(capsys, tmp_path, asked):
+def test_what_is_simulated_without_noise_is_fitted_by_all_five(capsys, tmp_path, arguments):
     path = tmp_path / "virtual.csv"
-    assert exit_code("simulate", *asked, "--out", path) == 0
+    assert exit_code("simulate", *arguments, "--out", path) == 0
     capsys.readouterr()
     assert exit_code("fit", path) == 0
     shown = capsys.readouterr()

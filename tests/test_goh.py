@@ -109,7 +109,7 @@ def test_structure_tensor_has_unit_trace_and_turns_with_the_axes():
 
 def test_dispersion_in_and_out_of_plane_is_goh_at_another_angle():
     """The structure tensor of Holzapfel et al. 2015, Eq. 2.17, from its two directions."""
-    rng, told = np.random.default_rng(8), 0
+    rng, output = np.random.default_rng(8), 0
     for _ in range(400):
         kappa_ip, kappa_op, alpha = rng.uniform(0, 1), rng.uniform(0, 0.5), rng.uniform(0, 90)
         A, B = 2 * kappa_op * kappa_ip, 2 * kappa_op * (1 - 2 * kappa_ip)
@@ -121,10 +121,10 @@ def test_dispersion_in_and_out_of_plane_is_goh_at_another_angle():
             with pytest.raises(InputError, match="none of GOH"):
                 dispersion_as_goh(kappa_ip, kappa_op, alpha)
             continue
-        told += 1
+        output += 1
         found, kappa = dispersion_as_goh(kappa_ip, kappa_op, alpha)
         np.testing.assert_allclose(structure_tensor(np.radians(found), kappa), expected, atol=1e-12)
-    assert 50 < told < 350
+    assert 50 < output < 350
     assert dispersion_as_goh(0.0, 0.5, 41.0) == pytest.approx((41.0, 0.0))
     assert dispersion_as_goh(0.5, 1 / 3, 41.0)[1] == pytest.approx(1 / 3)
     with pytest.raises(InputError, match="are no dispersions"):

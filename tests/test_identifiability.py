@@ -204,7 +204,7 @@ def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
     assert found.posterior_verdict == NOT_IDENTIFIED
 
 
-def test_fixed_and_tied_parameters_are_said_to_be():
+def test_fixed_and_tied_parameters_are_named():
     found = identify(made_up(priors={"kappa": 0.1}))
     assert found["kappa"].posterior_verdict == FIXED and "fixed at 0.1" in found["kappa"].text
     assert "kappa" not in {q for p in found.parameters for q in p.partners}

@@ -199,23 +199,23 @@ def test_screened_points_have_the_cost_they_say_and_the_best_amplitudes(name, wi
     amplitudes = [law.names.index(n) for n in law.amplitudes]
     size = float(np.sum(data.load**2))
     compared = 0
-    for point, lm, said in zip(points, mounting, costs, strict=True):
+    for point, lm, message in zip(points, mounting, costs, strict=True):
         # a matrix raised to the least, or an amplitude cut at its limit, has another cost
         raised = point[amplitudes[0]] <= floor * (1 + 1e-9)
-        if not np.isfinite(said) or raised or np.any(point[amplitudes] >= law.upper[amplitudes]):
+        if not np.isfinite(message) or raised or np.any(point[amplitudes] >= law.upper[amplitudes]):
             continue
         compared += 1
-        assert cost(point, lm) == pytest.approx(said, rel=1e-6, abs=1e-9 * size)
+        assert cost(point, lm) == pytest.approx(message, rel=1e-6, abs=1e-9 * size)
         for i in amplitudes:
             for factor in (0.98, 1.02):
                 other = point.copy()
                 other[i] *= factor
-                assert cost(other, lm) >= said * (1 - 1e-7) - 1e-9 * size
+                assert cost(other, lm) >= message * (1 - 1e-7) - 1e-9 * size
     assert compared > 0.3 * data.size
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_screened_points_keep_what_is_held(name):
+def test_screened_points_keep_what_is_fixed(name):
     law = law_named(name)
     for held in range(len(law.names)):
         data = readings(name, with_mounting=False, held=(held,))
@@ -224,18 +224,18 @@ def test_screened_points_keep_what_is_held(name):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_screened_points_with_every_amplitude_held_have_the_cost_they_say(name):
+def test_screened_points_with_fixed_amplitudes_have_the_cost_they_report(name):
     law = law_named(name)
     held = tuple(law.names.index(n) for n in law.amplitudes)
     data = readings(name, with_mounting=False, held=held)
     points, _, costs, _ = screen(law, data, np.random.default_rng(4))
     assert np.isfinite(costs).mean() > 0.3
-    for point, said in zip(points[:50], costs[:50], strict=True):
+    for point, message in zip(points[:50], costs[:50], strict=True):
         np.testing.assert_array_equal(point[list(held)], data.point[list(held)])
-        if np.isfinite(said):
+        if np.isfinite(message):
             load = np.array(law.at_point(point).cauchy(*data.stretch))
             load *= data.load_factor(data.stretch[None])[0]
-            assert np.sum((load - data.load) ** 2) == pytest.approx(said, rel=1e-9)
+            assert np.sum((load - data.load) ** 2) == pytest.approx(message, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -211,7 +211,7 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "said"),
+    ("name", "values", "message"),
     [
         ("fungus", {}, "did you mean fung"),
         ("fung", {"c0_kPa": 10}, "needs c_kPa and b_x and b_y and b_xy"),
@@ -221,14 +221,14 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
         ("hgo", {"C1": 1, "k1": 1, "k2": 1, "alpha": 91}, "between 0 and 90 degrees"),
     ],
 )
-def test_materials_that_are_none(name, values, said):
+def test_materials_that_are_none(name, values, message):
     with pytest.raises(InputError) as error:
         biaxbayes.law(name, **values)
-    assert said in f"{error.value}"
+    assert message in f"{error.value}"
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "message"),
     [
         ((1.0, 1.0, np.nan, 45.0, 0.1), "finite"),
         ((1.0, -1e-9, 1.0, 45.0, 0.1), "negative"),
@@ -238,8 +238,8 @@ def test_materials_that_are_none(name, values, said):
         ((1.0, 1.0, 1.0, 45.0, -1e-9), "between 0 and 1/3"),
     ],
 )
-def test_goh_materials_that_are_none(values, said):
-    with pytest.raises(ValueError, match=said):
+def test_goh_materials_that_are_none(values, message):
+    with pytest.raises(ValueError, match=message):
         GOH(*values)
 
 
@@ -286,7 +286,7 @@ def test_fung_holds_where_its_form_is_definite(sign):
             assert bool(law.holds(values)) is holds
 
 
-def test_a_stress_that_overflows_is_said():
+def test_a_stress_that_overflows_is_refused():
     material = biaxbayes.law("fung", c0=1, c=1, b_x=50, b_y=50, b_xy=0)
     with pytest.raises(InputError, match="no finite stress at stretches 5, 4"):
         material.cauchy(5.0, 4.0)

@@ -181,10 +181,10 @@ def test_of_many_at_once_one_gets_a_stale_lock(tmp_path):
     for process in many:
         process.stdin.write("\n")
         process.stdin.flush()
-    said = [process.stdout.readline().strip() for process in many]
+    message = [process.stdout.readline().strip() for process in many]
     for process in many:
         process.communicate("\n")
-    assert sorted(said) == ["got"] + ["refused"] * 3
+    assert sorted(message) == ["got"] + ["refused"] * 3
 
 
 def test_a_lock_removed_by_its_owner_while_another_takes_it_is_taken_again(tmp_path, monkeypatch):
@@ -273,14 +273,14 @@ def test_a_product_that_the_user_changed_stays(old_run):
 def test_trouble_leaves_the_old_files(old_run, trouble):
     before = content(old_run)
     expected = RunError if isinstance(trouble, OSError | InputError) else type(trouble)
-    with pytest.raises(expected) as told, staged(old_run) as aside:
+    with pytest.raises(expected) as output, staged(old_run) as aside:
         write_new(aside)
         raise trouble
     assert content(old_run) == before
     if expected is RunError:
-        assert "No space left on device" in str(told.value)
-        assert "untouched" in str(told.value)
-        assert ".writing" not in str(told.value)
+        assert "No space left on device" in str(output.value)
+        assert "untouched" in str(output.value)
+        assert ".writing" not in str(output.value)
 
 
 @pytest.mark.parametrize("moved", [0, 1])

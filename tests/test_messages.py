@@ -31,8 +31,8 @@ def test_shuffled_rows(capsys, tmp_path):
     named = [f"{row},{'a' if i < 20 else 'b'}" for i, row in enumerate(rows)]
     shuffled = [*head[:-1], f"{head[-1]},protocol", *rng.permutation(named)]
     path.write_text("\n".join(shuffled) + "\n")
-    said = refused(capsys, "check", path)
-    assert "are mixed" in said and "one row" not in said
+    text = refused(capsys, "check", path)
+    assert "are mixed" in text and "one row" not in text
 
 
 @pytest.mark.parametrize("keys", [("edge_x_mm", "edge_y_mm"), ("thickness_mm",)])
@@ -54,20 +54,20 @@ def test_a_strain_where_a_stretch_is_asked(capsys, small_run):
 
 def test_a_protocol_that_the_run_does_not_have(capsys, small_run, tmp_path):
     own = [p.name for p in small_run.specimen.protocols]
-    asked = ("predict", small_run.path, "--anyway", "--out", tmp_path / "out", "--protocol")
-    said = run(capsys, *asked, "nope")
-    assert said[0] == 2 and f"unknown protocol 'nope'; the run has {', '.join(own)}" in said[2]
+    arguments = ("predict", small_run.path, "--anyway", "--out", tmp_path / "out", "--protocol")
+    code, _, err = run(capsys, *arguments, "nope")
+    assert code == 2 and f"unknown protocol 'nope'; the run has {', '.join(own)}" in err
     assert not (tmp_path / "out").exists()
-    assert run(capsys, *asked, own[0])[0] == 0
+    assert run(capsys, *arguments, own[0])[0] == 0
 
 
 def test_an_angle_in_radians(capsys, tmp_path):
     path = tmp_path / "made.csv"
     write_specimen(MADE, path)
-    asked = ("fit", path, "--method", "zeroed", "--fix")
-    assert "write alpha=34.38" in run(capsys, *asked, "alpha=0.6")[2]
+    arguments = ("fit", path, "--method", "zeroed", "--fix")
+    assert "write alpha=34.38" in run(capsys, *arguments, "alpha=0.6")[2]
     for sound in ("alpha=41", "alpha=0", "kappa=0.1"):
-        assert "radians" not in run(capsys, *asked, sound)[2]
+        assert "radians" not in run(capsys, *arguments, sound)[2]
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("sampel", "sample"), ("Simulate", "simulate")])

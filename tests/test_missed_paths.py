@@ -40,8 +40,8 @@ def test_the_missed_path_is_named(write, missed):
     name, run = missed
     text = " ".join(write(run).split())
     plain = re.sub(r"<[^>]+>|\\(?=[^a-z])", "", text).replace("&#39;", "'")
-    said = re.findall(r"GOH misses the (\S+) protocol by [\d.]+ N root mean square", plain)
-    assert name in said
+    message = re.findall(r"GOH misses the (\S+) protocol by [\d.]+ N root mean square", plain)
+    assert name in message
     assert "do not use these parameters for that path" in plain
 
 
@@ -64,11 +64,11 @@ def test_a_tared_valve_that_goh_does_not_describe_is_warned_of(tmp_path, capsys)
     assert exit_code("convert", raw, *options, "--out", made) == 0
     capsys.readouterr()
     assert exit_code("check", made) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "the load cell was tared" in said and "GOH does not describe this specimen" in said
+    message = " ".join(capsys.readouterr().out.split())
+    assert "the load cell was tared" in message and "GOH does not describe this specimen" in message
     assert exit_code("fit", made) == 0
-    told = capsys.readouterr().err
-    assert "a tared load cell" in told and "GOH does not describe this specimen" in told
+    output = capsys.readouterr().err
+    assert "a tared load cell" in output and "GOH does not describe this specimen" in output
     assert exit_code("sample", made, "--out", tmp_path / "run") == 2
     assert "tared" in capsys.readouterr().err
     zeroed = ["--mounting", "zeroed", "--ess", 100, "--workers", 1, "--out", tmp_path / "run"]

@@ -81,20 +81,20 @@ def check_monotone(seed: int) -> None:
     loose = judged(specimen, mounting_sd=0.2)
     for name in MOUNTING:
         first, second, wide = base[name], worse[name], loose[name]
-        told = (seed, name, first.text, second.text, wide.text)
-        assert strength(second) <= strength(first), told
+        output = (seed, name, first.text, second.text, wide.text)
+        assert strength(second) <= strength(first), output
         assert (
             first.mounting is not None and second.mounting is not None and wide.mounting is not None
         )
-        assert first.mounting.is_value or not second.mounting.is_value, told
+        assert first.mounting.is_value or not second.mounting.is_value, output
         assert first.evidence is not None and wide.evidence is not None
         # four ends, each with its error
         error = 2.0 * end_error((first.evidence.high - first.evidence.low) / 3.3)
         width = wide.evidence.high - wide.evidence.low
-        assert width > first.evidence.high - first.evidence.low - 3.0 * error, told
+        assert width > first.evidence.high - first.evidence.low - 3.0 * error, output
         if first.mounting.is_value and wide.mounting.is_value:
             width = wide.mounting.high - wide.mounting.low
-            assert width > first.mounting.high - first.mounting.low - 3.0 * error, told
+            assert width > first.mounting.high - first.mounting.low - 3.0 * error, output
 
 
 @pytest.mark.long

@@ -73,11 +73,11 @@ def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
     path, folder = tmp_path / "tared.csv", tmp_path / "run"
     write_specimen(quick_posteriors.small_specimen().zeroed(), path)
     options = ("--noise", "independent", "--mounting", "exact", "--fix", "kappa=0.1", "--ess", "60")
-    asked = ("sample", path, "--out", folder, *options, "--resume", "--mounting-force")
+    arguments = ("sample", path, "--out", folder, *options, "--resume", "--mounting-force")
     right = quick_posteriors.small_specimen().mounting_readings(shared=True)[0][0]
     wrong = 1e3 * right  # in mN
     with quick_posteriors.runs_without_figures():
-        assert run(capsys, *asked, *wrong)[0] == 2
+        assert run(capsys, *arguments, *wrong)[0] == 2
         with pytest.raises(Interrupted):
             biaxbayes.sample(
                 path, out=folder, mounting_force=right, stop=lambda: signal.SIGINT,
@@ -85,9 +85,9 @@ def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
             )  # fmt: skip
         before = manifest(folder)
         assert checkpoint.NAME in before
-        assert run(capsys, *asked, *wrong)[0] == 2
+        assert run(capsys, *arguments, *wrong)[0] == 2
         assert manifest(folder) == before
-        code, out, err = run(capsys, *asked, *right)
+        code, out, err = run(capsys, *arguments, *right)
     assert code in (0, 3) and "mounting_stretch_x" in out, err
     found = biaxbayes.open_run(folder).specimen
     assert tuple(found.mounting_readings(shared=True)[0][0]) == pytest.approx(right)

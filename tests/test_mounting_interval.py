@@ -156,8 +156,8 @@ def test_statements_are_weaker_with_a_worse_load_cell():
 
 def test_a_better_law_is_named_only_where_it_is_distinctly_better():
     goh, fung = law_fit("goh", 4.0), law_fit("fung", 2.4)
-    told = better_law_message(LawFits((fung, goh), 0.1, 100.0), "goh")
-    assert told.startswith("fung fits better than goh (root mean square error 2.4 and 4 kPa)")
+    output = better_law_message(LawFits((fung, goh), 0.1, 100.0), "goh")
+    assert output.startswith("fung fits better than goh (root mean square error 2.4 and 4 kPa)")
     assert not better_law_message(LawFits((replace(fung, rms=3.5), goh), 0.1, 100.0), "goh")
     # a difference below the noise counts where it rests on many independent readings, and where
     # the other law fits without a smooth misfit

@@ -57,10 +57,10 @@ def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
         "corner-of-the-paper.pdf",
     }
     assert again.provenance["seed"] == 4
-    (told,) = [p.note for p in steps if p.note.startswith("removed with the previous run")]
+    (output,) = [p.note for p in steps if p.note.startswith("removed with the previous run")]
     # How long writing takes is not known: it is no share that stands at 0 %.
     assert {p.share for p in steps if p.phase == "writing"} == {None}
-    assert "cards-abaqus-kPa-mm" in told and "prediction.csv" in told
+    assert "cards-abaqus-kPa-mm" in output and "prediction.csv" in output
 
 
 def test_plot_leaves_the_figures_of_the_run(capsys, media_run, copied):
@@ -81,12 +81,21 @@ def test_plot_leaves_the_figures_of_the_run(capsys, media_run, copied):
 def test_convert_does_not_replace_a_file_unasked(capsys, tmp_path):
     raw, out = tmp_path / "export.csv", tmp_path / "specimen.csv"
     raw.write_text(biotester_export().text())
-    asked = ["convert", raw, "--machine", "biotester", "--out", out]
-    asked += ["--edge-x-mm", 10, "--edge-y-mm", 10, "--thickness-mm", 1.2, "--geometry", "unloaded"]
-    assert run(capsys, *asked)[0] == 0
+    words = ["convert", raw, "--machine", "biotester", "--out", out]
+    words += [
+        "--edge-x-mm",
+        10,
+        "--edge-y-mm",
+        10,
+        "--thickness-mm",
+        1.2,
+        "--geometry",
+        "unloaded",
+    ]
+    assert run(capsys, *words)[0] == 0
     out.write_text("mine\n")
-    err = refused(capsys, *asked)
+    err = refused(capsys, *words)
     assert "exists already" in err
     assert out.read_text() == "mine\n"
-    assert run(capsys, *asked, "--overwrite")[0] == 0
+    assert run(capsys, *words, "--overwrite")[0] == 0
     assert out.read_text() != "mine\n"

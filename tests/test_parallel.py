@@ -63,13 +63,13 @@ def test_an_exception_comes_through_with_where_it_happened():
 
 
 def test_a_stop_hands_out_nothing_further_and_waits_for_what_is_under_way(tmp_path):
-    asked = []
+    arguments = []
 
     def stop():
-        if not asked and list(tmp_path.glob("begun-*")):
-            asked.append(True)
+        if not arguments and list(tmp_path.glob("begun-*")):
+            arguments.append(True)
             (tmp_path / "stop").touch()
-        return bool(asked)
+        return bool(arguments)
 
     outcomes = list(Processes(1).run(tasks.until_told, [str(tmp_path)] * 5, stop=stop))
     assert [o.value for o in outcomes] == ["ended"]
@@ -175,12 +175,12 @@ except RunError as error:
 """
 
 
-def test_a_script_without_a_guard_is_told_what_is_missing(tmp_path):
+def test_a_script_without_a_guard_is_refused_with_what_is_missing(tmp_path):
     out, _ = started(tmp_path, UNGUARDED).communicate(timeout=120)
     assert 'if __name__ == "__main__":' in out
 
 
-def test_what_was_asked_for():
+def test_which_executor_is_chosen():
     assert isinstance(executor_for(1), InThisProcess)
     assert executor_for(1, isolated=True).count == 1
     assert executor_for(3).count == 3

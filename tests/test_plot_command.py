@@ -90,7 +90,7 @@ def test_the_file_name_decides_the_format(run, tmp_path):
     assert (tmp_path / "b.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
+def test_what_cannot_be_drawn_is_refused_in_one_line(run, tmp_path, capsys):
     wrong = tmp_path / "truth.json"
     wrong.write_text(json.dumps({"somebody else": {"material": {}}}))
     cases = [
@@ -109,10 +109,10 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
         ((tmp_path / "absent",), "does not exist"),
         ((run, "--out", tmp_path / "no" / "folder" / "a.pdf"), "no"),
     ]
-    for arguments, said in cases:
+    for arguments, text in cases:
         assert exit_code("plot", *arguments) == 2
         message = capsys.readouterr().err
-        assert said in message and message.count("\n") == 1
+        assert text in message and message.count("\n") == 1
     assert not list(tmp_path.glob("a.*"))
 
 

@@ -155,21 +155,21 @@ def test_files_say_the_same(found):
 def test_folders_of_another_kind_are_named(study, found, tmp_path, capsys):
     verbs = (("identify",), ("report",), ("plot", "--figure", "trace"), ("predict",))
     for verb, *options in (*verbs, ("export", "--to", "abaqus"), ("design",)):
-        told = refused(capsys, verb, found.folder, *options)
-        assert "is a population's folder, not a run's; give one of the runs of its study" in told
-        told = refused(capsys, verb, study, *options)
-        assert f"is a study's folder, not a run's; give one of the runs in {study / 'runs'}" in told
-        told = refused(capsys, verb, tmp_path / "absent", *options)
-        assert f"{tmp_path / 'absent'}: does not exist; make a run folder" in told
+        err = refused(capsys, verb, found.folder, *options)
+        assert "is a population's folder, not a run's; give one of the runs of its study" in err
+        err = refused(capsys, verb, study, *options)
+        assert f"is a study's folder, not a run's; give one of the runs in {study / 'runs'}" in err
+        err = refused(capsys, verb, tmp_path / "absent", *options)
+        assert f"{tmp_path / 'absent'}: does not exist; make a run folder" in err
     assert not list(tmp_path.iterdir())
     cards = ("--to", "abaqus", "--population", "healthy")
-    for folder, said in (
+    for folder, message in (
         (study / "runs" / "a", "is a run's folder, not a population's; leave --population out"),
         (study, "is a study's folder, not a population's; make one with 'biaxbayes population'"),
         (tmp_path, "is not the folder of a finished population; make one"),
         (tmp_path / "absent", "does not exist; make one with 'biaxbayes population'"),
     ):
-        assert said in refused(capsys, "export", folder, *cards)
+        assert message in refused(capsys, "export", folder, *cards)
     (tmp_path / POPULATION).write_text("{}")
     assert "a file is missing or damaged" in refused(capsys, "export", tmp_path, *cards)
 
@@ -177,8 +177,8 @@ def test_folders_of_another_kind_are_named(study, found, tmp_path, capsys):
 def test_a_finished_population_is_refused_and_stays(study, found, tmp_path, capsys):
     folder = shutil.copytree(found.folder, tmp_path / "out")
     before = manifest(folder)
-    told = refused(capsys, "population", study, "--out", folder)
-    assert "holds a finished population; choose another --out, or replace it" in told
+    output = refused(capsys, "population", study, "--out", folder)
+    assert "holds a finished population; choose another --out, or replace it" in output
     # before the specimens of a study file are sampled
     runs = tmp_path / "runs"
     file = study.parent / "study.toml"
@@ -199,8 +199,8 @@ def test_a_population_is_replaced_whole(study, found, tmp_path, quick, monkeypat
     again = quick_job(study, folder, options=PopulationOptions(seed=2)).execute(
         overwrite=True, progress=steps.append
     )
-    (told,) = [p.note for p in steps if p.note.startswith("removed with the population before")]
-    assert "cards-abaqus-kPa-mm" in told and "population-pairs.svg" in told
+    (output,) = [p.note for p in steps if p.note.startswith("removed with the population before")]
+    assert "cards-abaqus-kPa-mm" in output and "population-pairs.svg" in output
     assert again.folder == folder
     record = json.loads((folder / POPULATION).read_text())
     assert record["identity"]["options"]["seed"] == 2
@@ -245,11 +245,11 @@ def test_one_specimen_per_donor_has_a_total_spread_only(study, tmp_path, quick):
 
 @pytest.mark.long
 def test_stopped_and_resumed_writes_the_same_bytes(study, found, tmp_path, quick):
-    asked = []
+    arguments = []
 
     def stop():
-        asked.append(1)
-        return 2 if len(asked) > 1 else 0
+        arguments.append(1)
+        return 2 if len(arguments) > 1 else 0
 
     whole = quick_job(study, tmp_path / "out")
     with pytest.raises(Interrupted, match="`resume=True` continues") as error:
@@ -290,27 +290,27 @@ def test_columns_of_the_study_file(study, tmp_path, capsys):
     for name in MATERIALS:
         shutil.copy(study.parent / f"{name}.csv", tmp_path)
     bad = tmp_path / "study.toml"
-    for change, said in (
+    for change, message in (
         ('columns = ["disease"]', "'disease' is not a key of specimen 1"),
         ('disease = "healthy"\n', "disease is missing, which columns declares"),
     ):
         bad.write_text(text.replace(change, "", 1))
-        assert said in refused(capsys, "population", bad, "--out", tmp_path / "out")
+        assert message in refused(capsys, "population", bad, "--out", tmp_path / "out")
 
 
-def test_what_cannot_be_pooled_is_said(study, tmp_path, capsys):
+def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
     assert "finished study" in refused(capsys, "population", tmp_path, "--out", tmp_path / "out")
     priors = tmp_path / "priors.toml"
     priors.write_text("[sd_donors]\nkappa = 0.1\n")
     with pytest.raises(InputError, match=r"\[sd_donors\] 'kappa' is no pooled parameter"):
         quick_job(study, tmp_path / "out", priors=PopulationPriors.read(priors)).execute()
-    for text, said in (
+    for text, message in (
         ("[spread]\nC1 = 1", "no table of population priors"),
         ("[sd_donors]\nC1 = -1", "above zero"),
         ('[mean]\nC1 = { distribution = "cauchy" }', "normal or a lognormal"),
     ):
         priors.write_text(text)
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             PopulationPriors.read(priors)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("mine")
@@ -324,8 +324,8 @@ def test_a_specimen_apart_is_named(found):
     of = table["specimen"] == "a"
     table.loc[of, "specimen_predictive_p"] = 0.01
     table.loc[of & (table["quantity"] == "k1"), "predictive_p"] = 0.002
-    said = contradictions(table)
-    assert len(said) == 1 and "a contradicts its group healthy" in said[0] and "k1" in said[0]
+    notes = contradictions(table)
+    assert len(notes) == 1 and "a contradicts its group healthy" in notes[0] and "k1" in notes[0]
 
 
 def test_record_states_priors_and_seed(found):

@@ -131,13 +131,13 @@ def test_two_specimens_rest_on_the_priors(pool):
 
 
 @pytest.mark.long
-def test_other_protocols_and_stretches_are_pooled_and_said(pool):
+def test_other_protocols_and_stretches_are_pooled_with_a_note(pool):
     code, out, _, folder = pool(["m0", "m3", "m4"])
     assert code == 0
     assert "specimens were tested with 2 to 3 protocols (2: m3)" in out
-    [told] = [line for line in out.splitlines() if "specimens were stretched to" in line]
-    assert "least: m4" in told
-    low = float(told.split("stretched to ")[1].split()[0])
+    [output] = [line for line in out.splitlines() if "specimens were stretched to" in line]
+    assert "least: m4" in output
+    low = float(output.split("stretched to ")[1].split()[0])
     assert low == pytest.approx(1.1, abs=0.01)
     groups, _ = tables(folder)
     at = groups["quantity"].str.extract(r"cauchy_x at (.*)")[0].dropna().astype(float)
@@ -171,8 +171,8 @@ def test_a_specimen_that_contradicts_its_group_is_named(pool, tmp_path):
     priors = tmp_path / "priors.toml"
     priors.write_text(PRIORS)
     _, out, _, folder = pool([*MATERIALS], "--priors", str(priors))
-    told = [line for line in out.splitlines() if "contradicts its group" in line]
-    [line] = told
+    output = [line for line in out.splitlines() if "contradicts its group" in line]
+    [line] = output
     assert line.startswith("note: odd contradicts its group media (posterior predictive p 0.0")
     _, specimens = tables(folder)
     p = specimens.groupby("specimen")["specimen_predictive_p"].first()
@@ -201,9 +201,9 @@ def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
 
     first, second = (Source.from_run(n, open_run(whole / "runs" / n)) for n in ("m0", "m1"))
     fixed = second.posterior.replaced(priors={**second.posterior.priors, "k2": 8.0})
-    with pytest.raises(InputError, match="k2 was sampled in m0 and fixed or tied in m1") as told:
+    with pytest.raises(InputError, match="k2 was sampled in m0 and fixed or tied in m1") as output:
         pooled_names([first, replace(second, posterior=fixed)])
-    assert "fix the same parameters in all specimens" in str(told.value)
+    assert "fix the same parameters in all specimens" in str(output.value)
 
 
 @pytest.mark.long

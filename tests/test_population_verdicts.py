@@ -245,7 +245,7 @@ def test_spreads_are_judged_by_the_same_rule(values):
     assert spread(values, known, same)["sd_donors"].posterior_verdict == IDENTIFIED
 
 
-def test_spreads_of_which_only_the_sum_is_known_are_told_together(values):
+def test_spreads_of_which_only_the_sum_is_known_are_a_combination(values):
     """One specimen per donor: sd_donors^2 + sd_specimens^2 is what the specimens show."""
     rng = np.random.default_rng(10)
     whole, angle = 1.5 + 0.05 * rng.standard_normal(DRAWS), 0.5 * np.pi * rng.random(DRAWS)

@@ -50,7 +50,7 @@ def test_misfit_of_the_truth_is_the_noise():
     ]
 
 
-def test_a_model_that_misses_smoothly_is_told():
+def test_a_smooth_misfit_is_named():
     data = specimen(TRUTH, noise_N=0.0002, increments=400)
     wrong = true_draws(0.0002).assign(C1=12.0)
     table = predictive_checks(data, wrong)
@@ -65,11 +65,11 @@ def test_the_missed_protocol_is_named_with_its_number():
     name = clean.protocols[1].name
     data = bent(clean, name, 0.15)
     checks = predictive_checks(data, true_draws(0.002))
-    said = path_warnings(checks, "N")
-    assert len(said) == 1
-    assert said[0].startswith(f"GOH misses the {name} protocol by ")
+    message = path_warnings(checks, "N")
+    assert len(message) == 1
+    assert message[0].startswith(f"GOH misses the {name} protocol by ")
     assert path_warnings(checks, "N", "may-newman")[0].startswith(f"May-Newman misses the {name} ")
-    assert "do not use these parameters for that path" in said[0]
+    assert "do not use these parameters for that path" in message[0]
     row = checks[(checks.protocol == name) & (checks.direction == "y")].iloc[0]
     peak = float(clean.protocols[1].load_y.max())
     assert row["largest"] == pytest.approx(0.15 * peak, abs=0.008)

@@ -113,7 +113,7 @@ def test_a_cut_keeps_the_narrower_range():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ({"family": "triangle"}, "unknown"),
         ({"family": "normal", "low": 1.0, "high": 1.0}, "low must be below"),
@@ -125,8 +125,8 @@ def test_a_cut_keeps_the_narrower_range():
         ({"family": "loguniform", "low": 0.0, "high": 1.0}, "low must be positive"),
     ],
 )
-def test_priors_that_are_none(given, said):
-    with pytest.raises(ValueError, match=said):
+def test_priors_that_are_none(given, message):
+    with pytest.raises(ValueError, match=message):
         Prior(**given)
 
 

@@ -273,24 +273,24 @@ def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     write_specimen(traded().specimen, path)
     out = tmp_path / "out"
     options = ["--parameter", "kappa", "--noise", "independent", "--out", str(out)]
-    told = CliRunner().invoke(command, [str(path), *options, "--json"])
-    assert told.exit_code == 0, told.output
-    record = json.loads(told.output)[0]
+    printed = CliRunner().invoke(command, [str(path), *options, "--json"])
+    assert printed.exit_code == 0, printed.output
+    record = json.loads(printed.output)[0]
     back = pd.read_csv(out / "profile.csv")
     np.testing.assert_allclose(back["deviance"], record["curve"]["deviance"], rtol=1e-6, atol=1e-6)
     ends = pd.read_csv(out / "profile-intervals.csv")
     assert ends["kind"][0] == record["kind"] == "practical"
     assert bool(ends["open_low"][0])
-    said = json.loads((out / "profile-provenance.json").read_text())
-    assert said["deviance_of_90_percent"] == pytest.approx(2.71, abs=0.01)
+    message = json.loads((out / "profile-provenance.json").read_text())
+    assert message["deviance_of_90_percent"] == pytest.approx(2.71, abs=0.01)
     assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_the_figure_is_drawn_at_print_size():
     figure = profile_figure([profiled("kappa"), profiled("C1")], titles=["one", "two"])
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
-    said = [text.get_text() for text in figure.axes[0].texts]
-    assert said == ["90 %"]  # the content of every other interval of a run
+    message = [text.get_text() for text in figure.axes[0].texts]
+    assert message == ["90 %"]  # the content of every other interval of a run
     assert "(90 %)" in profiled("kappa").in_words()
     assert figure_bytes(figure, "png")
 

@@ -42,8 +42,8 @@ def test_convert_by_keywords(tmp_path):
     same = biaxbayes.convert([raw], biaxbayes.Choice("generic", columns=(columns,)))
     assert found.specimen.protocols == same.specimen.protocols
     assert "made.csv" not in repr(found) and "raw.csv" in repr(found)
-    for wrong, said in (({}, "no machine"), ({"machine": "generic", "sheet": "A"}, "sheets")):
-        with pytest.raises(InputError, match=said):
+    for wrong, message in (({}, "no machine"), ({"machine": "generic", "sheet": "A"}, "sheets")):
+        with pytest.raises(InputError, match=message):
             biaxbayes.convert(raw, **wrong)
 
 
@@ -106,8 +106,8 @@ def verb(*, progress=None) -> bool:
 
 def test_long_calls_show_their_progress_where_somebody_watches(monkeypatch):
     assert not verb() and not verb(progress=False)
-    told = []
-    assert verb(progress=told.append) and told[0].phase == "sampling"
+    output = []
+    assert verb(progress=output.append) and output[0].phase == "sampling"
     monkeypatch.setattr(sys, "stderr", Terminal())
     assert verb() and "half of it" in sys.stderr.getvalue()
     assert not verb(progress=False)

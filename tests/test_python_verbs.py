@@ -177,13 +177,13 @@ def test_both_ways_write_the_same_figure_report_and_verdicts(run, tmp_path, caps
     assert exit_code("plot", run.path, *options, "--out", tmp_path / "cli" / "m") == 0
     out = tmp_path / "python" / "m"
     biaxbayes.plot(run, "mounting", width_mm=85.0, suffix="svg", out=out)
-    told = tmp_path / "cli" / "r.tex"
-    assert exit_code("report", run.path, "--format", "latex", "--out", told) in (0, 3)
+    output = tmp_path / "cli" / "r.tex"
+    assert exit_code("report", run.path, "--format", "latex", "--out", output) in (0, 3)
     assert biaxbayes.report(run, "latex", out=tmp_path / "python" / "r.tex").name == "r.tex"
     assert same_files(tmp_path / "cli", tmp_path / "python") == {"m.svg", "r.tex"}
     capsys.readouterr()
     assert exit_code("report", run.path, "--format", "latex", "--out", "-") in (0, 3)
-    assert capsys.readouterr().out == told.read_text(encoding="utf-8")
+    assert capsys.readouterr().out == output.read_text(encoding="utf-8")
     copy = tmp_path / "copy"
     shutil.copytree(run.path, copy)
     assert exit_code("identify", copy) in (0, 3)
@@ -283,15 +283,15 @@ def test_bad_values_are_refused_both_ways(run, tmp_path, capsys, verb, name):
     words = value if isinstance(value, tuple) else (value,)
     option = f"--{name.replace('_', '-')}"
     assert exit_code(verb, tared, option, *words, "--out", tmp_path / "r") == 2
-    told = capsys.readouterr().err
-    assert "internal" not in told and not (tmp_path / "r").exists()
+    output = capsys.readouterr().err
+    assert "internal" not in output and not (tmp_path / "r").exists()
     with pytest.raises(InputError) as refused:
         getattr(biaxbayes, verb)(tared, out=tmp_path / "r", **{name: value})
     assert "\n" not in str(refused.value) and not (tmp_path / "r").exists()
     if message:
-        assert message.format(option) in told
+        assert message.format(option) in output
         assert message.format(f"`{name}`") in str(refused.value)
-        assert told.count("\n") == 1
+        assert output.count("\n") == 1
 
 
 def test_a_message_names_arguments_in_python_and_options_on_the_command_line(run, capsys):

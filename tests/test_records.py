@@ -27,8 +27,13 @@ QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, 
 
 def virtual(ratios=RATIOS, **how) -> Specimen:
     material = biaxbayes.GOH(14.0, 140.0, 11.9, 38.4, 0.1)
-    asked = {"prestretch": (1.02, 1.02), "total_stretch": 1.15, "noise_N": 2e-3, "increments": 40}
-    return biaxbayes.simulate(material=material, ratios=ratios, **{**asked, **how})[0]
+    usual = {
+        "prestretch": (1.02, 1.02),
+        "total_stretch": 1.15,
+        "noise_N": 2e-3,
+        "increments": 40,
+    }
+    return biaxbayes.simulate(material=material, ratios=ratios, **{**usual, **how})[0]
 
 
 GOOD = virtual()
@@ -66,8 +71,9 @@ def test_what_cannot_be_a_loading_curve_is_refused_before_the_work(capsys, tmp_p
     assert f"{path}: cannot be a loading curve" in err and words in err and "--anyway" in err
     assert not (tmp_path / "run").exists()
     code, out, _ = run(capsys, "check", path, "--no-fit")
-    told = next(line for line in out.splitlines() if line.startswith(("error", "warning", "note")))
-    assert code == 2 and told.startswith("error: ")
+    kinds = ("error", "warning", "note")
+    first = next(line for line in out.splitlines() if line.startswith(kinds))
+    assert code == 2 and first.startswith("error: ")
     assert "refuses it without --anyway" in out and "no warnings" not in out
     code, out, _ = run(capsys, "check", path, "--no-fit", "--json")
     assert code == 2 and any(f["severity"] == "error" for f in json.loads(out)["findings"])
@@ -93,7 +99,7 @@ def test_anyway_samples_it_and_says_so_first(capsys, tmp_path):
     )
 
 
-def test_exchanged_force_columns_and_a_wrong_unit_are_said(tmp_path):
+def test_exchanged_force_columns_and_a_wrong_unit_are_named(tmp_path):
     """Both in one run: the columns exchanged, and MPa in the column for kPa."""
     wrong = changed(virtual(stress_pair="piola"), lambda c: c[:, [0, 1, 3, 2]] * [1, 1, 1e-3, 1e-3])
     wrong = replace(wrong, load_noise=wrong.load_noise * 1e-3)
@@ -102,9 +108,9 @@ def test_exchanged_force_columns_and_a_wrong_unit_are_said(tmp_path):
         opened = biaxbayes.sample(
             wrong, out=tmp_path / "run", progress=lambda p: notes.append(p.note), **QUICK
         )
-    told = [n for n in notes if n]
-    assert "is the file in MPa" in told[0]
-    assert any("seem to be swapped" in n for n in told)
+    output = [n for n in notes if n]
+    assert "is the file in MPa" in output[0]
+    assert any("seem to be swapped" in n for n in output)
     assert {f["code"] for f in opened.provenance["findings"]} == {"units", "swapped"}
 
 
@@ -212,7 +218,7 @@ def test_an_aorta_is_not_refused_nor_are_its_columns_exchanged():
     assert not called_swapped(aorta)
 
 
-def test_one_protocol_is_told_that_it_cannot_carry_four_families():
+def test_one_protocol_cannot_carry_four_families():
     from biaxbayes.verbs.sample import Sampling
 
     def findings(protocols: int, law: str) -> list[str]:

@@ -128,7 +128,7 @@ def test_numbers_are_those_of_the_run(run, html):
     assert f"{sum(p.rows for p in run.specimen.protocols):,} rows" in text
 
 
-def test_what_the_curves_determine_is_made_again_alike(media_run, copied):
+def test_what_the_curves_determine_is_computed_again_equal(media_run, copied):
     folder = copied(media_run.path)
     own = determined_rows(open_run(folder))
     assert len(own) > 5 and {row[4] for row in own} == {"", "kPa"}
@@ -188,8 +188,8 @@ def test_a_run_that_ignores_the_mounting_says_so(tmp_path, mounting):
         )
     text = report.report_page(run)
     assert "mounting stretch was ignored" in " ".join("".join(outline(text).text).split())
-    told = f"was not inferred (mounting {mounting}): the parameters carry its error"
-    assert told in closing_message(run) and told in "".join(outline(text).text)
+    output = f"was not inferred (mounting {mounting}): the parameters carry its error"
+    assert output in closing_message(run) and output in "".join(outline(text).text)
 
 
 def test_latex_keeps_its_cells(run, tmp_path):

@@ -433,7 +433,7 @@ def test_nothing_is_unpickled(whole, tmp_path):
     assert not (tmp_path / "owned").exists()
 
 
-def test_another_format_is_said_to_be_one(whole, halfway):
+def test_another_format_is_named(whole, halfway):
     with np.load(io.BytesIO(body_of(halfway / NAME))) as archive:
         parts = {k: archive[k] for k in archive.files}
     stored = json.loads(parts["text"].tobytes())

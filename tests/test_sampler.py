@@ -282,8 +282,8 @@ def test_stored_pointwise_likelihood(run):
     for logs, weight in ((weighted, 1.0), (plain, run.beta)):
         total = logs.to_numpy().astype(float).sum(axis=(-2, -1))
         np.testing.assert_allclose(weight * total, stored, rtol=1e-4, atol=1e-2)
-    said = [run.tree[f"log_likelihood{end}"].attrs["weighting"] for end in ("", "_unweighted")]
-    assert said[0].startswith("weighted: ") and said[1].startswith("unweighted: ")
+    message = [run.tree[f"log_likelihood{end}"].attrs["weighting"] for end in ("", "_unweighted")]
+    assert message[0].startswith("weighted: ") and message[1].startswith("unweighted: ")
 
 
 @pytest.mark.parametrize("opened", OPENED.values(), ids=list(OPENED))

@@ -150,7 +150,7 @@ def test_a_run_continued_from_any_of_its_states_is_the_same_run():
         assert again.evaluations == whole.evaluations
 
 
-def test_a_density_that_is_zero_everywhere_is_said_to_be():
+def test_a_density_that_is_zero_everywhere_is_refused():
     nowhere = Target(lambda x: np.full(len(x), -np.inf), bounds_array({}, 2))
     with pytest.raises(NotConverged, match="no region of positive density"):
         sampled(nowhere, np.zeros((1, 2)), np.ones(2))

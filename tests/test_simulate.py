@@ -162,7 +162,7 @@ def test_the_names_are_listed(capsys):
     assert all(name in listed for name in MATERIALS)
 
 
-def test_no_prestretch_is_said_to_look_tared(tmp_path, capsys):
+def test_without_prestretch_a_file_looks_tared(tmp_path, capsys):
     arguments = ("--material", "weisbecker-media", "--prestretch", 1, 1, "--total-stretch", 1.1)
     assert simulate(*arguments, "--out", tmp_path / "x.csv") == 0
     assert "tared" in capsys.readouterr().err

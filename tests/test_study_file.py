@@ -124,10 +124,10 @@ BAD = {
 def test_what_cannot_be_used_is_one_line_with_file_and_key(folder, text):
     with pytest.raises(InputError) as raised:
         read_study(written(folder, text))
-    said = str(raised.value)
-    assert "\n" not in said
-    assert "study.toml" in said
-    assert BAD[text] in said
+    message = str(raised.value)
+    assert "\n" not in message
+    assert "study.toml" in message
+    assert BAD[text] in message
 
 
 def test_files_make_a_study_of_their_own(folder):

@@ -144,8 +144,8 @@ def test_sentences_say_ties_units_and_what_means_nothing():
     why = "means nothing at kappa 1/3"
     assert kappa(NOT_IDENTIFIED, SHARP, undefined=why).endswith(f"%; {why}")
     e = replace(LOOSE, parameter=K1, low=10.0, high=19.9)
-    told = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
-    assert told == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2
+    output = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
+    assert output == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2
     e = replace(LOOSE, parameter=K1, low=10.0, high=20.1)
-    told = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
-    assert told == "k1: identified, but loosely, 10 to 20.1 kPa (90 %)"
+    output = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
+    assert output == "k1: identified, but loosely, 10 to 20.1 kPa (90 %)"
