@@ -42,6 +42,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
 from commands import exit_code
 from quick_posteriors import small_specimen
+from quick_posteriors import specimen as specimen_of
 
 LAWS = "goh,hgo"
 
@@ -226,9 +227,10 @@ def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
 SD = 0.002
 
 
-def predicted(geometry="unloaded", **states):
+def predicted(geometry="unloaded", increments=8, **states):
     """Two laws that foretell three protocols with one material each, the second 5 % too stiff."""
-    specimen = replace(small_specimen(), geometry=geometry)
+    made = specimen_of(GOH(14.0, 60.0, 8.0, 38.0, 0.1), increments=increments)
+    specimen = replace(made, geometry=geometry)
     rng = np.random.default_rng(2)
     found = {}
     for law, k1, kappa in (("goh", 60.0, {"kappa": 0.1}), ("hgo", 63.0, {})):
@@ -337,8 +339,8 @@ def test_levels_of_bands_come_from_the_other_parts_alone():
     load = first.load_x + np.where(np.arange(first.rows) < first.rest_rows, 0.0, 5.0 * SD)
     missed = replace(specimen, protocols=(replace(first, load_x=load), *rest))
 
-    def levels(measured):
-        judged = weigh_laws(measured, {"noise": "independent"}, found, ["goh", "hgo"])
+    def levels(measured, found=found, noise="independent"):
+        judged = weigh_laws(measured, {"noise": noise}, found, ["goh", "hgo"])
         mixture = judged.parts[judged.parts["law"] == STACKED]
         np.testing.assert_allclose(mixture["band_low_level"] + mixture["band_high_level"], 1.0)
         return mixture["band_low_level"].to_numpy()
@@ -346,6 +348,22 @@ def test_levels_of_bands_come_from_the_other_parts_alone():
     before, after = levels(specimen), levels(missed)
     assert after[0] == pytest.approx(before[0], rel=1e-9)
     assert (after[1:] < before[1:] - 0.005).all()
+    # smooth residuals: the readings of a part are worth little, and have as little to say
+    smooth = {
+        key: replace(
+            p, residuals=tuple(SD * np.sin(np.cumsum(0.3 + 0 * r, 0)) for r in p.residuals)
+        )
+        for key, p in found.items()
+    }
+    light = levels(missed, smooth, "effective")
+    assert (np.abs(light[1:] - 0.05) < np.abs(after[1:] - 0.05) - 0.005).all()
+
+
+def test_single_readings_are_predicted_whatever_the_posterior_averages():
+    specimen, found = predicted(increments=40)
+    judged = weigh_laws(specimen, {"noise": "effective", "thin": 10}, found, ["goh", "hgo"])
+    own = judged.parts[judged.parts["law"] == "goh"]
+    assert own["readings"].tolist() == [2 * (p.rows - p.rest_rows) for p in specimen.protocols]
 
 
 def test_laws_that_failed_or_have_not_converged_are_named():

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
 
 from biaxbayes.errors import InputError
 from biaxbayes.figures.design import design_figure
@@ -166,6 +167,22 @@ def candidates(run):
     return {c.name: c for c in standard_candidates(run.posterior())}
 
 
+def test_protocol_likelihood_is_a_normal_density(run, candidates):
+    protocol = replace(candidates["1:0.5"], shared=False)
+    draws = run.draws.iloc[[3, 500, 900]]
+    outcomes = protocol.outcomes(draws, np.random.default_rng(5))
+    found = protocol.log_likelihood(outcomes, draws)
+    load, variance = protocol.predict(draws)
+    exact = np.column_stack(
+        [
+            multivariate_normal.logpdf(outcomes, mean.ravel(), np.diag(v.ravel()))
+            for mean, v in zip(load, variance, strict=True)
+        ]
+    )
+    # Up to a term common to all draws: differences between draws are what counts.
+    assert found - found[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
+
+
 @pytest.mark.parametrize("apart", [0.3, 4.0])
 def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates, apart):
     """Also where its mounting reading is further from the earlier one than the noise explains."""
@@ -249,6 +266,7 @@ def test_a_design_ends_with_what_to_measure_next(run):
     share = 100.0 * found.expected[0].reduction[found.quantities.index("alpha")]
     assert found.conclusion.startswith("measure next: angle. Expected reduction of the sd: ")
     assert f"alpha by {share:.0f} %" in found.conclusion
+    assert "\n" not in repr(found) and len(repr(found)) < 320
     useless = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 1e4)], outcomes=20)
     assert useless.conclusion.startswith("no candidate narrows a material parameter by 10 %")
     doubtful = replace(found, expected=(replace(found.expected[0], few=1.0),))

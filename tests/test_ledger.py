@@ -18,7 +18,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.stress import BEYOND
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.verbs.ledger import command
+from biaxbayes.verbs.ledger import cell, command
 from quick_posteriors import specimen
 
 MATERIAL = GOH(15.0, 60.0, 8.0, 42.0, 0.1)
@@ -39,6 +39,7 @@ def variants(tested):
 
 def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(variants):
     found = ledger(variants, [1.1])
+    assert "\n" not in repr(found) and len(repr(found)) < 320
     truth = MATERIAL.cauchy(1.1, 1.1)
     for (_, row), true in zip(found.stresses.iterrows(), truth, strict=True):
         assert abs(row["inferred_median"] - true) < 4.0 * row["inferred_sd"]
@@ -106,6 +107,11 @@ def test_parameters_are_those_of_every_draw(variants, monkeypatch):
 
 def _parts(found: Variant) -> tuple[Posterior, pd.DataFrame]:
     return found.posterior, found.draws
+
+
+def test_intervals_are_not_rounded_to_nothing():
+    row = {"inferred_q05": 1.01951, "inferred_median": 1.02004, "inferred_q95": 1.02047}
+    assert cell(row, "inferred") == "1.02004 (1.01951, 1.02047)"
 
 
 def test_a_logarithmic_part_of_the_axis_is_marked(variants):

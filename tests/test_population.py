@@ -226,6 +226,26 @@ def test_terminal_and_page_print_the_same_digits(found):
         assert f">{row.interval}<" in page and f">{row.direction}<" in page
 
 
+def test_a_contrast_says_whether_the_groups_differ(found):
+    table = found.contrasts.iloc[:3].copy()
+    table["scale"] = ["log", "log", "linear"]
+    table["direction"] = ["smaller", "open", "open"]
+    table[["difference_q05", "difference_q50", "difference_q95"]] = [
+        [-0.9, -0.7, -0.5],
+        [-0.9, 0.1, 0.4],
+        [-3.0, 1.0, 4.0],
+    ]
+    rows = contrast_rows(table)
+    assert [r.direction for r in rows] == ["smaller", "includes 1", "includes 0"]
+    assert rows[0].median == f"{np.exp(-0.7):.3g}" and rows[0].kind == "ratio"
+    own = found.contrasts
+    if found.state == "converged":
+        assert list(own["direction"] == "larger") == list(own["difference_q05"] > 0.0)
+        assert list(own["direction"] == "smaller") == list(own["difference_q95"] < 0.0)
+    else:
+        assert own["direction"].isna().all()
+
+
 @pytest.mark.long
 def test_one_specimen_per_donor_has_a_total_spread_only(study, tmp_path, quick):
     name, members = members_of_study(study)

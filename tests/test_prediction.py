@@ -133,6 +133,13 @@ def test_noise_follows_geometry_growth_and_measured_dimensions():
     np.testing.assert_allclose(grown, np.hypot(plain / (1.1 * 0.9), 5.0) * np.ones((2, 3)))
 
 
+def test_blocks_do_not_change_the_answer(monkeypatch):
+    path = stretch_path(1.2, points=23)
+    whole = predict_stress(draws(50), specimen(), GOH_LAW, path)
+    monkeypatch.setattr("biaxbayes.prediction.stress.BLOCK", 170)
+    pd.testing.assert_frame_equal(whole, predict_stress(draws(50), specimen(), GOH_LAW, path))
+
+
 def test_protocols_with_their_own_mounted_state_must_be_named():
     frame = draws(20)
     for name in ("1:1", "1:0.5"):

@@ -8,6 +8,7 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -17,6 +18,7 @@ import reported
 from biaxbayes.errors import RunError
 from biaxbayes.reports import page as report
 from biaxbayes.reports.closing_message import closing_message
+from biaxbayes.reports.methods import prior_in_words
 from biaxbayes.reports.page import determined_rows, write_report
 from biaxbayes.reports.templates import TOTAL_BYTES, pictures
 from biaxbayes.reports.words import latex_text
@@ -234,12 +236,41 @@ def test_report_is_the_same_twice(run, html, copied):
     assert open_run(run.path).state == "converged"
 
 
+def luminance(colour: str) -> float:
+    """Relative luminance, WCAG 2.1."""
+    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    linear = np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("theme", [0, 1])
+def test_contrast(theme):
+    style = (Path(report.__file__).parent / "style.css").read_text(encoding="utf-8")
+    block = re.findall(r":root \{([^}]*)\}", style)[theme]
+    colours = dict(re.findall(r"--(\w+): (#\w{6})", block))
+    for name in ("text", "soft", "link", "good", "doubt", "bad"):
+        for ground in ("page", "card"):
+            pair = sorted(luminance(colours[k]) for k in (name, ground))
+            assert (pair[1] + 0.05) / (pair[0] + 0.05) >= 4.5
+
+
 def test_text_from_files_is_escaped():
     assert latex_text("50 % & a_b {x} \\end{table} #1 $y$ ~^") == (
         r"50 \% \& a\_b \{x\} \textbackslash{}end\{table\} \#1 \$y\$ "
         r"\textasciitilde{}\textasciicircum{}"
     )
     assert latex_text("line\nbreak\u202ereversed") == "line break reversed"
+
+
+def test_priors_state_their_units():
+    assert prior_in_words({"distribution": "uniform", "low": 0.0, "high": 90.0}) == (
+        "uniform from 0 to 90"
+    )
+    assert prior_in_words(5.0, "kPa") == "fixed at 5 kPa"
+    text = prior_in_words({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0}, "kPa")
+    assert "median 10 kPa" in text and text.count("kPa") == 1
+    text = prior_in_words({"distribution": "normal", "mean": 40, "sd": 3, "low": 0}, "deg")
+    assert text == "normal (mean 40 deg, sd 3 deg, not below 0 deg)"
 
 
 def test_a_protocol_with_a_slash_comes_back_by_its_name(run):

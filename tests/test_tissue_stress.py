@@ -4,7 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.identifiability.determined import MEASURED, determined, mounting_measured
+from biaxbayes.identifiability.determined import (
+    MEASURED,
+    determined,
+    mounting_measured,
+    mounting_ratio,
+)
 from biaxbayes.laws.goh import GOH
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from goh_functions import GOH_LAW
@@ -156,3 +161,17 @@ def test_what_is_no_stress_has_no_such_interval():
     assert (found.loc[stress, "tissue_low_90"] < found.loc[stress, "low_90"]).all()
     assert (found.loc[stress, "tissue_high_90"] > found.loc[stress, "high_90"]).all()
     assert found.loc[~stress, "tissue_low_90"].isna().all()
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.00, 1.08), (1.04, 1.10), (1.0395, 1.0405)])
+def test_a_mounted_state_elsewhere_fills_its_range_with_90_percent(low, high):
+    rng = np.random.default_rng(3)
+    lm = np.column_stack([1.03 + 0.02 * rng.standard_normal(40_000), np.full(40_000, 1.05)])
+    out = mounting_ratio(stress_specimen(), lm, {"mounting_stretch_x": (low, high)})
+    np.testing.assert_array_equal(out[:, 1], 1.0)
+    elsewhere = lm[:, 0] / out[:, 0]
+    assert np.median(elsewhere) == pytest.approx(0.5 * (low + high), abs=1e-3)
+    # the draws' own scatter, 3.29 times 0.02, is never taken away
+    width = max(high - low, 3.29 * 0.02)
+    # three standard errors of the width of 40,000 draws
+    assert np.ptp(np.quantile(elsewhere, [0.05, 0.95])) == pytest.approx(width, rel=0.02)

@@ -288,7 +288,7 @@ def _quantities(
         stiffness = small[i, j, :, 0]
         yield _Quantity(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), stiffness)
     lm = np.mean([protocol_mounting(draws, p) for p in specimen.protocols], axis=0)
-    moved = _moved(specimen, lm, ranges)
+    moved = mounting_ratio(specimen, lm, ranges)
     for state in states:
         at = [np.array([v]) for v in state]
         tangent = material.cauchy_by_log_stretch(*at)
@@ -330,7 +330,7 @@ def _farthest(
     return max((end for name, end in ends.items() if name not in values), default=1.0)
 
 
-def _moved(
+def mounting_ratio(
     specimen: Specimen, lm: np.ndarray, ranges: Mapping[str, tuple[float, float]]
 ) -> np.ndarray:
     """Mounting stretch of each draw over one that scatters over its range, (n, 2)."""

@@ -102,7 +102,7 @@ class FurtherProtocol:
     law: Law
     shared: bool = True  # one mounted state for all protocols, readings pooled
 
-    def _model(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    def predict(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """Loads and variances of one reading, both (draws, rows, 2); the mounted state first."""
         columns = _one_mounted_state(draws, self.specimen)
         forward = ForwardModel.from_specimen(self.specimen, self.law)
@@ -113,7 +113,7 @@ class FurtherProtocol:
 
     def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
         """See :class:`Candidate`."""
-        load, variance = self._model(draws)
+        load, variance = self.predict(draws)
         # n readings of a first-order autoregression are worth n (1 - rho) / (1 + rho) = beta n.
         rho = (1.0 - self.beta) / (1.0 + self.beta)
         white = rng.standard_normal(load.shape)
@@ -124,7 +124,7 @@ class FurtherProtocol:
 
     def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
         """See :class:`Candidate`."""
-        load, variance = self._model(draws)
+        load, variance = self.predict(draws)
         centre = load.mean(axis=0)
         f = (load - centre).reshape(len(draws), -1)
         y = outcomes - centre.ravel()
@@ -161,7 +161,7 @@ class FurtherProtocol:
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`Candidate`."""
-        load, variance = self._model(draws)
+        load, variance = self.predict(draws)
         mean = variance.mean(axis=0)
         mean[1:] /= self.beta
         # A pooled reading need not add information, so the lower bound omits it.
@@ -190,7 +190,7 @@ class FurtherProtocol:
 
     def peak_load(self, draws: pd.DataFrame) -> tuple[float, float]:
         """5 and 95 % of the largest load (N or kPa) that the specimen and cell must bear."""
-        load, _ = self._model(draws)
+        load, _ = self.predict(draws)
         low, high = np.quantile(np.abs(load).max(axis=(1, 2)), [0.05, 0.95])
         return float(low), float(high)
 
