@@ -17,8 +17,9 @@ symmetrically. So the quarter 0 <= X <= edge_x/2, 0 <= Y <= edge_y/2 with u_x = 
 u_y = 0 on Y = 0 carries every symmetric solution, at a quarter of the unknowns, and no rigid
 motion is left. (A solution that buckles out of the symmetry is excluded.)
 
-Elements are quadrilaterals with biquadratic displacement and 3 x 3 Gauss points. In plane
-stress the thickness follows the sheet, so nothing locks and no pressure unknown is needed.
+Elements are quadrilaterals with biquadratic displacement (bilinear to compare) and 3 x 3 Gauss
+points. In plane stress the thickness follows the sheet, so nothing locks and no pressure unknown is
+needed.
 Needs scikit-fem.
 """
 
@@ -167,6 +168,8 @@ class Sheet:
         Unloaded edges of the whole sheet.
     elements : int
         Elements along an edge of the whole sheet, an even number.
+    order : {1, 2}
+        Bilinear or biquadratic displacement.
     distortion : float
         Moves inner mesh points at random by up to this share of an element: for patch tests.
 
@@ -179,7 +182,13 @@ class Sheet:
     """
 
     def __init__(
-        self, edge_x_mm: float, edge_y_mm: float, *, elements: int = 20, distortion: float = 0.0
+        self,
+        edge_x_mm: float,
+        edge_y_mm: float,
+        *,
+        elements: int = 20,
+        order: int = 2,
+        distortion: float = 0.0,
     ) -> None:
         if elements < 2 or elements % 2:
             raise ValueError("elements must be an even number, so that a quarter can be meshed")
@@ -191,7 +200,8 @@ class Sheet:
         if distortion:
             mesh = _distorted(skfem, mesh, distortion * self.edge / elements)
         self._skfem = skfem
-        self.basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad2()), intorder=5)
+        element = {1: skfem.ElementQuad1, 2: skfem.ElementQuad2}[order]()
+        self.basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=5)
         self.position = self.basis.doflocs
         self.component = np.empty(self.basis.N, dtype=int)
         for local in range(self.basis.Nbfun):

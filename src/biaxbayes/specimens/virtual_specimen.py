@@ -192,6 +192,7 @@ def hooked_specimen(
     dimensions: Dimensions | None = None,
     hooks: Hooks | None = None,
     elements: int = 20,
+    order: int = 2,
     **record: Any,
 ) -> tuple[Specimen, Truth]:
     """Test a specimen held by hooks, in finite elements (needs scikit-fem).
@@ -205,8 +206,8 @@ def hooked_specimen(
     ----------
     hooks : Hooks, optional
         Five hooks per edge by default.
-    elements : int
-        Elements along an edge.
+    elements, order : int
+        Elements along an edge, bilinear (1) or biquadratic (2).
     material, mounting_stretch, total_stretch, measured_stretch, ratios, increments, dimensions, \
 **record
         As in :func:`virtual_specimen`.
@@ -226,7 +227,7 @@ def hooked_specimen(
     """
     dimensions, hooks = dimensions or Dimensions(), hooks or Hooks()
     largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
-    sheet = Sheet(dimensions.edge_x_mm, dimensions.edge_y_mm, elements=elements)
+    sheet = Sheet(dimensions.edge_x_mm, dimensions.edge_y_mm, elements=elements, order=order)
     tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
     mounted = tester.mount(mounting_stretch)
     tests = {
