@@ -17,9 +17,9 @@ symmetrically. So the quarter 0 <= X <= edge_x/2, 0 <= Y <= edge_y/2 with u_x = 
 u_y = 0 on Y = 0 carries every symmetric solution, at a quarter of the unknowns, and no rigid
 motion is left. (A solution that buckles out of the symmetry is excluded.)
 
-Elements are quadrilaterals with biquadratic displacement (bilinear to compare) and 3 x 3 Gauss
-points. In plane stress the thickness follows the sheet, so nothing locks and no pressure unknown is
-needed.
+Elements are quadrilaterals with biquadratic displacement (serendipity to compare) and 3 x 3
+Gauss points. In plane stress the thickness follows the sheet, so nothing locks and no pressure
+unknown is needed.
 Needs scikit-fem.
 """
 
@@ -168,8 +168,8 @@ class Sheet:
         Unloaded edges of the whole sheet.
     elements : int
         Elements along an edge of the whole sheet, an even number.
-    order : {1, 2}
-        Bilinear or biquadratic displacement.
+    serendipity : bool
+        Elements of eight nodes instead of nine.
     distortion : float
         Moves inner mesh points at random by up to this share of an element: for patch tests.
 
@@ -187,7 +187,7 @@ class Sheet:
         edge_y_mm: float,
         *,
         elements: int = 20,
-        order: int = 2,
+        serendipity: bool = False,
         distortion: float = 0.0,
     ) -> None:
         if elements < 2 or elements % 2:
@@ -200,7 +200,7 @@ class Sheet:
         if distortion:
             mesh = _distorted(skfem, mesh, distortion * self.edge / elements)
         self._skfem = skfem
-        element = {1: skfem.ElementQuad1, 2: skfem.ElementQuad2}[order]()
+        element = skfem.ElementQuadS2() if serendipity else skfem.ElementQuad2()
         self.basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=5)
         self.position = self.basis.doflocs
         self.component = np.empty(self.basis.N, dtype=int)

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import PchipInterpolator
 
 from biaxbayes.errors import BiaxbayesError, InputError, NotConverged
 from biaxbayes.fem.sheet import Sheet
@@ -36,10 +37,10 @@ from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
-ELEMENTS, COARSE_ELEMENTS = 24, 16
-"""Elements along an edge. From 24 to 32, ln r of data/hooked-weisbecker.csv moves by 0.02 %."""
-STEPS = 12
-"""Finite-element states per protocol; r is interpolated between them along the path."""
+ELEMENTS, COARSE_ELEMENTS = 32, 16
+"""Elements along an edge."""
+STEPS = 24
+"""Finite-element states per protocol, between which r is interpolated along the path."""
 TOLERANCE = 1e-4  # of ln r between two rounds
 MOST_ROUNDS = 25
 SMALL_LOAD = 0.03
@@ -77,13 +78,13 @@ class GripCorrection:
         With loads (and stretches) of a uniform test; its header has ``grip_correction: applied``.
     ratios : tuple of RowRatios
         Of each protocol.
-    uncorrected, fit : FitResult
-        The first fit, to the loads as measured, and the last one.
+    uncorrected, coarse_fit, fit : FitResult
+        The fit to the loads as measured, that with r on 16 elements per edge, and the last one.
     rounds : int
         Of fit and finite elements.
     mesh_difference : float
-        Largest change of ln r on a mesh of 16 instead of 24 elements per edge: more than the error
-        of the finer one.
+        Largest change of ln r on 16 instead of 32 elements per edge: about ten times the error of
+        the finer mesh.
     seconds : float
     """
 
@@ -91,6 +92,7 @@ class GripCorrection:
     specimen: Specimen
     ratios: tuple[RowRatios, ...]
     uncorrected: FitResult
+    coarse_fit: FitResult
     fit: FitResult
     rounds: int
     mesh_difference: float
@@ -170,21 +172,27 @@ def corrected_for_grips(
     start = time.perf_counter()
     stated_hooks(specimen)
     corrected = as_corrected(specimen)
-    before = first = None
+    before = first = coarse_fit = None
+    elements = COARSE_ELEMENTS  # until r settles there
     for rounds in range(1, MOST_ROUNDS + 1):
         fit = fitted(corrected)
         first = first or fit
         refuse_other_law(fit.material.law.name, specimen.name)
         mounting = list(np.broadcast_to(fit.mounting_stretch, (len(specimen.protocols), 2)))
-        ratios = grip_ratios(specimen, fit.material, mounting, ELEMENTS)
-        corrected = _uniform(specimen, ratios)
-        logs = _logs(ratios)
-        if before is not None and np.abs(logs - before).max() < TOLERANCE:
+        ratios = grip_ratios(specimen, fit.material, mounting, elements)
+        settled = before is not None and np.abs(_logs(ratios) - before).max() < TOLERANCE
+        if settled and coarse_fit is not None:
+            corrected = _uniform(specimen, ratios)
             coarse = _logs(grip_ratios(specimen, fit.material, mounting, COARSE_ELEMENTS))
-            mesh = float(np.abs(coarse - logs).max())
+            mesh = float(np.abs(coarse - _logs(ratios)).max())
             seconds = time.perf_counter() - start
-            return GripCorrection(specimen, corrected, ratios, first, fit, rounds, mesh, seconds)
-        before = logs
+            fits = (first, coarse_fit, fit)
+            return GripCorrection(specimen, corrected, ratios, *fits, rounds, mesh, seconds)
+        if settled:
+            coarse_fit, elements = fit, ELEMENTS
+            ratios = grip_ratios(specimen, fit.material, mounting, elements)
+        corrected = _uniform(specimen, ratios)
+        before = _logs(ratios)
     raise NotConverged(
         f"the correction for grips has not settled in {MOST_ROUNDS} rounds; check the grip keys, "
         "or leave out the line 'grips'"
@@ -219,13 +227,15 @@ def grip_ratios(
         If the sheet has no equilibrium.
     """
     edges = edges_mm(specimen)
+    if specimen.geometry == "mounted":
+        edges = edges / np.mean(mounting, axis=0)
     sheet = Sheet(*edges, elements=elements)
-    grips = stated_hooks(specimen).on(sheet)
+    grips = stated_hooks(specimen, edges).on(sheet)
     control = str(specimen.metadata.get("stretch_from", "markers"))
     mount = SheetTester(material, sheet, grips)
     tester = SheetTester(material, sheet, grips, control=control)
     # N per kPa of nominal stress, for a thickness of 1 mm
-    area = np.array(edges)[::-1] * 1e-3
+    area = edges[::-1] * 1e-3
     try:
         return tuple(
             _protocol_ratios(mount, tester, area, p, lm)
@@ -264,9 +274,16 @@ def _protocol_ratios(
     columns = []
     for k in (0, 1):
         at = along[chosen][usable[:, k]]
-        columns.append(np.interp(along[1:], at, ratio[usable[:, k], k]))
-    stretch = [np.interp(along[1:], along[chosen], centre[:, k]) for k in (0, 1)]
-    return RowRatios(np.column_stack(columns), np.column_stack(stretch))
+        # the nearest ratio outside the usable states
+        columns.append(_between(at, ratio[usable[:, k], k], np.clip(along[1:], at[0], at[-1])))
+    return RowRatios(np.column_stack(columns), _between(along[chosen], centre, along[1:]))
+
+
+def _between(at: np.ndarray, values: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Values between finite-element states, by monotone cubics."""
+    if at.size == 1:
+        return np.broadcast_to(values, along.shape)
+    return np.asarray(PchipInterpolator(at, values)(along))
 
 
 def _uniform(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen:
@@ -341,5 +358,6 @@ def grip_record(correction: GripCorrection, ratios: pd.DataFrame) -> dict[str, A
         "largest_sd_of_log_ratio": spread if np.isfinite(spread) else None,
         "seconds": round(correction.seconds, 3),
         "fit_as_measured": correction.uncorrected.record(),
+        "fit_on_coarser_mesh": correction.coarse_fit.record(),
         "fit_corrected": correction.fit.record(),
     }

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from biaxbayes.errors import InputError
 from biaxbayes.fem.sheet_tester import Hooks
 from biaxbayes.specimens.keys import HOOK_WIDTH_MM, hook_count
 from biaxbayes.specimens.specimen import Specimen
 
 
-def stated_hooks(specimen: Specimen) -> Hooks:
+def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
     """The hooks of a specimen file with the key ``grips``.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (2,), optional
+        Unloaded edges in mm; those of the file by default.
 
     Raises
     ------
@@ -30,7 +37,7 @@ def stated_hooks(specimen: Specimen) -> Hooks:
             remedy="add a line '# grip_inset_mm: ...'",
         )
     inset = float(stated["grip_inset_mm"])
-    shortest = min(edges_mm(specimen))
+    shortest = float(np.min(edges_mm(specimen) if edges is None else edges))
     spacing = float(stated.get("grip_spacing_mm", shortest / (count + 1.0)))
     width = float(stated.get("grip_width_mm", min(HOOK_WIDTH_MM, 2.0 * inset, spacing)))
     span = (count - 1) * spacing + width
@@ -55,16 +62,15 @@ def _stated_spacing(specimen: Specimen) -> float | None:
     return None if value is None else float(value)
 
 
-def edges_mm(specimen: Specimen) -> tuple[float, float]:
-    """Edges of the sheet; those of the mounted state serve as well, as only shapes matter."""
-    assert specimen.edge_x_mm and specimen.edge_y_mm
-    return specimen.edge_x_mm, specimen.edge_y_mm
+def edges_mm(specimen: Specimen) -> np.ndarray:
+    """Edges of the sheet in mm as the file states them, shape (2,)."""
+    return np.array([specimen.edge_x_mm, specimen.edge_y_mm], dtype=float)
 
 
 def in_words(specimen: Specimen) -> str:
     """The grips of a specimen as a phrase."""
     hooks = stated_hooks(specimen)
-    spacing = hooks.spacing(min(edges_mm(specimen)))
+    spacing = hooks.spacing(float(edges_mm(specimen).min()))
     return (
         f"{hooks.count} hooks per edge, {hooks.inset_mm:g} mm inside it and {spacing:.3g} mm apart"
     )

@@ -121,17 +121,17 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     )
 
 
-def _grip_rows(run: Run) -> list[tuple[str, str, str]]:
+def _grip_rows(run: Run) -> list[tuple[str, ...]]:
     """Least-squares parameters as measured and corrected for the grips; empty without grips."""
     stored = run.provenance.get("grips")
     record = stored if isinstance(stored, dict) else {}
-    fits = [record.get(key) for key in ("fit_as_measured", "fit_corrected")]
-    measured, corrected = (fit if isinstance(fit, dict) else {} for fit in fits)
+    fits = [record.get(f"fit_{key}") for key in ("as_measured", "corrected", "on_coarser_mesh")]
+    values = [fit if isinstance(fit, dict) else {} for fit in fits]
     labels = [*(p.label for p in run.law.parameters), "mounting_stretch_x", "mounting_stretch_y"]
     return [
-        (label, _numbers(measured[label]), _numbers(corrected[label]))
+        (label, *(_numbers(fit.get(label, "")) for fit in values))
         for label in labels
-        if label in measured and label in corrected
+        if label in values[0]
     ]
 
 

@@ -192,7 +192,7 @@ def hooked_specimen(
     dimensions: Dimensions | None = None,
     hooks: Hooks | None = None,
     elements: int = 20,
-    order: int = 2,
+    serendipity: bool = False,
     **record: Any,
 ) -> tuple[Specimen, Truth]:
     """Test a specimen held by hooks, in finite elements (needs scikit-fem).
@@ -206,8 +206,10 @@ def hooked_specimen(
     ----------
     hooks : Hooks, optional
         Five hooks per edge by default.
-    elements, order : int
-        Elements along an edge, bilinear (1) or biquadratic (2).
+    elements : int
+        Elements along an edge.
+    serendipity : bool
+        Elements of eight nodes instead of nine.
     material, mounting_stretch, total_stretch, measured_stretch, ratios, increments, dimensions, \
 **record
         As in :func:`virtual_specimen`.
@@ -227,7 +229,8 @@ def hooked_specimen(
     """
     dimensions, hooks = dimensions or Dimensions(), hooks or Hooks()
     largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
-    sheet = Sheet(dimensions.edge_x_mm, dimensions.edge_y_mm, elements=elements, order=order)
+    edges = (dimensions.edge_x_mm, dimensions.edge_y_mm)
+    sheet = Sheet(*edges, elements=elements, serendipity=serendipity)
     tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
     mounted = tester.mount(mounting_stretch)
     tests = {
