@@ -332,7 +332,7 @@ def test_json_is_the_same_as_data(tmp_path, capsys):
     assert code == 0  # a warning, no error
     record = json.loads(out)
     assert record["tared"] is True
-    assert [f["code"] for f in record["findings"]] == ["tared"]
+    assert [f["code"] for f in record["findings"]] == ["tared", "grips"]
     assert [p["rows"] for p in record["protocols"]] == [101, 101]
     assert record["protocols"][0]["mounting_force_x"] == 0.0
 

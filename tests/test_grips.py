@@ -1,25 +1,31 @@
 """The correction for hooks against the finite-element sheet, and the grips of a specimen file."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.patches import Circle
 
 pytest.importorskip("skfem")
 
 import biaxbayes
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import Hooks, SheetTester
+from biaxbayes.figures.run.grips import sketch_figure
 from biaxbayes.fitting.fit import fit
 from biaxbayes.grips.correction import corrected_for_grips
 from biaxbayes.grips.geometry import stated_hooks
 from biaxbayes.laws.goh import GOH
+from biaxbayes.runs import checkpoint
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from biaxbayes.verbs import sample as sampling
 
 DATA = Path(__file__).parents[1] / "data"
 MATERIAL = GOH(14.0, 140.0, 11.9, 38.4, 0.21)
@@ -138,17 +144,64 @@ def test_details_without_grips_and_other_kinds_are_refused_with_their_row(tmp_pa
         ("# grip_inset_mm: 1.5", "row 1: grip_inset_mm needs the key grips"),
         ("# stretch_from: grips", "row 1: stretch_from needs the key grips"),
         ("# grips: rakes 5", "row 1: grips must be of the form"),
+        ("# grip_inset_mm: 1.5\n# grips: none", "row 1: grip_inset_mm needs the key grips"),
     ):
         path.write_text(f"{line}\n{text}")
         with pytest.raises(InputError, match=message):
             read_specimen(path)
 
 
-def test_check_says_what_it_understands():
+def notes_of_check(specimen, **options):
+    checked = biaxbayes.check(specimen, fit=False, **options)
+    return [f.message for f in checked.findings if f.code == "grips"]
+
+
+def test_check_names_the_hooks_or_what_ignoring_them_costs():
     specimen, _ = hooked()
-    notes = [f.message for f in biaxbayes.check(specimen, fit=False).findings if f.code == "grips"]
-    assert len(notes) == 1
-    assert "4 hooks per edge, 1.2 mm inside it" in notes[0]
+    (note,) = notes_of_check(specimen)
+    assert "4 hooks per edge, 1.2 mm inside it" in note
+    (note,) = notes_of_check(replace(specimen, metadata={}))
+    assert "five hooks per edge carry about a tenth less" in note
+    assert notes_of_check(replace(specimen, metadata={"grips": "none"})) == []
+
+
+def test_check_draws_a_sketch_to_scale(tmp_path):
+    specimen, _ = hooked()
+    ax = sketch_figure(specimen).axes[0]
+    assert ax.get_aspect() == 1.0
+    circles = [p for p in ax.patches if isinstance(p, Circle)]
+    places = {tuple(np.round(c.center, 6)) for c in circles}
+    # 4 hooks on each of 4 edges, 1.2 mm inside 16 x 14 mm, at distances of a fifth of the edge
+    assert len(places) == 16
+    assert {c.radius for c in circles} == {0.8}
+    assert {(6.8, 1.4), (-6.8, 4.2), (1.6, 5.8), (4.8, -5.8)} <= places
+    notes_of_check(specimen, sketch=tmp_path / "sketch.png")
+    assert (tmp_path / "sketch.png").stat().st_size > 5000
+    with pytest.raises(InputError, match="the header states none"):
+        notes_of_check(replace(specimen, metadata={}), sketch=tmp_path / "none.png")
+
+
+def test_stated_dimensions_of_the_mounted_state_give_the_same_ratios():
+    specimen, _ = hooked()
+    mounted = replace(
+        specimen,
+        geometry="mounted",
+        edge_x_mm=16.0 * MOUNTING[0],
+        edge_y_mm=14.0 * MOUNTING[1],
+        thickness_mm=0.9 / (MOUNTING[0] * MOUNTING[1]),
+    )
+    ratios = [corrected_for_grips(s, fitted).ratios[0].force for s in (specimen, mounted)]
+    np.testing.assert_allclose(*ratios, rtol=2e-4)
+
+
+def test_a_simulated_test_states_its_hooks(tmp_path):
+    about = {"material": "weisbecker-media", "prestretch": (1.02, 1.02), "increments": 5}
+    biaxbayes.simulate(tmp_path / "hooked.csv", hooks=4, measured_stretch=1.1, **about)
+    specimen = read_specimen(tmp_path / "hooked.csv")
+    assert specimen.needs_grip_correction
+    assert stated_hooks(specimen) == Hooks(4, 1.5, 1.0)
+    uniform, _ = biaxbayes.simulate(measured_stretch=1.1, **about)
+    assert uniform.metadata["grips"] == "none" and not uniform.needs_grip_correction
 
 
 @pytest.mark.long
@@ -171,3 +224,54 @@ def test_a_run_keeps_the_ratios_and_opens_with_the_same_numbers(tmp_path):
     page = (tmp_path / "run" / "report.html").read_text()
     assert "Loads were divided by 0.8" in page
     assert "As measured" in page
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Every fourth row of a shipped specimen on hooks, with the keys."""
+    measured = read_specimen(DATA / "hooked-weisbecker.csv")
+    (p,) = measured.protocols
+    rows = slice(0, None, 4)
+    curves = (p.stretch_x[rows], p.stretch_y[rows], p.load_x[rows], p.load_y[rows])
+    keys = {"grips": "hooks 5", "grip_inset_mm": 1.5}
+    specimen = replace(measured, protocols=(Protocol(p.name, *curves),), metadata=keys)
+    write_specimen(specimen, tmp_path / "a.csv")
+    return tmp_path / "a.csv"
+
+
+@pytest.mark.long
+def test_batch_compare_and_ledger_work_on_corrected_loads(file, tmp_path):
+    biaxbayes.batch([file], out=tmp_path / "study", workers=1, ess=200, progress=False)
+    (grips,) = (tmp_path / "study").rglob("grips.csv")
+    run = biaxbayes.open_run(grips.parent)
+    assert run.specimen.metadata["grip_correction"] == "applied"
+    options = {"ess": 200, "workers": 1, "progress": False, "labels": ("batch", "compare")}
+    biaxbayes.compare([run, file], out=tmp_path / "compare", **options)
+    again = biaxbayes.open_run(tmp_path / "compare" / "a-posterior")
+    pd.testing.assert_frame_equal(again.draws, run.draws)
+    with pytest.raises(InputError, match="not corrected for the grips"):
+        biaxbayes.ledger(file, ess=200, progress=False)
+    result = biaxbayes.ledger(run, ess=200, workers=1, progress=False)
+    inferred = result.parameters.set_index("quantity")["inferred_median"]
+    assert inferred["C1"] == pytest.approx(run.draws["C1"].median(), rel=0.01)
+
+
+@pytest.mark.long
+def test_a_run_with_hooks_resumes_to_the_same_draws(file, tmp_path, monkeypatch):
+    monkeypatch.setattr(sampling, "Plan", partial(Plan, walkers=32, first_block=16))
+    options = {"ess": 2000, "workers": 1, "progress": False}
+    whole = biaxbayes.sample(file, out=tmp_path / "whole", **options)
+    saved = []
+    save = checkpoint.save
+
+    def counted(*arguments):
+        save(*arguments)
+        saved.append(arguments)
+
+    monkeypatch.setattr(checkpoint, "save", counted)
+    with pytest.raises(Interrupted, match="interrupted after"):
+        biaxbayes.sample(file, out=tmp_path / "run", stop=lambda: len(saved) >= 2, **options)
+    resumed = biaxbayes.sample(file, out=tmp_path / "run", resume=True, **options)
+    pd.testing.assert_frame_equal(resumed.draws, whole.draws)
+    for name in ("grips.csv", "specimen.csv"):
+        assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()

@@ -112,8 +112,8 @@ KEYS = {
     "mounting_stretch_y": Key("The same along y", "inferred", extra=True),
     "grips": Key(
         "Hooks per edge, as `hooks 5`: `sample` and `fit` correct the loads for them by finite "
-        "elements",
-        "no correction",
+        "elements; `none` for loads of a uniform test",
+        "no correction, with a note",
         extra=True,
     ),
     "grip_inset_mm": Key(
@@ -166,6 +166,8 @@ KEYS = {
 }
 """Known header keys by name."""
 METADATA_KEYS = tuple(name for name, key in KEYS.items() if key.extra)
+NO_GRIPS = "none"
+"""Value of `grips` for loads of a uniform test."""
 GRIP_DETAILS = tuple(k for k in KEYS if k.startswith("grip_")) + ("stretch_from",)
 """Keys that need `grips`."""
 CHOICE_REMEDIES = {
@@ -188,7 +190,7 @@ def checked_value(
     problem = remedy = ""
     if key in ("mounting_stretch_x", "mounting_stretch_y"):
         measured_stretch(text, path, row)
-    elif key == "grips":
+    elif key == "grips" and text != NO_GRIPS:
         hook_count(text, path, row)
     elif choices and text not in choices:
         problem = f"{key} must be {' or '.join(map(repr, choices))}"
@@ -254,6 +256,6 @@ def hook_count(text: str, path: object = None, row: int | None = None) -> int:
             f"grips must be of the form 'hooks 5', five hooks per edge, not {text[:40]!r}",
             file=path,
             row=row,
-            remedy="leave the line out for rakes and clamps, which have no correction",
+            remedy="write 'none' for rakes, clamps and uniform tests, which are not corrected",
         )
     return int(match[1])

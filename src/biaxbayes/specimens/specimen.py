@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import GEOMETRIES, METADATA_KEYS, REFERENCES, checked_value
+from biaxbayes.specimens.keys import (
+    GEOMETRIES,
+    METADATA_KEYS,
+    NO_GRIPS,
+    REFERENCES,
+    checked_value,
+)
 from biaxbayes.specimens.protocol import CURVES, Protocol, ReadingError
 
 STRESS_PAIRS = {
@@ -174,8 +180,13 @@ class Specimen:
 
     @property
     def needs_grip_correction(self) -> bool:
-        """True if the header describes grips and the loads are still those measured on them."""
-        return "grips" in self.metadata and "grip_correction" not in self.metadata
+        """True if the header describes hooks and the loads are still those measured on them."""
+        return self.has_hooks and "grip_correction" not in self.metadata
+
+    @property
+    def has_hooks(self) -> bool:
+        """True if the header describes hooks."""
+        return self.metadata.get("grips", NO_GRIPS) != NO_GRIPS
 
     # --- units and sections ---
 

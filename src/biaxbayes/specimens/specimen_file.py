@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import GRIP_DETAILS, KEYS, METADATA_KEYS, checked_value
+from biaxbayes.specimens.keys import GRIP_DETAILS, KEYS, METADATA_KEYS, NO_GRIPS, checked_value
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.protocol import AUTOMATIC, Protocol, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
@@ -197,7 +197,7 @@ def _check_keys(header: Header, stress_pair: str, path: Path) -> None:
                 remedy="add a line '# reference: common', or leave it out",
             )
     for key in GRIP_DETAILS:
-        if key in header and "grips" not in header:
+        if key in header and header.text("grips") in (None, NO_GRIPS):
             raise InputError(
                 f"{key} needs the key grips",
                 file=path,

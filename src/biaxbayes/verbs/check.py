@@ -56,7 +56,13 @@ class Checked:
         return f"<p>{escape(self.specimen.name)}</p><table>{rows}</table>"
 
 
-def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None = None) -> Checked:
+def check(
+    specimen: SpecimenLike,
+    *,
+    fit: bool = True,
+    figure: PathLike | None = None,
+    sketch: PathLike | None = None,
+) -> Checked:
     """Read a specimen and list warnings of what may go wrong.
 
     Parameters
@@ -66,12 +72,21 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None =
         Whether to fit the record, to see if GOH can follow it.
     figure : path-like, optional
         Draw the record into this file (.pdf, .png or .svg).
+    sketch : path-like, optional
+        Draw the sheet and the hooks that the header states, to scale, into this file.
+
+    Raises
+    ------
+    InputError
+        For a sketch of a specimen whose header states no hooks.
     """
     from biaxbayes.specimens.check import check_specimen
     from biaxbayes.specimens.findings import Finding, sorted_findings
 
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
+    if "grips" not in data.metadata:
+        findings.append(Finding("grips", "note", GRIPS_NOT_STATED))
     if data.needs_grip_correction:
         from biaxbayes.grips.geometry import in_words, stated_hooks
 
@@ -99,9 +114,29 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None =
         from biaxbayes.figures.style import save_figure
 
         save_figure(specimen_figure(data), Path(figure))
+    if sketch is not None:
+        _save_sketch(data, Path(sketch))
     return Checked(data, sorted_findings(findings))
 
 
+def _save_sketch(specimen: Specimen, path: Path) -> None:
+    from biaxbayes.figures.run.grips import sketch_figure
+    from biaxbayes.figures.style import save_figure
+
+    if not specimen.has_hooks:
+        raise InputError(
+            "`sketch` draws hooks, and the header states none",
+            file=specimen.name,
+            remedy="add lines such as '# grips: hooks 5' and '# grip_inset_mm: 1.5'",
+        )
+    save_figure(sketch_figure(specimen), path)
+
+
+GRIPS_NOT_STATED = (
+    "the header does not state the grips, so the loads are taken as those of a uniform test; five "
+    "hooks per edge carry about a tenth less. Add 'grips: hooks 5' and 'grip_inset_mm: 1.5', or "
+    "'grips: none'"
+)
 FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis in "xy")
 
 
@@ -156,6 +191,7 @@ def understood(specimen: Specimen) -> dict[str, Any]:
 @click.command("check")
 @argument("specimen")
 @file_option("figure", "Draw the record (.pdf, .png or .svg).")
+@file_option("sketch", "Draw the hooks that the header states, to scale (.pdf, .png or .svg).")
 @json_option("One object instead of the text.")
 @click.option(
     "--fit/--no-fit",
@@ -164,19 +200,23 @@ def understood(specimen: Specimen) -> dict[str, Any]:
     show_default=True,
     help="Whether to fit the record, to see if GOH can follow it.",
 )
-def command(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) -> int:
+def command(
+    specimen: Path, figure: Path | None, sketch: Path | None, as_json: bool, with_fit: bool
+) -> int:
     """Print the contents of a specimen file as they were read, and warn of what may go wrong.
 
     Exit code 0 for a record that 'sample' takes, with or without warnings; 2 for one with an error,
     which 'sample' refuses without --anyway.
     """
-    result = check(specimen, fit=with_fit, figure=figure)
+    result = check(specimen, fit=with_fit, figure=figure, sketch=sketch)
     if as_json:
         click.echo(json.dumps(result.record(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
         _print_checked(result)
         if figure is not None:
             click.echo(f"figure: {figure}")
+        if sketch is not None:
+            click.echo(f"sketch: {sketch}")
     refused = any(finding.severity == "error" for finding in result.findings)
     return InputError.exit_code if refused else 0
 

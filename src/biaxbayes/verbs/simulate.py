@@ -14,6 +14,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
+from biaxbayes.specimens.keys import NO_GRIPS
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.verbs.inputs import check_new, check_round_trip
@@ -153,14 +154,21 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
         "machine": machine,
         "seed": test.seed,
     }
+    hooks = Hooks(count=test.hooks or DEFAULT_HOOKS)
     try:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
             if isinstance(material, GOH) and test.hooks:
-                made = hooked_specimen(material, **common, hooks=Hooks(count=test.hooks))
+                made = hooked_specimen(material, **common, hooks=hooks)
             else:
                 made = virtual_specimen(material, **common)
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
+    keys: dict[str, Any] = {"grips": NO_GRIPS}
+    if test.hooks:
+        keys = {"grips": f"hooks {hooks.count}", "grip_inset_mm": hooks.inset_mm}
+        keys |= {"grip_width_mm": 2.0 * hooks.radius_mm}
+    specimen, truth = made
+    made = replace(specimen, metadata={**specimen.metadata, **keys}), truth
     try:
         check_round_trip(made[0], name)
     except InputError as error:

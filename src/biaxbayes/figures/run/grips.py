@@ -11,6 +11,7 @@ from matplotlib.patches import Circle, Rectangle
 from biaxbayes.fem.sheet_tester import GAUGE
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
+    COLUMN_MM,
     CREDIBLE,
     PAGE_MM,
     blank_figure,
@@ -48,6 +49,16 @@ def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
     return figure
 
 
+def sketch_figure(specimen: Specimen) -> Figure:
+    """Sketch of the unloaded sheet, its hooks and the markers, to scale."""
+    with print_style():
+        figure = blank_figure(COLUMN_MM, COLUMN_MM + 15.0)
+        ax = figure.subplots()
+        _draw_sketch(ax, specimen)
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
 def _draw_sketch(ax: Axes, specimen: Specimen) -> None:
     """The whole sheet in mm: patches that the hooks of x and y move, and the markers."""
     hooks, (a, b) = stated_hooks(specimen), edges_mm(specimen)
@@ -58,10 +69,13 @@ def _draw_sketch(ax: Axes, specimen: Specimen) -> None:
             for offset in offsets:
                 place = (side * (across / 2.0 - hooks.inset_mm), float(offset))
                 centre = place if axis == "x" else place[::-1]
-                ax.add_patch(Circle(centre, hooks.radius_mm, color=colour(axis), alpha=0.6, lw=0))
+                label = f"hooks in {axis}" if side > 0.0 and offset == offsets[0] else None
+                patch = Circle(centre, hooks.radius_mm, color=colour(axis), alpha=0.6, lw=0)
+                patch.set_label(label)
+                ax.add_patch(patch)
     if specimen.metadata.get("stretch_from", "markers") == "markers":
         x, y = 0.5 * GAUGE * a, 0.5 * GAUGE * b
-        ax.plot([x, x, -x, -x], [y, -y, y, -y], "s", color="0.3", ms=2.0)
+        ax.plot([x, x, -x, -x], [y, -y, y, -y], "s", color="0.3", ms=2.0, label="markers")
     ax.set(aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
     ax.autoscale_view()
 
