@@ -10,10 +10,11 @@ It is sampled three times: corrected, as measured, and as it would be without ho
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
+import emcee
 import numpy as np
 import pandas as pd
 
@@ -22,7 +23,15 @@ from biaxbayes.errors import BiaxbayesError
 from biaxbayes.fem.sheet_tester import Hooks
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.result import FitResult
-from biaxbayes.grips.correction import corrected_for_grips
+from biaxbayes.grips.correction import (
+    COARSE_ELEMENTS,
+    GripCorrection,
+    RowRatios,
+    as_corrected,
+    corrected_for_grips,
+    grip_ratios,
+)
+from biaxbayes.model import density
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
@@ -81,34 +90,46 @@ def drawn(case: int) -> tuple[GOH, tuple[float, float], Dimensions, Hooks, float
     return material, mounting, Dimensions(edge, edge, 0.05 * edge), hooks, float(top)
 
 
-def one_specimen(case: int, protocols: int) -> dict[str, Any]:
-    """Which 90 % intervals contain the true value: corrected, as measured, without hooks."""
+def tested(case: int, protocols: int, misfit: float = 0.0) -> tuple[Specimen, Specimen]:
+    """A virtual specimen on hooks with its keys, and as it would be without hooks."""
     material, mounting, dimensions, hooks, top = drawn(case)
-    # 0.002 C1 times the section, about that of the shipped specimens
-    noise = float(2e-6 * material.C1_kPa * dimensions.section_mm2().mean())
+    # 0.002 C1 times the section, about that of the shipped specimens; five times that with misfit
+    share = 1e-5 if misfit else 2e-6
+    noise = float(share * material.C1_kPa * dimensions.section_mm2().mean())
     test: dict[str, Any] = {
         "mounting_stretch": mounting,
         "measured_stretch": top,
         "ratios": THREE[:protocols],
+        "increments": 25,
         "dimensions": dimensions,
-        "machine": Machine(noise_N=noise),
+        "machine": Machine(noise_N=noise, misfit=misfit),
         "seed": case,
-        "name": f"case {case}",
+        "name": f"case {case}" + (" with misfit" if misfit else ""),
     }
+    measured, _ = hooked_specimen(material, hooks=hooks, **FINE, **test)
+    twin, _ = virtual_specimen(material, **test)
+    keys = {"grips": f"hooks {hooks.count}", "grip_inset_mm": hooks.inset_mm}
+    return stated(measured, keys | {"grip_width_mm": 2.0 * hooks.radius_mm}), twin
+
+
+def one_specimen(case: int, protocols: int) -> dict[str, Any]:
+    """Which 90 % intervals contain the true value: corrected, as measured, without hooks."""
+    material, mounting, *_ = drawn(case)
     record: dict[str, Any] = {"state": "done"}
     try:
-        measured, _ = hooked_specimen(material, increments=25, hooks=hooks, **FINE, **test)
-        twin, _ = virtual_specimen(material, increments=25, **test)
-        keys = {"grips": f"hooks {hooks.count}", "grip_inset_mm": hooks.inset_mm}
-        keys |= {"grip_width_mm": 2.0 * hooks.radius_mm}
-        correction = corrected_for_grips(stated(measured, keys), fitted)
+        measured, twin = tested(case, protocols)
+        correction = corrected_for_grips(measured, fitted)
     except BiaxbayesError as error:
         return {"state": str(error)}
     record |= {"seconds": correction.seconds, "rounds": correction.rounds}
     record |= {"mesh": correction.mesh_difference, "ratio": correction.range.tolist()}
     record["coarse"] = moved(correction.fit, correction.coarse_fit)
     truth = dict(zip(QUANTITIES, (*material.values, *mounting), strict=True))
-    samples = {"corrected": correction.specimen, "as measured": measured, "without hooks": twin}
+    samples = {
+        "corrected": correction.specimen,
+        "as measured": as_corrected(measured),
+        "without hooks": twin,
+    }
     for name, specimen in samples.items():
         posterior = prepare(specimen, seed=case)
         draws = draw_posterior(posterior, Plan(ess=500.0, seed=case))
@@ -139,6 +160,108 @@ def coverage(records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     return out.assign(median_width=grouped["width"].median()).reset_index()
 
 
+# --- r at every material of the posterior --------------------------------------------------------
+
+RUNS, WALKERS, STEPS = 50, 64, 4000
+
+
+def following_r(specimen: Specimen) -> pd.DataFrame:
+    """What the posterior would be if r followed the material, against r at the fit.
+
+    ln r of every row is linear in ln k1/C1, ln k2, alpha, kappa and the mounting stretches, fitted
+    to finite elements at draws of the posterior. Both posteriors are sampled by emcee.
+    """
+    correction = corrected_for_grips(specimen, fitted)
+    posterior = prepare(correction.specimen, thin="none")
+    draws = draw_posterior(posterior, Plan(ess=500.0))
+    columns = {name: np.ravel(values) for name, values in draws.quantities.items()}
+    at_fit = log_ratios(correction.ratios)
+    surface, error = linear_surface(correction, columns)
+    problem = posterior.assembly.problem
+    tests = correction.specimen.protocols
+    later = np.concatenate([np.arange(p.rows) >= p.rest_rows for p in tests])
+    load = np.concatenate([np.column_stack([p.load_x, p.load_y]) for p in tests])[later]
+    if not np.array_equal(load[:, 0], problem.fx):
+        raise ValueError("rows of the likelihood are not those of the specimen")
+
+    def log_prob(u: np.ndarray, follow: bool) -> np.ndarray:
+        out, natural = (
+            getattr(density.evaluate(problem, u), n) for n in ("log_density", "natural")
+        )
+        for i in np.flatnonzero(np.isfinite(out)) if follow else ():
+            theta, mounting = natural[i, :5].copy(), natural[i, -2:]
+            theta[3] = np.degrees(theta[3])
+            # loads are f / r(fit) in the run, f / r(theta, lm) here
+            change = np.exp(at_fit - surface(*theta, *mounting))
+            x, y = (load * change[later]).T
+            own = problem._replace(fx=x.copy(), fy=y.copy(), reading=problem.reading * change[0])
+            out[i] = density.evaluate(own, u[i : i + 1]).log_density[0]
+        return out
+
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(columns["C1"].size, WALKERS, replace=False)
+    start = posterior.coordinates({name: columns[name][chosen] for name in posterior.free})
+    samples = []
+    for follow in (False, True):
+        moves = [(emcee.moves.DEMove(), 0.6), (emcee.moves.StretchMove(), 0.4)]
+        sampler = emcee.EnsembleSampler(
+            *start.shape, log_prob, args=(follow,), vectorize=True, moves=moves
+        )
+        sampler.random_state = np.random.RandomState(0).get_state()
+        sampler.run_mcmc(start, STEPS)
+        samples.append(posterior.natural(sampler.get_chain(discard=STEPS // 2, thin=10, flat=True)))
+    constant, followed = samples
+    rows = []
+    for q in QUANTITIES:
+        widths = [np.subtract(*np.quantile(x[q], (0.95, 0.05))) for x in samples]
+        shift = (followed[q].mean() - constant[q].mean()) / constant[q].std()
+        coarse = moved(correction.fit, correction.coarse_fit)[q] / constant[q].std()
+        row = {"specimen": specimen.name, "quantity": q, "shift_sd": shift}
+        row |= {"width": widths[1] / widths[0], "coarse_mesh_sd": coarse}
+        rows.append(row | {"surface_error": error})
+    return pd.DataFrame(rows)
+
+
+def followed_specimens() -> list[Specimen]:
+    """Both shipped specimens, and virtual ones with one and three protocols, two with misfit."""
+    names = ("hooked-media", "hooked-weisbecker")
+    shipped = [stated(read_specimen(DATA / f"{name}.csv"), STATED) for name in names]
+    cases = ((200, 1, 0.0), (200, 1, 0.01), (201, 3, 0.01))
+    return shipped + [tested(*case)[0] for case in cases]
+
+
+def log_ratios(ratios: tuple[RowRatios, ...]) -> np.ndarray:
+    """Logarithms of r of all rows in x and y."""
+    return np.log(np.concatenate([r.force for r in ratios]))
+
+
+def linear_surface(
+    correction: GripCorrection, columns: dict[str, np.ndarray]
+) -> tuple[Callable[..., np.ndarray], float]:
+    """A linear function for ln r of all rows, and its largest held-out error."""
+    measured, fit = correction.measured, correction.fit
+    count = len(measured.protocols)
+
+    def computed(*values: float) -> np.ndarray:
+        mounting = [np.array(values[5:])] * count
+        return log_ratios(grip_ratios(measured, GOH(*values[:5]), mounting, COARSE_ELEMENTS))
+
+    def features(C1, k1, k2, alpha, kappa, lm_x, lm_y) -> np.ndarray:
+        terms = np.log(k1 / C1), np.log(k2), alpha, kappa, lm_x, lm_y
+        return np.stack([np.ones_like(terms[0]), *terms], axis=-1)
+
+    size = columns["C1"].size
+    points = np.array([columns[q][np.linspace(0, size - 1, RUNS).astype(int)] for q in QUANTITIES])
+    # the coarse mesh tells how ln r changes, the fine one what it is at the fit
+    centre = computed(*fit.material.values, *fit.mounting_stretch[0])
+    logs = np.array([computed(*p) for p in points.T]) - centre + log_ratios(correction.ratios)
+    X, held_out = features(*points), np.arange(RUNS) % 4 == 0
+    some = np.linalg.lstsq(X[~held_out], logs[~held_out].reshape((~held_out).sum(), -1))[0]
+    error = float(np.abs(X[held_out] @ some - logs[held_out].reshape(held_out.sum(), -1)).max())
+    coefficients = np.linalg.lstsq(X, logs.reshape(RUNS, -1))[0]
+    return lambda *q: (features(*q) @ coefficients).reshape(logs.shape[1:]), error
+
+
 # --- wrong geometry ------------------------------------------------------------------------------
 
 
@@ -163,6 +286,7 @@ def main() -> None:
     options = options_of(arguments)
     if options.first == 0:
         print_table("grips-wrong-geometry", wrong_geometry())
+        print_table("grips-following-r", pd.concat([following_r(s) for s in followed_specimens()]))
     count = 2 if options.quick else options.count
     cases = [(i, 3 if i % 2 else 1) for i in range(options.first, options.first + count)]
     records = run_all(one_specimen, cases, options.records / "grips.jsonl", options.workers)
