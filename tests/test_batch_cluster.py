@@ -21,11 +21,11 @@ from biaxbayes.calibration.simulated_specimen import protocol_prior
 from biaxbayes.cluster import Cluster
 from biaxbayes.laws.goh import GOH
 from biaxbayes.optimal_design.design import design
+from biaxbayes.options import Settings
 from biaxbayes.parallel import InThisProcess, Processes
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs.batch import Batch
-from goh_functions import GOH_LAW
 
 pytestmark = pytest.mark.slow
 SPECIMENS = 4
@@ -113,7 +113,7 @@ def test_a_cluster_ranks_designs_and_replicates_as_one_process_does(cluster):
     material = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=40.0, kappa=0.1)
     data = quick_posteriors.specimen(material, increments=10)
     run = quick_posteriors.sampled(data, ess=60.0)
-    priors = protocol_prior(data, GOH_LAW)
+    priors = protocol_prior(data, Settings())
     replications = Study(data, {"noise": "independent", "mounting": "noisy"}, priors, ess=200.0)
     found = []
     for executor in (InThisProcess(), Cluster(address)):

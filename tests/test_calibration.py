@@ -30,11 +30,11 @@ from biaxbayes.calibration.simulated_specimen import (
     simulate_specimen,
 )
 from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
+from biaxbayes.laws import LAWS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.priors import Prior, Tie, read_priors
-from biaxbayes.options import CalibrationPlan
+from biaxbayes.options import CalibrationPlan, Settings
 from biaxbayes.parallel import Processes
 from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Plan
@@ -74,7 +74,7 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
     return Study(
         specimen,
         {**OPTIONS, **options},
-        protocol_prior(specimen, law_named(str(options.get("law", DEFAULT_LAW)))),
+        protocol_prior(specimen, Settings(**options)),
         seed=3,
         ess=200,
         max_steps=384,
@@ -193,7 +193,7 @@ def test_verdict_allows_for_many_quantities():
 
 def test_priors_are_written_as_a_priors_file_reads_them(tmp_path):
     priors = {
-        **protocol_prior(media(), GOH_LAW),
+        **protocol_prior(media(), Settings()),
         "kappa": 0.1,
         "k1": Tie(2.0, "C1"),
         "alpha": Prior("normal", 41.0, 5.0).within(0.0, 90.0),

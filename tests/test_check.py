@@ -14,6 +14,7 @@ from biaxbayes.identifiability.fit_quality import misfit_finding, quick_fit, thi
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
+from biaxbayes.options import Settings
 from biaxbayes.prediction.predictive_checks import fit_in_words, predictive_checks
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
@@ -287,7 +288,7 @@ def test_check_and_a_run_say_the_same_of_a_misfit(small_run):
     plan = Plan(ess=200, max_steps=1500, ensembles=2, walkers=32)
     drawn = draw_table(draw_posterior(prepare(made), plan).quantities)
     for data, draws, noisy in ((small_run.specimen, small_run.draws, True), (made, drawn, False)):
-        run = fit_in_words(predictive_checks(data, draws), data.unit, "GOH")
+        run = fit_in_words(predictive_checks(data, draws, settings=Settings()), data.unit, "GOH")
         checked = misfit_finding(data, quick_fit(data)).message.partition(";")[0]
         size = [float(text.split(" by ")[1].split()[0]) for text in (run, checked)]
         assert size[0] == pytest.approx(size[1], rel=0.2)

@@ -201,7 +201,7 @@ def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates, ap
 def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):
     base = candidates["1:1 to " + " × ".join(f"{v:.3g}" for v in _further(run))]
     path = 1.0 + np.linspace(0.0, 0.1, 401)[:, None] * np.ones(2)
-    tempered = FurtherProtocol("x", base.specimen, path, 0.1, base.mounting_sd, base.law)
+    tempered = FurtherProtocol("x", base.specimen, path, 0.1, base.mounting_sd, base.settings)
     draws = pd.concat([run.draws.iloc[[7]]] * 400, ignore_index=True)
     outcomes = tempered.outcomes(draws, np.random.default_rng(6)).reshape(400, 401, 2)
     noise = (outcomes - outcomes.mean(axis=0))[:, 1:] / draws["noise_sd"].iloc[0]

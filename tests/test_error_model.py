@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import norm
 
 from biaxbayes.error_model import (
+    CONSTANT,
+    GROWING,
     curve_log_likelihood,
-    error_model,
-    error_sd,
     log_likelihood,
     misfit,
     simulate,
@@ -25,9 +25,10 @@ SD, GROWTH = 0.05, 0.1
 @pytest.mark.parametrize("growth", [False, True])
 def test_sd_likelihood_and_simulation_are_those_of_normal_errors(growth):
     values = {"noise_sd": SD} | ({"noise_growth": GROWTH} if growth else {})
-    errors = error_model(values)
+    model = GROWING if growth else CONSTANT
+    errors = model.at(values)
     sd = np.sqrt(SD**2 + (GROWTH * LOAD) ** 2) if growth else np.full(4, SD)
-    np.testing.assert_allclose(error_sd(errors, values, LOAD) * np.ones(4), sd, rtol=1e-14)
+    np.testing.assert_allclose(model.sd(values, LOAD) * np.ones(4), sd, rtol=1e-14)
     expected = norm.logpdf(MEASURED, LOAD, sd)
     np.testing.assert_allclose(log_likelihood(LOAD, sd, MEASURED), expected, rtol=1e-12)
     # the mean of readings that scatter: what each of them would add, on average
@@ -37,8 +38,8 @@ def test_sd_likelihood_and_simulation_are_those_of_normal_errors(growth):
     np.testing.assert_allclose(found, np.mean(both, axis=0), rtol=1e-12)
     # and the sums that the kernel makes of it
     square = (MEASURED - LOAD) ** 2
-    total = sum(misfit(errors, SD, GROWTH, f, s) for f, s in zip(LOAD, square, strict=True))
-    curve = curve_log_likelihood(errors, SD, total, len(LOAD))
+    total = sum(misfit(errors, f, s) for f, s in zip(LOAD, square, strict=True))
+    curve = curve_log_likelihood(errors, total, len(LOAD))
     assert curve == pytest.approx(expected.sum(), rel=1e-12)
     readings = simulate(np.tile(LOAD, (20_000, 1)), sd, np.random.default_rng(3))
     error = readings - LOAD

@@ -263,7 +263,7 @@ def test_bands_of_certain_draws_are_the_model_and_its_noise():
             "noise_sd": [0.002] * 8,
         }
     )
-    table = bands(specimen, sure)
+    table = bands(specimen, sure, settings=Settings())
     for axis, direction in enumerate("xy"):
         part = table[table["direction"] == direction]
         p = specimen.protocols[0]
@@ -273,7 +273,7 @@ def test_bands_of_certain_draws_are_the_model_and_its_noise():
             wanted = model + 0.002 * norm.ppf(level / 100.0)
             np.testing.assert_allclose(part[f"predictive_q{level:02d}"], wanted, rtol=1e-7)
         np.testing.assert_array_equal(part["measured"], specimen.load(p)[:, axis])
-    grown = bands(specimen, sure.assign(noise_growth=0.05))
+    grown = bands(specimen, sure.assign(noise_growth=0.05), settings=Settings(noise_growth=True))
     sd = np.hypot(0.002, 0.05 * grown["credible_q50"])
     wanted = grown["credible_q50"] + sd * norm.ppf(0.95)
     np.testing.assert_allclose(grown["predictive_q95"], wanted, rtol=1e-7)
@@ -285,8 +285,8 @@ def test_geometry_zeroing_and_stress_pairs_in_bands():
     specimen = specimen_of()
     draws = draws_of(50)
     one = draws.iloc[:1]
-    plain = bands(specimen, one)
-    mounted = bands(replace(specimen, geometry="mounted"), one)
+    plain = bands(specimen, one, settings=Settings())
+    mounted = bands(replace(specimen, geometry="mounted"), one, settings=Settings())
     # f = A0 P against f = Am lm P
     for direction in "xy":
         rows = plain["direction"] == direction
@@ -305,14 +305,14 @@ def test_geometry_zeroing_and_stress_pairs_in_bands():
         protocols=(replace(p, load_x=p.load_x * 1e3, load_y=p.load_y * 1e3),),
     )
     piola = replace(cauchy, stress_pair="piola")
-    a, b = bands(cauchy, draws), bands(piola, draws)
+    a, b = (bands(data, draws, settings=Settings()) for data in (cauchy, piola))
     np.testing.assert_allclose(a["measured"], b["measured"])
     np.testing.assert_allclose(a["credible_q95"], b["credible_q95"] * b["stretch"])
 
 
 def test_row_and_draw_limits_of_bands():
     specimen = specimen_of(increments=400)
-    table = bands(specimen, draws_of(300), max_rows=30, max_draws=20)
+    table = bands(specimen, draws_of(300), settings=Settings(), max_rows=30, max_draws=20)
     rows = table["row"][table["direction"] == "x"].to_numpy()
     assert len(rows) <= 30 and rows[0] == 0 and rows[-1] == 400
     assert len(set(np.diff(rows)[:-1])) == 1  # every n-th

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
-from goh_functions import GOH_LAW
+from biaxbayes.options import Settings
 from quick_posteriors import specimen
 
 MATERIAL = {"C1": 9.0, "k1": 20.0, "k2": 4.0, "alpha": 42.0, "kappa": 0.15}
@@ -55,7 +55,7 @@ def test_loads_are_stress_times_section_in_either_geometry():
     stretch = np.array([[1.0, 1.0], [1.1, 1.05]])
     for geometry in ("unloaded", "mounted"):
         made = measured(geometry)
-        load = ForwardModel.from_specimen(made, GOH_LAW).load(table, stretch)
+        load = ForwardModel.from_specimen(made, Settings()).load(table, stretch)
         stress = np.column_stack(GOH(*MATERIAL.values()).cauchy(*(stretch * [1.1, 1.2]).T))
         sections = made.edge_y_mm * made.thickness_mm, made.edge_x_mm * made.thickness_mm
         factors = np.array([[1.0, 1.0], [1.1, 1.0], [0.8, 0.8]])[:, None]
@@ -64,5 +64,7 @@ def test_loads_are_stress_times_section_in_either_geometry():
             by_hand = by_hand / [1.1, 1.2]
         np.testing.assert_allclose(load, by_hand, rtol=1e-12)
         np.testing.assert_allclose(
-            ForwardModel.from_specimen(made, GOH_LAW).mounting_load(table), load[:, 0], rtol=1e-12
+            ForwardModel.from_specimen(made, Settings()).mounting_load(table),
+            load[:, 0],
+            rtol=1e-12,
         )

@@ -471,7 +471,9 @@ def test_density_is_finite_or_minus_infinity(
     specimen = Specimen(
         "wild", (Protocol("p", x, y, *load),), "piola", geometry, load_noise=noise * scale
     )
-    options = Settings(mounting, "independent", noise_growth=growth, fibre_switch=switch)
+    options = Settings(
+        mounting=mounting, noise="independent", noise_growth=growth, fibre_switch=switch
+    )
     from biaxbayes.model import density as kernel
 
     assembly = assemble(specimen, options, sampling=structural)

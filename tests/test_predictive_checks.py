@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from biaxbayes.laws.goh import GOH
+from biaxbayes.options import Settings
 from biaxbayes.prediction.predictive_checks import (
     checks_in_words,
     misfit_in_words,
@@ -33,7 +34,7 @@ def true_draws(noise_sd: float, n: int = 50) -> pd.DataFrame:
 
 def test_misfit_of_the_truth_is_the_noise():
     data = specimen(TRUTH, noise_N=0.002, increments=400)
-    table = predictive_checks(data, true_draws(0.002))
+    table = predictive_checks(data, true_draws(0.002), settings=Settings())
     assert len(table) == 6
     # Standard error of an rms of 400 readings: 3.5 %.
     assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
@@ -53,7 +54,7 @@ def test_misfit_of_the_truth_is_the_noise():
 def test_a_smooth_misfit_is_named():
     data = specimen(TRUTH, noise_N=0.0002, increments=400)
     wrong = true_draws(0.0002).assign(C1=12.0)
-    table = predictive_checks(data, wrong)
+    table = predictive_checks(data, wrong, settings=Settings())
     assert (table["runs_z"] < -10.0).all() and (table["autocorrelation"] > 0.9).all()
     words = " ".join(misfit_in_words(table))
     assert "6 of 6 curves the model misses smoothly" in words
@@ -64,7 +65,7 @@ def test_the_missed_protocol_is_named_with_its_number():
     clean = specimen(TRUTH, increments=60)
     name = clean.protocols[1].name
     data = bent(clean, name, 0.15)
-    checks = predictive_checks(data, true_draws(0.002))
+    checks = predictive_checks(data, true_draws(0.002), settings=Settings())
     message = path_warnings(checks, "N")
     assert len(message) == 1
     assert message[0].startswith(f"GOH misses the {name} protocol by ")

@@ -11,8 +11,8 @@ from biaxbayes.identifiability.determined import (
     mounting_ratio,
 )
 from biaxbayes.laws.goh import GOH
+from biaxbayes.options import Settings
 from biaxbayes.specimens.specimen import Protocol, Specimen
-from goh_functions import GOH_LAW
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 MOUNTING = (1.03, 1.05)
@@ -50,7 +50,7 @@ def test_the_interval_is_that_of_simulated_stresses(geometry, growth):
     rng = np.random.default_rng(1)
     data = stress_specimen(geometry)
     table = draws(rng, **({"noise_growth": np.full(4000, 0.1)} if growth else {}))
-    found = determined(table, data, GOH_LAW).set_index("quantity")
+    found = determined(table, data, Settings(noise_growth=growth)).set_index("quantity")
     C1 = table["C1"].to_numpy()
     area_ratio = MOUNTING[0] if geometry == "mounted" else 1.0
     for name in ("Cauchy stress x", f"nominal stress x{MEASURED} of two"):
@@ -71,7 +71,7 @@ def test_the_interval_is_that_of_simulated_stresses(geometry, growth):
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
 def test_a_measured_stretch_is_stated_with_the_load_that_was_measured_there(geometry):
     data = stress_specimen(geometry)
-    found = determined(draws(np.random.default_rng(2)), data, GOH_LAW)
+    found = determined(draws(np.random.default_rng(2)), data, Settings())
     ends = found[found["quantity"].str.endswith(" of one")]
     assert len(ends) == 4
     last = data.protocols[0]
@@ -90,7 +90,7 @@ def test_a_mounting_stretch_that_is_not_identified_moves_the_curve(geometry):
     table["C1"] = TRUTH.C1_kPa
     span = {"mounting_stretch_x": (0.99, 1.07), "mounting_stretch_y": (1.05, 1.05)}
     found, wide = (
-        determined(table, data, GOH_LAW, refits=r).set_index("quantity") for r in (None, span)
+        determined(table, data, Settings(), refits=r).set_index("quantity") for r in (None, span)
     )
     row = wide.loc["Cauchy stress x"].iloc[1]
     ends = []
@@ -121,7 +121,7 @@ def test_nothing_is_stated_where_a_tenth_of_the_stretch_may_be_unmeasured():
         (strong, None, False, False),
         (strong, None, True, True),
     ):
-        found = determined(of, data, GOH_LAW, refits=refits, mounting_known=known)
+        found = determined(of, data, Settings(), refits=refits, mounting_known=known)
         cauchy = found["quantity"].str.startswith("Cauchy stress")
         assert found.loc[cauchy, "tissue_low_90"].notna().all() == stated
         assert found.loc[cauchy, "tissue_high_90"].isna().all() != stated
@@ -139,7 +139,7 @@ def test_stresses_hold_with_the_mounting_stretch_that_is_stated_as_a_value():
     value, refits = {"mounting_stretch_x": (1.11, 1.13)}, {"mounting_stretch_x": (0.9, 1.3)}
 
     def ends(**ranges):
-        found = determined(table, data, GOH_LAW, **ranges)
+        found = determined(table, data, Settings(), **ranges)
         rows = found[found["quantity"] == cauchy].iloc[-1]
         return rows["tissue_low_90"], rows["tissue_high_90"]
 
@@ -150,12 +150,12 @@ def test_stresses_hold_with_the_mounting_stretch_that_is_stated_as_a_value():
     far = {"mounting_stretch_y": (1.0, 1.2)}
     assert np.isnan(ends(values=value, refits=far)).all()
     strong = table.assign(mounting_stretch_y=table["mounting_stretch_y"] + 0.07)
-    found = determined(strong, data, GOH_LAW, values=value)
+    found = determined(strong, data, Settings(), values=value)
     assert found.loc[found["quantity"] == cauchy, "tissue_low_90"].isna().all()
 
 
 def test_what_is_no_stress_has_no_such_interval():
-    found = determined(draws(np.random.default_rng(3)), stress_specimen(), GOH_LAW)
+    found = determined(draws(np.random.default_rng(3)), stress_specimen(), Settings())
     stress = found["quantity"].str.contains("Cauchy stress|nominal stress")
     assert found.loc[stress, "tissue_low_90"].notna().all()
     assert (found.loc[stress, "tissue_low_90"] < found.loc[stress, "low_90"]).all()

@@ -25,7 +25,7 @@ from biaxbayes.calibration.simulated_specimen import (
     protocol_prior,
     simulate_specimen,
 )
-from biaxbayes.laws import law_named
+from biaxbayes.options import Settings
 from studies.common import options_of, parser, print_table, run_all
 
 STACKED = "stacked"
@@ -53,7 +53,7 @@ def simulated(law: str, seed: int) -> tuple[biaxbayes.Specimen, float]:
         seed=0,
     )
     posterior = biaxbayes.Posterior(
-        tested, law=law, noise="independent", priors=protocol_prior(tested, law_named(law))
+        tested, law=law, noise="independent", priors=protocol_prior(tested, Settings(law=law))
     )
     rules = Rules(tested, posterior.settings, posterior.priors, posterior.mounts)
     rng = np.random.default_rng([seed, TRUE_LAWS.index(law)])

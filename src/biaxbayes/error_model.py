@@ -1,4 +1,4 @@
-r"""Errors of load readings: variance, likelihood and simulation, defined in one place.
+r"""Errors of load readings: every error model, its likelihood and simulation.
 
 A reading f of a model load q has an independent normal error about it,
 
@@ -6,16 +6,17 @@ A reading f of a model load q has an independent normal error about it,
 
 The mounting force is not among these readings: it is one reading with the load cell's own sd.
 
-An error model is a ``NamedTuple`` whose type selects the implementation of the generic functions
-:func:`variance`, :func:`misfit` and :func:`curve_log_likelihood`: in Python by
-``functools.singledispatch``, in the compiled density by ``numba.extending.overload``. The shape of
-the errors, normal here, is also that of :func:`standard_cdf` and :func:`standard_quantile`, which
-predictive bands and checks are made of.
+:data:`ERROR_MODELS` is the registry. The values of a model's parameters are a ``NamedTuple``, whose
+type selects the implementation of the generic functions :func:`variance`, :func:`misfit`,
+:func:`curve_log_likelihood` and :func:`from_slots`: in Python by ``functools.singledispatch``, in
+the compiled density by ``numba.extending.overload``. A model needs its variance and
+:func:`from_slots`; the other two follow from the variance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any, NamedTuple
 
@@ -28,114 +29,146 @@ from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Parameter
 HALF_LOG_2PI = 0.9189385332046727
 
 
-class ConstantSd(NamedTuple):
-    """The same sd for all readings: v = w^2.
-
-    ``growth`` is not read: numba needs a field to tell the types of the two models apart.
-    """
-
-    growth: float = 0.0
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Its parameters."""
-        return (NOISE_SD,)
-
-
-class GrowingSd(NamedTuple):
-    """An sd that grows with the load: v = w^2 + (b q)^2."""
-
-    growth: float = 1.0
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Its parameters."""
-        return (NOISE_SD, NOISE_GROWTH)
-
-
-ErrorModel = ConstantSd | GrowingSd
-
-
-def error_model(names: Container[object]) -> ErrorModel:
-    """The error model whose parameters are among the names of draws or of priors."""
-    return GrowingSd() if NOISE_GROWTH.name in names else ConstantSd()
-
-
 # --- what an error model implements; plain arithmetic, compiled into the density -----------------
 
 
 @singledispatch
-def variance(errors, w, b, load):
+def from_slots(errors, value, first):
+    """Values of the parameters from the entries of ``value`` that begin at ``first``."""
+    raise NotImplementedError(f"no error model is called {type(errors).__name__}")
+
+
+@singledispatch
+def variance(errors, load):
     """Variance of one reading at a model load."""
     raise NotImplementedError(f"no error model is called {type(errors).__name__}")
 
 
 @singledispatch
-def misfit(errors, w, b, load, square):
-    """What one reading adds to the sum of its curve, from its squared residual."""
-    raise NotImplementedError(f"no error model is called {type(errors).__name__}")
-
-
-@singledispatch
-def curve_log_likelihood(errors, w, total, n):
-    """Log likelihood of a curve of n readings from the sum of their misfits."""
-    raise NotImplementedError(f"no error model is called {type(errors).__name__}")
-
-
-@variance.register(ConstantSd)
-def _constant_variance(errors, w, b, load):
-    return w * w
-
-
-@misfit.register(ConstantSd)
-def _constant_misfit(errors, w, b, load, square):
-    return square
-
-
-@curve_log_likelihood.register(ConstantSd)
-def _constant_curve(errors, w, total, n):
-    # sum ln N = -(1/2) sum r^2 / w^2 - n (ln w + ln sqrt(2 pi))
-    return -0.5 * total / (w * w) - n * (0.5 * np.log(w * w) + HALF_LOG_2PI)
-
-
-@variance.register(GrowingSd)
-def _growing_variance(errors, w, b, load):
-    # v = w^2 + (b q)^2
-    return w * w + b * b * load * load
-
-
-@misfit.register(GrowingSd)
-def _growing_misfit(errors, w, b, load, square):
-    v = w * w + b * b * load * load
+def misfit(errors, load, square):
+    """Term of one reading in the sum over its curve, from its squared residual: r^2 / v + ln v."""
+    v = variance(errors, load)
     return square / v + np.log(v)
 
 
-@curve_log_likelihood.register(GrowingSd)
-def _growing_curve(errors, w, total, n):
+@singledispatch
+def curve_log_likelihood(errors, total, n):
+    """Log likelihood of a curve of n readings from the sum of their misfits."""
     # sum ln N = -(1/2) sum (r^2 / v + ln v) - n ln sqrt(2 pi)
     return -0.5 * total - n * HALF_LOG_2PI
 
 
+@overload(from_slots, jit_options=WITHIN)
+def _compiled_from_slots(errors, value, first):
+    return implementation(from_slots, errors)
+
+
+@overload(variance, jit_options=WITHIN)
+def _compiled_variance(errors, load):
+    return implementation(variance, errors)
+
+
 @overload(misfit, jit_options=WITHIN)
-def _compiled_misfit(errors, w, b, load, square):
-    return implementation(misfit, errors)
+def _compiled_misfit(errors, load, square):
+    return misfit.dispatch(errors.instance_class)
 
 
 @overload(curve_log_likelihood, jit_options=WITHIN)
-def _compiled_curve_log_likelihood(errors, w, total, n):
-    return implementation(curve_log_likelihood, errors)
+def _compiled_curve_log_likelihood(errors, total, n):
+    return curve_log_likelihood.dispatch(errors.instance_class)
 
 
-# --- readings of draws, in NumPy -----------------------------------------------------------------
+# --- the error models ----------------------------------------------------------------------------
 
 
-def error_sd(errors: ErrorModel, values: Mapping[str, Any], load: Any) -> Any:
-    """Standard deviation of a reading at a model load.
+class ConstantSd(NamedTuple):
+    """The same sd for all readings: v = w^2. Its misfits are the squares alone, to be fast."""
 
-    ``values`` holds the parameters of the errors by name, each broadcastable with the load.
+    noise_sd: Any
+
+
+@from_slots.register(ConstantSd)
+def _constant_from_slots(errors, value, first):
+    return ConstantSd(value[first])
+
+
+@variance.register(ConstantSd)
+def _constant_variance(errors, load):
+    return errors.noise_sd * errors.noise_sd
+
+
+@misfit.register(ConstantSd)
+def _constant_misfit(errors, load, square):
+    return square
+
+
+@curve_log_likelihood.register(ConstantSd)
+def _constant_curve(errors, total, n):
+    # sum ln N = -(1/2) sum r^2 / w^2 - n (ln w + ln sqrt(2 pi))
+    v = errors.noise_sd * errors.noise_sd
+    return -0.5 * total / v - n * (0.5 * np.log(v) + HALF_LOG_2PI)
+
+
+class GrowingSd(NamedTuple):
+    """An sd that grows with the load: v = w^2 + (b q)^2."""
+
+    noise_sd: Any
+    noise_growth: Any
+
+
+@from_slots.register(GrowingSd)
+def _growing_from_slots(errors, value, first):
+    return GrowingSd(value[first], value[first + 1])
+
+
+@variance.register(GrowingSd)
+def _growing_variance(errors, load):
+    # v = w^2 + (b q)^2
+    w, b = errors.noise_sd, errors.noise_growth
+    return w * w + b * b * load * load
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """An error model that a run can have.
+
+    Attributes
+    ----------
+    values : type
+        The ``NamedTuple`` of its parameters' values, by their names.
+    parameters : tuple of Parameter
+        In the order of that tuple. The first is ``noise_sd``, the sd at zero load, in every model.
+    description : str
+        Its sd in words.
+    option : str
+        The field of :class:`~biaxbayes.options.Settings` that chooses it; empty for the default.
     """
-    w, b = (values[p.name] if p in errors.parameters else 0.0 for p in (NOISE_SD, NOISE_GROWTH))
-    return np.sqrt(variance(errors, w, b, load))
+
+    values: Any
+    parameters: tuple[Parameter, ...]
+    description: str
+    option: str = ""
+
+    def __str__(self) -> str:
+        return self.description
+
+    def at(self, values: Mapping[str, Any]) -> Any:
+        """Values of its parameters, from values by name."""
+        return self.values(*(values[p.name] for p in self.parameters))
+
+    def sd(self, values: Mapping[str, Any], load: Any) -> Any:
+        """Standard deviation of a reading at a model load, which the values broadcast with."""
+        return np.sqrt(variance(self.at(values), load))
+
+
+CONSTANT = ErrorModel(ConstantSd, (NOISE_SD,), "constant")
+GROWING = ErrorModel(
+    GrowingSd, (NOISE_SD, NOISE_GROWTH), "growing with the load", option="noise_growth"
+)
+ERROR_MODELS = (CONSTANT, GROWING)
+
+
+# --- the normal distribution of single readings, in NumPy ----------------------------------------
 
 
 def log_likelihood(mean: Any, sd: Any, measured: Any, scatter: Any = 0.0) -> Any:

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.error_model import error_model, error_sd
+from biaxbayes.error_model import ErrorModel
 from biaxbayes.laws.law import Law, StressResponse
 from biaxbayes.mechanics.mounting import (
     load_per_stress,
@@ -33,6 +33,7 @@ from biaxbayes.mechanics.mounting import (
     solve_balance,
     unloaded_section,
 )
+from biaxbayes.options import Settings
 from biaxbayes.parameters import DIMENSIONS, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen
@@ -124,7 +125,7 @@ class LoadResponse:
 
 @dataclass(frozen=True)
 class ForwardModel:
-    """Loads of a law on a specimen.
+    """Loads of a law on a specimen, and their errors.
 
     Attributes
     ----------
@@ -137,11 +138,13 @@ class ForwardModel:
     law: Law
     area: np.ndarray
     mounted: bool
+    errors: ErrorModel
 
     @classmethod
-    def from_specimen(cls, specimen: Specimen, law: Law) -> ForwardModel:
-        """The forward model of a specimen."""
-        return cls(law, specimen.area, specimen.geometry == "mounted")
+    def from_specimen(cls, specimen: Specimen, settings: Settings) -> ForwardModel:
+        """The forward model of a specimen in a run with these settings."""
+        mounted = specimen.geometry == "mounted"
+        return cls(settings.material_law, specimen.area, mounted, settings.error_model)
 
     # --- one point in fit coordinates, one column per state ---
 
@@ -230,10 +233,12 @@ class ForwardModel:
 
     def sd(self, values: Any, load: np.ndarray) -> np.ndarray:
         """Standard deviation of readings about loads (draws, rows, 2); broadcasts with them."""
-        errors = error_model(values)
-        noise = {p.name: _column(values, p.name, 0.0)[:, :, None] for p in errors.parameters}
+        noise = {
+            p.name: np.atleast_1d(np.asarray(values[p.name], dtype=float))[:, None, None]
+            for p in self.errors.parameters
+        }
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(error_sd(errors, noise, load))
+            return np.asarray(self.errors.sd(noise, load))
 
     def piola_sd(
         self, values: Any, axis: int, piola_kPa: np.ndarray, mounting: np.ndarray

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self, TypeVar
 
+from biaxbayes.error_model import CONSTANT, ERROR_MODELS, ErrorModel
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 from biaxbayes.laws.law import Law
@@ -261,6 +262,7 @@ REPORTS = {"html": "report.html", "latex": "report.tex", "explore": "explore.htm
 class Settings(Options):
     """Options of the statistical model."""
 
+    law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
     mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING)
     noise: str = option(
         "effective",
@@ -272,12 +274,6 @@ class Settings(Options):
         "One mounted state for all protocols, or one per protocol.",
         choices=MOUNTING_STRETCH,
     )
-    noise_growth: bool = option(False, "Let the noise sd grow with the load.")
-    law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
-    fibre_switch: bool = option(
-        False,
-        "Fibres carry no load in compression, as in Abaqus and FEBio; for laws with a choice.",
-    )
     mounting_sd: float = option(
         0.1,
         "Sd of the prior of the mounting stretches, about 1.",
@@ -285,8 +281,13 @@ class Settings(Options):
         most=10.0,
         open_ends=True,
     )
+    noise_growth: bool = option(False, "Let the noise sd grow with the load.")
     thin: int = 0
     """Largest number of rows per protocol; longer ones are averaged down to it. 0 keeps all."""
+    fibre_switch: bool = option(
+        False,
+        "Fibres carry no load in compression, as in Abaqus and FEBio; for laws with a choice.",
+    )
     priors: Mapping[str, Any] = field(
         default_factory=dict,
         metadata={"help": "In place of default priors: a Prior, a number (fixed) or a Tie."},
@@ -303,6 +304,12 @@ class Settings(Options):
     def material_law(self) -> Law:
         """The material law."""
         return law_named(self.law, fibre_switch=self.fibre_switch)
+
+    @property
+    def error_model(self) -> ErrorModel:
+        """The error model."""
+        chosen = (m for m in ERROR_MODELS if m.option and getattr(self, m.option))
+        return next(chosen, CONSTANT)
 
     @property
     def infers_mounting(self) -> bool:

@@ -21,6 +21,7 @@ __all__ = [
     "DIMENSION",
     "DIMENSIONS",
     "ERROR",
+    "ERRORS",
     "FORCE",
     "LOAD",
     "MATERIAL",
@@ -276,15 +277,19 @@ NOISE_GROWTH = Parameter(
     words="growth of the errors with the load",
     low=0.0,
     logarithmic=True,
+    width=0.5,
     kind=ERROR,
+    prior=("lognormal", 0.03, 1.0),
 )
+ERRORS = (NOISE_SD, NOISE_GROWTH)
+"""Parameters of all error models; a fit starts from the medians of their priors."""
 DIMENSIONS = (
     *_pair("edge", "", "edge in {} over the stated one", low=0.0, kind=DIMENSION),
     Parameter("thickness", words="thickness over the stated one", low=0.0, kind=DIMENSION),
     *_pair("load_offset", "", "load offset in {}", unit=LOAD, kind=DIMENSION),
 )
 """Factors of measured dimensions, and the zero of the load cell."""
-COMMON = (*MOUNTED, NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
+COMMON = (*MOUNTED, *ERRORS, *DIMENSIONS)
 """What every law is sampled with."""
 
 
@@ -358,7 +363,7 @@ class Quantities(Mapping[str, Quantity]):
         for what in (STRETCH, FORCE):
             for state in self.states:
                 known += [Quantity(p, state, load_unit) for p in MOUNTED if p.kind == what]
-        known += [Quantity(p, "", load_unit) for p in (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)]
+        known += [Quantity(p, "", load_unit) for p in (*ERRORS, *DIMENSIONS)]
         self._known = {q.name: q for q in known}
 
     def __getitem__(self, name: str) -> Quantity:

@@ -9,6 +9,7 @@ import pandas as pd
 
 from biaxbayes import Specimen, prepare
 from biaxbayes.model.search import draw_posterior
+from biaxbayes.options import Settings
 from biaxbayes.sampling.sampler import Plan
 
 CANDIDATES: dict[str, dict[str, Any]] = {
@@ -26,10 +27,13 @@ class Answer:
 
     draws: pd.DataFrame
     state: str
+    settings: Settings
 
 
 def sampled(specimen: Specimen, candidate: str) -> Answer:
     """Draws of a specimen with an error model."""
-    found = draw_posterior(prepare(specimen, **CANDIDATES[candidate]), CHEAP)
-    table = pd.DataFrame({name: values.ravel() for name, values in found.quantities.items()})
-    return Answer(table.iloc[:: max(1, len(table) // DRAWS)], found.convergence.state)
+    posterior = prepare(specimen, **CANDIDATES[candidate])
+    drawn = draw_posterior(posterior, CHEAP)
+    table = pd.DataFrame({name: values.ravel() for name, values in drawn.quantities.items()})
+    table = table.iloc[:: max(1, len(table) // DRAWS)]
+    return Answer(table, drawn.convergence.state, posterior.settings)

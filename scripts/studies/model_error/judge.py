@@ -67,7 +67,7 @@ def _stresses(case: Case, found: Identifiability, answer: Answer) -> list[Row]:
     table = determined(
         answer.draws,
         case.specimen,
-        found.law,
+        answer.settings,
         refits=found.mounting_ranges(),
         values=found.mounting_values(),
     )
@@ -125,7 +125,7 @@ def _parameters(case: Case, answer: Answer) -> list[Row]:
 
 def _held_out(case: Case, answer: Answer) -> list[Row]:
     """Readings of a path that was not sampled, against their predictive band."""
-    table = bands(case.held_out, answer.draws, max_draws=DRAWS)
+    table = bands(case.held_out, answer.draws, settings=answer.settings, max_draws=DRAWS)
     table = table[table["row"] > 0]
     ends = table[["measured", "predictive_q05", "predictive_q95"]].to_numpy(dtype=float)
     return [

@@ -19,7 +19,7 @@ from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.options import Settings
-from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Quantities, mounting_names
+from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 
 SAME_ROOT = 1e-6
@@ -44,7 +44,7 @@ class Rules:
     @property
     def forward(self) -> ForwardModel:
         """Forward model from true values to loads."""
-        return ForwardModel.from_specimen(self.specimen, self.settings.material_law)
+        return ForwardModel.from_specimen(self.specimen, self.settings)
 
     @property
     def shared(self) -> bool:
@@ -163,22 +163,24 @@ WIDENED = 2.0
 """Width of a local prior relative to the posterior it is taken from."""
 
 
-def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Tie]:
+def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
     """Prior of tissue with similar stresses on these protocols; noise around 0.5 % of the peak."""
     stretch = 1.02 * max(
         float(max(p.stretch_x.max(), p.stretch_y.max())) for p in specimen.protocols
     )
     peak = max(float(np.abs(specimen.load(p) / specimen.area).max()) for p in specimen.protocols)
-    default = default_priors(specimen, law)
-    prior: dict[str, Prior | float | Tie] = {}
-    for name, (family, first, second) in law.scaled_prior(stretch, peak).items():
+    prior = default_priors(specimen, settings)
+    for name, (family, first, second) in settings.material_law.scaled_prior(stretch, peak).items():
         rounded = first if family == "uniform" else _rounded(first)
         prior[name] = Prior.from_numbers(family, rounded, second)
     prior[NOISE_SD.name] = Prior("lognormal", _rounded(0.005 * specimen.peak_load), 0.7)
-    prior[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 0.5)
+    for p in settings.error_model.parameters:
+        if p.prior is not None:
+            family, median, sd_log = p.prior
+            prior[p.name] = Prior.from_numbers(family, median, 0.5 * sd_log)
     for name in mounting_names("stretch"):
-        measured = name in specimen.metadata
-        prior[name] = default[name] if measured else Prior("normal", 1.02, 0.01, low=0.5)
+        if name not in specimen.metadata:
+            prior[name] = Prior("normal", 1.02, 0.01, low=0.5)
     return prior
 
 

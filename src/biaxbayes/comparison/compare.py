@@ -40,7 +40,7 @@ OPTIONS = {
     "mounting": "the mounting force enters as",
     "noise": "the errors are",
     "mounting_stretch": "the mounted state is",
-    "noise_growth": "the noise grows with the load:",
+    "error_model": "the sd of the errors is",
     "fibre_switch": "fibres drop out in compression:",
 }
 

@@ -21,6 +21,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from biaxbayes.error_model import CONSTANT
 from biaxbayes.forward import ForwardModel, LoadResponse
 from biaxbayes.laws.law import Law
 from biaxbayes.specimens.specimen import Specimen
@@ -67,7 +68,7 @@ class Readings:
 
     def forward(self, law: Law) -> ForwardModel:
         """The forward model of a law on the specimen."""
-        return ForwardModel(law, self.area, self.mounted)
+        return ForwardModel(law, self.area, self.mounted, CONSTANT)
 
     @property
     def peak(self) -> float:

@@ -19,6 +19,7 @@ from biaxbayes.forward import ForwardModel
 from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import Material
+from biaxbayes.options import Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import mixture_percentiles
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
@@ -175,7 +176,7 @@ def _measured(protocol: Protocol) -> np.ndarray:
 def determined(
     draws: pd.DataFrame,
     specimen: Specimen,
-    law: Law,
+    settings: Settings,
     *,
     stretches: Sequence[tuple[float, float]] | None = None,
     refits: Mapping[str, tuple[float, float]] | None = None,
@@ -188,6 +189,8 @@ def determined(
     ----------
     draws : DataFrame
         Posterior draws by the names of ``summary.csv``.
+    settings : Settings
+        Those of the run.
     stretches : sequence of (float, float), optional
         Total stretches (x, y); default :func:`table_stretches`.
     refits : mapping of str to (float, float), optional
@@ -219,13 +222,14 @@ def determined(
         d s_x / d ln l_y (xy). The exponent is k2 E^2 at the largest stretch of the tests.
     """
     few = some_draws(draws)
+    forward = ForwardModel.from_specimen(specimen, settings)
     states = list(stretches) if stretches is not None else table_stretches(draws, specimen)
     ranges = {**(refits or {}), **(values or {})}
     with np.errstate(over="ignore", invalid="ignore"):
         near = mounting_known or _farthest(few, specimen, ranges, values or {}) < FARTHEST
-        quantities = list(_quantities(few, specimen, states, law, ranges, near))
+        quantities = list(_quantities(few, specimen, states, forward, ranges, near))
         if stretches is None:
-            quantities += _measured_stresses(few, specimen, law.material(few))
+            quantities += _measured_stresses(few, specimen, forward)
         tissue = _tissue_intervals([q.tissue for q in quantities])
         rows = [_row(q, ends) for q, ends in zip(quantities, tissue, strict=True)]
     return pd.DataFrame(rows)
@@ -275,11 +279,11 @@ def _quantities(
     draws: pd.DataFrame,
     specimen: Specimen,
     states: list[tuple[float, float]],
-    law: Law,
+    forward: ForwardModel,
     ranges: Mapping[str, tuple[float, float]],
     near: bool,
 ) -> Iterator[_Quantity]:
-    material = law.material(draws)
+    law, material = forward.law, forward.law.material(draws)
     nowhere = (np.nan, np.nan)
     for name, values in law.derived_quantities(material).items():
         yield _Quantity(name, "", nowhere, values[:, 0])
@@ -293,10 +297,10 @@ def _quantities(
         at = [np.array([v]) for v in state]
         tangent = material.cauchy_by_log_stretch(*at)
         energy = material.strain_energy(*at)
-        piola, error = _piola(draws, specimen, np.tile(state, (len(draws), 1)), lm, material)
+        piola, error = _piola(draws, forward, np.tile(state, (len(draws), 1)), lm, material)
         # Mounted elsewhere, the same loads of the test lie at other total stretches; over the
         # mounted section they then belong to another unloaded one: P = f / (Am lm).
-        there, _ = _piola(draws, specimen, moved * state, lm, material)
+        there, _ = _piola(draws, forward, moved * state, lm, material)
         if specimen.geometry == "mounted":
             there = there * moved
         for axis, name in enumerate("xy"):
@@ -353,18 +357,19 @@ def mounting_ratio(
 
 
 def _measured_stresses(
-    draws: pd.DataFrame, specimen: Specimen, material: Material
+    draws: pd.DataFrame, specimen: Specimen, forward: ForwardModel
 ) -> Iterator[_Quantity]:
     """Nominal stresses half-way and at the end of every protocol, from its own mounted state."""
     if not mounting_labels(draws, specimen):
         return
+    material = forward.law.material(draws)
     for protocol in specimen.protocols:
         lm = protocol_mounting(draws, protocol)
         for measured in _measured(protocol):
             x, y = np.round(measured, 4)
             state = (float(x), float(y))
             ending = MEASURED if len(specimen.protocols) == 1 else f"{MEASURED} of {protocol.name}"
-            piola, error = _piola(draws, specimen, lm * state, lm, material)
+            piola, error = _piola(draws, forward, lm * state, lm, material)
             # f_k / A0_k = P_k (unloaded dimensions), f_k / Am_k = lm_k P_k (mounted)
             scale = lm if specimen.geometry == "mounted" else np.ones_like(lm)
             for axis, name in enumerate("xy"):
@@ -374,13 +379,12 @@ def _measured_stresses(
 
 def _piola(
     draws: pd.DataFrame,
-    specimen: Specimen,
+    forward: ForwardModel,
     total: np.ndarray,
     lm: np.ndarray,
     material: Material,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nominal stress of every draw at total stretches (n, 2), and the sd of its error; kPa."""
     pair = material.piola(total[:, :1], total[:, 1:])
-    forward = ForwardModel.from_specimen(specimen, material.law)
     error = [forward.piola_sd(draws, axis, p, lm) for axis, p in enumerate(pair)]
     return np.hstack(pair), np.hstack(error)

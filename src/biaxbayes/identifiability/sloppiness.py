@@ -21,7 +21,6 @@ from itertools import combinations, permutations
 import numpy as np
 import pandas as pd
 
-from biaxbayes.error_model import error_model, error_sd
 from biaxbayes.identifiability.determined import some_draws
 from biaxbayes.identifiability.marginals import INTERVAL, LEVELS, Scale, parameter_scales
 from biaxbayes.identifiability.same_curves import SameCurves, same_curves
@@ -238,10 +237,10 @@ def _term(scale: Scale, coefficient: float, product: bool) -> str:
 
 def _error_kPa(posterior: Posterior, draws: pd.DataFrame) -> float:
     """Error sd of a reading at the median load, as a stress, at the medians of the draws."""
-    specimen, errors = posterior.specimen, error_model(draws)
+    specimen, errors = posterior.specimen, posterior.settings.error_model
     load = np.median(np.abs(np.concatenate([specimen.load(p) for p in specimen.protocols])))
     values = {p.name: float(np.median(draws[p.name])) for p in errors.parameters}
-    return float(error_sd(errors, values, load)) / float(specimen.area.min())
+    return float(errors.sd(values, load)) / float(specimen.area.min())
 
 
 def path_text(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:

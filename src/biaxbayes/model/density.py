@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
-from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, misfit
+from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, from_slots, misfit
 from biaxbayes.laws.response import cauchy_stress, constants_at, to_natural
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
@@ -30,10 +30,11 @@ from biaxbayes.mechanics.mounting import (
     solve_balance,
 )
 from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, UNIFORM
+from biaxbayes.parameters import DIMENSIONS
 
-# Slots after those of the law; natural values have the same order.
-NOISE, GROWTH, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(7)
-MOUNTING = 7  # then two per mounted state
+# Slots after those of the law and the errors; natural values have the same order.
+MOUNTING = len(DIMENSIONS)
+EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(MOUNTING)  # then two per mounted state
 
 # How the mounted state enters.
 REFERENCE, FORCE, STRETCH = 0, 1, 2  # lm = 1 | sample p0, root-find lm | sample lm
@@ -58,7 +59,7 @@ class Problem(NamedTuple):
     coordinates : NamedTuple
         Constants of the law's sampling coordinates; its type picks the law.
     errors : NamedTuple
-        The error model; its type selects the compiled functions.
+        One number per parameter of the errors; its type selects the error model.
     size : int
         Number of the law's slots.
     logarithmic : bool ndarray, shape (s,)
@@ -144,7 +145,7 @@ def _mounted_state(problem, value, constants, m, sx, sy):
     """
     if problem.mounting_mode == REFERENCE:
         return 0.0, 0.0, 0.0, INSIDE
-    o = problem.size
+    o = problem.size + len(problem.errors)
     i = o + MOUNTING + 2 * m
     if problem.mounting_mode == FORCE:
         px, py = value[i], value[i + 1]
@@ -195,7 +196,7 @@ def _curves(problem, value, constants, p, x, y, sx, sy):
     """Log likelihood of protocol p, weighted, given its mounted state."""
     first, last = problem.start[p], problem.start[p + 1]
     n = last - first
-    o = problem.size
+    o = problem.size + len(problem.errors)
     mx, my = np.exp(2.0 * x), np.exp(2.0 * y)
     mz = 1.0 / (mx * my)
     X, Y, Z = problem.X[first:last], problem.Y[first:last], problem.Z[first:last]
@@ -205,18 +206,18 @@ def _curves(problem, value, constants, p, x, y, sx, sy):
     cx = load_per_stress(sx, 1.0, np.exp(x), problem.mounted)
     cy = load_per_stress(sy, 1.0, np.exp(y), problem.mounted)
     ox, oy = value[o + OFFSET_X], value[o + OFFSET_Y]
-    w, b = value[o + NOISE], value[o + GROWTH]
+    errors = from_slots(problem.errors, value, problem.size)
     total_x = total_y = 0.0
     for j in range(n):
         s_x, s_y = cauchy_stress(constants, mx * X[j], my * Y[j], mz * Z[j])
         qx, qy = cx * ilx[j] * s_x, cy * ily[j] * s_y
         rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
-        total_x += misfit(problem.errors, w, b, qx, rx * rx + ux[j])
-        total_y += misfit(problem.errors, w, b, qy, ry * ry + uy[j])
+        total_x += misfit(errors, qx, rx * rx + ux[j])
+        total_y += misfit(errors, qy, ry * ry + uy[j])
     bx, by = problem.beta[p, 0], problem.beta[p, 1]
-    return bx * curve_log_likelihood(problem.errors, w, total_x, n) + by * curve_log_likelihood(
-        problem.errors, w, total_y, n
-    )
+    log_x = curve_log_likelihood(errors, total_x, n)
+    log_y = curve_log_likelihood(errors, total_y, n)
+    return bx * log_x + by * log_y
 
 
 @njit(error_model="numpy", nogil=True, **WITHIN)
@@ -225,11 +226,12 @@ def _density(problem, u, value):
 
     Natural values are written into ``value``.
     """
-    o = problem.size
+    size = problem.size
+    o = size + len(problem.errors)
     for i in range(problem.slot.size):
         value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]
     total = jacobian = to_natural(problem.coordinates, value)
-    for i in range(o):
+    for i in range(size):
         if problem.tie[i] >= 0:
             value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]
     if not np.isfinite(total):
@@ -242,7 +244,7 @@ def _density(problem, u, value):
     for i in range(o + MOUNTING):
         if problem.logarithmic[i]:
             value[i] = np.exp(value[i])
-    for i in range(o):
+    for i in range(size):
         if not np.isfinite(value[i]):
             return -np.inf, -np.inf, jacobian, OVERFLOW
     constants = constants_at(problem.coordinates, value)
@@ -290,7 +292,7 @@ class Evaluation(NamedTuple):
     log_jacobian : ndarray, shape (walkers,)
         ln |d slots / d sampling coordinates|: the log density less it is that in slots.
     natural : ndarray, shape (walkers, s)
-        Parameters of the law (angles in radians), noise sd, growth, edge, thickness and offset
+        Parameters of the law (angles in radians) and of the errors, edge, thickness and offset
         factors, then the mounting *stretches*.
     """
 

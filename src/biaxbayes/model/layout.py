@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.error_model import error_model
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
@@ -26,17 +25,13 @@ from biaxbayes.parameters import (
     DEGREE,
     DIMENSION,
     DIMENSIONS,
-    NOISE_GROWTH,
-    NOISE_SD,
+    ERRORS,
     Parameter,
     Quantities,
     mounting_names,
 )
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
-
-NUISANCE = (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
-"""Parameters of the slots between those of the law and those of the mounted states."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +51,16 @@ class Assembly:
     """
 
     problem: Problem
-    law: Law
+    forward: ForwardModel
     slots: tuple[str, ...]
     free: tuple[str, ...]
     priors: dict[str, Prior | float | Tie]
     quantities: Quantities
+
+    @property
+    def law(self) -> Law:
+        """The material law."""
+        return self.forward.law
 
     @property
     def mounts(self) -> tuple[str, ...]:
@@ -70,14 +70,10 @@ class Assembly:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
-        of_law = self.law.names
         mounted = () if self.problem.mounting_mode == REFERENCE else self.quantities.mounted()
-        extras = [
-            n
-            for n in self.free
-            if n == NOISE_GROWTH.name or self.quantities[n].parameter.kind == DIMENSION
-        ]
-        return (*of_law, *(q.name for q in mounted), NOISE_SD.name, *extras)
+        errors = self.problem.errors._fields
+        measured = (n for n in self.free if self.quantities[n].parameter.kind == DIMENSION)
+        return (*self.law.names, *(q.name for q in mounted), *errors, *measured)
 
 
 def assemble(
@@ -120,13 +116,14 @@ def assemble(
     quantities = Quantities(law.parameters, states, specimen.unit)
     reading, reading_sd = specimen.mounting_readings(shared=shared)
     priors = _priors(specimen, settings, states)
+    errors = settings.error_model.parameters
     slots = (
         *law.names,
-        *(p.name for p in NUISANCE),
+        *(p.name for p in (*errors, *DIMENSIONS)),
         *(n for state in states for n in mounting_names("stretch", state)),
     )
     of_slot = [quantities[name].parameter for name in slots]
-    first = len(law.names) + MOUNTING
+    first = len(law.names) + len(errors) + MOUNTING
     fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
     if settings.mounting == "exact":
         fixed[first:] = reading.ravel()
@@ -170,7 +167,7 @@ def assemble(
         tie=tie,
         tie_log_factor=factor,
         coordinates=coordinates,
-        errors=error_model(priors),
+        errors=settings.error_model.values(*(0.0 for _ in errors)),
         size=len(law.names),
         logarithmic=np.array([p.logarithmic for p in of_slot]),
         per_unit=np.array([_per_unit(p) for p in of_slot]),
@@ -186,7 +183,8 @@ def assemble(
         beta=np.asarray(beta, dtype=float) * np.array(thinned.weight)[:, None] * np.ones(2),
         **_rows(MeasuredRows.from_thinned(thinned), shared),
     )
-    return Assembly(problem, law, slots, tuple(free), priors, quantities)
+    forward = ForwardModel.from_specimen(specimen, settings)
+    return Assembly(problem, forward, slots, tuple(free), priors, quantities)
 
 
 _MODES = {
@@ -228,13 +226,9 @@ def _priors(
     specimen: Specimen, settings: Settings, labels: tuple[str, ...]
 ) -> dict[str, Prior | float | Tie]:
     """Priors by slot name: the defaults, the user's, and those of measured dimensions."""
-    chosen = {
-        **default_priors(specimen, settings.material_law, settings.mounting_sd),
-        **settings.priors,
-    }
-    growth = chosen.pop("noise_growth")
-    if settings.noise_growth:
-        chosen["noise_growth"] = growth
+    absent = {p.name for p in ERRORS if p not in settings.error_model.parameters}
+    given = {name: prior for name, prior in settings.priors.items() if name not in absent}
+    chosen = default_priors(specimen, settings) | given
     of_all = {name: chosen.pop(name) for name in mounting_names("stretch")}
     out = dict(chosen)
     if settings.infers_mounting:
@@ -317,7 +311,7 @@ def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> di
     out = {name: natural[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
     if problem.mounting_mode == REFERENCE:
         return out
-    forward = ForwardModel(assembly.law, problem.area, problem.mounted)
+    forward = assembly.forward
     for m, state in enumerate(assembly.mounts):
         names = mounting_names("force", state)
         if problem.mounting_mode != FORCE:
@@ -325,7 +319,7 @@ def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> di
             continue
         for k, name in enumerate(names):
             # Sampled, or read from the file: not recomputed from the root.
-            place = problem.size + MOUNTING + 2 * m + k
+            place = problem.size + len(problem.errors) + MOUNTING + 2 * m + k
             i = problem.slot[place]
             reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
             out[name] = u[:, i].copy() if i >= 0 else reading

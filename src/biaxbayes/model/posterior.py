@@ -20,7 +20,6 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import EffectiveReadings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel, MeasuredRows
-from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density
@@ -33,7 +32,7 @@ from biaxbayes.model.layout import (
     to_slot,
 )
 from biaxbayes.model.priors import Prior, Tie, parse_priors
-from biaxbayes.options import ModelOptions, Settings
+from biaxbayes.options import ModelOptions, Settings, takes_options
 from biaxbayes.parameters import Quantities, Quantity
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.specimen import Specimen
@@ -62,10 +61,6 @@ class Posterior:
 
     Parameters
     ----------
-    mounting, noise, mounting_stretch, noise_growth, law, fibre_switch, mounting_sd
-        As in :class:`~biaxbayes.options.Settings`.
-    priors : mapping, optional
-        Overrides of the default priors, as objects or as in a priors file.
     beta : float, optional
         Weight n_eff / n of the log likelihood. Independent noise needs none; for the others it
         is estimated from a fit: :func:`biaxbayes.prepare` does both.
@@ -77,9 +72,9 @@ class Posterior:
         Effective number of readings; used for ``beta`` if ``beta`` is not given.
     determinant : bool
         Include the Jacobian of the mounted state. False only in tests that show its effect.
-    thin : int, "none" or "auto"
-        Maximum number of rows per protocol; longer protocols are averaged down to it. See
-        :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
+    **options
+        As in :class:`~biaxbayes.options.ModelOptions`. ``priors`` override the default ones, as
+        objects or as in a priors file.
 
     Raises
     ------
@@ -88,24 +83,17 @@ class Posterior:
         without load noise; or if ``beta`` is needed and not given.
     """
 
+    @takes_options(ModelOptions)
     def __init__(
         self,
         specimen: Specimen,
         *,
-        mounting: str = ModelOptions.mounting,
-        noise: str = ModelOptions.noise,
-        mounting_stretch: str = ModelOptions.mounting_stretch,
-        noise_growth: bool = False,
-        law: str = ModelOptions.law,
-        fibre_switch: bool = False,
-        mounting_sd: float = ModelOptions.mounting_sd,
-        priors: Mapping[str, Any] | None = None,
         beta: float | None = None,
         sampling_constants: SamplingConstants | None = None,
         fit: FitResult | None = None,
         readings: EffectiveReadings | None = None,
         determinant: bool = True,
-        thin: int | str = ModelOptions.thin,
+        **options: Any,
     ) -> None:
         if specimen.needs_grip_correction:
             raise InputError(
@@ -115,23 +103,17 @@ class Posterior:
                 "out the line 'grips'",
             )
         self.specimen = specimen
-        self.settings = Settings(
-            mounting=mounting,
-            noise=noise,
-            mounting_stretch=mounting_stretch,
-            noise_growth=noise_growth,
-            law=law,
-            fibre_switch=fibre_switch,
-            mounting_sd=mounting_sd,
-            thin=rows_to_keep(specimen, thin, automatic=noise != "independent"),
-            priors=_objects(priors or {}, law_named(law)),
-        )
+        chosen = ModelOptions.from_values(options)
+        tempered = chosen.noise != "independent"
+        priors = _objects(chosen.priors, chosen.material_law)
+        thin = rows_to_keep(specimen, chosen.thin, automatic=tempered)
+        self.settings = Settings(**chosen.keywords() | {"thin": thin, "priors": priors})
         self._check_noise()
         if beta is None and readings is not None:
             beta = readings.beta
-        if beta is None and noise != "independent":
+        if beta is None and tempered:
             raise InputError(
-                f"noise={noise!r} needs the weight beta of the likelihood",
+                f"noise={chosen.noise!r} needs the weight beta of the likelihood",
                 file=specimen.name,
                 remedy="use biaxbayes.prepare(specimen, ...), or give beta or noise='independent'",
             )
@@ -161,7 +143,7 @@ class Posterior:
             mounting=self.settings.fit_mounting,
             weighted=self.settings.noise == "effective",
             mounting_stretch=self.settings.mounting_stretch,
-            fixed={k: v for k, v in self.settings.fixed.items() if k != "noise_sd"},
+            fixed=self.settings.fixed_material,
             seed=seed,
             law=self.settings.law,
             fibre_switch=self.settings.fibre_switch,
@@ -184,7 +166,7 @@ class Posterior:
     @property
     def forward(self) -> ForwardModel:
         """From quantities of draws to loads."""
-        return ForwardModel.from_specimen(self.specimen, self.law)
+        return self.assembly.forward
 
     @cached_property
     def natural_assembly(self) -> Assembly:

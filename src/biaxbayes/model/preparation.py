@@ -1,7 +1,7 @@
 """Prepare a posterior for sampling: fit, effective readings, sampling coordinates, starting point.
 
 The weight of the curves is read from the residuals of the deterministic fit, which uses no priors.
-With priors of the user, and with a noise that grows with the load, the residuals of the sampled
+With priors of the user, and with a noise sd that depends on the load, the residuals of the sampled
 model are used, at its mode and over their sd: a prior that pulls the model off the data correlates
 neighbouring residuals, and the effective number of readings is smaller.
 """
@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.error_model import CONSTANT
 from biaxbayes.fitting.effective_readings import EffectiveReadings, effective_readings
 from biaxbayes.model.posterior import Posterior, SamplingConstants
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import FORCE, STRETCH, mounting_names
+from biaxbayes.parameters import DIMENSION, ERROR, FORCE, STRETCH, mounting_names
 from biaxbayes.sampling.modes import find_modes
 from biaxbayes.specimens.specimen import Specimen
 
@@ -33,9 +34,7 @@ def prepare(
         Weight n_eff / n of the log likelihood; estimated from the residuals if not given, and one
         for independent noise.
     **options
-        Further arguments of :class:`~biaxbayes.model.posterior.Posterior`: ``mounting``,
-        ``noise``, ``mounting_stretch``, ``noise_growth``, ``law``, ``fibre_switch``,
-        ``mounting_sd``, ``priors``, ``thin``.
+        Further arguments of :class:`~biaxbayes.model.posterior.Posterior`.
 
     Returns
     -------
@@ -96,15 +95,16 @@ def start_parameters(posterior: Posterior) -> dict[str, float]:
     out: dict[str, float] = {
         **dict(zip(law.names, law.clip_inside(fit.material.values), strict=True)),
         "noise_sd": max(fit.rms, 2.0 * specimen.load_resolution),
-        "noise_growth": 0.03,
     }
     for q in posterior.sampled:
         p = q.parameter
         if p.kind in (STRETCH, FORCE):
             values = fit.mounting_stretch if p.kind == STRETCH else fit.mounting_load
             out[q.name] = float(values[posterior.mounts.index(q.state)][q.axis])
-        elif q.name not in out:
+        elif p.kind == DIMENSION:
             out[q.name] = 0.0 if p.unit_symbol("N") else 1.0
+        elif p.kind == ERROR and p.prior is not None:
+            out[q.name] = float(Prior.from_numbers(*p.prior).ppf(np.array(0.5)))
     return inside_priors(posterior, out)
 
 
@@ -126,7 +126,7 @@ def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[st
 def sampled_readings(posterior: Posterior) -> EffectiveReadings:
     """Effective number of readings, from the residuals of the model that is sampled."""
     readings = effective_readings(posterior.fit.residuals)
-    if not posterior.settings.noise_growth and not user_priors(posterior):
+    if posterior.settings.error_model is CONSTANT and not user_priors(posterior):
         return readings
     constants = SamplingConstants(reference_stretch=_reference_stretch(posterior))
     provisional = posterior.replaced(thin=0, beta=readings.beta, sampling_constants=constants)
@@ -149,9 +149,10 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
     """
     base = start_parameters(posterior)
     starts = [base]
-    if "noise_sd" in base and "noise_growth" in base:
-        small = 0.1 * base["noise_sd"]
-        starts += [base | {"noise_sd": small, "noise_growth": b} for b in (0.03, 0.1)]
+    others = posterior.settings.error_model.parameters[1:]
+    for factor in (1.0, 3.0):  # a small sd at zero load: the rest of the errors is larger
+        larger = {p.name: factor * base[p.name] for p in others}
+        starts.append(base | larger | {"noise_sd": 0.1 * base["noise_sd"]})
     centres = {name: prior.ppf(np.array(0.5)) for name, prior in user_priors(posterior).items()}
     near = {name: float(value) for name, value in centres.items() if name in base}
     starts += [inside_priors(posterior, base | near)] if near else []

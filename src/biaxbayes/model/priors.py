@@ -25,10 +25,10 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.options import ModelOptions
+from biaxbayes.options import Settings
 from biaxbayes.parameters import (
+    ERRORS,
     MOUNTED,
-    NOISE_GROWTH,
     NOISE_SD,
     STRETCH,
     Parameter,
@@ -234,25 +234,23 @@ class Tie:
     other: str
 
 
-def default_priors(
-    specimen: Specimen, law: Law, mounting_sd: float = ModelOptions.mounting_sd
-) -> dict[str, Prior | float | Tie]:
-    """The default priors, in the order of the parameters; a number is fixed.
+def default_priors(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
+    """The default priors, in the order of the parameters.
 
-    Parameters of the law have the priors of the law; mounting stretches ~ N(1, mounting_sd), noise
-    sd ~ LN(0.005 Fmax, 1.5) above what a load cell tells apart, its growth ~ LN(0.03, 1). A
-    mounting stretch that the header of the file gives replaces its prior.
+    Parameters of the law and of the errors have their own priors; the noise sd ~
+    LN(0.005 Fmax, 1.5) above the resolution of the load cell, mounting stretches ~
+    N(1, mounting_sd). A mounting stretch that the header of the file gives replaces its prior.
     """
+    noise_sd = Prior("lognormal", 0.005 * specimen.peak_load, 1.5, low=specimen.load_resolution)
     priors: dict[str, Prior | float | Tie] = {
-        p.name: Prior.from_numbers(*p.prior) for p in law.parameters if p.prior is not None
+        p.name: noise_sd if p.prior is None else Prior.from_numbers(*p.prior)
+        for p in (*settings.material_law.parameters, *settings.error_model.parameters)
     }
-    priors[NOISE_SD.name] = Prior(
-        "lognormal", 0.005 * specimen.peak_load, 1.5, low=specimen.load_resolution
-    )
-    priors[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 1.0)
     for name in mounting_names("stretch"):
         measured = specimen.metadata.get(name)
-        mean, sd = (1.0, mounting_sd) if measured is None else measured_stretch(str(measured))
+        mean, sd = 1.0, settings.mounting_sd
+        if measured is not None:
+            mean, sd = measured_stretch(str(measured))
         priors[name] = Prior("normal", mean, sd, low=0.0)
     return priors
 
@@ -287,7 +285,7 @@ def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
     """The law (the default one if none is given) and the parameters of a priors file, by name."""
     law = law or law_named(DEFAULT_LAW)
     stretches = (p for p in MOUNTED if p.kind == STRETCH)
-    known = {p.name: p for p in (*law.parameters, NOISE_SD, NOISE_GROWTH)}
+    known = {p.name: p for p in (*law.parameters, *ERRORS)}
     return law, known | {BOTH: MOUNTED[0]} | {p.name: p for p in stretches}
 
 

@@ -14,7 +14,7 @@ from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import inside_priors, start_parameters, with_sampling_constants
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import DIMENSION, FORCE, NOISE_GROWTH, STRETCH
+from biaxbayes.parameters import DIMENSION, FORCE, STRETCH
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     SEARCH_COMPONENTS,
@@ -180,7 +180,7 @@ def _spread(posterior: Posterior) -> np.ndarray:
         p = q.parameter
         if p.kind == FORCE:
             out.append(float(np.mean(sd[:, q.axis])))
-        elif p.kind == DIMENSION or p == NOISE_GROWTH:
+        elif p.kind == DIMENSION:
             prior = posterior.priors[q.name]
             assert isinstance(prior, Prior)
             out.append(0.5 * prior.scale)

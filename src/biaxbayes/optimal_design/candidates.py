@@ -14,10 +14,9 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from biaxbayes.forward import ForwardModel
-from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
-from biaxbayes.options import DesignOptions
+from biaxbayes.options import DesignOptions, Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.protocol import Protocol as Record
@@ -99,13 +98,12 @@ class FurtherProtocol:
     stretch: np.ndarray  # (n + 1, 2), measured; the first row is the mounted state
     beta: float
     mounting_sd: float  # of the reading of the mounting force; zero without one
-    law: Law
-    shared: bool = True  # one mounted state for all protocols, readings pooled
+    settings: Settings  # those of the run; readings of a shared mounted state are pooled
 
     def predict(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """Loads and variances of one reading, both (draws, rows, 2); the mounted state first."""
         columns = _one_mounted_state(draws, self.specimen)
-        forward = ForwardModel.from_specimen(self.specimen, self.law)
+        forward = ForwardModel.from_specimen(self.specimen, self.settings)
         load, sd = forward.predict(columns, self.stretch)
         variance = np.square(sd)
         variance[:, 0] = self.mounting_sd**2 if self.mounting_sd > 0.0 else 1.0
@@ -129,13 +127,13 @@ class FurtherProtocol:
         f = (load - centre).reshape(len(draws), -1)
         y = outcomes - centre.ravel()
         weight = np.full(self.stretch.shape, self.beta)
-        weight[0] = 1.0 if self.mounting_sd > 0.0 and not self.shared else 0.0
+        weight[0] = 1.0 if self.mounting_sd > 0.0 and not self.settings.shared else 0.0
         precision = (weight / variance).reshape(len(draws), -1)
         # sum_j w_j (y_j - f_j)^2 / v_j, multiplied out so that all pairs are one matrix product
         square = np.square(y) @ precision.T - 2.0 * y @ (precision * f).T
         square += (precision * np.square(f)).sum(axis=1)
         curves = -0.5 * (square + (weight * np.log(variance)).sum(axis=(1, 2)))
-        if self.mounting_sd > 0.0 and self.shared:
+        if self.mounting_sd > 0.0 and self.settings.shared:
             curves += self._pooled(outcomes[:, :2], load[:, 0])
         return curves
 
@@ -165,7 +163,7 @@ class FurtherProtocol:
         mean = variance.mean(axis=0)
         mean[1:] /= self.beta
         # A pooled reading need not add information, so the lower bound omits it.
-        first = 0 if self.mounting_sd > 0.0 and not self.shared else 1
+        first = 0 if self.mounting_sd > 0.0 and not self.settings.shared else 1
         return load[:, first:].reshape(len(draws), -1), mean[first:].ravel()
 
     def added_to(
@@ -231,9 +229,7 @@ def standard_candidates(
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
         path = 1.0 + np.linspace(0.0, 1.0, rows_planned + 1)[:, None] * end
         weight = min(1.0, beta * rows / rows_planned)
-        shared = settings.shared
-        law = settings.material_law
-        return FurtherProtocol(name, specimen, path, weight, mounting_sd, law, shared)
+        return FurtherProtocol(name, specimen, path, weight, mounting_sd, settings)
 
     out: list[Any] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):

@@ -276,7 +276,7 @@ def equibiaxial_records(population: Population) -> list[tuple[str, np.ndarray, n
             off = (stretch * lm)[-1] - 1.0
             if abs(off[0] - off[1]) > EQUIBIAXIAL * np.abs(off).max():
                 continue
-            forward = ForwardModel.from_specimen(specimen, source.run.law)
+            forward = ForwardModel.from_specimen(specimen, source.run.settings)
             per_stress = forward.per_stress(stretch.T, lm[:, None]).T
             stress = specimen.load(p) / per_stress
             out.append((population.grouping.group[i], stretch * lm, stress))

@@ -116,7 +116,7 @@ def bands(
     specimen: Specimen,
     draws: pd.DataFrame,
     *,
-    settings: Settings | None = None,
+    settings: Settings,
     probability: float = CONTENT,
     max_rows: int | None = None,
     max_draws: int = 1000,
@@ -130,7 +130,7 @@ def bands(
     ----------
     draws : DataFrame
         One row per draw, columns as in ``summary.csv``.
-    settings : Settings, optional
+    settings : Settings
         Those of the run. ``zeroed`` compares with loads less their mounting reading.
     probability : float
         Content of each band.
@@ -148,10 +148,9 @@ def bands(
         ``predictive_q50``, ``predictive_q95`` (of other names for another probability). Loads are
         in the unit of the file, a Cauchy file's as Cauchy stress.
     """
-    settings = settings or Settings()
     low, high = tails(probability)
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
-    forward = ForwardModel.from_specimen(specimen, settings.material_law)
+    forward = ForwardModel.from_specimen(specimen, settings)
     names = [_name(kind, q) for kind in ("credible", "predictive") for q in (low, 0.5, high)]
     tables = []
     for protocol in compared_protocols(specimen, settings):
@@ -219,7 +218,7 @@ def true_loads(
             f"the truth names no {', '.join(missing)[:200]}",
             remedy="bands need the whole material and its mounting stretches",
         )
-    forward = ForwardModel.from_specimen(specimen, settings.material_law)
+    forward = ForwardModel.from_specimen(specimen, settings)
     values = {name: float(truth[name]) for name in needed}
     loads = []
     for protocol in specimen.protocols:
@@ -246,12 +245,12 @@ def curves_of_draws(
     specimen: Specimen,
     draws: pd.DataFrame,
     *,
-    settings: Settings | None = None,
+    settings: Settings,
     max_rows: int | None = None,
 ) -> list[DrawnCurves]:
     """The curves whose percentiles :func:`bands` gives, one per draw; arguments as there."""
-    settings, out = settings or Settings(), []
-    forward = ForwardModel.from_specimen(specimen, settings.material_law)
+    out = []
+    forward = ForwardModel.from_specimen(specimen, settings)
     for protocol in compared_protocols(specimen, settings):
         rows = evenly_spaced(protocol.rows, max_rows)
         stretch = protocol.stretch[rows]

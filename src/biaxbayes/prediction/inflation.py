@@ -23,10 +23,9 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
-from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import Material, MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import PredictionOptions
+from biaxbayes.options import PredictionOptions, Settings
 from biaxbayes.prediction.bands import (
     BANDS,
     band_columns,
@@ -220,7 +219,7 @@ def _branch(
 def predict_pressure(
     draws: pd.DataFrame,
     specimen: Specimen,
-    law: Law,
+    settings: Settings,
     tube: Tube,
     circumferential_stretch: np.ndarray,
     *,
@@ -233,7 +232,7 @@ def predict_pressure(
 
     Parameters
     ----------
-    draws, specimen, law, probability
+    draws, specimen, settings, probability
         As in :func:`biaxbayes.prediction.stress.predict_stress`.
     circumferential_stretch : ndarray, shape (m,)
         Total stretches of the mid surface.
@@ -253,7 +252,7 @@ def predict_pressure(
     if not (np.isfinite(stretch).all() and (stretch > 0.0).all()):
         raise InputError("circumferential stretches must be positive numbers")
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
-    material = law.material(draws)
+    material = settings.material_law.material(draws)
     with np.errstate(over="ignore", invalid="ignore"):
         p = inflation_pressure(material, tube, stretch)
         force = inflation_axial_force(material, tube, stretch)
@@ -266,7 +265,8 @@ def predict_pressure(
     lever = tube.thickness_mm / (tube.mid_radius_mm * stretch * tube.axial_stretch)
     lm = prediction_mounting(draws, specimen, None)
     axis = "xy".index(tube.circumferential)
-    noise = ForwardModel.from_specimen(specimen, law).piola_sd(draws, axis, p / lever, lm) * lever
+    forward = ForwardModel.from_specimen(specimen, settings)
+    noise = forward.piola_sd(draws, axis, p / lever, lm) * lever
     tested = prediction_range(draws, specimen, None, "total")
     return pd.DataFrame(
         {
@@ -283,7 +283,7 @@ def predict_pressure(
 def predict_diameter(
     draws: pd.DataFrame,
     specimen: Specimen,
-    law: Law,
+    settings: Settings,
     tube: Tube,
     pressure_kPa: np.ndarray,
     *,
@@ -294,7 +294,7 @@ def predict_diameter(
 
     Parameters
     ----------
-    draws, specimen, law, tube, probability
+    draws, specimen, settings, tube, probability
         As in :func:`predict_pressure`.
     pressure_kPa : ndarray, shape (m,)
     seed : int
@@ -313,7 +313,7 @@ def predict_diameter(
         raise InputError("pressures must be numbers, in kPa")
     levels = tails(probability)
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
-    material = law.material(draws)
+    material = settings.material_law.material(draws)
     model = inflation_stretch(material, tube, pressure)
     # P_t = p R lt la / H at the model's state
     piola = np.nan_to_num(
@@ -321,7 +321,7 @@ def predict_diameter(
     )
     axis = "xy".index(tube.circumferential)
     lm = prediction_mounting(draws, specimen, None)
-    noise = ForwardModel.from_specimen(specimen, law).piola_sd(draws, axis, piola, lm)
+    noise = ForwardModel.from_specimen(specimen, settings).piola_sd(draws, axis, piola, lm)
     unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
     new = _disturbed_stretch(material, tube, pressure, noise * unit)
     columns: dict[str, np.ndarray] = {

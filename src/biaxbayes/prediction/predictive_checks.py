@@ -33,7 +33,7 @@ def predictive_checks(
     specimen: Specimen,
     draws: pd.DataFrame,
     *,
-    settings: Settings | None = None,
+    settings: Settings,
     max_draws: int = 200,
 ) -> pd.DataFrame:
     """Compare every curve with the median model and the predictive band.
@@ -42,7 +42,7 @@ def predictive_checks(
     ----------
     draws : DataFrame
         One row per draw, columns as in ``summary.csv``.
-    settings : Settings, optional
+    settings : Settings
         Those of the run.
     max_draws : int
         Largest number of draws, evenly chosen.
@@ -60,9 +60,8 @@ def predictive_checks(
         ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
         the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
-    settings = settings or Settings()
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
-    forward = ForwardModel.from_specimen(specimen, settings.material_law)
+    forward = ForwardModel.from_specimen(specimen, settings)
     rows = []
     for protocol in compared_protocols(specimen, settings):
         stretch = protocol.stretch[protocol.rest_rows :]

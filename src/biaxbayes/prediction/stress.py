@@ -14,8 +14,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
-from biaxbayes.laws.law import Law
-from biaxbayes.options import PredictionOptions
+from biaxbayes.options import PredictionOptions, Settings
 from biaxbayes.prediction.bands import band_columns, evenly_chosen, evenly_spaced, tails
 from biaxbayes.prediction.draws import mounting_labels, mounting_stretch, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
@@ -163,7 +162,7 @@ def stretch_path(
 def predict_stress(
     draws: pd.DataFrame,
     specimen: Specimen,
-    law: Law,
+    settings: Settings,
     path: np.ndarray,
     *,
     reference: str = "total",
@@ -179,6 +178,8 @@ def predict_stress(
         Posterior draws by the names of ``summary.csv``.
     specimen : Specimen
         What was tested: the range, the sections, the unit of the noise.
+    settings : Settings
+        Those of the run.
     path : ndarray, shape (m, 2)
         Stretches in x and y.
     reference : {"total", "measured"}
@@ -209,7 +210,8 @@ def predict_stress(
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
     factor = lm if reference == "measured" else np.ones_like(lm)
-    material, forward = law.material(draws), ForwardModel.from_specimen(specimen, law)
+    forward = ForwardModel.from_specimen(specimen, settings)
+    material = forward.law.material(draws)
     blocks = []
     rows = max(1, BLOCK // max(len(draws), 1))
     for first in range(0, len(path), rows):
@@ -244,7 +246,7 @@ MEASURED_ROWS, MEASURED_DRAWS = 200, 200
 def measured_stress(
     draws: pd.DataFrame,
     specimen: Specimen,
-    law: Law,
+    settings: Settings,
     path: np.ndarray,
     *,
     reference: str = "total",
@@ -255,7 +257,7 @@ def measured_stress(
 
     Parameters
     ----------
-    draws, specimen, law, path, reference, protocol, stress
+    draws, specimen, settings, path, reference, protocol, stress
         As in :func:`predict_stress`.
 
     Returns
@@ -272,7 +274,7 @@ def measured_stress(
     if reference == "measured":
         own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
     covered = prediction_range(draws, specimen, protocol, reference)
-    forward = ForwardModel.from_specimen(specimen, law)
+    forward = ForwardModel.from_specimen(specimen, settings)
     tables = []
     for p in specimen.protocols:
         rows = evenly_spaced(p.rows, MEASURED_ROWS)
@@ -285,7 +287,7 @@ def measured_stress(
             continue  # all protocols begin near a path; one that runs along it ends there, too
         stretch, state, rows = stretch[near], state[near], rows[near]
         total = stretch[None] * lm[:, None, :]
-        model = law.material(draws).piola(total[..., 0], total[..., 1])
+        model = settings.material_law.material(draws).piola(total[..., 0], total[..., 1])
         piola = specimen.load(p)[rows] - forward.offset(draws)
         piola = piola / forward.unloaded_section(draws, lm[:, None])
         table = {"protocol": p.name, "stretch_x": state[:, 0], "stretch_y": state[:, 1]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from biaxbayes.error_model import CONSTANT
 from biaxbayes.errors import listed
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -104,8 +105,9 @@ def _noise(run: Run) -> str:
     noise, settings = run.provenance["noise"], run.provenance["settings"]
     loads = LOADS[run.specimen.stress_pair]
     text = f"Errors of {loads} were Gaussian with an inferred standard deviation"
-    if settings.get("noise_growth"):
-        text += " that grows with the load"
+    errors = run.settings.error_model
+    if errors is not CONSTANT:
+        text += f" {errors}"
     if noise["effective_readings"] is None:
         return f"{text} and taken as independent ({noise['readings']:,} readings)."
     if run.beta > INDEPENDENT:

@@ -175,7 +175,7 @@ def _settings_facts(run: Run) -> list[tuple[str, str]]:
         ("Mounting force", cut(settings.get("mounting", ""), 30)),
         ("Mounted states", cut(settings.get("mounting_stretch", ""), 30)),
         ("Errors", cut(settings.get("noise", ""), 30)),
-        ("Errors grow with the load", yes.get(settings.get("noise_growth"), "no")),
+        ("Sd of the errors", str(run.settings.error_model)),
         ("Fibres in extension only", yes.get(settings.get("fibre_switch"), "no")),
     ]
     if settings.get("thin"):

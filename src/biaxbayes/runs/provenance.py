@@ -62,17 +62,12 @@ def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     """Keyword arguments of :class:`Posterior` from a stored settings table."""
     known = {*Settings.__dataclass_fields__}
     priors = table.get("priors", {})
-    flags = (table.get(name, False) for name in ("noise_growth", "fibre_switch"))
     thin = table.get("thin", 0)  # runs of versions without thinning used all rows
     # An earlier estimate of the weight; the weight itself is stored, so the density is the same.
     if table.get("noise") == "systematic":
         table = table | {"noise": "effective"}
     if not (
-        set(table) <= known
-        and isinstance(priors, dict)
-        and all(isinstance(flag, bool) for flag in flags)
-        and isinstance(thin, int)
-        and thin >= 0
+        set(table) <= known and isinstance(priors, dict) and isinstance(thin, int) and thin >= 0
     ):
         raise RunError("the settings are not those of a run")
     return table | {"thin": thin, "priors": parse_priors(priors, law=stored_law(table))}

@@ -162,7 +162,7 @@ def run_result(
         table = determined(
             draws,
             specimen,
-            law,
+            settings,
             refits=verdicts.mounting_ranges(),
             values=verdicts.mounting_values(),
             mounting_known=mounting_measured(settings.priors),

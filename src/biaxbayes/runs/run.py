@@ -15,6 +15,7 @@ import pandas as pd
 from biaxbayes.errors import RunError
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import Settings
 from biaxbayes.parameters import Quantities
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import StoredDraws, quantity_name, read_archive, stored_draws
@@ -232,6 +233,11 @@ class Run:
     def beta(self) -> float:
         """Weight n_eff / n of the log likelihood."""
         return float(self.provenance["noise"]["beta"])
+
+    @cached_property
+    def settings(self) -> Settings:
+        """The settings of the statistical model."""
+        return Settings(**parse_options(self.provenance["settings"]))
 
     @property
     def law(self) -> Law:

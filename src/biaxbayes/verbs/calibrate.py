@@ -88,7 +88,7 @@ def make_study(specimen: Specimen, options: Mapping[str, Any], plan: Calibration
     """The study, with priors for the protocols or around the posterior of the specimen."""
     model = {name: value for name, value in options.items() if name != "priors"}
     given = dict(options["priors"])
-    law = ModelOptions.from_values(model).material_law
+    settings = ModelOptions.from_values(model)
     if plan.source == "posterior":
         posterior = prepare(specimen, **model, priors=given, seed=plan.seed)
         drawn = draw_posterior(posterior, Plan(seed=plan.seed))
@@ -97,13 +97,12 @@ def make_study(specimen: Specimen, options: Mapping[str, Any], plan: Calibration
                 "the posterior of the specimen cannot be used as prior of the study: "
                 f"{drawn.convergence.reason}"
             )
-        sd = posterior.settings.mounting_sd
-        wide = {**default_priors(specimen, posterior.law, sd), **given}
+        wide = {**default_priors(specimen, posterior.settings), **given}
         priors = local_prior(drawn.quantities, wide, posterior.quantities)
     else:
-        priors = {**protocol_prior(specimen, law), **given}
+        priors = {**protocol_prior(specimen, settings), **given}
     study = Study(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
-    return replace(study, **AS_SAMPLED) if len(law.parameters) >= MANY else study
+    return replace(study, **AS_SAMPLED) if len(settings.material_law.parameters) >= MANY else study
 
 
 MANY = 8

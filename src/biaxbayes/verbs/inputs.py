@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.parameters import NOISE_SD, STRETCH
+from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import Progress
 from biaxbayes.specimens.check import check_round_trip as check_round_trip
 from biaxbayes.specimens.check import with_force
@@ -69,7 +69,7 @@ def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
 
 def _check_draws(run: Run) -> None:
     """Refuse draws that are missing or out of range: a run folder is untrusted input."""
-    needed = {p.name: p for p in (*run.law.parameters, NOISE_SD)}
+    needed = {p.name: p for p in (*run.law.parameters, *run.settings.error_model.parameters)}
     stretches = run.quantities.of_kind(STRETCH)
     known = needed | {q.name: q.parameter for q in stretches if q.name in run.draws}
     for name, p in known.items():

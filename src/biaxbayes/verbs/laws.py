@@ -287,7 +287,7 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
 @opt.argument("specimen")
 @opt.options(LawsPlan, "laws")
 @opt.file_option("out", "Folder [<stem>-laws].")
-@opt.options(ModelOptions, "mounting", "mounting_sd", "noise", "noise_growth", "thin")
+@opt.options(ModelOptions, *(n for n in opt.MODEL if n not in (*OF_ONE_LAW, "mounting_stretch")))
 @opt.mounting_force_option()
 @opt.options(LawsPlan, "seed", "ess", "max_steps")
 @opt.executor_options

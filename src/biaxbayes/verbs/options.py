@@ -157,10 +157,7 @@ def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
 # --- the statistical model and its priors --------------------------------------------------------
 
 
-MODEL = (
-    *("law", "mounting", "noise", "mounting_stretch", "mounting_sd", "noise_growth", "thin"),
-    "fibre_switch",
-)
+MODEL = tuple(options_of(ModelOptions))
 
 
 def fix_option(words: str) -> Decorator:

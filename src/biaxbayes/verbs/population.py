@@ -250,7 +250,7 @@ def _apart(grouping: Grouping) -> list[str]:
 def _unlike(sources: list[Source]) -> list[str]:
     """Specimens that were tested or sampled differently."""
     out = []
-    for key in ("mounting", "noise", "mounting_stretch", "noise_growth"):
+    for key in ("mounting", "noise", "mounting_stretch", "error_model"):
         values = {str(getattr(s.posterior.settings, key)) for s in sources}
         if len(values) > 1:
             out.append(f"the runs differ in {key}: {', '.join(sorted(values))}")

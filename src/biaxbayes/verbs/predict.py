@@ -105,12 +105,11 @@ def predict(
         states = read_stretches(Path(path)) if in_file else np.asarray(path, float)
     where: dict[str, Any] = {"reference": reference, "protocol": protocol, "stress": stress}
     table = predict_stress(
-        opened.draws, specimen, opened.law, states, **where, probability=bands.probability
+        opened.draws, specimen, opened.settings, states, **where, probability=bands.probability
     )
     if out is not None:
-        zeroed = opened.posterior().settings.mounting == "zeroed"
-        recorded = specimen.zeroed() if zeroed else specimen
-        measured = measured_stress(opened.draws, recorded, opened.law, states, **where)
+        recorded = specimen.zeroed() if opened.settings.mounting == "zeroed" else specimen
+        measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
         figure = stress_figure(
             table,
             reference=reference,
@@ -213,7 +212,7 @@ def inflate(
         tube = Tube(radius_mm, wall_mm, axial_stretch, around)
     except ValueError as error:
         raise InputError(str(error)) from None
-    data = (opened.draws, opened.specimen, opened.law, tube)
+    data = (opened.draws, opened.specimen, opened.settings, tube)
     if circumferential_stretch is not None:
         states = np.asarray(circumferential_stretch, dtype=float)
         table = predict_pressure(*data, states, probability=bands.probability)

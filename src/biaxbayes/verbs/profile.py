@@ -83,6 +83,7 @@ def profile(
         about = f"profile likelihood of {posterior.specimen.name}: mounting {settings.mounting}, "
         about += f"noise {settings.noise}"
         about += "".join(f", {name}={value:g}" for name, value in settings.fixed.items())
+        about += f"; {result[0].note}" if result[0].note else ""
         write_profiles(result, folder, about)
         save_figure(profile_figure(result), folder / "profile.pdf")
     return result
@@ -188,4 +189,6 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
         return
     for each in result:
         click.echo(each.in_words())
+    if result[0].note:
+        click.echo(f"biaxbayes: {result[0].note}", err=True)
     click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")

@@ -22,7 +22,7 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
-from biaxbayes.parameters import MATERIAL, NOISE_SD, STRETCH, Parameter, Quantities
+from biaxbayes.parameters import ERRORS, MATERIAL, STRETCH, Parameter, Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 
 STEPS = 200
@@ -90,7 +90,7 @@ def _default_rows(chains: Mapping[str, np.ndarray], known: Quantities) -> list[s
     for q in known.of_kind(MATERIAL, STRETCH):
         if q.name in chains:
             first.setdefault(q.parameter, q.name)
-    names = [*first.values(), *(n for n in (NOISE_SD.name, "lp") if n in chains)]
+    names = [*first.values(), *(n for n in (*(p.name for p in ERRORS), "lp") if n in chains)]
     rows = [n for n in names if np.ptp(chains[n]) > 0.0]
     if not rows:
         raise InputError("no quantity of this run varies, so there is nothing to draw")

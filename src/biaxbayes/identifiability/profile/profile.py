@@ -20,6 +20,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from biaxbayes.error_model import CONSTANT
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, ConditionalLikelihood
 from biaxbayes.identifiability.profile.curve import THRESHOLD, ProfileCurve, profile_axis
@@ -48,6 +49,8 @@ class Profile:
     kind : {"finite", "practical", "structural"}
     beta : float
         Weight n_eff / n of the readings.
+    note : str
+        How the likelihood differs from that of the model; empty where it does not.
     """
 
     parameter: str
@@ -60,6 +63,7 @@ class Profile:
     open_high: bool
     kind: str
     beta: float
+    note: str = ""
 
     def __repr__(self) -> str:
         return f"Profile({self.in_words()})"
@@ -192,6 +196,8 @@ def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profi
         open_low = open_high = False  # the curve goes on as its own image
     flat = open_low and open_high and float(rise.max()) < FLAT
     kind = "structural" if flat else "practical" if open_low or open_high else "finite"
+    errors = posterior.settings.error_model
+    note = "" if errors is CONSTANT else f"the sd of the errors is constant here, not {errors}"
     return Profile(
         parameter=parameter,
         known=posterior.quantities,
@@ -203,6 +209,7 @@ def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profi
         open_high=bool(open_high),
         kind=kind,
         beta=posterior.beta,
+        note=note,
     )
 
 
