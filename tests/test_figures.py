@@ -322,7 +322,7 @@ def test_row_and_draw_limits_of_bands():
 @pytest.mark.parametrize("ratios", [RATIOS[:1], RATIOS])
 def test_bands_figure_is_readable(width, ratios):
     specimen = specimen_of(ratios, labels={"axis_x": "circumferential", "axis_y": "axial"})
-    figure = bands_figure(specimen, draws_of(300), width_mm=width)
+    figure = bands_figure(specimen, draws_of(300), settings=Settings(), width_mm=width)
     assert_readable(figure, width)
     assert len(figure.axes) == 3 * len(ratios)
     named = " ".join(text.get_text() for text in figure.legends[0].get_texts())
@@ -338,7 +338,7 @@ def test_every_reading_is_drawn_or_the_share_is_named():
     for increments, message in ((150, ""), (450, "one reading in 3 is drawn")):
         specimen = specimen_of(increments=increments)
         for width in (85.0, 180.0):
-            figure = bands_figure(specimen, draws_of(20), width_mm=width)
+            figure = bands_figure(specimen, draws_of(20), settings=Settings(), width_mm=width)
             assert_readable(figure, width)
             for ax in figure.axes:
                 points = [ln for ln in ax.lines if ln.get_linestyle() == "None"]
@@ -355,7 +355,8 @@ def test_true_loads_stand_on_the_bands():
     truth |= {"kappa": media.kappa, "mounting_stretch_x": 1.009, "mounting_stretch_y": 1.010}
     specimen, draws = specimen_of(RATIOS[:2]), draws_of(50)
     zeroed = draws.drop(columns=[c for c in draws if c.startswith("mounting")])
-    for table, settings in ((draws, None), (zeroed, Settings(mounting="zeroed"))):
+    for table, mounting in ((draws, "noisy"), (zeroed, "zeroed")):
+        settings = Settings(mounting=mounting)
         figure = bands_figure(specimen, table, truth=truth, settings=settings, width_mm=85.0)
         assert_readable(figure, 85.0)
         for k, p in enumerate(specimen.protocols):
@@ -363,12 +364,12 @@ def test_true_loads_stand_on_the_bands():
             loads = media.piola(p.stretch_x * 1.009, p.stretch_y * 1.010)
             for line, load, area in zip(lines, loads, specimen.area, strict=True):
                 force = load * area
-                wanted = force - force[0] if settings else force
+                wanted = force - force[0] if mounting == "zeroed" else force
                 np.testing.assert_allclose(line.get_ydata(), wanted, rtol=1e-12, atol=1e-15)
     assert "truth" in [text.get_text() for text in figure.legends[0].get_texts()]
     with pytest.raises(InputError, match="names no alpha, mounting_stretch_x"):
         part = {k: v for k, v in truth.items() if k not in ("alpha", "mounting_stretch_x")}
-        bands_figure(specimen, draws, truth=part)
+        bands_figure(specimen, draws, settings=Settings(), truth=part)
 
 
 @pytest.mark.long

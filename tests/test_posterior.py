@@ -18,9 +18,7 @@ import biaxbayes
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model.density import log_prior
-from biaxbayes.model.layout import assemble
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from plain_posterior import (
@@ -471,12 +469,11 @@ def test_density_is_finite_or_minus_infinity(
     specimen = Specimen(
         "wild", (Protocol("p", x, y, *load),), "piola", geometry, load_noise=noise * scale
     )
-    options = Settings(
-        mounting=mounting, noise="independent", noise_growth=growth, fibre_switch=switch
-    )
+    options = {"mounting": mounting, "noise_growth": growth, "fibre_switch": switch}
+    posterior = Posterior(specimen, noise="independent", **options)
     from biaxbayes.model import density as kernel
 
-    assembly = assemble(specimen, options, sampling=structural)
+    assembly = posterior.assembly if structural else posterior.natural_assembly
     d = len(assembly.free)
     # the whole box: near the middle, far out, on the edges and beyond, and no number at all
     u = rng.standard_normal((300, d)) * 10 ** rng.uniform(-2, 3, (300, 1))

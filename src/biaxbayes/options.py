@@ -2,8 +2,8 @@
 
 An option is a field of a frozen dataclass, made by :func:`option`; the dataclass checks its
 values. The command line, the keyword arguments of the Python functions, the ``[options]`` of study
-files and the provenance of a run are derived from it. Options of a single verb are defined in its
-file in :mod:`biaxbayes.verbs`.
+files and the provenance of a run are derived from it. Options of a single command are defined in
+its file in :mod:`biaxbayes.verbs`.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ class Option(NamedTuple):
     least: float
     most: float
     open_ends: bool
-    """The ends of the range themselves are not allowed."""
+    """Whether the range excludes its ends."""
     show_range: bool
     reason: str
-    """Why the range ends where it does."""
+    """Reason for the lower end of the range."""
     metavar: str | None
     flag: str
 
     @property
     def allowed(self) -> str:
-        """The numbers that are allowed, in words."""
+        """The allowed numbers as text."""
         if self.least == -math.inf:
             return "a number"
         if self.most == math.inf:
@@ -83,7 +83,7 @@ def option(
     metavar: str | None = None,
     flag: str = "",
 ) -> Any:
-    """A field of a table with its default, its help text and its allowed values."""
+    """Field of a table with its default, its help text and its allowed values."""
     if kind is None and isinstance(default, bool | int | float):
         kind = type(default)
     entry = Option(help, choices, kind, least, most, open_ends, show_range, reason, metavar, flag)
@@ -97,7 +97,7 @@ def same(table: type, name: str) -> Any:
 
 
 def options_of(table: type) -> dict[str, Option]:
-    """The options of a table by their names, in their order."""
+    """Options of a table by name, in their order."""
     return {
         f.name: f.metadata["option"]._replace(
             flag=f.metadata["option"].flag or f.name.replace("_", "-")
@@ -116,7 +116,7 @@ class Options:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Self:
-        """The table with the given values; refuses a name that is no option."""
+        """The table with the given values; refuses a name that is not an option."""
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
         for name in values:
             if name not in known:
@@ -127,28 +127,14 @@ class Options:
 
     @classmethod
     def split(cls, values: Mapping[str, Any]) -> tuple[Self, dict[str, Any]]:
-        """The table made of the values that belong to it, and the other values."""
+        """A table with the values that belong to it, and the other values."""
         known = {f.name for f in fields(cls)}  # type: ignore[arg-type]
         others = {name: value for name, value in values.items() if name not in known}
         return cls(**{k: v for k, v in values.items() if k in known}), others
 
     @classmethod
     def check(cls, name: str, value: Any, where: str = "", file: object = None) -> None:
-        """Refuse a value that an option does not allow.
-
-        Parameters
-        ----------
-        name : str
-        value : object
-        where : str
-            What the message begins with, such as ``options: ``, for values of a file.
-        file : path-like, optional
-            Where the value stands.
-
-        Raises
-        ------
-        InputError
-        """
+        """Refuse a value that an option does not allow; ``where`` is its table in a ``file``."""
         option = options_of(cls)[name]
         if value is None and getattr(cls, name) is None:
             return
@@ -170,7 +156,7 @@ Verb = TypeVar("Verb", bound=Callable[..., Any])
 
 
 def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Verb], Verb]:
-    """Show the options of tables in signature and docstring of a verb that takes ``**options``."""
+    """Add the options of tables to signature and docstring of a function with ``**options``."""
 
     def with_signature(verb: Verb) -> Verb:
         own = inspect.signature(verb)
@@ -202,7 +188,7 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
 
 
 def _with_lines(doc: str, entries: list[str]) -> str:
-    """A docstring whose entry ``**options`` is replaced by one for each option."""
+    """A docstring with one entry per option in place of the entry ``**options``."""
     lines = doc.split("\n")
     start = next((i for i, line in enumerate(lines) if line.startswith("**options")), len(lines))
     end = start + 1
@@ -214,10 +200,10 @@ def _with_lines(doc: str, entries: list[str]) -> str:
 # --- choices of options -----------------------------------------------------------------
 
 INFERRING = ("noisy", "exact", "free")
-"""Ways in which the mounting force enters where the mounting stretch is an unknown."""
+"""Modes of the mounting force in which the mounting stretch is unknown."""
 MOUNTING = (*INFERRING, "ignored", "zeroed")
 NOISE = ("effective", "independent")
-"""Tempered by n_eff / n, or not tempered."""
+"""Likelihood tempered by n_eff / n, or not tempered."""
 MOUNTING_STRETCH = ("shared", "per-protocol")
 FIT_WORDS = {
     "standard": "takes the mounted state as unloaded, forces as read",
@@ -227,18 +213,18 @@ FIT_WORDS = {
     "constrained": "fits the forces in one go, the mounting stretch from the force balance, the "
     "mounting force one reading with the load cell's noise",
 }
-"""Deterministic fits, and what each does."""
+"""Least-squares fits, with descriptions."""
 FIT_METHODS = tuple(FIT_WORDS)
 WHICH_FIT = (
     "Report constrained: it fits what was measured, as 'sample' does. Give fip to compare with the "
     "method paper, linden with work that used it; standard or zeroed only where the mounting force "
     "is lost, and say so. No fit has an interval: 'biaxbayes sample' gives it."
 )
-"""Which fit to report when."""
+"""Advice on which fit to report."""
 ALL_FITS = "all"
 ALL_ROWS, AUTOMATIC = "none", "auto"
 CONTENT = 0.9
-"""Default content of every interval and band."""
+"""Default probability of every interval and band."""
 CARD_PROGRAMS = ("abaqus", "febio")
 CARD_UNITS = ("kPa-mm", "MPa-mm", "Pa-m")
 PLOTS = {
@@ -333,12 +319,12 @@ class Settings(Options):
 
     @property
     def fixed_material(self) -> dict[str, float]:
-        """Fixed parameters of the law, natural units."""
+        """Fixed parameters of the law, in natural units."""
         return {k: v for k, v in self.fixed.items() if k in self.material_law.names}
 
     @property
     def fixed(self) -> dict[str, float]:
-        """Fixed parameters, natural units."""
+        """Fixed parameters, in natural units."""
         return {k: float(v) for k, v in self.priors.items() if isinstance(v, int | float)}
 
     def keywords(self) -> dict[str, Any]:
@@ -348,7 +334,7 @@ class Settings(Options):
 
 @dataclass(frozen=True)
 class ModelOptions(Settings):
-    """The same as the user sets it: `thin` may still be a word."""
+    """The same as the user sets it: `thin` may also be ``none`` or ``auto``."""
 
     thin: int | str = option(  # type: ignore[assignment]
         AUTOMATIC,
@@ -359,7 +345,7 @@ class ModelOptions(Settings):
 
     @classmethod
     def check(cls, name: str, value: Any, where: str = "", file: object = None) -> None:
-        """As :meth:`Options.check`; a number of rows may be text, as the command line has it."""
+        """As :meth:`Options.check`; the number of rows may be text from the command line."""
         super().check(name, value, where, file)
         if name == "thin" and value not in (ALL_ROWS, AUTOMATIC):
             text = str(value) if isinstance(value, str | numbers.Integral) else ""
@@ -384,7 +370,7 @@ class InferringOptions(ModelOptions):
 
 @dataclass(frozen=True)
 class FitOptions(Options):
-    """Deterministic fits."""
+    """Least-squares fits."""
 
     starts: int = option(8, least=1, most=512, show_range=True)
     seed: int = option(0, least=0, show_range=True)
@@ -412,7 +398,7 @@ WORKERS = "Processors to use [all, at most 4]."
 
 @dataclass(frozen=True)
 class SamplingPlan(Options):
-    """How much is sampled, and by how many processors; draws do not depend on ``workers``."""
+    """Amount of sampling, and number of processors; draws do not depend on ``workers``."""
 
     seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
     ess: float = option(2000.0, WANTED, least=50, most=MOST)
@@ -473,7 +459,7 @@ class CalibrationPlan(Options):
 
 @dataclass(frozen=True)
 class DesignOptions(Options):
-    """Which further measurements are tried, and how they are ranked."""
+    """Candidates for further measurements, and their ranking."""
 
     ratios: Sequence[tuple[float, float]] = option(
         (), "A further stretch ratio to try, as 1:0.75. Repeatable.", metavar="X:Y", flag="ratio"
@@ -511,7 +497,7 @@ class PredictionOptions(Options):
     """Bands of stress on a path, or of the inflation of a tube."""
 
     points: int = option(61, least=2, most=100_000, show_range=True)
-    """States of a path that is not given one by one."""
+    """Number of states on a straight path."""
     probability: float = option(
         CONTENT, "Content of the bands.", least=0.0, most=1.0, open_ends=True, show_range=True
     )

@@ -1,10 +1,9 @@
-r"""Every quantity that is inferred, said once: name, symbol, unit, scale, range, digits, words.
+r"""Every inferred quantity: name, symbol, unit, scale, range, digits, description.
 
-A :class:`Parameter` says what a quantity is. Those of a material stand in the file of its law;
-those of the mounted state, of the errors and of measured dimensions stand here. A
-:class:`Quantity` is a parameter of one run: mounting stretches and forces exist once for every
-mounted state, which is a coordinate of theirs and not a part of a name to be taken apart.
-:class:`Quantities` holds all of a run, by the names of ``summary.csv``.
+The parameters of a material are in the file of its law; those of the mounted state, of the errors
+and of measured dimensions are here. A :class:`Quantity` is a parameter of one run: mounting
+stretches and forces exist once per mounted state. :class:`Quantities` are all of a run, by the
+names of ``summary.csv``.
 """
 
 from __future__ import annotations
@@ -14,29 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
-__all__ = [
-    "COMMON",
-    "DEGREE",
-    "DIMENSION",
-    "DIMENSIONS",
-    "ERROR",
-    "ERRORS",
-    "FORCE",
-    "LOAD",
-    "MATERIAL",
-    "MOUNTED",
-    "NOISE_GROWTH",
-    "NOISE_SD",
-    "STRETCH",
-    "Parameter",
-    "Quantities",
-    "Quantity",
-    "fibre_angle",
-    "mounting_names",
-    "scale",
-    "unit_words",
-]
 
 LOAD = "load"
 """Unit of a quantity that is in the unit of the file's loads, N or kPa."""
@@ -58,46 +34,46 @@ MATERIAL, STRETCH, FORCE, ERROR, DIMENSION = "material", "stretch", "force", "er
 
 
 def unit_words(unit: str) -> str:
-    """A unit in a sentence, with the blank before it; empty for pure numbers."""
+    """Unit in a sentence, with a leading blank; empty for pure numbers."""
     return "" if unit in ("1", "") else f" {_WORDS_UNIT.get(unit, unit)}"
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a quantity is.
+    """Description of an inferred quantity.
 
     Attributes
     ----------
     name : str
         As in ``summary.csv``, priors files and ``--fix``.
     symbol : str
-        In LaTeX, which figures set as mathematical text; empty where there is none.
+        In LaTeX, for figures; may be empty.
     unit : str
         ``kPa``, ``deg``, ``1``, or :data:`LOAD`.
     words : str
-        What it is, as on a page.
+        Description on a page.
     low, high : float
-        Physical range. A finite end but that of a positive scale is an edge that draws may lie on.
+        Physical range. A finite end is an edge that draws may lie on, except zero for a positive
+        scale.
     logarithmic : bool
         A positive scale: sampled and compared as its natural log.
     positive : bool
-        Zero is no value of it that can be fixed.
+        Whether it cannot be fixed at zero.
     at_low, at_high : str
-        What a material is at that end of the range; empty where nothing special.
+        Kind of material at that end of the range; may be empty.
     mirror : bool
         The ends of the range are mirrors of the material rather than edges.
     sharp : float
         A 90 % interval narrower than this is sharp: known in practice, whatever it correlates
         with. The ratio of the ends for logarithmic parameters.
     digits : str
-        Format of a value that stands alone.
+        Format of a single value.
     width : float
-        Of a dispersed start, on the scale that it is sampled on.
-    kind : {"material", "stretch", "force", "error", "dimension"}
+        Width of dispersed starting points, on the sampled scale.
     axis : int or None
-        0 for x, 1 for y, of what exists in both directions.
+        0 for x, 1 for y, None for quantities without a direction.
     largest : float
-        Largest value that a fit tries, where the range has no end.
+        Largest value in a fit, where the range has no end.
     prior : (str, float, float), optional
         Default prior: its distribution and two numbers, as in a priors file.
     """
@@ -142,7 +118,7 @@ class Parameter:
 
     @property
     def bounded(self) -> bool:
-        """Whether the range ends at edges that draws may lie on, whatever the prior."""
+        """Whether draws may lie on the ends of the range, whatever the prior."""
         return not self.logarithmic and self.kind == MATERIAL and math.isfinite(self.high)
 
     @property
@@ -153,11 +129,11 @@ class Parameter:
         return low, high
 
     def number(self, value: float) -> str:
-        """A value with the digits that it deserves."""
+        """Value as text."""
         return format(value, self.digits)
 
     def is_sharp(self, low: float, high: float, times: float = 1.0) -> bool:
-        """Whether an interval in natural units is at most so many times as wide as a sharp one."""
+        """Whether an interval in natural units is at most ``times`` as wide as a sharp one."""
         if self.logarithmic:
             return high <= self.sharp**times * low
         return high - low <= self.sharp * times
@@ -172,12 +148,12 @@ class Parameter:
         return load_unit if self.unit == LOAD else self.unit
 
     def unit_symbol(self, load_unit: str = "") -> str:
-        """Unit behind a number or on an axis; empty for pure numbers."""
+        """Unit after a number or on an axis; empty for pure numbers."""
         unit = self.unit_in(load_unit)
         return "" if unit == "1" else _HTML_UNIT.get(unit, unit)
 
     def unit_words(self, load_unit: str = "") -> str:
-        """Unit in a sentence, with the blank before it; empty for pure numbers."""
+        """Unit in a sentence, with a leading blank; empty for pure numbers."""
         return unit_words(self.unit_in(load_unit))
 
 
@@ -227,7 +203,7 @@ def fibre_angle(name: str, symbol: str, words: str) -> Parameter:
 
 
 def _pair(name: str, symbol: str, words: str, **rest: object) -> tuple[Parameter, ...]:
-    """The parameters of both directions; ``{}`` stands for the axis."""
+    """Parameters of both directions; ``{}`` is replaced by the axis."""
     return tuple(
         Parameter(
             f"{name}_{axis}",
@@ -290,7 +266,7 @@ DIMENSIONS = (
 )
 """Factors of measured dimensions, and the zero of the load cell."""
 COMMON = (*MOUNTED, *ERRORS, *DIMENSIONS)
-"""What every law is sampled with."""
+"""Parameters that do not belong to a law."""
 
 
 def _name(parameter: str, state: str) -> str:
@@ -308,12 +284,11 @@ class Quantity:
 
     Attributes
     ----------
-    parameter : Parameter
     state : str
-        The mounted state that it belongs to: a protocol's name, or empty where all protocols
-        share one and for what is no property of a mounted state.
+        Mounted state it belongs to: the name of a protocol; empty where all protocols share one,
+        and for parameters that do not depend on the mounted state.
     load_unit : str
-        Unit of the run's loads.
+        Unit of the loads of the run.
     """
 
     parameter: Parameter
@@ -330,7 +305,7 @@ class Quantity:
         """0 for x, 1 for y."""
         axis = self.parameter.axis
         if axis is None:
-            raise ValueError(f"{self.name} is of no direction")
+            raise ValueError(f"{self.name} has no direction")
         return axis
 
     @property
@@ -340,14 +315,14 @@ class Quantity:
 
 
 class Quantities(Mapping[str, Quantity]):
-    """The quantities of a run by name, in the order of its columns.
+    """Quantities of a run by name, in the order of its columns.
 
     Parameters
     ----------
     material : sequence of Parameter
-        Of the law.
+        Parameters of the law.
     states : sequence of str
-        Labels of the mounted states: one empty label where all protocols share one, none where
+        Labels of the mounted states: one empty label where all protocols share one; empty where
         no mounting stretch is inferred.
     load_unit : str
         Unit of the loads, N or kPa.
@@ -376,11 +351,11 @@ class Quantities(Mapping[str, Quantity]):
         return len(self._known)
 
     def of_kind(self, *kinds: Kind) -> tuple[Quantity, ...]:
-        """Those of some kinds, in their order."""
+        """Quantities of some kinds, in their order."""
         return tuple(q for q in self._known.values() if q.parameter.kind in kinds)
 
     def assessed(self) -> tuple[Quantity, ...]:
-        """Material parameters and mounting stretches: what verdicts are about."""
+        """Material parameters and mounting stretches, which get a verdict."""
         return self.of_kind(MATERIAL, STRETCH)
 
     def mounted(self) -> tuple[Quantity, ...]:
@@ -388,7 +363,7 @@ class Quantities(Mapping[str, Quantity]):
         return self.of_kind(STRETCH, FORCE)
 
     def force_of(self, quantity: Quantity) -> Quantity:
-        """The mounting force that belongs to a mounting stretch; anything else as it is."""
+        """The mounting force for a mounting stretch; any other quantity unchanged."""
         p = quantity.parameter
         if p.kind != STRETCH:
             return quantity
@@ -400,5 +375,5 @@ class Quantities(Mapping[str, Quantity]):
         return _name(parameter, self._known[name].state)
 
     def of_parameter(self, name: str) -> tuple[Quantity, ...]:
-        """A parameter in every mounted state."""
+        """One parameter in every mounted state."""
         return tuple(q for q in self._known.values() if q.parameter.name == name)

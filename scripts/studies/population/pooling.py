@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.model.posterior import Posterior, SamplingConstants
+from biaxbayes.model.layout import SamplingConstants
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import PopulationOptions

@@ -16,7 +16,7 @@ from biaxbayes.parameters import DEGREE
 from biaxbayes.specimens.findings import Finding
 
 NEAR_EDGE = 0.05
-"""Draws within this share of a limit of the mounting stretch count as lying at it."""
+"""Draws within this fraction of a limit of the mounting stretch count as lying at it."""
 FEW_DRAWS = 0.001
 FAR = 3.0
 """Standard deviations of a prior beyond which the fit lies far from it."""
@@ -79,7 +79,7 @@ def prior_findings(posterior: Posterior) -> list[Finding]:
 
 
 def prior_conflicts(posterior: Posterior) -> dict[str, str]:
-    """What is wrong with a prior of the user, by parameter.
+    """Text on every prior of the user that contradicts the data, by parameter.
 
     The fit uses no priors. A prior contradicts the data where the fitted value lies beyond three
     of its standard deviations, and the residuals at the mode of the posterior are larger than
@@ -102,22 +102,20 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     if readings * math.log(at_mode / best) <= LOST:
         return {}
     noise = specimen.noise_sd
-    of_noise = (
-        f", {at_mode / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
-        if noise > 0.0
-        else ""
-    )
+    beside = ""
+    if noise > 0.0:
+        beside = f", {at_mode / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
     return {
         name: f"the prior of {name}, {prior_text(prior)}, contradicts the data, which alone give "
         f"{fitted[name]:.4g}: under this prior the model misses the loads by {at_mode:.2g} "
-        f"{specimen.unit} rms instead of {best:.2g}{of_noise}"
+        f"{specimen.unit} rms instead of {best:.2g}{beside}"
         for name, prior in priors.items()
         if name in fitted and is_far(prior, fitted[name])
     }
 
 
 def is_far(prior: Prior, value: float) -> bool:
-    """Whether a value lies outside of a prior, or in its outermost tails."""
+    """Whether a value lies beyond three standard deviations of a prior."""
     return min(float(prior.cdf(np.array(value))), 1.0 - float(prior.cdf(np.array(value)))) < TAIL
 
 

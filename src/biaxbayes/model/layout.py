@@ -1,8 +1,8 @@
-"""From a specimen and options to the arrays of the compiled density, and back from its draws.
+"""From a specimen and settings to the arrays of the compiled density, and back from its draws.
 
-A slot is a number of the density that is sampled, fixed or tied: the parameters of the law, those
-of the errors, the factors of measured dimensions, and two per mounted state. Natural values are in
-the units of the parameter table; a slot holds logs of positive scales, and radians.
+A slot is one number of the density, sampled, fixed or tied: the parameters of the law, those of the
+errors, the factors of measured dimensions, and two per mounted state. Natural values are in the
+units of the parameter table; a slot holds the log of a positive scale, and angles in radians.
 """
 
 from __future__ import annotations
@@ -35,19 +35,34 @@ from biaxbayes.specimens.thinning import thinned_specimen
 
 
 @dataclass(frozen=True)
+class SamplingConstants:
+    """Constants of the sampling coordinates; only the efficiency of a sampler depends on them.
+
+    Attributes
+    ----------
+    softening : float
+        Scale near isotropy (see :mod:`~biaxbayes.laws.dispersed_fibres`).
+    reference_stretch : (float, float) or None
+        Total stretches at which the fibre stress and exponent are taken as coordinates; None for
+        the largest measured ones.
+    """
+
+    softening: float = DEFAULT_SOFTENING
+    reference_stretch: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Assembly:
-    """A problem for the kernel, with the names of what it samples.
+    """Input of the compiled density, with names.
 
     Attributes
     ----------
     slots : tuple of str
-        Natural name of every slot.
+        Name of every slot.
     free : tuple of str
-        Natural names of the sampled slots, in the order of a walker's coordinates.
+        Names of the sampled slots, in the order of a walker's coordinates.
     priors : dict
-        The prior of every slot that has one (a number where fixed).
-    quantities : Quantities
-        Symbol, unit and range of each quantity, by name.
+        Priors by slot; a number where fixed.
     """
 
     problem: Problem
@@ -79,34 +94,13 @@ class Assembly:
 def assemble(
     specimen: Specimen,
     settings: Settings,
+    beta: float,
+    constants: SamplingConstants,
     *,
-    beta: float = 1.0,
-    reference_stretch: tuple[float, float] | None = None,
-    softening: float = DEFAULT_SOFTENING,
+    determinant: bool,
     sampling: bool = True,
-    determinant: bool = True,
 ) -> Assembly:
-    """Lay out the posterior density of a specimen.
-
-    Parameters
-    ----------
-    beta : float or array_like, shape (p, 2)
-        Weight of the log likelihood, n_eff / n.
-    reference_stretch : (float, float), optional
-        Stretches at which stresses and exponents are taken as coordinates; only the efficiency of
-        the sampler depends on them. Default: the largest measured ones.
-    softening : float
-        Scale of the sampling coordinates near isotropy.
-    sampling : bool
-        Use the sampling coordinates of the law; else the slots themselves.
-    determinant : bool
-        Left out only in tests.
-
-    Raises
-    ------
-    InputError
-        If the settings and the specimen do not fit.
-    """
+    """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots."""
     _check(specimen, settings)
     law = settings.material_law
     data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
@@ -137,7 +131,7 @@ def assemble(
         prior = priors.get(name)
         if isinstance(prior, Prior):
             kinds[i], table[i] = prior.encode(log_scale=p.logarithmic)
-            # density per unit of the table, sampled per unit of the slot
+            # a density in natural units, turned into one in units of the slot
             table[i][4] += math.log(_per_unit(p))
             if i < first or settings.reads_force:
                 slot[i] = len(free)
@@ -149,16 +143,19 @@ def assemble(
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:
             fixed[i] = to_slot(p, np.array(float(prior)))
-    reference, widest = _references(specimen, reference_stretch)
+    reference, widest = _references(specimen, constants.reference_stretch)
+    peak_kPa = float(
+        max(np.abs(specimen.load(p) / specimen.area).max() for p in specimen.protocols)
+    )
     coordinates = law.coordinates(
         SamplingLayout(
             free=tuple(n for n in law.names if n in free),
             reference=reference,
-            softening=softening,
+            softening=constants.softening,
             structural=sampling,
             chart=sampling,
             widest=widest,
-            peak_kPa=_peak_kPa(specimen),
+            peak_kPa=max(peak_kPa, 1e-9),
         )
     )
     problem = Problem(
@@ -179,7 +176,7 @@ def assemble(
         reading=reading,
         reading_sd=reading_sd if settings.reads_force else 0.0 * reading_sd,
         area=specimen.area,
-        # an averaged row counts as the rows that it stands for
+        # an averaged row counts as often as the rows it is the mean of
         beta=np.asarray(beta, dtype=float) * np.array(thinned.weight)[:, None] * np.ones(2),
         **_rows(MeasuredRows.from_thinned(thinned), shared),
     )
@@ -197,12 +194,21 @@ _MODES = {
 
 
 def _check(specimen: Specimen, settings: Settings) -> None:
+    """Refuse settings that do not suit the specimen."""
     ties = [n for n, v in settings.priors.items() if isinstance(v, Tie) and "mounting" in n]
     if ties and settings.mounting != "free":
         raise InputError(
             "tied mounting stretches need the mounting stretches as unknowns",
             remedy="use `mounting=free`",
         )
+    if settings.reads_force:
+        _, sd = specimen.mounting_readings(shared=settings.shared)
+        if np.any(sd <= 0.0):
+            raise InputError(
+                "the file has no load noise, so the mounting force cannot be noisy",
+                file=specimen.name,
+                remedy="use `mounting=exact`, or state load_noise_N (or load_noise_kPa)",
+            )
     away = [p.name for p in specimen.protocols if p.rest_rows == 0]
     if away and not settings.shared:
         raise InputError(
@@ -218,7 +224,7 @@ def _check(specimen: Specimen, settings: Settings) -> None:
 
 
 def _per_unit(parameter: Parameter) -> float:
-    """Units of the table in one unit of the slot."""
+    """Natural units in one unit of the slot."""
     return math.degrees(1.0) if parameter.unit == DEGREE else 1.0
 
 
@@ -270,12 +276,6 @@ def _above_one(stretch: tuple[float, float]) -> tuple[float, float, float]:
     return lx * lx, ly * ly, 1.0 / (lx * ly) ** 2
 
 
-def _peak_kPa(specimen: Specimen) -> float:
-    """Largest stress that a load stands for."""
-    loads = [np.abs(specimen.load(p)).max(axis=0) for p in specimen.protocols]
-    return max(float((np.max(loads, axis=0) / specimen.area).max()), 1e-9)
-
-
 def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
     """The arrays of the kernel that hold the readings."""
     lx, ly = rows.stretch.T.copy()
@@ -301,12 +301,7 @@ def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
 
 
 def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
-    """Every slot and mounting force by name, shape (n,) each.
-
-    In the units of the parameter table; forces in the unit of the file's stress pair. ``natural``
-    (n, s) is that of :class:`~biaxbayes.model.density.Evaluation` at the sampling coordinates
-    ``u``.
-    """
+    """Natural values of slots and mounting forces by name, from an ``Evaluation`` at ``u``."""
     problem = assembly.problem
     out = {name: natural[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
     if problem.mounting_mode == REFERENCE:
@@ -318,7 +313,7 @@ def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> di
             out.update(zip(names, forward.mounting_load(out, state).T, strict=True))
             continue
         for k, name in enumerate(names):
-            # Sampled, or read from the file: not recomputed from the root.
+            # sampled, or read from the file: not computed from the mounting stretch
             place = problem.size + len(problem.errors) + MOUNTING + 2 * m + k
             i = problem.slot[place]
             reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
@@ -327,7 +322,7 @@ def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> di
 
 
 def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> np.ndarray:
-    """Sampling coordinates of parameters by the names of their slots, shape (n, d)."""
+    """Sampling coordinates of parameters by slot name, shape (n, d)."""
     problem, law = assembly.problem, assembly.law
     slot_values: dict[str, np.ndarray] = {}
     for name in law.names:
@@ -344,7 +339,7 @@ def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> n
 
 
 def to_slot(parameter: Parameter, value: np.ndarray) -> np.ndarray:
-    """From natural units to the scale that a slot holds."""
+    """Values on the scale of the slot, from natural ones."""
     if parameter.logarithmic:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(value)

@@ -1,7 +1,7 @@
 """The joint posterior of the material parameters, the mounted state and the noise.
 
 Posteriors are immutable: the constructor runs no fit, and evaluation has no side effects. The
-weight of the likelihood and the constants of the sampling coordinates are given to it;
+weight of the likelihood and the constants of the sampling coordinates are arguments;
 :func:`.preparation.prepare` estimates both from the least-squares fit.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -20,12 +20,12 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import EffectiveReadings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel, MeasuredRows
-from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density
 from biaxbayes.model.density import REASONS
 from biaxbayes.model.layout import (
     Assembly,
+    SamplingConstants,
     assemble,
     natural_values,
     sampling_coordinates,
@@ -37,23 +37,6 @@ from biaxbayes.parameters import Quantities, Quantity
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
-
-
-@dataclass(frozen=True)
-class SamplingConstants:
-    """Constants of the sampling coordinates; only the efficiency of a sampler depends on them.
-
-    Attributes
-    ----------
-    softening : float
-        Scale near isotropy (see :mod:`~biaxbayes.laws.dispersed_fibres`).
-    reference_stretch : (float, float) or None
-        Total stretches at which the fibre stress and exponent are taken as coordinates; None for
-        the largest measured ones.
-    """
-
-    softening: float = DEFAULT_SOFTENING
-    reference_stretch: tuple[float, float] | None = None
 
 
 class Posterior:
@@ -72,8 +55,11 @@ class Posterior:
         Effective number of readings; used for ``beta`` if ``beta`` is not given.
     determinant : bool
         Include the Jacobian of the mounted state. False only in tests that show its effect.
+    thin : int, "none" or "auto"
+        Maximum number of rows per protocol; longer protocols are averaged down to it. See
+        :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
     **options
-        As in :class:`~biaxbayes.options.ModelOptions`. ``priors`` override the default ones, as
+        As in :class:`~biaxbayes.options.Settings`. ``priors`` override the default ones, as
         objects or as in a priors file.
 
     Raises
@@ -83,7 +69,7 @@ class Posterior:
         without load noise; or if ``beta`` is needed and not given.
     """
 
-    @takes_options(ModelOptions)
+    @takes_options(Settings)
     def __init__(
         self,
         specimen: Specimen,
@@ -93,6 +79,7 @@ class Posterior:
         fit: FitResult | None = None,
         readings: EffectiveReadings | None = None,
         determinant: bool = True,
+        thin: int | str = ModelOptions.thin,
         **options: Any,
     ) -> None:
         if specimen.needs_grip_correction:
@@ -103,12 +90,13 @@ class Posterior:
                 "out the line 'grips'",
             )
         self.specimen = specimen
-        chosen = ModelOptions.from_values(options)
+        chosen = Settings.from_values(options)
         tempered = chosen.noise != "independent"
-        priors = _objects(chosen.priors, chosen.material_law)
-        thin = rows_to_keep(specimen, chosen.thin, automatic=tempered)
-        self.settings = Settings(**chosen.keywords() | {"thin": thin, "priors": priors})
-        self._check_noise()
+        self.settings = replace(
+            chosen,
+            thin=rows_to_keep(specimen, thin, automatic=tempered),
+            priors=_objects(chosen.priors, chosen.material_law),
+        )
         if beta is None and readings is not None:
             beta = readings.beta
         if beta is None and tempered:
@@ -123,7 +111,9 @@ class Posterior:
             self.fit = fit
         self.sampling_constants = sampling_constants or SamplingConstants()
         self.determinant = determinant
-        self.assembly = self._assemble(sampling=True)
+        self.assembly = assemble(
+            specimen, self.settings, self.beta, self.sampling_constants, determinant=determinant
+        )
 
     @cached_property
     def fit(self) -> FitResult:
@@ -131,13 +121,7 @@ class Posterior:
         return self.least_squares()
 
     def least_squares(self, seed: int = 0) -> FitResult:
-        """Least-squares fit with the mounting constraint, fixed parameters and law of the settings.
-
-        Parameters
-        ----------
-        seed : int
-            Seed of the random starting points.
-        """
+        """Least-squares fit of the settings, without priors, from random starts of this seed."""
         return constrained_fit(
             self.specimen,
             mounting=self.settings.fit_mounting,
@@ -153,7 +137,7 @@ class Posterior:
 
     @property
     def thinned(self) -> ThinnedSpecimen:
-        """The specimen as its rows enter the likelihood: zeroed and thinned as the settings say."""
+        """The rows that enter the likelihood: zeroed and thinned according to the settings."""
         zeroed = self.settings.mounting == "zeroed"
         source = self.specimen.zeroed() if zeroed else self.specimen
         return thinned_specimen(source, self.settings.thin)
@@ -165,23 +149,19 @@ class Posterior:
 
     @property
     def forward(self) -> ForwardModel:
-        """From quantities of draws to loads."""
+        """The forward model, from quantities of draws to loads."""
         return self.assembly.forward
 
     @cached_property
     def natural_assembly(self) -> Assembly:
-        """The same density in natural coordinates, with logs of positive scales."""
-        return self._assemble(sampling=False)
-
-    def _assemble(self, *, sampling: bool) -> Assembly:
+        """The same density with slots as coordinates."""
         return assemble(
             self.specimen,
             self.settings,
-            beta=self.beta,
-            reference_stretch=self.sampling_constants.reference_stretch,
-            softening=self.sampling_constants.softening,
-            sampling=sampling,
+            self.beta,
+            self.sampling_constants,
             determinant=self.determinant,
+            sampling=False,
         )
 
     def replaced(self, **changes: Any) -> Posterior:
@@ -190,20 +170,9 @@ class Posterior:
         given = self.options() | {name: vars(self).get(name) for name in own}
         return Posterior(self.specimen, **{**given, **changes})
 
-    def _check_noise(self) -> None:
-        if not self.settings.reads_force:
-            return
-        _, sd = self.specimen.mounting_readings(shared=self.settings.shared)
-        if np.any(sd <= 0.0):
-            raise InputError(
-                "the file has no load noise, so the mounting force cannot be noisy",
-                file=self.specimen.name,
-                remedy="use `mounting=exact`, or state load_noise_N (or load_noise_kPa)",
-            )
-
     @property
     def free(self) -> tuple[str, ...]:
-        """Natural names of what is sampled, in the order of the coordinates.
+        """Names of the sampled quantities, in the order of the coordinates.
 
         In mode ``noisy`` the mounting forces are sampled, in ``free`` the mounting stretches, in
         the other modes neither.
@@ -273,13 +242,7 @@ class Posterior:
         return density.log_density(self.assembly.problem, u, counts), counts
 
     def target(self, counts: np.ndarray | None = None) -> Target:
-        """What a sampler is given.
-
-        Parameters
-        ----------
-        counts : int64 ndarray, shape (4,), optional
-            Counters of evaluations to add to; new ones by default.
-        """
+        """The density for a sampler; evaluations are added to ``counts``, by outcome."""
         seen = np.zeros(1 + len(REASONS), dtype=np.int64) if counts is None else counts
         lock = threading.Lock()  # ensembles are advanced by several threads
 
@@ -372,6 +335,7 @@ class Posterior:
 
 
 def _objects(priors: Mapping[str, Any], law: Law) -> dict[str, Prior | float | Tie]:
+    """Priors as objects, those of both mounting stretches separately."""
     out: dict[str, Prior | float | Tie] = {}
     for name, value in priors.items():
         if isinstance(value, Prior | Tie):

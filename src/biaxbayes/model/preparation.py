@@ -14,7 +14,8 @@ import numpy as np
 
 from biaxbayes.error_model import CONSTANT
 from biaxbayes.fitting.effective_readings import EffectiveReadings, effective_readings
-from biaxbayes.model.posterior import Posterior, SamplingConstants
+from biaxbayes.model.layout import SamplingConstants
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import DIMENSION, ERROR, FORCE, STRETCH, mounting_names
 from biaxbayes.sampling.modes import find_modes
@@ -58,13 +59,8 @@ def prepare(
 def with_sampling_constants(posterior: Posterior, softening: float | None = None) -> Posterior:
     """The same posterior with the sampling coordinates that suit its least-squares fit.
 
-    Stored coordinates can only be read with the reference stretch and softening they were written
-    with.
-
-    Parameters
-    ----------
-    softening : float, optional
-        Scale of the sampling coordinates near isotropy; default that of the fitted material.
+    ``softening`` is that of stored coordinates, which can only be read with the scale that they
+    were written with; by default it is that of the fitted material.
     """
     if softening is None:
         law = posterior.law
@@ -76,7 +72,7 @@ def with_sampling_constants(posterior: Posterior, softening: float | None = None
 
 
 def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
-    """Largest total stretch at the fitted mounting stretch; one constant per specimen."""
+    """Largest total stretches of a specimen, at the fitted mounting stretch."""
     if not posterior.settings.infers_mounting:
         return None
     lm = np.clip(np.max(posterior.fit.mounting_stretch, axis=0), 1.0, 1.5)
@@ -89,7 +85,7 @@ def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
 
 
 def start_parameters(posterior: Posterior) -> dict[str, float]:
-    """Natural parameters of the deterministic fit, moved off the bounds of their ranges."""
+    """Natural parameters of the least-squares fit, moved off the bounds of their ranges."""
     fit, specimen = posterior.fit, posterior.specimen
     law = posterior.law
     out: dict[str, float] = {
@@ -143,10 +139,7 @@ def user_priors(posterior: Posterior) -> dict[str, Prior]:
 
 
 def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Residuals at the posterior's mode and their sd, one array (n_p, 2) per protocol.
-
-    Measured minus model, and the model's own sd there, in the unit of the file.
-    """
+    """Measured minus model at the mode of the posterior, and its sd, (rows, 2) per protocol."""
     base = start_parameters(posterior)
     starts = [base]
     others = posterior.settings.error_model.parameters[1:]
@@ -157,7 +150,7 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
     near = {name: float(value) for name, value in centres.items() if name in base}
     starts += [inside_priors(posterior, base | near)] if near else []
     points = np.vstack([posterior.coordinates(s) for s in starts])
-    scale = np.full(posterior.dimension, 1.0)
+    scale = np.ones(posterior.dimension)
     for i, q in enumerate(posterior.sampled):
         if q.parameter.kind == FORCE:
             scale[i] = max(posterior.specimen.noise_sd, posterior.specimen.load_resolution)
@@ -165,13 +158,7 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
             scale[i] = 0.02
     modes = find_modes(posterior.log_prob, points, scale, posterior.bounds)
     mode = modes[0].location if modes else points[0]
-    return _residuals_at(posterior, mode)
-
-
-def _residuals_at(
-    posterior: Posterior, point: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
     rows = posterior.rows
-    mean, sd = posterior.forward.predict_rows(posterior.natural(point), rows)
+    mean, sd = posterior.forward.predict_rows(posterior.natural(mode), rows)
     parts = [rows.protocol == i for i in range(len(rows.names))]
     return [(rows.load - mean[0])[part] for part in parts], [sd[0][part] for part in parts]

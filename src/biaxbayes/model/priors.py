@@ -109,7 +109,7 @@ class Prior:
         return self.family in ("lognormal", "loguniform")
 
     def _standard_range(self) -> tuple[float, float, float, float]:
-        """Location, scale, low and high on the scale where the density is normal or flat."""
+        """Location, scale, low and high on the scale on which the density is normal or uniform."""
         if not self._logs:
             return self.location, self.scale, self.low, self.high
         low = math.log(self.low) if self.low > 0 else -math.inf
@@ -122,7 +122,7 @@ class Prior:
         return self.family in ("uniform", "loguniform")
 
     def _level(self, x: Any) -> Any:
-        """Cumulative probability on the standard scale, were the range not cut."""
+        """Cumulative probability on that scale, without the cut of the range."""
         from scipy.special import ndtr  # imported late because it is slow
 
         location, scale, low, high = self._standard_range()
@@ -132,12 +132,12 @@ class Prior:
             return ndtr((x - location) / scale)
 
     def _edges(self) -> tuple[float, float]:
-        """How much of the distribution lies below each edge of the range."""
+        """Cumulative probability at both ends of the range, without the cut."""
         _, _, low, high = self._standard_range()
         return float(self._level(low)), float(self._level(high))
 
     def mass(self, *, positive: bool) -> float:
-        """Probability of the range, of positive values only where only these count."""
+        """Probability of the range, or of the positive part of it."""
         if self._uniform:
             return float(self.high > 0.0 or not positive)
         if positive and not self._logs:
@@ -146,7 +146,7 @@ class Prior:
         return below_high - below_low
 
     def cdf(self, natural: np.ndarray) -> np.ndarray:
-        """Cumulative probability of natural values, of the same shape."""
+        """Cumulative probability at natural values."""
         with np.errstate(divide="ignore"):
             x = np.log(np.maximum(natural, 0.0)) if self._logs else np.asarray(natural, dtype=float)
         first, last = self._edges()
@@ -155,7 +155,7 @@ class Prior:
             return np.clip((self._level(x) - first) / (last - first), 0.0, 1.0)
 
     def ppf(self, probability: np.ndarray) -> np.ndarray:
-        """Natural values at cumulative probabilities, of the same shape."""
+        """Natural values at cumulative probabilities."""
         from scipy.special import ndtri
 
         location, scale, low, high = self._standard_range()
@@ -170,15 +170,12 @@ class Prior:
         return self.ppf(rng.random(size))
 
     def encode(self, *, log_scale: bool) -> tuple[int, list[float]]:
-        """Kind and row for the compiled density, on the slot's own scale.
-
-        ``log_scale`` says that the slot holds ln(x). The density is then one in ln(x).
-        """
+        """Kind and row for the compiled density, of ln(x) where the slot holds ln(x)."""
         location, scale, low, high = self._standard_range()
         same_scale = self._logs == log_scale
         if not same_scale and not log_scale:
             raise ValueError(f"a {self.family} prior does not fit this parameter")
-        if not same_scale:  # given for x, sampled as ln x: positive values alone count
+        if not same_scale:  # a prior of x, sampled as ln x: only positive values
             low = max(low, 0.0)
         if self._uniform:
             log_norm = -math.log(high - low)
@@ -203,13 +200,7 @@ class Prior:
 
 
 class DrawnPrior:
-    """A prior known by its draws: that of a value that follows from others, without bounds.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (n,)
-        Natural values.
-    """
+    """A prior given by draws in natural units, for a quantity that is computed from others."""
 
     low, high = -math.inf, math.inf
 
@@ -218,11 +209,11 @@ class DrawnPrior:
         self._levels = (np.arange(self._values.size) + 0.5) / self._values.size
 
     def cdf(self, natural: np.ndarray) -> np.ndarray:
-        """Cumulative probability of natural values, of the same shape."""
+        """Cumulative probability at natural values."""
         return np.interp(natural, self._values, self._levels, left=0.0, right=1.0)
 
     def ppf(self, probability: np.ndarray) -> np.ndarray:
-        """Natural values at cumulative probabilities, of the same shape."""
+        """Natural values at cumulative probabilities."""
         return np.interp(probability, self._levels, self._values)
 
 
@@ -259,19 +250,13 @@ def default_priors(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
 
 
 BOTH = "mounting_stretch"
-"""Stands for the mounting stretches in x and in y."""
+"""Name for the mounting stretches in x and y together."""
 LEAST_MASS = 1e-9
-"""A prior with less than this inside the possible range was meant for something else."""
+"""Least probability of the physical range under a prior; below it, a unit is probably wrong."""
 
 
 def read_priors(path: Path, law: Law | None = None) -> dict[str, Prior | float | Tie]:
-    """Read a priors file.
-
-    Raises
-    ------
-    InputError
-        Naming the key that cannot be used.
-    """
+    """Read a priors file; raises :class:`InputError` that names the key that cannot be used."""
     try:
         table = tomllib.loads(read_text(path))
     except ValueError as error:  # also integers of thousands of digits
@@ -290,7 +275,7 @@ def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
 
 
 def prior_value(prior: Prior | float | Tie) -> Any:
-    """A prior as a priors file holds it: a table, text of a tie, or a number."""
+    """A prior as in a priors file: a table, the text of a tie, or a number."""
     if isinstance(prior, Prior):
         return prior.as_table()
     return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else float(prior)
@@ -330,15 +315,13 @@ def parse_priors(
 def _parse(
     parameter: Parameter, name: str, value: object, path: object, law: Law
 ) -> Prior | float | Tie:
-    if isinstance(value, bool):
-        raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
-    if isinstance(value, int | float):
-        return check_fixed(name, _number(value), path, law)
     if isinstance(value, str):
         return _parse_tie(name, value, path, law)
-    if not isinstance(value, dict):
+    if isinstance(value, dict):
+        return _parse_distribution(parameter, name, value, path)
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
-    return _parse_distribution(parameter, name, value, path)
+    return check_fixed(name, _number(value), path, law)
 
 
 def check_fixed(name: str, value: float, path: object = None, law: Law | None = None) -> float:
@@ -361,7 +344,7 @@ def check_fixed(name: str, value: float, path: object = None, law: Law | None = 
 
 
 def _number(value: object) -> float:
-    """A number of a TOML file; NaN for what is none, infinite for what is too large."""
+    """A number of a TOML file; NaN for anything else, infinite where it is too large."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
     try:
@@ -381,17 +364,13 @@ def _parse_tie(name: str, text: str, path: object, law: Law) -> Tie:
     allowed = {*law.ties, (second, first)}
     good = (name, other) in allowed and factor > 0 and math.isfinite(factor)
     if not good or (name == second and factor != 1.0):
+        example = f"'{law.ties[0][0]} = \"2.0 * {law.ties[0][1]}\"' or " if law.ties else ""
         raise InputError(
             f"{name} cannot be tied to {text[:60]!r}",
             file=path,
-            remedy=f"ties read {_examples(law)}'{second} = \"{first}\"'",
+            remedy=f"ties read {example}'{second} = \"{first}\"'",
         )
     return Tie(factor, other)
-
-
-def _examples(law: Law) -> str:
-    """A tie of the law as an example, with the word before the next one."""
-    return f"'{law.ties[0][0]} = \"2.0 * {law.ties[0][1]}\"' or " if law.ties else ""
 
 
 def _parse_distribution(

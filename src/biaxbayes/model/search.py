@@ -29,7 +29,7 @@ from biaxbayes.sampling.target import Target
 from biaxbayes.tasks import one_blas_thread
 
 EXTRA_STARTS = 16
-"""Materials, far from one another, from which other modes of the posterior are looked for."""
+"""Number of materials, far apart, from which the search looks for other modes."""
 EXTRA_NOISE = 10.0
 """Initial noise of an extra start relative to that of the fit, since it fits worse."""
 
@@ -45,25 +45,9 @@ def draw_posterior(
 ) -> Draws:
     """Draw from a posterior until the plan is met or its budget spent.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Its sampling coordinates are chosen around its least-squares fit; the draws' ``target`` has
-        the coordinates that were drawn in.
-    state : State, optional
-        Continue from here rather than from the start.
-    on_block, progress, stop
-        As in :func:`~biaxbayes.sampling.sampler.draw`.
-
-    Returns
-    -------
-    Draws
-        ``quantities`` by the names of ``summary.csv``, ``log_likelihood`` and ``lp``.
-
-    Raises
-    ------
-    NotConverged
-        If no region of positive density is found.
+    Continues from ``state`` if given; the other arguments are those of
+    :func:`~biaxbayes.sampling.sampler.draw`. The draws' ``target`` has the sampling coordinates
+    that were used. Raises :class:`NotConverged` if no region of positive density is found.
     """
     if state is not None:
         target = with_sampling_constants(posterior, state.frame["softening"]).target()

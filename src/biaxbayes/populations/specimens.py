@@ -19,7 +19,8 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.model import density as kernel
 from biaxbayes.model.density import Problem
-from biaxbayes.model.posterior import Posterior, SamplingConstants
+from biaxbayes.model.layout import SamplingConstants
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FIXED, UNIFORM, Prior
 from biaxbayes.parameters import STRETCH
 from biaxbayes.populations.ensemble import Individual

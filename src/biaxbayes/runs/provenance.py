@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import biaxbayes
 from biaxbayes.errors import RunError
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.model.priors import Prior, Tie, parse_priors
+from biaxbayes.model.priors import parse_priors, prior_value
 from biaxbayes.options import Settings
 
 if TYPE_CHECKING:
@@ -48,14 +48,8 @@ def specimen_digest(specimen: Specimen) -> str:
 def settings_table(posterior: Posterior) -> dict[str, Any]:
     """The settings as JSON values; :func:`parse_options` reads them back."""
     options = posterior.options()
-    options["priors"] = {k: _prior_value(v) for k, v in options["priors"].items()}
+    options["priors"] = {k: prior_value(v) for k, v in options["priors"].items()}
     return options
-
-
-def _prior_value(prior: Prior | float | Tie) -> Any:
-    if isinstance(prior, Prior):
-        return prior.as_table()
-    return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else prior
 
 
 def parse_options(table: dict[str, Any]) -> dict[str, Any]:
@@ -107,7 +101,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         "unit": specimen.unit,
         "notes": list(specimen.notes),
         "settings": settings_table(posterior),
-        "priors": {k: _prior_value(v) for k, v in posterior.priors.items()},
+        "priors": {k: prior_value(v) for k, v in posterior.priors.items()},
         "noise": {
             "beta": posterior.beta,
             "rows": int(sum(p.rows - p.rest_rows for p in specimen.protocols)),

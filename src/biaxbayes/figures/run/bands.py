@@ -60,7 +60,7 @@ def bands_figure(
     specimen: Specimen,
     draws: pd.DataFrame,
     *,
-    settings: Settings | None = None,
+    settings: Settings,
     truth: Mapping[str, float] | None = None,
     probability: float = CONTENT,
     width_mm: float = PAGE_MM,
