@@ -381,18 +381,18 @@ def test_bands_of_two_points_and_of_many_protocols():
         *(getattr(p, c)[[0, -1]] for c in ("load_x", "load_y")),
     )
     few = Specimen("two", (two,), "force", "unloaded", 20.0, 20.0, 0.88, 0.0006)
-    assert_readable(bands_figure(few, draws_of(100)), 180.0)
+    assert_readable(bands_figure(few, draws_of(100), settings=Settings()), 180.0)
     many = tuple(Protocol(f"p{i}", p.stretch_x, p.stretch_y, p.load_x, p.load_y) for i in range(20))
     crowd = Specimen("crowd", many, "force", "unloaded", 20.0, 20.0, 0.88, 0.0006)
-    assert len(bands_figure(crowd, draws_of(20)).axes) == 3 * 12
-    figure = bands_figure(crowd, draws_of(60), width_mm=85.0)
+    assert len(bands_figure(crowd, draws_of(20), settings=Settings()).axes) == 3 * 12
+    figure = bands_figure(crowd, draws_of(60), settings=Settings(), width_mm=85.0)
     assert_readable(figure, 85.0)
     assert any("the first 6 of 20" in text for text, _ in in_view(figure))
 
 
 def test_a_direction_that_does_not_move_is_drawn_over_the_other_one():
     specimen = specimen_of(((1.0, 0.0),))
-    figure = bands_figure(specimen, draws_of(100))
+    figure = bands_figure(specimen, draws_of(100), settings=Settings())
     assert figure.axes[2].get_xlabel() == "measured stretch in x"
     low, high = figure.axes[0].get_xlim()
     assert low < 1.02 and high > 1.19
@@ -492,7 +492,7 @@ def test_hostile_names_do_not_break_a_figure(tmp_path):
         for kind in kinds:
             save_figure(figure, tmp_path / f"figure.{kind}")
             assert (tmp_path / f"figure.{kind}").stat().st_size > 1000
-    assert_readable(bands_figure(specimen, draws, width_mm=85.0), 85.0)
+    assert_readable(bands_figure(specimen, draws, settings=Settings(), width_mm=85.0), 85.0)
     chains = {f"mounting_stretch_x[{HOSTILE}]": chains_of()["C1"]}
     known = Quantities(GOH_LAW.parameters, (HOSTILE,))
     figure_bytes(trace_figure(chains, known=known), "pdf")
@@ -534,7 +534,9 @@ def test_a_style_file_changes_fonts_and_colours(tmp_path):
         "xtick.labelsize: 7.5\nbackend: TkAgg\nsavefig.bbox: tight\n"
     )
     style = read_style(path)
-    figure = bands_figure(specimen_of(), draws_of(50), style=style, width_mm=85.0)
+    figure = bands_figure(
+        specimen_of(), draws_of(50), settings=Settings(), style=style, width_mm=85.0
+    )
     assert figure.axes[0].lines[0].get_color() == "#112233"
     assert figure.axes[2].get_xticklabels()[0].get_fontsize() == 7.5
     assert figure.axes[2].xaxis.label.get_fontfamily() == ["serif"]
