@@ -25,13 +25,14 @@ import numpy as np
 import pandas as pd
 
 import biaxbayes
+from biaxbayes.laws import LAWS
 from biaxbayes.laws.published import MATERIALS
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORD = ROOT / "scripts" / "golden.json"
 
 SHIPPED = ("donor1", "donor2", "donor2-intima", "donor2-media", "donor2-adventitia", "hooked-media")
-LAWS = ("goh-exponential", "holzapfel-2005", "may-newman", "hgo", "fung", "four-fibre", "lee-sacks")
+OTHER_LAWS = tuple(LAWS)[1:]
 MOUNTINGS = ("noisy", "exact", "free", "ignored", "zeroed")
 PRESTRETCHES = (1.005, 1.010, 1.015, 1.020)
 
@@ -68,7 +69,9 @@ def run_cases() -> dict[str, tuple[str, dict[str, Any], int]]:
     cases += [("donor2-media", {"mounting": mounting}, 1) for mounting in MOUNTINGS[1:]]
     cases += [("donor2-media", {"noise_growth": True}, 1)]
     cases += [("donor2-media@mounted", {"mounting": m}, 1) for m in ("noisy", "exact")]
-    cases += [(name, {"law": law}, 1) for name, law in product(("donor2-media", "donor1"), LAWS)]
+    cases += [
+        (name, {"law": law}, 1) for name, law in product(("donor2-media", "donor1"), OTHER_LAWS)
+    ]
     cases += [("donor2-media", {}, seed) for seed in (2, 3)]
     return {
         " ".join([name, *(f"{k}={v}" for k, v in options.items()), f"seed={seed}"]): (
