@@ -43,23 +43,13 @@ EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = (p.name for p in DIMENSIONS)
 
 @dataclass(frozen=True)
 class MeasuredRows:
-    """Rows after the mounted state, concatenated over protocols.
+    """Rows after the mounted state, concatenated over protocols."""
 
-    Attributes
-    ----------
-    stretch, load : ndarray, shape (rows, 2)
-    scatter : ndarray, shape (rows, 2)
-        Mean square scatter of the readings that a load is the mean of.
-    protocol : ndarray of int, shape (rows,)
-    names : tuple of str
-        Names of the protocols.
-    """
-
-    stretch: np.ndarray
-    load: np.ndarray
-    scatter: np.ndarray
-    protocol: np.ndarray
-    names: tuple[str, ...]
+    stretch: np.ndarray  # (rows, 2)
+    load: np.ndarray  # (rows, 2)
+    scatter: np.ndarray  # (rows, 2), mean square scatter of the readings that a load is the mean of
+    protocol: np.ndarray  # (rows,), index of the protocol
+    names: tuple[str, ...]  # of the protocols
 
     @classmethod
     def from_thinned(cls, thinned: ThinnedSpecimen) -> MeasuredRows:
@@ -81,19 +71,11 @@ class MeasuredRows:
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
-    """Loads of one material at n states, and their derivatives.
-
-    Attributes
-    ----------
-    per_stress : ndarray, shape (2, n)
-        Load per Cauchy stress.
-    mounted : bool
-        Whether the dimensions are those of the mounted state.
-    """
+    """Loads of one material at n states, and their derivatives."""
 
     stress: StressResponse
-    per_stress: np.ndarray
-    mounted: bool
+    per_stress: np.ndarray  # load per Cauchy stress, (2, n)
+    mounted: bool  # whether the dimensions are those of the mounted state
 
     @property
     def load(self) -> np.ndarray:
@@ -125,19 +107,11 @@ class LoadResponse:
 
 @dataclass(frozen=True)
 class ForwardModel:
-    """Loads of a law on a specimen, and their errors.
-
-    Attributes
-    ----------
-    area : ndarray, shape (2,)
-        Load per kPa that the dimensions of the file give.
-    mounted : bool
-        Whether the dimensions are those of the mounted state.
-    """
+    """Loads of a law on a specimen, and their errors."""
 
     law: Law
-    area: np.ndarray
-    mounted: bool
+    area: np.ndarray  # load per kPa from the dimensions of the file, (2,)
+    mounted: bool  # whether the dimensions are those of the mounted state
     errors: ErrorModel
 
     @classmethod
@@ -161,11 +135,8 @@ class ForwardModel:
     def mounting_roots(
         self, point: np.ndarray, load: np.ndarray, *, compiled: bool = True
     ) -> np.ndarray:
-        """Mounting stretches that balance mounting loads, both (2, m); NaN where there is no root.
-
-        With ``compiled=False`` the same code runs in Python, which is faster for a law that is
-        fitted once, because nothing is compiled.
-        """
+        """Mounting stretches that balance mounting loads, both (2, m); NaN without a root."""
+        # for a law that is fitted once, running in Python is faster than compiling
         solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
         constants = self.law.at_point(point).constants
         roots = np.full(load.shape, np.nan)
@@ -243,17 +214,13 @@ class ForwardModel:
     def piola_sd(
         self, values: Any, axis: int, piola_kPa: np.ndarray, mounting: np.ndarray
     ) -> np.ndarray:
-        """Standard deviation of a reading as a first Piola-Kirchhoff stress, in kPa.
-
-        ``piola_kPa`` has the shape (draws, rows) and is one of the unloaded state, ``mounting``
-        are the mounting stretches, (draws, 2).
-        """
+        """Sd of a reading as a stress: ``piola_kPa`` (draws, rows), ``mounting`` (draws, 2)."""
         area = self.unloaded_section(values, mounting[:, None])[:, :, axis]
         return self.sd(values, (piola_kPa * area)[..., None])[..., 0] / area
 
 
 def _column(values: Any, name: str, default: float) -> np.ndarray:
-    """A quantity of shape (draws, 1), or (1, 1) where the values do not name it."""
+    """A quantity of shape (draws, 1), or its default of shape (1, 1)."""
     return np.atleast_1d(np.asarray(values.get(name, default), dtype=float))[:, None]
 
 

@@ -53,23 +53,13 @@ class SamplingConstants:
 
 @dataclass(frozen=True)
 class Assembly:
-    """Input of the compiled density, with names.
-
-    Attributes
-    ----------
-    slots : tuple of str
-        Name of every slot.
-    free : tuple of str
-        Names of the sampled slots, in the order of a walker's coordinates.
-    priors : dict
-        Priors by slot; a number where fixed.
-    """
+    """Input of the compiled density, with names."""
 
     problem: Problem
     forward: ForwardModel
-    slots: tuple[str, ...]
-    free: tuple[str, ...]
-    priors: dict[str, Prior | float | Tie]
+    slots: tuple[str, ...]  # names
+    free: tuple[str, ...]  # names of the sampled slots, in the order of a walker's coordinates
+    priors: dict[str, Prior | float | Tie]  # by slot; a number where fixed
     quantities: Quantities
 
     @property
