@@ -9,7 +9,8 @@ import pytest
 
 import biaxbayes
 from biaxbayes.laws.goh import GOH
-from biaxbayes.model.conflicts import prior_findings, radian_findings
+from biaxbayes.model.conflicts import prior_findings, radian_findings, unused_prior_findings
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
@@ -103,6 +104,13 @@ def test_an_angle_in_radians_is_named_in_priors():
     kappa = {"distribution": "uniform", "low": 0.0, "high": 0.2}
     assert radian_findings(prepare(SPECIMEN, priors={"kappa": kappa})) == []
     assert radian_findings(prepare(SPECIMEN, priors={"alpha": normal(41.0, 3.0)})) == []
+
+
+def test_a_prior_of_a_parameter_that_the_errors_do_not_have_is_named():
+    options = {"noise": "independent", "priors": {"noise_growth": normal(0.05, 0.01)}}
+    (unused,) = unused_prior_findings(Posterior(SPECIMEN, **options))
+    assert "the prior of noise_growth has no effect" in unused.message
+    assert unused_prior_findings(Posterior(SPECIMEN, noise_growth=True, **options)) == []
 
 
 def test_the_noise_of_the_specimen_is_that_of_its_load_cell():

@@ -12,7 +12,7 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import modal_residuals, user_priors
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import DEGREE
+from biaxbayes.parameters import DEGREE, ERRORS
 from biaxbayes.specimens.findings import Finding
 
 NEAR_EDGE = 0.05
@@ -70,6 +70,20 @@ def radian_findings(posterior: Posterior) -> list[Finding]:
             )
         )
     return findings
+
+
+def unused_prior_findings(posterior: Posterior) -> list[Finding]:
+    """Priors of parameters that the chosen error model does not have."""
+    settings = posterior.settings
+    return [
+        Finding(
+            "unused-prior",
+            "warning",
+            f"the prior of {p.name} has no effect: the sd of the errors is {settings.error_model}",
+        )
+        for p in ERRORS
+        if p.name in settings.priors and p not in settings.error_model.parameters
+    ]
 
 
 def prior_findings(posterior: Posterior) -> list[Finding]:

@@ -25,7 +25,12 @@ from biaxbayes.grips.correction import (
 from biaxbayes.grips.geometry import stated_hooks
 from biaxbayes.identifiability.fit_quality import swapped_columns
 from biaxbayes.laws import law_named
-from biaxbayes.model.conflicts import bracket_findings, prior_findings, radian_findings
+from biaxbayes.model.conflicts import (
+    bracket_findings,
+    prior_findings,
+    radian_findings,
+    unused_prior_findings,
+)
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
@@ -290,7 +295,11 @@ def _findings_of_fit(posterior: Posterior) -> list[Finding]:
         law=posterior.settings.law,
         fibre_switch=posterior.settings.fibre_switch,
     )
-    conflicts = [*radian_findings(posterior), *prior_findings(posterior)]
+    conflicts = [
+        *unused_prior_findings(posterior),
+        *radian_findings(posterior),
+        *prior_findings(posterior),
+    ]
     return [swapped, *conflicts] if swapped else conflicts
 
 
