@@ -139,9 +139,9 @@ def test_noise_follows_geometry_growth_and_measured_dimensions():
 
 def test_blocks_do_not_change_the_answer(monkeypatch):
     path = stretch_path(1.2, points=23)
-    whole = predict_stress(draws(50), specimen(), GOH_LAW, path)
+    whole = predict_stress(draws(50), specimen(), Settings(), path)
     monkeypatch.setattr("biaxbayes.prediction.stress.BLOCK", 170)
-    pd.testing.assert_frame_equal(whole, predict_stress(draws(50), specimen(), GOH_LAW, path))
+    pd.testing.assert_frame_equal(whole, predict_stress(draws(50), specimen(), Settings(), path))
 
 
 def test_protocols_with_their_own_mounted_state_must_be_named():
