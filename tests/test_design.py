@@ -168,7 +168,9 @@ def candidates(run):
 
 
 def test_protocol_likelihood_is_a_normal_density(run, candidates):
-    protocol = replace(candidates["1:0.5"], shared=False)
+    shared = candidates["1:0.5"]
+    settings = replace(shared.settings, mounting_stretch="per-protocol")
+    protocol = replace(shared, settings=settings)
     draws = run.draws.iloc[[3, 500, 900]]
     outcomes = protocol.outcomes(draws, np.random.default_rng(5))
     found = protocol.log_likelihood(outcomes, draws)
