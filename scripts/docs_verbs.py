@@ -16,7 +16,7 @@ import click
 
 from biaxbayes.cli import VERBS, group
 from biaxbayes.options import FIT_WORDS, WHICH_FIT
-from biaxbayes.reports.words import GLOSSARY, SEVERAL
+from biaxbayes.reports.text import GLOSSARY, SEVERAL
 from biaxbayes.specimens.keys import COLUMNS, KEYS, Column, Key
 from biaxbayes.text_files import atomic_write_text
 
@@ -138,10 +138,10 @@ def specimen_file() -> str:
 
 def _meanings(names: Mapping[str, Column | Key]) -> str:
     rows = ["| name | unit | meaning | without it |", "|---|---|---|---|"]
-    for name, meaning in names.items():
+    for name, entry in names.items():
         ending = name.rpartition("_")[2]
         unit = ending if ending in IN_NAMES else ""
-        rows.append(f"| `{name}` | {unit} | {meaning.words} | {meaning.default} |")
+        rows.append(f"| `{name}` | {unit} | {entry.meaning} | {entry.default} |")
     return "\n".join(rows) + "\n"
 
 

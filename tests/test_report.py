@@ -21,7 +21,7 @@ from biaxbayes.reports.closing_message import closing_message
 from biaxbayes.reports.methods import prior_in_words
 from biaxbayes.reports.page import determined_rows, write_report
 from biaxbayes.reports.templates import TOTAL_BYTES, pictures
-from biaxbayes.reports.words import latex_text
+from biaxbayes.reports.text import latex_text
 from biaxbayes.runs.run import open_run
 from commands import exit_code, refused
 

@@ -16,7 +16,7 @@ DIRECTIONS = ("x", "y", "xy")
 class Format:
     """Text for the help, and the options of ``biaxbayes convert`` that only this format takes."""
 
-    words: str
+    description: str
     options: tuple[str, ...] = ()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from biaxbayes.errors import printable
 from biaxbayes.identifiability.reported import row_lines
-from biaxbayes.reports.words import cut
+from biaxbayes.reports.text import cut
 from biaxbayes.runs.run import Run
 
 MOST_LINES = 12

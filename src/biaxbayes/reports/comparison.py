@@ -22,7 +22,7 @@ from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.parameters import Quantities
 from biaxbayes.reports.study_page import with_unit
 from biaxbayes.reports.templates import Row, embedded, page_template
-from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms
+from biaxbayes.reports.text import VERDICT_TERMS, chosen_terms
 from biaxbayes.text_files import atomic_write_text, write_csv
 
 # --- a comparison of runs ------------------------------------------------------------------------

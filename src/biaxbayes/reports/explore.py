@@ -34,9 +34,9 @@ from biaxbayes.model.priors import FAMILIES, Prior
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
-from biaxbayes.reports.methods import PRIOR_NUMBERS, prior_in_words
+from biaxbayes.reports.methods import PRIOR_NUMBERS, prior_text
 from biaxbayes.reports.templates import page_template
-from biaxbayes.reports.words import as_html, cut
+from biaxbayes.reports.text import as_html, cut
 
 LEAST_EFFECTIVE = 200
 """Effective draws (Kish) below which another prior is refused."""
@@ -366,7 +366,7 @@ def _prior_controls(posterior: Posterior, draws: pd.DataFrame) -> list[PriorCont
             PriorControl(
                 Markup(", ").join(dict.fromkeys(as_html(Quantity(q.parameter)) for q in members)),
                 " and ".join(dict.fromkeys(q.parameter.words for q in members)),
-                prior_in_words(prior.as_table(), members[0].unit),
+                prior_text(prior.as_table(), members[0].unit),
                 [PRIOR_NUMBERS.get(k, k) for k in FAMILIES[prior.family]],
                 {
                     "columns": [q.name for q in members],

@@ -13,7 +13,7 @@ from biaxbayes.identifiability.verdict import (
     NOT_IDENTIFIED,
 )
 from biaxbayes.parameters import STRETCH
-from biaxbayes.reports.words import as_latex, cut, latex_text, state_words
+from biaxbayes.reports.text import STATES, as_latex, cut, latex_text
 from biaxbayes.runs.run import Run
 
 LOADS = {
@@ -50,7 +50,7 @@ PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "n
 
 def methods(run: Run) -> str:
     """The methods section as one paragraph of plain text, without results."""
-    priors = "; ".join(f"{name} {words}" for name, words in priors_in_words(run).items())
+    priors = "; ".join(f"{name} {words}" for name, words in prior_texts(run).items())
     sentences = (
         _test(run),
         _grips(run),
@@ -122,7 +122,7 @@ def _noise(run: Run) -> str:
     )
 
 
-def prior_in_words(prior: Any, unit: str = "") -> str:
+def prior_text(prior: Any, unit: str = "") -> str:
     """A prior of provenance.json as a phrase, with its unit where it has one."""
     unit = f" {unit}" if unit not in ("", "1") else ""
     if isinstance(prior, int | float):
@@ -141,13 +141,13 @@ def prior_in_words(prior: Any, unit: str = "") -> str:
     return f"{shape} ({', '.join(parts)})" if parts else shape
 
 
-def priors_in_words(run: Run) -> dict[str, str]:
+def prior_texts(run: Run) -> dict[str, str]:
     """Priors of a run as text, by the names of their quantities."""
     priors = run.provenance.get("priors")
     words = {}
     for name, prior in priors.items() if isinstance(priors, dict) else ():
         known = run.quantities.get(name)
-        words[cut(name, 40)] = prior_in_words(prior, "" if known is None else known.unit)
+        words[cut(name, 40)] = prior_text(prior, "" if known is None else known.unit)
     return words
 
 
@@ -211,7 +211,7 @@ def latex_table(run: Run) -> str:
     name = latex_text(run.specimen.name)
     caption = f"{name}: reported 90\\,\\% intervals and 95\\,\\% bounds."
     if run.state != "converged":
-        caption += f" {latex_text(state_words(run.state))}"
+        caption += f" {latex_text(STATES[run.state])}"
     rows = []
     for row in run.result.rows:
         texts = [latex_text(t, 300) for t in (row.interval, row.unit, row.verdict, row.reason)]

@@ -13,9 +13,9 @@ from biaxbayes.identifiability.reported import DASH, WIDE, interval_text
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
-from biaxbayes.reports.methods import methods, priors_in_words, results_paragraph
+from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
-from biaxbayes.reports.words import GLOSSARY, cut, state_words
+from biaxbayes.reports.text import GLOSSARY, STATES, cut
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
@@ -76,7 +76,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         law=run.law.title,
         state=run.state,
         explore=EXPLORE if explore else "",
-        verdict=state_words(run.state),
+        verdict=STATES[run.state],
         reason=cut(convergence["reason"], 400),
         findings=result.findings,
         warnings=result.warnings,
@@ -180,7 +180,7 @@ def _settings_facts(run: Run) -> list[tuple[str, str]]:
     ]
     if settings.get("thin"):
         facts.append(("Longer protocols averaged to", f"{settings['thin']} rows"))
-    return facts + [(f"Prior of {k}", words) for k, words in priors_in_words(run).items()]
+    return facts + [(f"Prior of {k}", words) for k, words in prior_texts(run).items()]
 
 
 def _version_facts(run: Run) -> list[tuple[str, str]]:

@@ -23,7 +23,7 @@ from biaxbayes.populations.text import (
 )
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, counted, cut
+from biaxbayes.reports.text import VERDICT_TERMS, chosen_terms, counted, cut
 from biaxbayes.studies.groups import KNOWN
 
 PAGE = "population.html"

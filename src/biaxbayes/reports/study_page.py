@@ -22,7 +22,7 @@ from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.words import VERDICT_TERMS, as_html, chosen_terms, cut, derived_words
+from biaxbayes.reports.text import VERDICT_TERMS, as_html, chosen_terms, cut, derived_text
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
@@ -81,7 +81,7 @@ def unit_text(text: object) -> str:
 
 def named(name: object) -> Quantity | str:
     """A quantity by its name, or text for a derived one."""
-    return KNOWN_QUANTITIES.get(str(name)) or derived_words(str(name))
+    return KNOWN_QUANTITIES.get(str(name)) or derived_text(str(name))
 
 
 def with_unit(name: str, unit: object) -> Markup:

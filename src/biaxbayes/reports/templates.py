@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from biaxbayes.parameters import Quantity
-from biaxbayes.reports.words import as_html
+from biaxbayes.reports.text import as_html
 
 Cell: TypeAlias = str | Quantity | Markup | tuple[str | Markup, ...]
 """A text, a quantity (its symbol), or a text with further ones in small print below."""

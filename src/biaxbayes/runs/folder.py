@@ -385,14 +385,3 @@ def other_kind(folder: Path) -> str:
     if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
         return f"is a study's folder, not a run's; give one of the runs in {folder / RUNS}"
     return ""
-
-
-def names_in(folder: Path) -> set[str]:
-    """Make a folder if it is new, and return the names in it without hidden files."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return {p.name for p in folder.iterdir() if not p.name.startswith(".")}
-    except OSError as error:
-        raise RunError(
-            f"{folder}: cannot be used ({error.strerror}); choose another `out`"
-        ) from None

@@ -31,14 +31,14 @@ REFERENCES = ("each protocol", "common")
 class Column(NamedTuple):
     """Meaning of a column, and its default."""
 
-    words: str
+    meaning: str
     default: str
 
 
 class Key(NamedTuple):
     """Meaning, default and allowed values of a header key; any text without range and choices."""
 
-    words: str
+    meaning: str
     default: str
     range: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()

@@ -188,10 +188,10 @@ def header_options() -> Decorator:
 
     def add(function: Any) -> Any:
         for key, metavar in reversed(HEADER_OPTIONS.items()):
-            words, default = KEYS[key].words, KEYS[key].default
+            meaning, default = KEYS[key].meaning, KEYS[key].default
             default = "name of the first file" if key == "specimen" else default
             without = default if default == OF_FORCES else f"default: {default}"
-            text = f"{words}." if default == NONE else f"{words} ({without})."
+            text = f"{meaning}." if default == NONE else f"{meaning} ({without})."
             option = f"--{key.replace('_', '-')}"
             names = [option] if option == option.lower() else [option, option.lower()]
             function = click.option(*names, key.lower(), metavar=metavar, help=text)(function)
@@ -206,7 +206,7 @@ def header_options() -> Decorator:
     "--machine",
     type=click.Choice(list(FORMATS)),
     required=True,
-    help="; ".join(f"{name}: {format_.words}" for name, format_ in FORMATS.items()) + ".",
+    help="; ".join(f"{name}: {format_.description}" for name, format_ in FORMATS.items()) + ".",
 )
 @file_option("out", "Specimen file.", required=True)
 @click.option(

@@ -91,7 +91,7 @@ def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
 
 def print_design(result: Design, unit: str) -> None:
     """Print a row per candidate, cautions, and what to measure next."""
-    from biaxbayes.reports.words import NATS
+    from biaxbayes.reports.text import NATS
 
     names = [p.name for p in result.known.material if p.name in result.quantities]
     columns = [result.quantities.index(name) for name in names]

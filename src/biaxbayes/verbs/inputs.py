@@ -102,9 +102,13 @@ def claim_folder(
     folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
 ) -> set[str]:
     """Make an output folder that is new, or holds one of `records` or nothing but `own` names."""
-    from biaxbayes.runs.folder import names_in
-
-    names = names_in(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
+    except OSError as error:
+        raise RunError(
+            f"{folder}: cannot be used ({error.strerror}); choose another `out`"
+        ) from None
     if names.difference(own) and not names.intersection(records):
         raise RunError(f"{folder}: is a folder that is not {kind}; choose another `out`")
     return names

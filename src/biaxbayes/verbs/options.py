@@ -103,23 +103,28 @@ def argument(name: str, **more: Any) -> Decorator:
     return click.argument(name, type=click.Path(path_type=Path), **more)
 
 
-def file_option(flag: str, words: str, metavar: str | None = None, **more: Any) -> Decorator:
+def file_option(flag: str, help_text: str, metavar: str | None = None, **more: Any) -> Decorator:
     """An option that takes a path; ``name`` where the argument has another name than the flag."""
     names = [f"--{flag}", more.pop("name", flag)]
     kind = click.Path(path_type=Path)
-    return click.option(*names, type=kind, metavar=metavar, help=words, **more)
+    return click.option(*names, type=kind, metavar=metavar, help=help_text, **more)
 
 
-def choice_option(flag: str, choices: Any, words: str = "", **more: Any) -> Decorator:
+def choice_option(flag: str, choices: Any, help_text: str = "", **more: Any) -> Decorator:
     """An option that takes one of several values, by default the first."""
     names = [f"--{flag}", more.pop("name", flag)]
-    settings = {"default": next(iter(choices)), "show_default": True, "help": words or None, **more}
+    settings = {
+        "default": next(iter(choices)),
+        "show_default": True,
+        "help": help_text or None,
+        **more,
+    }
     return click.option(*names, type=click.Choice(list(choices)), **settings)
 
 
-def flag(name: str, words: str) -> Decorator:
+def flag(name: str, help_text: str) -> Decorator:
     """An option without a value."""
-    return click.option(f"--{name}", is_flag=True, help=words)
+    return click.option(f"--{name}", is_flag=True, help=help_text)
 
 
 quiet_option = flag("quiet", "Print nothing but errors.")
@@ -128,9 +133,9 @@ any_record_option = flag("anyway", "Sample data that do not look like a loading 
 resume_option = flag("resume", "Continue from the folder's checkpoint.")
 
 
-def json_option(words: str) -> Decorator:
+def json_option(help_text: str) -> Decorator:
     """``--json``."""
-    return click.option("--json", "as_json", is_flag=True, help=words)
+    return click.option("--json", "as_json", is_flag=True, help=help_text)
 
 
 def overwrite_option(kind: str) -> Decorator:
@@ -160,17 +165,17 @@ def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
 MODEL = tuple(options_of(ModelOptions))
 
 
-def fix_option(words: str) -> Decorator:
+def fix_option(help_text: str) -> Decorator:
     """``--fix NAME=VALUE``."""
-    return click.option("--fix", multiple=True, metavar="NAME=VALUE", help=words)
+    return click.option("--fix", multiple=True, metavar="NAME=VALUE", help=help_text)
 
 
 def mounting_force_option(
-    words: str = "For a tared file: the force (or stress) at the mounted state, added back.",
+    help_text: str = "For a tared file: the force (or stress) at the mounted state, added back.",
 ) -> Decorator:
     """``--mounting-force X Y``."""
     return click.option(
-        "--mounting-force", nargs=2, type=float, default=None, metavar="X Y", help=words
+        "--mounting-force", nargs=2, type=float, default=None, metavar="X Y", help=help_text
     )
 
 

@@ -30,7 +30,7 @@ from biaxbayes.populations.sampler import History, Plan, State, draw
 from biaxbayes.populations.specimens import Source, make_individual, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.reports.words import counted
+from biaxbayes.reports.text import counted
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import POPULATION, staged
 from biaxbayes.runs.provenance import settings_table, specimen_digest

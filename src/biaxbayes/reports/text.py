@@ -38,15 +38,15 @@ DERIVED = {
 SMALL_STRAIN = "small-strain stiffness, {}"
 
 
-def derived_words(name: str) -> str:
+def derived_text(name: str) -> str:
     """Text for a derived quantity such as ``cauchy_x at 1.1``; other names unchanged."""
     stem, at, stretch = name.partition(" at ")
-    words = DERIVED.get(stem[:-1])
-    if words is None or stem[-1:] not in "xyz":
+    text = DERIVED.get(stem[:-1])
+    if text is None or stem[-1:] not in "xyz":
         return name
     if stem.startswith("stiffness_") and stretch in ("", "1"):
         return SMALL_STRAIN.format(stem[-1])
-    return words.format(stem[-1]) + (f", at {stretch}" if at else "")
+    return text.format(stem[-1]) + (f", at {stretch}" if at else "")
 
 
 STATES = {
@@ -54,11 +54,7 @@ STATES = {
     "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",
     "unusable": "Not usable: the ensembles disagree, so the draws must not be used.",
 }
-
-
-def state_words(state: str) -> str:
-    """Sentence on how far a run in this state can be trusted."""
-    return STATES[state]
+"""How far a run can be trusted, by its state."""
 
 
 def counted(number: int, noun: str) -> str:
