@@ -228,7 +228,7 @@ def test_page_without_figures_and_verdicts(run, tmp_path):
         path.unlink()
     page = outline(write_report(folder).read_text(encoding="utf-8"))
     assert page.all("img") == []
-    assert "holds no corner.png" in "".join(page.text)
+    assert "has no corner.png" in "".join(page.text)
 
 
 def test_report_is_the_same_twice(run, html, copied):
