@@ -18,7 +18,7 @@ import reported
 from biaxbayes.errors import RunError
 from biaxbayes.reports import page as report
 from biaxbayes.reports.closing_message import closing_message
-from biaxbayes.reports.methods import prior_in_words
+from biaxbayes.reports.methods import prior_text
 from biaxbayes.reports.page import determined_rows, write_report
 from biaxbayes.reports.templates import TOTAL_BYTES, pictures
 from biaxbayes.reports.text import latex_text
@@ -263,13 +263,13 @@ def test_text_from_files_is_escaped():
 
 
 def test_priors_state_their_units():
-    assert prior_in_words({"distribution": "uniform", "low": 0.0, "high": 90.0}) == (
+    assert prior_text({"distribution": "uniform", "low": 0.0, "high": 90.0}) == (
         "uniform from 0 to 90"
     )
-    assert prior_in_words(5.0, "kPa") == "fixed at 5 kPa"
-    text = prior_in_words({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0}, "kPa")
+    assert prior_text(5.0, "kPa") == "fixed at 5 kPa"
+    text = prior_text({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0}, "kPa")
     assert "median 10 kPa" in text and text.count("kPa") == 1
-    text = prior_in_words({"distribution": "normal", "mean": 40, "sd": 3, "low": 0}, "deg")
+    text = prior_text({"distribution": "normal", "mean": 40, "sd": 3, "low": 0}, "deg")
     assert text == "normal (mean 40 deg, sd 3 deg, not below 0 deg)"
 
 
