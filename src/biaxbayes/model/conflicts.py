@@ -130,7 +130,8 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
 
 def is_far(prior: Prior, value: float) -> bool:
     """Whether a value lies beyond three standard deviations of a prior."""
-    return min(float(prior.cdf(np.array(value))), 1.0 - float(prior.cdf(np.array(value)))) < TAIL
+    level = float(prior.cdf(np.array(value)))
+    return min(level, 1.0 - level) < TAIL
 
 
 def prior_text(prior: Prior) -> str:

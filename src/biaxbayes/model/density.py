@@ -53,7 +53,7 @@ class Problem(NamedTuple):
     slot : int64 ndarray, shape (s,)
         Index of each slot in a walker's coordinates, or -1 where the slot is fixed.
     fixed : ndarray, shape (s,)
-        Value of a fixed slot, in the slot's own scale (logs for positive quantities).
+        Value of a fixed slot, on the scale of the slot (logs for positive quantities).
     tie : int64 ndarray, shape (s,); tie_log_factor : ndarray, shape (s,)
         A tied slot takes the value of another plus a log factor; -1 where free.
     coordinates : NamedTuple
@@ -65,7 +65,7 @@ class Problem(NamedTuple):
     logarithmic : bool ndarray, shape (s,)
         Slots that hold logs.
     per_unit : ndarray, shape (s,)
-        Stated units in one of the slot's: degrees in a radian, else 1.
+        Natural units in one unit of the slot: degrees per radian, else 1.
     prior_kind : int64 ndarray, shape (s,); prior : ndarray, shape (s, 5)
         Kind, and location, scale, lower, upper, log normaliser of each slot's prior. For
         mounting slots the prior is on the mounting stretch.
@@ -149,7 +149,7 @@ def _mounted_state(problem, value, constants, m, sx, sy):
     i = o + MOUNTING + 2 * m
     if problem.mounting_mode == FORCE:
         px, py = value[i], value[i + 1]
-        if problem.slot[i] < 0:  # exact: the reading, less the cell's own zero
+        if problem.slot[i] < 0:  # exact: the reading less the offset of the cell
             px, py = px - value[o + OFFSET_X], py - value[o + OFFSET_Y]
         ok, x, y, jxx, jxy, jyy = solve_balance(constants, px / sx, py / sy, problem.mounted)
         if not ok:

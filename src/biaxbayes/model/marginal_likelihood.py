@@ -32,7 +32,7 @@ class MarginalLikelihood:
         Log density of the mounting reading where the model is one without prestretch
         (``ignored``): a force of zero, read with the load cell's noise. Add it before comparing
         with a model that infers the mounting stretch, whose data include that reading. None where
-        it is in ``log_evidence`` already, or cannot be stated.
+        it is in ``log_evidence`` already, or is unknown.
     """
 
     log_evidence: float
@@ -46,7 +46,7 @@ def marginal_likelihood(posterior: Posterior, draws: Draws, *, seed: int = 0) ->
     The posterior has independent noise and all rows: ValueError if the likelihood is tempered or
     its rows are averaged.
     """
-    problem = _without(posterior)
+    problem = _reason_without(posterior)
     if problem:
         raise ValueError(problem)
     value, error = log_integral(draws.target.log_prob, draws.chain, draws.proposal, seed=seed)
@@ -56,20 +56,17 @@ def marginal_likelihood(posterior: Posterior, draws: Draws, *, seed: int = 0) ->
 
 
 def log_prior_mass(posterior: Posterior) -> float:
-    """Log prior probability of the condition that parameters of the law meet together.
-
-    By 2^18 draws of the priors, to about 0.003.
-    """
+    """Log prior probability of the law's condition on several parameters, to about 0.003."""
     law, priors = posterior.law, posterior.priors
-    own = {name: priors[name] for name in law.joint_parameters}
-    distributions = {name: p for name, p in own.items() if isinstance(p, Prior)}
+    joint = {name: priors[name] for name in law.joint_parameters}
+    distributions = {name: p for name, p in joint.items() if isinstance(p, Prior)}
     if not distributions:
         return 0.0
     levels = np.random.default_rng(0).random((len(distributions), 2**18))
-    values: dict[str, Any] = {n: p for n, p in own.items() if not isinstance(p, Prior | Tie)}
+    values: dict[str, Any] = {n: p for n, p in joint.items() if not isinstance(p, Prior | Tie)}
     for (name, prior), level in zip(distributions.items(), levels, strict=True):
         values[name] = prior.ppf(level)
-    for name, tie in own.items():
+    for name, tie in joint.items():
         if isinstance(tie, Tie):
             values[name] = tie.factor * values[tie.other]
     return float(np.log(np.mean(law.holds(values))))
@@ -77,7 +74,7 @@ def log_prior_mass(posterior: Posterior) -> float:
 
 def marginal_likelihood_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Any]:
     """The marginal likelihood as JSON values, or the reason why there is none."""
-    problem = _without(posterior)
+    problem = _reason_without(posterior)
     if not problem and draws.convergence.state != "converged":
         problem = "the draws have not converged"
     if problem:
@@ -90,7 +87,7 @@ def marginal_likelihood_record(posterior: Posterior, draws: Draws, seed: int) ->
     }
 
 
-def _without(posterior: Posterior) -> str:
+def _reason_without(posterior: Posterior) -> str:
     """Why a posterior has no marginal likelihood; empty where it has one."""
     if posterior.settings.noise != "independent" or posterior.beta != 1.0:
         return "a tempered likelihood has no evidence (--noise independent has one)"

@@ -1,6 +1,6 @@
 """Prepare a posterior for sampling: fit, effective readings, sampling coordinates, starting point.
 
-The weight of the curves is read from the residuals of the deterministic fit, which uses no priors.
+The weight of the curves is read from the residuals of the least-squares fit, which uses no priors.
 With priors of the user, and with a noise sd that depends on the load, the residuals of the sampled
 model are used, at its mode and over their sd: a prior that pulls the model off the data correlates
 neighbouring residuals, and the effective number of readings is smaller.
@@ -30,7 +30,7 @@ def prepare(
     Parameters
     ----------
     seed : int
-        For the random starts of the deterministic fit.
+        Seed of the random starts of the least-squares fit.
     beta : float, optional
         Weight n_eff / n of the log likelihood; estimated from the residuals if not given, and one
         for independent noise.
