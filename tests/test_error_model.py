@@ -8,6 +8,7 @@ from scipy.stats import norm
 
 from biaxbayes.error_model import (
     CONSTANT,
+    ERROR_MODELS,
     GROWING,
     curve_log_likelihood,
     log_likelihood,
@@ -16,6 +17,8 @@ from biaxbayes.error_model import (
     standard_cdf,
     standard_quantile,
 )
+from biaxbayes.options import Settings
+from biaxbayes.parameters import ERRORS, NOISE_SD
 
 LOAD = np.array([0.0, 0.1, 0.4, 1.0])
 MEASURED = np.array([0.03, 0.08, 0.45, 0.9])
@@ -51,3 +54,11 @@ def test_bands_and_checks_use_the_same_distribution():
     z = np.linspace(-3.0, 3.0, 7)
     np.testing.assert_allclose(standard_cdf(z), norm.cdf(z), rtol=1e-12)
     np.testing.assert_allclose(standard_quantile(norm.cdf(z)), z, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", ERROR_MODELS, ids=str)
+def test_settings_choose_each_model_and_its_parameters_are_registered(model):
+    settings = Settings(**({model.option: True} if model.option else {}))
+    assert settings.error_model is model
+    assert [p.name for p in model.parameters] == list(model.values._fields)
+    assert model.parameters[0] is NOISE_SD and set(model.parameters) <= set(ERRORS)
