@@ -104,6 +104,17 @@ def test_refinement_of_the_hooked_sheet_converges():
         assert np.all(change[-1] < 2e-3 * values[-1])
 
 
+def test_elements_of_eight_nodes_give_the_same_force():
+    nine = Sheet(20.0, 20.0, elements=20)
+    eight = Sheet(20.0, 20.0, elements=20, serendipity=True)
+    assert eight.free.size < nine.free.size
+    force = []
+    for sheet in (nine, eight):
+        tester = SheetTester(WEISBECKER, sheet, Hooks().on(sheet))
+        force.append(tester.force_N(tester.mount((1.12, 1.08))))
+    np.testing.assert_allclose(*force, rtol=1e-3)
+
+
 def test_a_step_too_large_is_halved_and_an_impossible_one_reported():
     tester = hooked(DONOR2, elements=6)
     in_one = tester.stretch_to(tester.unloaded, (1.15, 1.15), increments=1)
