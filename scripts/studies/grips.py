@@ -1,7 +1,7 @@
 """The correction for hooks: coverage on virtual specimens, and what a wrong geometry costs.
 
-    python scripts/study.py grips --count 40        about half an hour
-    python scripts/study.py grips --first 40 --count 40 --workers 2
+    python scripts/study.py grips --first 200 --count 40     coverage, about half an hour
+    python scripts/study.py grips --count 2                  wrong geometry, r along the posterior
 
 ``docs/grips.md`` quotes the tables; its figure is the one in the run folder of hooked-weisbecker.
 Every virtual specimen is computed on a finer mesh of other elements, and has load noise alone.
