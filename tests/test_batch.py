@@ -204,7 +204,7 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
 class _GoneLater:
     """A file that is there when a task begins, and then is not."""
 
-    arguments = 0
+    asked = 0
 
     def exists(self):
         self.asked += 1
