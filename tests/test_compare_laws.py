@@ -479,7 +479,8 @@ def test_what_is_reported_is_the_same_in_table_page_and_terminal(compared, capsy
         assert row["verdict"] == "identified"
         assert f"<strong>{row['interval']}</strong>" in page
     assert "2 <a" in page
-    assert "goh predicts best" in page
+    rms_kPa = f"{laws['left_out_rms_kPa']['goh']:.3g}"
+    assert f"goh predicts left-out parts best: its rms error is {rms_kPa} kPa" in page
     assert "src=" in page and "http://" not in page and "<script" not in page
     # the terminal: the same command with --resume says it again
     assert exit_code(
