@@ -29,6 +29,7 @@ class SmallRun:
     state: str = "converged"
     provenance: dict = field(default_factory=lambda: {"settings": {"fibre_switch": False}})
     law = Run.law
+    settings = Run.settings
     quantities = Run.quantities
 
     def posterior(self) -> Posterior:
