@@ -486,8 +486,11 @@ def test_hostile_names_do_not_break_a_figure(tmp_path):
         axis_y="$\\alpha_{$",
     )
     draws = draws_of(200, states=names)
-    for make, kinds in ((bands_figure, ("pdf", "svg")), (mounting_figure, ("png",))):
-        figure = make(specimen, draws)
+    bands_of_all = bands_figure(specimen, draws, settings=Settings())
+    for figure, kinds in (
+        (bands_of_all, ("pdf", "svg")),
+        (mounting_figure(specimen, draws), ("png",)),
+    ):
         assert_readable(figure, 180.0)
         for kind in kinds:
             save_figure(figure, tmp_path / f"figure.{kind}")

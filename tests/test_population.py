@@ -199,7 +199,7 @@ def test_a_population_is_replaced_whole(study, found, tmp_path, quick, monkeypat
     again = quick_job(study, folder, options=PopulationOptions(seed=2)).execute(
         overwrite=True, progress=steps.append
     )
-    (output,) = [p.note for p in steps if p.note.startswith("removed with the population before")]
+    (output,) = [p.note for p in steps if p.note.startswith("removed with the previous population")]
     assert "cards-abaqus-kPa-mm" in output and "population-pairs.svg" in output
     assert again.folder == folder
     record = json.loads((folder / POPULATION).read_text())

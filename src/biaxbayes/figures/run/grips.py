@@ -51,10 +51,12 @@ def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
 
 def sketch_figure(specimen: Specimen) -> Figure:
     """Sketch of the unloaded sheet, its hooks and the markers, to scale."""
+    a, b = edges_mm(specimen)
     with print_style():
-        figure = blank_figure(COLUMN_MM, COLUMN_MM + 15.0)
+        figure = blank_figure(COLUMN_MM, COLUMN_MM * max(b / a, 0.5))
         ax = figure.subplots()
         _draw_sketch(ax, specimen)
+        ax.set_anchor("N")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
