@@ -188,6 +188,11 @@ def test_a_posterior_that_no_run_wrote(run, capsys, damage, says):
     assert says in refused(run, capsys)
 
 
+def test_draws_without_a_parameter_of_their_errors(run, capsys):
+    sealed(run, settings=record(run)["settings"] | {"noise_growth": True})
+    assert "no noise_growth" in refused(run, capsys)
+
+
 def test_not_a_folder_of_a_run(tmp_path, capsys):
     assert "is not a run folder" in refused(tmp_path, capsys)
     (tmp_path / "file").write_text("")

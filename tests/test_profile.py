@@ -250,6 +250,14 @@ def test_fixed_and_unknown_parameters_are_refused():
             profiles(fixed, [name])
 
 
+def test_errors_that_grow_are_said_to_be_constant_in_a_profile():
+    data = determined().specimen
+    for growth in (False, True):
+        posterior = Posterior(data, noise="independent", noise_growth=growth)
+        note = profile_likelihood(posterior, "k1").note
+        assert ("constant here, not growing with the load" in note) == growth
+
+
 def test_sweeping_back_gives_nothing_lower():
     posterior = traded()
     likelihood = ConditionalLikelihood(posterior.specimen, posterior.settings, posterior.beta, {})

@@ -133,7 +133,8 @@ class Run:
     def tree(self) -> xr.DataTree:
         """posterior.nc in memory."""
         path = trusted_path(self.path, "posterior.nc", self.provenance)
-        return read_archive(path, self.law.names)
+        errors = (parameter.name for parameter in self.settings.error_model.parameters)
+        return read_archive(path, [*self.law.names, *errors])
 
     @property
     def arviz(self) -> Any:
