@@ -165,7 +165,7 @@ def coverage(records: Iterable[dict[str, Any]]) -> pd.DataFrame:
 RUNS, WALKERS, STEPS = 50, 64, 4000
 
 
-def following_r(specimen: Specimen) -> pd.DataFrame:
+def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.DataFrame:
     """What the posterior would be if r followed the material, against r at the fit.
 
     ln r of every row is linear in ln k1/C1, ln k2, alpha, kappa and the mounting stretches, fitted
@@ -176,7 +176,7 @@ def following_r(specimen: Specimen) -> pd.DataFrame:
     draws = draw_posterior(posterior, Plan(ess=500.0))
     columns = {name: np.ravel(values) for name, values in draws.quantities.items()}
     at_fit = log_ratios(correction.ratios)
-    surface, error = linear_surface(correction, columns)
+    surface, error = linear_surface(correction, columns, runs)
     problem = posterior.assembly.problem
     tests = correction.specimen.protocols
     later = np.concatenate([np.arange(p.rows) >= p.rest_rows for p in tests])
@@ -208,8 +208,8 @@ def following_r(specimen: Specimen) -> pd.DataFrame:
             *start.shape, log_prob, args=(follow,), vectorize=True, moves=moves
         )
         sampler.random_state = np.random.RandomState(0).get_state()
-        sampler.run_mcmc(start, STEPS)
-        samples.append(posterior.natural(sampler.get_chain(discard=STEPS // 2, thin=10, flat=True)))
+        sampler.run_mcmc(start, steps)
+        samples.append(posterior.natural(sampler.get_chain(discard=steps // 2, thin=10, flat=True)))
     constant, followed = samples
     rows = []
     for q in QUANTITIES:
@@ -236,7 +236,7 @@ def log_ratios(ratios: tuple[RowRatios, ...]) -> np.ndarray:
 
 
 def linear_surface(
-    correction: GripCorrection, columns: dict[str, np.ndarray]
+    correction: GripCorrection, columns: dict[str, np.ndarray], runs: int
 ) -> tuple[Callable[..., np.ndarray], float]:
     """A linear function for ln r of all rows, and its largest held-out error."""
     measured, fit = correction.measured, correction.fit
@@ -251,26 +251,26 @@ def linear_surface(
         return np.stack([np.ones_like(terms[0]), *terms], axis=-1)
 
     size = columns["C1"].size
-    points = np.array([columns[q][np.linspace(0, size - 1, RUNS).astype(int)] for q in QUANTITIES])
+    points = np.array([columns[q][np.linspace(0, size - 1, runs).astype(int)] for q in QUANTITIES])
     # the coarse mesh tells how ln r changes, the fine one what it is at the fit
     centre = computed(*fit.material.values, *fit.mounting_stretch[0])
     logs = np.array([computed(*p) for p in points.T]) - centre + log_ratios(correction.ratios)
-    X, held_out = features(*points), np.arange(RUNS) % 4 == 0
+    X, held_out = features(*points), np.arange(runs) % 4 == 0
     some = np.linalg.lstsq(X[~held_out], logs[~held_out].reshape((~held_out).sum(), -1))[0]
     error = float(np.abs(X[held_out] @ some - logs[held_out].reshape(held_out.sum(), -1)).max())
-    coefficients = np.linalg.lstsq(X, logs.reshape(RUNS, -1))[0]
+    coefficients = np.linalg.lstsq(X, logs.reshape(runs, -1))[0]
     return lambda *q: (features(*q) @ coefficients).reshape(logs.shape[1:]), error
 
 
 # --- wrong geometry ------------------------------------------------------------------------------
 
 
-def wrong_geometry() -> pd.DataFrame:
+def wrong_geometry(wrong: dict[str, dict[str, Any]]) -> pd.DataFrame:
     """The corrected fit of the shipped hooked specimens where the header misstates the hooks."""
     rows = []
     for name in ("hooked-media", "hooked-weisbecker"):
         specimen = read_specimen(DATA / f"{name}.csv")
-        for label, change in WRONG.items():
+        for label, change in wrong.items():
             correction = corrected_for_grips(stated(specimen, STATED | change), fitted)
             material, lm = correction.fit.material, correction.fit.mounting_stretch[0]
             values = dict(zip(QUANTITIES, (*material.values, *lm), strict=True))
@@ -284,10 +284,13 @@ def main() -> None:
     arguments.add_argument("--first", type=int, default=0, help="number of the first specimen")
     arguments.add_argument("--count", type=int, default=40, help="specimens")
     options = options_of(arguments)
-    if options.first == 0:
-        print_table("grips-wrong-geometry", wrong_geometry())
+    if options.quick:
+        print_table("grips-wrong-geometry", wrong_geometry({"as it is": {}}))
+        print_table("grips-following-r", following_r(followed_specimens()[1], runs=12, steps=50))
+    elif options.first == 0:
+        print_table("grips-wrong-geometry", wrong_geometry(WRONG))
         print_table("grips-following-r", pd.concat([following_r(s) for s in followed_specimens()]))
-    count = 2 if options.quick else options.count
+    count = 1 if options.quick else options.count
     cases = [(i, 3 if i % 2 else 1) for i in range(options.first, options.first + count)]
     records = run_all(one_specimen, cases, options.records / "grips.jsonl", options.workers)
     done = [r for r in records if r["state"] == "done"]
