@@ -34,9 +34,6 @@ from scipy.sparse import csc_matrix
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
 
-__all__ = ["Sheet", "membrane_energy", "membrane_stress", "membrane_stress_and_tangent"]
-
-
 # --- the GOH membrane under any in-plane deformation, shear included -----------------------------
 
 

@@ -30,9 +30,6 @@ from biaxbayes.errors import NotConverged
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.laws.goh import GOH
 
-__all__ = ["Grips", "Hooks", "SheetTest", "SheetTester"]
-
-
 # --- how a sheet is held -------------------------------------------------------------------------
 
 
