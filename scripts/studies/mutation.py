@@ -14,6 +14,7 @@ import random
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 from studies.common import ROOT, options_of, parser
@@ -25,7 +26,7 @@ PARTS: dict[str, tuple[str, str]] = {
     ),
     "verdicts": (
         "identifiability/*.py identifiability/mounting_stretch/*.py",
-        "verdict marginals tissue_stress mounting_refits noise_worth stated identifiability",
+        "verdict marginals tissue_stress mounting_refits noise_worth reported identifiability",
     ),
     "sampling": (
         "sampling/*.py",
@@ -65,14 +66,21 @@ def prepare_copy(copy: Path, part: str) -> None:
     (copy / "mutation.toml").write_text("\n".join(lines) + "\n")
 
 
-def environment(copy: Path, part: str) -> dict[str, str]:
-    """The copy's own package; the density is mutated in plain Python, which starts quicker."""
+def environment(copy: Path) -> dict[str, str]:
+    """The copy's own package and its own compiled code."""
     return os.environ | {
         "NUMBA_CACHE_DIR": str(copy / "compiled"),
-        "NUMBA_DISABLE_JIT": str(int(part == "density")),
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONPATH": str(copy / "src"),
     }
+
+
+def check_unmutated(copy: Path) -> None:
+    """End the study where the tests fail without a mutant: every mutant would count as killed."""
+    settings = tomllib.loads((copy / "mutation.toml").read_text())["cosmic-ray"]
+    command = settings["test-command"].split()
+    if subprocess.run(command, cwd=copy, env=environment(copy)).returncode:
+        sys.exit("the tests fail without a mutant: mend them first")
 
 
 def deal(copies: list[Path], sample: int | None, environment: dict[str, str]) -> int:
@@ -119,13 +127,12 @@ def main() -> None:
     if not (folder / "dealt").exists():
         for copy in copies:
             prepare_copy(copy, options.part)
+        check_unmutated(copies[0])
         sample = 2 if options.quick else options.sample
-        count = deal(copies, sample, environment(copies[0], options.part))
+        count = deal(copies, sample, environment(copies[0]))
         (folder / "dealt").write_text(f"{count} mutants\n")
     command = ["cosmic-ray", "exec", "mutation.toml", "session.sqlite"]
-    running = [
-        subprocess.Popen(command, cwd=copy, env=environment(copy, options.part)) for copy in copies
-    ]
+    running = [subprocess.Popen(command, cwd=copy, env=environment(copy)) for copy in copies]
     for process in running:
         process.wait()
     count, left = survivors(copies)
