@@ -292,3 +292,14 @@ def test_a_stress_that_overflows_is_refused():
         material.cauchy(5.0, 4.0)
     with pytest.raises(InputError, match="`fibre_switch` belongs to goh"):
         law_named("hgo", fibre_switch=True)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("stretch", [1.1, 1.3])
+def test_exponents_of_a_typical_material_are_one(name, stretch):
+    law = law_named(name)
+    values = {p.name: 45.0 if p.mirror else 1.0 for p in law.parameters} | law.typical(stretch)
+    material = law.material(values)
+    squared = stretch**2, stretch**2, stretch**-4
+    exponents = law.exponents_at(material.constants, *squared)
+    np.testing.assert_allclose(np.ravel(exponents), 1.0, rtol=1e-12)
