@@ -35,13 +35,13 @@ HALF_LOG_2PI = 0.9189385332046727
 @singledispatch
 def from_slots(errors, value, first):
     """Values of the parameters from the entries of ``value`` that begin at ``first``."""
-    raise NotImplementedError(f"no error model is called {type(errors).__name__}")
+    raise NotImplementedError(f"no error model has the values {type(errors).__name__}")
 
 
 @singledispatch
 def variance(errors, load):
     """Variance of one reading at a model load."""
-    raise NotImplementedError(f"no error model is called {type(errors).__name__}")
+    raise NotImplementedError(f"no error model has the values {type(errors).__name__}")
 
 
 @singledispatch
