@@ -145,7 +145,7 @@ DEFINED = {
 @pytest.mark.parametrize("name", LAWS)
 def test_sampling_coordinates_are_what_the_law_says_of_its_reference_state(name):
     law = law_named(name)
-    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, True, (X, Y, Z), PEAK_KPA)
+    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, (X, Y, Z), PEAK_KPA)
     coordinates = law.coordinates(layout)
     for material in random_materials(name, 20):
         slots = {
@@ -309,7 +309,7 @@ def test_a_point_of_a_fit_moved_off_its_bounds_lies_inside_them(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(name):
     law = law_named(name)
-    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, True, (X, Y, Z), PEAK_KPA)
+    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, (X, Y, Z), PEAK_KPA)
     coordinates = law.coordinates(layout)
 
     def finite(values) -> bool:

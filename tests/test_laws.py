@@ -126,7 +126,7 @@ def test_derivatives_are_those_of_the_energy(name):
 def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(name, structural):
     law = law_named(name)
     reference = (1.5, 1.4, 1.0 / (1.5 * 1.4))
-    layout = SamplingLayout(law.names, reference, 0.3, structural, structural, reference, 100.0)
+    layout = SamplingLayout(law.names, reference, 0.3, structural, reference, 100.0)
     coordinates = law.coordinates(layout)
     for material in random_materials(name, 30):
         slots = {

@@ -177,9 +177,9 @@ class FungLaw(Law):
         """Constants of the sampling coordinates."""
         free = set(layout.free)
         X, Y, _ = layout.reference
-        rho = layout.chart and "b_xy" in free
+        rho = layout.structural and "b_xy" in free
         return FungCoordinates(
-            float(layout.structural and rho and {"c", "b_x", "b_y"} <= free),
+            float(rho and {"c", "b_x", "b_y"} <= free),
             float(rho),
             0.5 * (X - 1.0),
             0.5 * (Y - 1.0),

@@ -172,7 +172,7 @@ class GOHLaw(DispersedFibreLaw):
 
     def coordinates(self, layout: SamplingLayout) -> GOHCoordinates:
         """Constants of the sampling coordinates; the chart only where both angles are free."""
-        chart = layout.chart and "alpha" in layout.free and "kappa" in layout.free
+        chart = layout.structural and "alpha" in layout.free and "kappa" in layout.free
         k1, k2 = layout.sampled("k1", "k2")
         X, Y, Z = layout.reference
         switch = float(self.fibre_switch)

@@ -70,10 +70,9 @@ class SamplingLayout(NamedTuple):
     # squared reference stretches (X, Y, Z), both in-plane ones above 1
     reference: tuple[float, float, float]
     softening: float  # scale of the coordinates near isotropy
-    structural: bool  # coordinates that the data determine well, rather than the parameters
-    # coordinates that are regular at the edges, if the law has any; with neither: logs of scales,
-    # radians, the others as they are
-    chart: bool
+    # coordinates that the data determine well and that are regular at the edges; without: logs of
+    # scales, radians, the others as they are
+    structural: bool
     # as `reference`, of the row of largest I1: a state that the specimen has been in
     widest: tuple[float, float, float]
     peak_kPa: float  # largest stress of the specimen, a scale of stiffnesses

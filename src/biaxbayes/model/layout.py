@@ -143,7 +143,6 @@ def assemble(
             reference=reference,
             softening=constants.softening,
             structural=sampling,
-            chart=sampling,
             widest=widest,
             peak_kPa=max(peak_kPa, 1e-9),
         )
