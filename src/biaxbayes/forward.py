@@ -138,7 +138,7 @@ class ForwardModel:
         """Mounting stretches that balance mounting loads, both (2, m); NaN without a root."""
         # for a law that is fitted once, running in Python is faster than compiling
         solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
-        constants = self.law.at_point(point).constants
+        constants = self.law.constants_at_point(*point)
         roots = np.full(load.shape, np.nan)
         for m, (px, py) in enumerate((load / self.area[:, None]).T):
             ok, x, y, *_ = solve(constants, px, py, self.mounted)

@@ -202,6 +202,25 @@ def fibre_angle(name: str, symbol: str, words: str) -> Parameter:
     )
 
 
+def share(
+    name: str, symbol: str, words: str, at_low: str, at_high: str, *, width: float = 0.3
+) -> Parameter:
+    """A share between 0 and 1 with a uniform prior."""
+    return Parameter(
+        name,
+        symbol,
+        words=words,
+        low=0.0,
+        high=1.0,
+        at_low=at_low,
+        at_high=at_high,
+        sharp=0.2,
+        digits=".3f",
+        width=width,
+        prior=("uniform", 0.0, 1.0),
+    )
+
+
 def _pair(name: str, symbol: str, words: str, **rest: object) -> tuple[Parameter, ...]:
     """Parameters of both directions; ``{}`` is replaced by the axis."""
     return tuple(

@@ -91,9 +91,10 @@ def from_root_exponent(value, k, sampled, log_F):
     return log_slope
 
 
-def to_root_exponent(log_k, log_F):
-    """The root of q = k F."""
-    return root(log_k + log_F - LOG_EXPONENT)
+def to_root_exponent(out, k, sampled, log_F):
+    """Replace ln k in ``out`` by the root of q = k F."""
+    if sampled > 0.0:
+        out[k] = root(out[k] + log_F - LOG_EXPONENT)
 
 
 @inlined
@@ -106,6 +107,7 @@ def from_root_stress(value, k, sampled, log_scale, q, log_G):
     return log_slope
 
 
-def to_root_stress(log_k, log_scale, q, log_G):
-    """The root of S = k G exp(q)."""
-    return root(log_k + q + log_G - log_scale)
+def to_root_stress(out, k, sampled, log_scale, q, log_G):
+    """Replace ln k in ``out`` by the root of S = k G exp(q)."""
+    if sampled > 0.0:
+        out[k] = root(out[k] + q + log_G - log_scale)

@@ -167,44 +167,23 @@ def four_fibre_to_natural(coordinates, value):
 @constants_at.register(FourFibreCoordinates)
 def four_fibre_constants_at(coordinates, value):
     """Constants at natural values."""
-    return FourFibreConstants(
-        value[_C],
-        value[_K1X],
-        value[_K2X],
-        value[_K1Y],
-        value[_K2Y],
-        value[_K1D],
-        value[_K2D],
-        np.cos(value[_ALPHA]) ** 2,
-    )
+    c, cos2 = value[_C], np.cos(value[_ALPHA]) ** 2
+    along_x, along_y = (value[_K1X], value[_K2X]), (value[_K1Y], value[_K2Y])
+    return FourFibreConstants(c, *along_x, *along_y, value[_K1D], value[_K2D], cos2)
 
 
 # --- the law -----------------------------------------------------------------------------------
 
 
-def _stiffness(axis: str, words: str, letter: str) -> tuple[Parameter, Parameter]:
+def _family(axis: str, words: str) -> tuple[Parameter, Parameter]:
     """Stiffness and stiffening of a family."""
+    stiffness, stiffening = (
+        f"{what} of the fibres {words}" for what in ("stiffness", "stiffening")
+    )
+    ends = f"no fibres {words}", f"no exponential stiffening {words}"
     return (
-        scale(
-            f"k1_{axis}",
-            f"k_{{1{letter}}}",
-            f"stiffness of the fibres {words}",
-            "kPa",
-            30.0,
-            2.5,
-            1e6,
-            f"no fibres {words}",
-        ),
-        scale(
-            f"k2_{axis}",
-            f"k_{{2{letter}}}",
-            f"stiffening of the fibres {words}",
-            "1",
-            10.0,
-            2.0,
-            1e4,
-            f"no exponential stiffening {words}",
-        ),
+        scale(f"k1_{axis}", f"k_{{1{axis}}}", stiffness, "kPa", 30.0, 2.5, 1e6, ends[0]),
+        scale(f"k2_{axis}", f"k_{{2{axis}}}", stiffening, "1", 10.0, 2.0, 1e4, ends[1]),
     )
 
 
@@ -222,12 +201,13 @@ class FourFibreLaw(Law):
     # As those of GOH: c is twice its C1, and fibres of any family are as stiff.
     parameters: ClassVar[tuple[Parameter, ...]] = (
         scale("c", "c", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True),
-        *_stiffness("x", "along x", "x"),
-        *_stiffness("y", "along y", "y"),
-        *_stiffness("d", "along the diagonals", "d"),
+        *_family("x", "along x"),
+        *_family("y", "along y"),
+        *_family("d", "along the diagonals"),
         fibre_angle("alpha", r"\alpha", "angle of the diagonals from x"),
     )
     amplitudes = ("c", "k1_x", "k1_y", "k1_d")
+    exponential_load = 0.5 * (1.0 - MATRIX_LOAD)  # the family along an axis, and the diagonals
     exponents: ClassVar = {k2: f"{k2} E^2" for _, k2 in _FAMILIES}
     least_protocols = 2  # one leaves five or six regions along alpha
     undefined_at: ClassVar = {"alpha": (("k1_d", 0, "k1_d = 0"),)}
@@ -247,24 +227,20 @@ class FourFibreLaw(Law):
         """Constants of the sampling coordinates."""
         X, Y, Z = layout.widest
         log_matrix = 0.5 * float(np.log((X - Z) * (Y - Z)))
-        log_scale = log_stress_scale(layout.peak_kPa)
-        sampled = dict(zip(self.names[:_ALPHA], layout.sampled(*self.names[:_ALPHA]), strict=True))
-        return FourFibreCoordinates(**sampled, log_scale=log_scale, log_matrix=log_matrix, X=X, Y=Y)
+        sampled = layout.sampled(*self.names[:_ALPHA])
+        return FourFibreCoordinates(*sampled, log_stress_scale(layout.peak_kPa), log_matrix, X, Y)
 
     def to_coordinates(
         self, coordinates: FourFibreCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of stiffnesses, exponents; radians."""
-        out, log_scale = dict(values), coordinates.log_scale
-        log_strains = _log_strains(coordinates, values["alpha"])
+        out, u, s = dict(values), coordinates, coordinates.log_scale
+        log_strains = _log_strains(u, values["alpha"])
         for (k1, k2), log_E in zip(_FAMILIES, log_strains, strict=True):
             q = np.exp(values[k2] + 2.0 * log_E)
-            if getattr(coordinates, k2) > 0.0:
-                out[k2] = to_root_exponent(values[k2], 2.0 * log_E)
-            if getattr(coordinates, k1) > 0.0:
-                out[k1] = to_root_stress(values[k1], log_scale, q, log_E)
-        if coordinates.c > 0.0:
-            out["c"] = to_root_stress(values["c"], log_scale, 0.0, coordinates.log_matrix)
+            to_root_exponent(out, k2, getattr(u, k2), 2.0 * log_E)
+            to_root_stress(out, k1, getattr(u, k1), s, q, log_E)
+        to_root_stress(out, "c", u.c, s, 0.0, u.log_matrix)
         return out
 
     def coordinate_widths(self, coordinates: FourFibreCoordinates) -> dict[str, float]:
@@ -275,7 +251,3 @@ class FourFibreLaw(Law):
     def typical(self, stretch: float) -> dict[str, float]:
         """E = l^2 - 1 for every family."""
         return dict.fromkeys(self.exponents, (stretch**2 - 1.0) ** -2)
-
-    def fibre_load(self, amplitude: str) -> float:
-        """The fibres along an axis and the diagonals carry half of what the matrix does not."""
-        return 0.5 * (1.0 - MATRIX_LOAD)

@@ -212,10 +212,6 @@ class FungLaw(Law):
         most = _RHO_INSIDE * float(np.sqrt(scales[2] * scales[3]))
         return *scales, float(np.clip(b_xy, -most, most))
 
-    def clip_point_inside(self, point: np.ndarray) -> np.ndarray:
-        """(c0, c, b_x, b_y, b_xy) moved off its bounds."""
-        return np.array(self.clip_inside([float(v) for v in point]))
-
     def values(self, point: Any) -> tuple[float, ...]:
         """Parameters at a point of the fits, of a form that is positive definite."""
         return tuple(float(v) for v in self.constants_at_point(*(float(v) for v in point)))

@@ -34,7 +34,7 @@ from biaxbayes.laws.response import (
     exponential_energy,
     to_natural,
 )
-from biaxbayes.parameters import Parameter, fibre_angle, scale
+from biaxbayes.parameters import Parameter, fibre_angle, scale, share
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -151,18 +151,13 @@ class Holzapfel2005Law(Law):
         scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e6, "no exponential"),
         scale("k2", "k_2", "stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
-        Parameter(
+        share(
             "rho",
             r"\rho",
-            words="isotropic share of the exponent",
-            low=0.0,
-            high=1.0,
-            at_low="aligned fibres",
-            at_high="isotropic",
-            sharp=0.2,
-            digits=".3f",
+            "isotropic share of the exponent",
+            "aligned fibres",
+            "isotropic",
             width=0.15,
-            prior=("uniform", 0.0, 1.0),
         ),
     )
     ties = (("k1", "mu"), ("mu", "k1"))

@@ -24,7 +24,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.materials import CheckedMaterial, Material, MaterialResponse, PointMaterial
+from biaxbayes.laws.materials import CheckedMaterial, Material, MaterialResponse
 from biaxbayes.laws.response import STEP, cauchy_stress, squared_stretches
 from biaxbayes.parameters import DEGREE, Parameter
 
@@ -108,6 +108,8 @@ class Law(ABC):
     the side (0 low, 1 high), and the material there as text; one entry for every such end."""
     amplitudes: ClassVar[tuple[str, ...]]
     """Parameters that the stress is linear in, the stiffness of the matrix first."""
+    exponential_load: ClassVar[float] = 1.0 - MATRIX_LOAD
+    """Share of the nominal stress that an exponential carries in that median material."""
     exponents: ClassVar[Mapping[str, str]] = {}
     """Formula of each exponent, by the parameter that it is proportional to, such as
     ``{"k2": "k2 E^2"}``; parameters may share one."""
@@ -287,10 +289,6 @@ class Law(ABC):
         """Parameters in their own units and order, from fit coordinates."""
         return tuple(self.natural(i, v) for i, v in enumerate(point))
 
-    def at_point(self, point: np.ndarray) -> PointMaterial:
-        """The material at fit coordinates, which may be complex."""
-        return PointMaterial(self, tuple(point))
-
     def clip_inside(self, values: Sequence[float]) -> tuple[float, ...]:
         """A material moved off its edges, to where the sampling coordinates are regular."""
         moved = []
@@ -300,14 +298,6 @@ class Law(ABC):
                 value = min(max(value, p.low + margin), p.high - margin)
             moved.append(max(value, INSIDE[p.unit]) if p.logarithmic else value)
         return tuple(float(v) for v in moved)
-
-    def clip_point_inside(self, point: np.ndarray) -> np.ndarray:
-        """Fit coordinates moved off their bounds."""
-        ends = [
-            self.point(self.clip_inside([p.range[side] for p in self.parameters]))
-            for side in range(2)
-        ]
-        return np.clip(point, np.minimum(*ends), np.maximum(*ends))
 
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
         """Stresses and derivatives at fit coordinates (p,), stretches (2, n), by complex step."""
@@ -371,17 +361,13 @@ class Law(ABC):
             if p.name in self.amplitudes:
                 alone = dict.fromkeys(self.amplitudes, 0.0) | typical | {p.name: 1.0}
                 per_unit = max(self.material(alone).piola(stretch, stretch))
-                share = MATRIX_LOAD if p.name == self.amplitudes[0] else self.fibre_load(p.name)
+                share = MATRIX_LOAD if p.name == self.amplitudes[0] else self.exponential_load
                 priors[p.name] = ("lognormal", share * peak_kPa / float(per_unit), 0.8)
             elif p.bounded:
                 priors[p.name] = ("uniform", p.low, p.high)
             else:
                 priors[p.name] = ("lognormal", typical[p.name], 0.8)
         return priors
-
-    def fibre_load(self, amplitude: str) -> float:
-        """Share of the nominal stress that an exponential's amplitude carries in that prior."""
-        return 1.0 - MATRIX_LOAD
 
     def derived_quantities(self, material: MaterialResponse) -> dict[str, Any]:
         """Quantities that an axis-aligned test determines, besides stress and stiffness."""
@@ -423,9 +409,9 @@ class Law(ABC):
         Medians over the draws in which the amplitude is smallest.
         """
 
-        def stress(of: MaterialResponse, top: np.ndarray) -> np.ndarray:
-            x, y = of.cauchy(top[:, :1], top[:, 1:])
-            return np.maximum((x + y)[:, 0], 1e-12)
+        def stresses(response: MaterialResponse) -> np.ndarray:
+            at_tops = [response.cauchy(top[:, :1], top[:, 1:]) for top in tops]
+            return np.array([np.maximum((x + y)[:, 0], 1e-12) for x, y in at_tops])
 
         places = [self.names.index(name) for name in self.amplitudes]
         distances = {}
@@ -434,11 +420,8 @@ class Law(ABC):
             for j in places:
                 alone[j] = np.full_like(alone[j], float(i == j))
             # the amplitude that would carry all, in the protocol in which it carries most
-            all_of_it = np.min(
-                [stress(material, top) / stress(Material(self, tuple(alone)), top) for top in tops],
-                axis=0,
-            )
-            size = np.broadcast_to(np.ravel(material.theta[i]), all_of_it.shape)
+            sole = np.min(stresses(material) / stresses(Material(self, tuple(alone))), axis=0)
+            size = np.broadcast_to(np.ravel(material.theta[i]), sole.shape)
             smallest = np.argsort(size, kind="stable")[: max(1, round(LOWEST_DRAWS * size.size))]
-            distances[self.names[i]] = LOAD_SHARE * float(np.median(all_of_it[smallest]))
+            distances[self.names[i]] = LOAD_SHARE * float(np.median(sole[smallest]))
         return distances

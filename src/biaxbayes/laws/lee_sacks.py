@@ -38,7 +38,7 @@ from biaxbayes.laws.coordinates import (
 )
 from biaxbayes.laws.law import Law, SamplingLayout
 from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
-from biaxbayes.parameters import Parameter, fibre_angle, scale
+from biaxbayes.parameters import Parameter, fibre_angle, scale, share
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -164,18 +164,7 @@ class LeeSacksLaw(Law):
         ),
         scale("c2", "c_2", "isotropic stiffening", "1", 10.0, 2.0, 1e4, "no isotropic stiffening"),
         scale("c3", "c_3", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no fibres"),
-        Parameter(
-            "delta",
-            r"\delta",
-            words="isotropic share",
-            low=0.0,
-            high=1.0,
-            at_low="no isotropic exponential",
-            at_high="no fibres",
-            sharp=0.2,
-            digits=".3f",
-            prior=("uniform", 0.0, 1.0),
-        ),
+        share("delta", r"\delta", "isotropic share", "no isotropic exponential", "no fibres"),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
     )
     amplitudes = ("c0", "c1")
@@ -209,22 +198,17 @@ class LeeSacksLaw(Law):
         out = dict(values)
         log_J, log_scale = coordinates.log_J, coordinates.log_scale
         log_E = log_fibre_strain(values["alpha"], coordinates.X, coordinates.Y)
-        if coordinates.c0 > 0.0:
-            out["c0"] = to_root_stress(values["c0"], log_scale, 0.0, 0.0)
-        if coordinates.c2 > 0.0:
-            out["c2"] = to_root_exponent(values["c2"], 2.0 * log_J)
-        if coordinates.c3 > 0.0:
-            out["c3"] = to_root_exponent(values["c3"], 2.0 * log_E)
+        to_root_stress(out, "c0", coordinates.c0, log_scale, 0.0, 0.0)
+        to_root_exponent(out, "c2", coordinates.c2, 2.0 * log_J)
+        to_root_exponent(out, "c3", coordinates.c3, 2.0 * log_E)
         if coordinates.stresses > 0.0:
-            with np.errstate(divide="ignore"):
-                a, b = (
-                    values["c1"] + np.log(share)
-                    for share in (values["delta"], 1.0 - values["delta"])
-                )
             # S2 = c1 delta c2 (I1* - 3) exp(q2),  S3 = c1 (1 - delta) c3 E* exp(q3)
             q2, q3 = np.exp(values["c2"] + 2.0 * log_J), np.exp(values["c3"] + 2.0 * log_E)
-            out["c1"] = to_root_stress(a + values["c2"], log_scale, q2, log_J)
-            out["delta"] = to_root_stress(b + values["c3"], log_scale, q3, log_E)
+            with np.errstate(divide="ignore"):
+                out["c1"] = values["c1"] + np.log(values["delta"]) + values["c2"]
+                out["delta"] = values["c1"] + np.log(1.0 - values["delta"]) + values["c3"]
+            to_root_stress(out, "c1", coordinates.stresses, log_scale, q2, log_J)
+            to_root_stress(out, "delta", coordinates.stresses, log_scale, q3, log_E)
         return out
 
     def coordinate_bounds(self, coordinates: LeeSacksCoordinates) -> dict[str, tuple[float, float]]:

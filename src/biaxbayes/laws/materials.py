@@ -90,16 +90,3 @@ class CheckedMaterial(Material):
                 remedy="stretches are positive numbers, 1 where unloaded",
             )
         return stress
-
-
-@dataclass(frozen=True)
-class PointMaterial(MaterialResponse):
-    """A material at fit coordinates, which may be complex for derivatives."""
-
-    law: Any
-    point: tuple[Any, ...]
-
-    @property
-    def constants(self) -> Any:
-        """Constants of the law."""
-        return self.law.constants_at_point(*self.point)

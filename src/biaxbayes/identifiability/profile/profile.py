@@ -147,7 +147,7 @@ def _optimum(posterior: Posterior, likelihood: ConditionalLikelihood) -> Conditi
     theta = law.point(start.material.values)
     best = likelihood.best({}, np.concatenate([theta, lm.ravel()]), sd)
     # Off the edges too: with a parameter at its bound others may hide a lower point.
-    inner = law.clip_point_inside(theta)
+    inner = law.point(law.clip_inside(start.material.values))
     other = likelihood.best({}, np.concatenate([inner, lm.ravel()]), sd)
     best = other if other.deviance < best.deviance else best
     if not np.isfinite(best.deviance):
