@@ -227,8 +227,9 @@ class FourFibreLaw(Law):
         """Constants of the sampling coordinates."""
         X, Y, Z = layout.widest
         log_matrix = 0.5 * float(np.log((X - Z) * (Y - Z)))
-        sampled = layout.sampled(*self.names[:_ALPHA])
-        return FourFibreCoordinates(*sampled, log_stress_scale(layout.peak_kPa), log_matrix, X, Y)
+        roots = layout.sampled(*self.names[:_ALPHA])
+        log_scale = log_stress_scale(layout.peak_kPa)
+        return FourFibreCoordinates._make((*roots, log_scale, log_matrix, X, Y))
 
     def to_coordinates(
         self, coordinates: FourFibreCoordinates, values: Mapping[str, np.ndarray]
