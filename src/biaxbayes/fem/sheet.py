@@ -26,7 +26,6 @@ Needs scikit-fem.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -191,11 +190,21 @@ class Sheet:
             raise ValueError("elements must be an even number, so that a quarter can be meshed")
         self.edge = np.array([edge_x_mm, edge_y_mm], dtype=float)
         self.elements = elements
-        skfem = _scikit_fem()
+        try:
+            import skfem
+        except ImportError:
+            raise InputError(
+                "finite elements need scikit-fem, which is not installed",
+                remedy="pip install 'biaxbayes[fe]'",
+            ) from None
         lines = [np.linspace(0.0, length / 2.0, elements // 2 + 1) for length in self.edge]
         mesh = skfem.MeshQuad.init_tensor(*lines)
         if distortion:
-            mesh = _distorted(skfem, mesh, distortion * self.edge / elements)
+            points, reach = mesh.p.copy(), distortion * self.edge / elements
+            inner = np.setdiff1d(np.arange(points.shape[1]), mesh.boundary_nodes())
+            move = np.random.default_rng(0).uniform(-1.0, 1.0, (2, inner.size))
+            points[:, inner] += reach[:, None] * move
+            mesh = skfem.MeshQuad(points, mesh.t)
         self._skfem = skfem
         element = skfem.ElementQuadS2() if serendipity else skfem.ElementQuad2()
         self.basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=5)
@@ -217,16 +226,16 @@ class Sheet:
 
     @cached_property
     def _pattern(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Where the entries of the element matrices go: (kept, target, row indices, pointers)."""
+        """Where entries of element matrices go: (used entries, target, row indices, pointers)."""
         number = np.full(self.basis.N, -1)
         number[self.free] = np.arange(self.free.size)
         local = number[self.basis.element_dofs.T]  # elements, functions
         rows = np.broadcast_to(local[:, :, None], (*local.shape, local.shape[1])).ravel()
         columns = np.broadcast_to(local[:, None, :], (*local.shape, local.shape[1])).ravel()
-        kept = np.flatnonzero((rows >= 0) & (columns >= 0))
-        unique, target = np.unique(columns[kept] * self.free.size + rows[kept], return_inverse=True)
+        used = np.flatnonzero((rows >= 0) & (columns >= 0))
+        unique, target = np.unique(columns[used] * self.free.size + rows[used], return_inverse=True)
         pointers = np.searchsorted(unique, np.arange(self.free.size + 1) * self.free.size)
-        return kept, target, unique % self.free.size, pointers
+        return used, target, unique % self.free.size, pointers
 
     def displacement(self, free_values: np.ndarray) -> np.ndarray:
         """All displacement unknowns (symmetry included) from the free ones, mm."""
@@ -236,12 +245,9 @@ class Sheet:
 
     def deformation_gradient(self, free_values: np.ndarray) -> np.ndarray:
         """F at the Gauss points, shape (2, 2, elements, points)."""
-        u = self.displacement(free_values)
-        local = u[self.basis.element_dofs.T]  # elements, functions
         # F = 1 + sum_a u_a grad N_a
-        flat = np.matmul(self._gradient, local[:, None, :, None])[..., 0]
-        cells, points, _ = flat.shape
-        return np.eye(2)[:, :, None, None] + flat.transpose(2, 0, 1).reshape(2, 2, cells, points)
+        field = self.basis.interpolate(self.displacement(free_values))
+        return np.eye(2)[:, :, None, None] + field.grad
 
     def internal_force(
         self, material: GOH, free_values: np.ndarray
@@ -279,8 +285,8 @@ class Sheet:
         force = np.bincount(
             self.basis.element_dofs.T.ravel(), local_force.ravel(), minlength=self.basis.N
         )
-        kept, target, indices, pointers = self._pattern
-        values = np.bincount(target, local_stiffness.ravel()[kept], minlength=indices.size)
+        used, target, indices, pointers = self._pattern
+        values = np.bincount(target, local_stiffness.ravel()[used], minlength=indices.size)
         size = self.free.size
         return (
             force[self.free],
@@ -290,15 +296,8 @@ class Sheet:
 
     def displacement_at(self, x_mm: float, y_mm: float) -> np.ndarray:
         """Rows that give (u_x, u_y) at a material point from the free unknowns, shape (2, n)."""
-        mapping, mesh = self.basis.mapping, self.basis.mesh
-        point = np.array([[x_mm], [y_mm]])
-        cell = mesh.element_finder(mapping=mapping)(*point)
-        local = mapping.invF(point[:, :, None], tind=cell)
-        out = np.zeros((2, self.basis.N))
-        for i, dof in enumerate(self.basis.element_dofs[:, cell[0]]):
-            shape = self.basis.elem.gbasis(mapping, local, i, tind=cell)[0]
-            out[:, dof] = np.asarray(shape)[:, 0, 0]
-        return out[:, self.free]
+        rows = self.basis.probes(np.array([[x_mm], [y_mm]])).toarray()
+        return rows[:, self.free]
 
     def load_vector(self, weight, direction: int) -> np.ndarray:
         """Integral of weight(X, Y) times the displacement functions of one direction.
@@ -316,28 +315,5 @@ class Sheet:
         """
         # A fine rule, once: the footprint of a hook is about as wide as an element.
         fine = self._skfem.Basis(self.basis.mesh, self.basis.elem, intorder=20)
-        values = weight(*fine.mapping.F(fine.X)) * fine.dx
-        out = np.zeros(fine.N)
-        for local in range(fine.Nbfun):
-            share = (np.asarray(fine.basis[local][0])[direction] * values).sum(axis=1)
-            np.add.at(out, fine.element_dofs[local], share)
-        return out[self.free]
-
-
-def _scikit_fem() -> Any:
-    try:
-        import skfem
-    except ImportError:
-        raise InputError(
-            "finite elements need scikit-fem, which is not installed",
-            remedy="pip install 'biaxbayes[fe]'",
-        ) from None
-    return skfem
-
-
-def _distorted(skfem: Any, mesh: Any, reach: np.ndarray) -> Any:
-    points = mesh.p.copy()
-    inner = np.setdiff1d(np.arange(points.shape[1]), mesh.boundary_nodes())
-    rng = np.random.default_rng(0)
-    points[:, inner] += reach[:, None] * rng.uniform(-1.0, 1.0, (2, inner.size))
-    return skfem.MeshQuad(points, mesh.t)
+        form = self._skfem.LinearForm(lambda v, w: weight(*w.x) * v[direction])
+        return np.asarray(form.assemble(fine))[self.free]
