@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -44,34 +43,16 @@ def fail(number: int) -> int:
     return number
 
 
-def until_told(folder: str) -> str:
+def until_stopped(folder: str) -> str:
     """Ends when a file appears, as a specimen ends when its study is stopped."""
-    (Path(folder) / f"begun-{os.getpid()}").touch()
+    (Path(folder) / f"started-{os.getpid()}").touch()
     while not (Path(folder) / "stop").exists():
         time.sleep(0.02)
     return "ended"
 
 
-def say_and_die_soon(task: tuple[str, int]) -> int:
-    """Its worker is killed just after it has returned, by a process that outlives it."""
-    folder, number = task
-    mark = Path(folder) / f"{number}"
-    if not mark.exists():
-        mark.touch()
-        pid, delay = os.getpid(), 0.002 * number
-        command = f"sleep {delay}; kill -9 {pid}"
-        subprocess.Popen(["sh", "-c", command], start_new_session=True)
-    return number
-
-
 def mark_and_wait(task: tuple[str, float]) -> float:
     folder, seconds = task
-    (Path(folder) / f"begun-{os.getpid()}").touch()
+    (Path(folder) / f"started-{os.getpid()}").touch()
     time.sleep(seconds)
     return seconds
-
-
-def squares_by_executor(workers: int | None) -> list[int]:
-    from biaxbayes.parallel import executor_for
-
-    return sorted(o.value for o in executor_for(workers, isolated=True).run(square, [1, 2]))

@@ -439,14 +439,8 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
     assert ("NOT uniform" in message) == (p < 0.05)
 
 
-def test_unknown_break_is_an_input_error():
-    with pytest.raises(InputError):
-        study(broken="noise ")
 
 
-def test_a_study_needs_the_mounting_stretch_as_an_unknown():
-    with pytest.raises(InputError, match="needs an inferred mounting stretch"):
-        study(mounting="ignored")
 
 
 @pytest.mark.slow

@@ -242,11 +242,8 @@ def test_abaqus_data_line_holds_C10_D_k1_k2_kappa():
     # cos and sin of 38.4 degrees
     assert lines[first + 3].startswith("7.83693457") and "6.21147780" in lines[first + 3]
     assert "-6.21147780" in lines[first + 4]
-
-
-def test_abaqus_D_is_two_over_the_bulk_modulus():
     found = read_abaqus(write_abaqus(card(units="Pa-m", bulk=5e4), "1.0"))
-    assert pytest.approx(2.0 / 5e7, rel=1e-12) == found.D
+    assert pytest.approx(2.0 / 5e7, rel=1e-12) == found.D  # two over the bulk modulus
 
 
 def test_febio_c_is_twice_C1_and_gamma_is_in_degrees():
@@ -259,11 +256,10 @@ def test_febio_c_is_twice_C1_and_gamma_is_in_degrees():
         {"c": 0.028, "k1": 0.14, "k2": 11.9, "gamma": 38.4, "kappa": 0.21, "k": 50.0}
     )
     assert (node.findtext("mat_axis/a"), node.findtext("mat_axis/d")) == ("1,0,0", "0,1,0")
-
-
-def test_febio_without_a_bulk_modulus_is_refused():
     with pytest.raises(InputError, match="bulk"):
         write_febio(card(bulk=None), "1.0")
+    with pytest.raises(InputError, match="C1 is zero"):
+        exportable(GOH(0.0, 10.0, 1.0, 40.0, 0.1))
 
 
 @pytest.mark.parametrize("program", WRITE)
@@ -314,15 +310,11 @@ def test_two_hundred_draws_agree_with_the_closed_form(program, units, tmp_path):
 
 @pytest.mark.parametrize("program", WRITE)
 @pytest.mark.parametrize(
-    ("pattern", "change"), [("k1", 1.001), ("k2", 1.001), ("kappa", 0.999), ("angle", 1.001)]
+    ("name", "change"),
+    [("k1_kPa", 1.001), ("k2", 1.001), ("kappa", 0.999), ("alpha_deg", 1.001)],
 )
-def test_the_check_sees_a_wrong_number(program, pattern, change):
-    wrong = {
-        "k1": replace(MEDIA, k1_kPa=140.0 * change),
-        "k2": replace(MEDIA, k2=11.9 * change),
-        "kappa": replace(MEDIA, kappa=0.21 * change),
-        "angle": replace(MEDIA, alpha_deg=38.4 * change),
-    }[pattern]
+def test_the_check_sees_a_wrong_number(program, name, change):
+    wrong = replace(MEDIA, **{name: getattr(MEDIA, name) * change})
     found = READ[program](WRITE[program](card(wrong), "1.0"))
     path = np.linspace(1.0, 1.2, 9)
     assert relative_deviation(found.energy, 1.0, MEDIA, path, path) > 1e-5
@@ -336,12 +328,6 @@ def test_a_card_that_fails_its_check_is_removed(tmp_path, monkeypatch):
     with pytest.raises(BiaxbayesError, match="differs from the draw's"):
         export_cards(draws(3), specimen(), GOH_LAW, [0], tmp_path, program="abaqus")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_card_with_one_family_turned_needs_shear():
-    text = write_abaqus(card(), "1.0").replace(", -6.2", ", -5.2")
-    with pytest.raises(ArithmeticError, match="shear"):
-        biaxial_stress(read_abaqus(text).energy, 1.1, 1.2)
 
 
 def test_orientation_of_the_geometry_is_honoured():
@@ -386,11 +372,6 @@ def test_edges_are_exported_and_pass_the_check(program, edge, tmp_path):
     assert (found.kappa if program == "abaqus" else found.solids[0].values["kappa"]) <= 1.0 / 3.0
 
 
-def test_no_matrix_is_refused_by_name():
-    with pytest.raises(InputError, match="C1 is zero"):
-        exportable(GOH(0.0, 10.0, 1.0, 40.0, 0.1))
-
-
 def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
     """Fibres along y, test mostly along x: E < 0, where fit and program differ."""
     frame = draws(1).assign(C1=5.0, k1=50.0, k2=2.0, alpha=90.0, kappa=0.0)
@@ -414,16 +395,11 @@ def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
 
 HOSTILE = [
     "x\n*MATERIAL, NAME=EVIL\n*ELASTIC\n1.,0.",
-    "--><material/><!--",
-    "a--->b",
+    "--><material/><!-- a--->b",
     "../../etc/passwd",
-    "größe 1 µm — ✓",
-    "\x00\x1b[31m\u2028*STEP",
+    "größe 1 µm — ✓ \x00\x1b[31m\u2028*STEP",
     "a" * 5000,
     "",
-    "'\"<>&;,=*$(rm)",
-    "CON",
-    "-",
 ]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from biaxbayes import GOH, Protocol, Specimen, write_specimen
-from biaxbayes.identifiability.fit_quality import misfit_finding, quick_fit, thinned
+from biaxbayes.identifiability.fit_quality import misfit_finding, quick_fit
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
@@ -293,15 +293,6 @@ def test_check_and_a_run_say_the_same_of_a_misfit(small_run):
         size = [float(text.split(" by ")[1].split()[0]) for text in (run, checked)]
         assert size[0] == pytest.approx(size[1], rel=0.2)
         assert ("about the noise" in run) == ("about the noise" in checked) == noisy
-
-
-def test_thinning_keeps_rest_and_end():
-    p = protocol(increments=2000)
-    whole = specimen(replace(p, rest_rows=4))
-    (p,), (q,) = whole.protocols, thinned(whole, 50).protocols
-    assert q.rows == 54 and q.rest_rows == 4
-    assert q.stretch_x[-1] == p.stretch_x[-1]
-    np.testing.assert_array_equal(q.load_x[:5], p.load_x[:5])
 
 
 # --- the command ------------------------------------------------------------------------------

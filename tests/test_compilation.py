@@ -99,50 +99,8 @@ def test_compiled_code_is_kept_and_the_setting_of_numba_stays_the_users(tmp_path
     assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "1"], "")
 
 
-@pytest.mark.parametrize(
-    ("kind", "damage"), [("nbi", lambda b: b""), ("nbc", lambda b: b[: len(b) // 2])]
-)
-def test_a_damaged_cache_is_made_again(tmp_path, kind, damage):
-    small_program(tmp_path, tmp_path / "cache")
-    (path,) = (tmp_path / "cache").rglob(f"*.{kind}")
-    path.write_bytes(damage(path.read_bytes()))
-    assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "0"], "")
-
-
 def test_a_cache_that_cannot_be_written_is_left_aside_with_one_line(tmp_path):
     (tmp_path / "file").write_text("no folder")
     words, output = small_program(tmp_path, tmp_path / "file")
     assert words == ["42.0", "True", "0"]
     assert output.count("\n") == 1 and "compiled code cannot be cached in" in output
-
-
-FULL = """
-import errno, os, sys
-replace = os.replace
-
-def full(source, target):
-    if str(target).endswith((".nbi", ".nbc")):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    replace(source, target)
-
-os.replace = full
-from biaxbayes.cli import main
-
-main(sys.argv[1:])
-"""
-
-
-@pytest.mark.long
-def test_a_disk_that_fills_while_compiling_is_one_line_with_the_path(tmp_path):
-    command = ["sample", str(DATA / "donor2-media.csv"), "--out", str(tmp_path / "run")]
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, *command],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    (line,) = (line for line in done.stderr.splitlines() if "No space left" in line)
-    assert str(tmp_path / "cache") in line and "NUMBA_CACHE_DIR" in line
-    assert "Traceback" not in done.stderr

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import sys
-import types
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +13,9 @@ import pytest
 import commands
 from biaxbayes import read_specimen
 from biaxbayes.errors import InputError
-from biaxbayes.machines.choice import FORMATS, Choice, Format
-from biaxbayes.machines.conversion import convert
-from biaxbayes.machines.recording import Recording, shear_angle_deg
+from biaxbayes.machines.recording import shear_angle_deg
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.tables.table import read_tables
-from biaxbayes.tables.units import stem_of, unit_of_column
 from test_tables import xlsx
 from virtual_biotester import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
 
@@ -135,7 +130,7 @@ def test_sets_and_files_become_protocols(tmp_path, capsys):
     joined = first.text() + "".join(e.text().split("\n", 1)[1] for e in (second, third))
     path, out = written(tmp_path, joined), tmp_path / "specimen.csv"
     code, text, _ = biotester(path, out, capsys)
-    assert code == 0 and "set 1:0.5" in text
+    assert code == 0 and "set 1:0.5" in text and "sets left out: Precondition, 1:1" in text
     assert np.abs(read_specimen(out).protocols[0].stretch_y - third.stretch[:, 1]).max() < 5e-4
     code, _, _ = biotester(path, out, capsys, "--set", "1:1", "--set", "1:0.5")
     assert code == 0
@@ -220,16 +215,6 @@ def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):
     assert code == 2 and "not a readable workbook" in err
 
 
-def test_sets_that_are_left_out_are_named(tmp_path, capsys):
-    first, second = (biotester_export(name=n, cycles=1) for n in ("Precondition", "Main"))
-    text = first.text() + second.text().split("\n", 1)[1]
-    out = tmp_path / "specimen.csv"
-    code, message, _ = biotester(written(tmp_path, text), out, capsys)
-    assert code == 0 and "sets left out: Precondition" in message
-    code, message, _ = biotester(written(tmp_path, text), out, capsys, "--set", "all")
-    assert code == 0 and "left out" not in message
-
-
 @pytest.mark.parametrize(
     ("delimiter", "names"),
     [(",", ("lambda_x", "lambda_y")), (" ", ("lam1", "lam2")), ("\t", ("Xlam", "Ylam"))],
@@ -288,57 +273,33 @@ def test_refused_exports(text, says, tmp_path, capsys):
     assert not out.exists()
 
 
+REFUSED_OPTIONS = [
+    (["--cycle", "7"], "no cycle 7; found 1, 2"),
+    (["--cycle", "first"], "--cycle 'first' is not a cycle"),
+    (["--columns", "stretch_x=F11"], "--columns is for --machine generic"),
+    (["--load-noise-kPa", "1"], "--load-noise-kPa does not fit"),
+    (["--thickness-sd-mm", "-1"], "thickness_sd_mm must be a positive number, not '-1'"),
+    (["--sheet", "A"], "has no sheets"),
+]
+
+
 def test_refused_options(tmp_path, capsys):
     path, out = written(tmp_path, GOOD), tmp_path / "specimen.csv"
-    for more, says in (
-        (["--cycle", "7"], "no cycle 7; found 1, 2"),
-        (["--cycle", "first"], "--cycle 'first' is not a cycle"),
-        (["--columns", "stretch_x=F11"], "--columns is for --machine generic"),
-        (["--load-noise-kPa", "1"], "--load-noise-kPa does not fit"),
-        (["--thickness-sd-mm", "-1"], "thickness_sd_mm must be a positive number, not '-1'"),
-        (["--mounting-stretch-x", "1.03"], "of the form '1.03 +- 0.01'"),
-        (["--sheet", "A"], "has no sheets"),
-    ):
+    for more, says in REFUSED_OPTIONS:
         code, _, err = biotester(path, out, capsys, *more)
         assert code == 2 and says in err and err.count("\n") == 1
-    code, _, err = run([path, "--machine", "biotester", "--out", out], capsys)
+    words = [path, "--machine", "biotester", "--out", out]
+    code, _, err = run(words, capsys)
     assert code == 2
     assert "forces need edge_x_mm, edge_y_mm, thickness_mm, geometry; give --edge-x-mm," in err
-    for option in (["--set", "all"], ["--stretch-from", "rake"]):
-        code, _, err = run([path, "--machine", "generic", "--out", out, *option], capsys)
-        assert code == 2
-        assert "--set and --stretch-from are for --machine biotester; leave them out" in err
+    code, _, err = run([path, *words, *DIMENSIONS], capsys)
+    assert code == 2 and "is given twice" in err
+    code, _, err = run([path, "--machine", "generic", "--out", out, "--set", "all"], capsys)
+    assert code == 2
+    assert "--set and --stretch-from are for --machine biotester; leave them out" in err
     code, _, err = biotester(path, path, capsys)
     assert code == 2 and "would be overwritten" in err
-    assert path.read_text() == GOOD
-    code, _, err = run([path, path, "--machine", "biotester", "--out", out, *DIMENSIONS], capsys)
-    assert code == 2 and "is given twice" in err
-    assert not out.exists()
-
-
-def test_a_format_is_one_module_and_one_line(tmp_path, monkeypatch):
-    """A machine that nobody has written yet, as the registry says that it can be."""
-
-    def recordings(table, choice, edges_mm):
-        load = np.column_stack([table.numbers(i) for i in (1, 3)])
-        stretch = np.column_stack([table.numbers(i) for i in (0, 2)])
-        return [
-            Recording(
-                name="", source="toy", stretch=stretch, load=load, columns=("a", "c", "b", "d"),
-                stress_pair="piola", time_s=None, gradient=None, lines=table.lines,
-                rows_in_file=table.rows, cycle=None, branch=choice.branch,
-            )
-        ]  # fmt: skip
-
-    toy = types.ModuleType("biaxbayes.machines.toy")
-    toy.recordings = recordings
-    monkeypatch.setitem(sys.modules, "biaxbayes.machines.toy", toy)
-    monkeypatch.setitem(FORMATS, "toy", Format("a toy"))
-    path = written(tmp_path, "a,b,c,d\n1,2,1,3\n1.1,20,1.2,30\n1.2,50,1.3,70\n")
-    made = convert([path], Choice("toy"), header={}).specimen
-    np.testing.assert_array_equal(made.protocols[0].load_y, [3.0, 30.0, 70.0])
-    with pytest.raises(InputError, match=f"machine must be one of {', '.join(FORMATS)}, not 'x'"):
-        Choice("x")
+    assert path.read_text() == GOOD and not out.exists()
 
 
 # --- generic ----------------------------------------------------------------------------------
@@ -505,6 +466,8 @@ def test_a_displacement_that_does_not_start_at_zero_needs_its_origin(tmp_path, c
         ("cauchy", "P11 {} kPa", "piola_x_kPa"),
         ("cauchy", "Engineering stress {} [kPa]", "piola_x_kPa"),
         ("piola", "PK2 {} [kPa]", "times the stretch"),
+        ("piola", "2PK {} [kPa]", "second Piola-Kirchhoff"),
+        ("piola", "Piola-Kirchhoff II {} [kPa]", "second Piola-Kirchhoff"),
         ("piola", "Membrane stress {} [N/m]", "membrane tension"),
         ("piola", "P {} [foo]", "'foo' of 'P X [foo]' is not a known unit"),
     ],
@@ -671,79 +634,3 @@ def test_exports_of_absurd_size_are_refused_before_they_are_cut_up(tmp_path):
     path.write_bytes(b"," * 65_000_000)
     with pytest.raises(InputError, match="larger than 64 MB"):
         read_tables(path)
-
-
-@pytest.mark.parametrize(
-    ("column", "unit", "stem"),
-    [
-        ("XForce_mN", "mN", "xforce"),
-        ("Force X [mN]", "mN", "forcex"),
-        ("Time_S", "s", "time"),
-        ("XSize_µm", "um", "xsize"),
-        ("P11 (MPa)", "MPa", "p11"),
-        ("load1_gf", "gf", "load1"),
-        ("strain_x_%", "percent", "strainx"),
-        ("F11", None, "f11"),
-        ("stretch_x", None, "stretchx"),
-        ("pressure_mPa", None, "pressurempa"),
-    ],
-)
-def test_units_of_column_names(column, unit, stem):
-    found = unit_of_column(column)
-    assert (found.name if found else None) == unit
-    assert stem_of(column) == stem
-
-
-# --- measured tissue --------------------------------------------------------------------------
-
-REAL = os.environ.get("BIAXBAYES_REAL")
-needs_real = pytest.mark.skipif(not REAL, reason="BIAXBAYES_REAL is not set")
-
-
-@pytest.mark.real
-@needs_real
-def test_aorta_of_five_protocols(tmp_path, capsys):
-    files = sorted(Path(REAL, "aorta-tbad").glob("*.csv"))
-    out = tmp_path / "aorta.csv"
-    columns = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
-    words = [*files, "--machine", "generic", "--columns"]
-    code, printed, _ = run([*words, columns, "--out", out], capsys)
-    assert code == 0 and "1526 rows in 5 protocols" in printed
-    specimen = read_specimen(out)
-    assert {p.rows for p in specimen.protocols} == {291, 331, 327, 272, 305}
-    # The README of the data: |F12|, |F21| <= 0.036, reference 0.997 to 1.008.
-    assert specimen.metadata["largest_shear"] == pytest.approx(0.036, abs=5e-4)
-    found = {f.code: f for f in check_specimen(specimen)}
-    assert {"stretch-drift", "mounting-forces-differ", "stiff-start", "shear"} <= set(found)
-    assert "tared" not in found and "unloading" not in found
-    assert found["stretch-drift"].severity == "warning"
-    assert {"0.9973", "1.0079"} <= set(found["stretch-drift"].message.split())
-    # Grams-force over the section: P / load is 0.291875 kPa per gf in every row.
-    forces = columns.replace(
-        "piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa", "force_x_N=load1_gf,force_y_N=load2_gf"
-    )
-    section = 9.80665e-3 / 0.291875 * 1e3
-    sizes = ["--edge-x-mm", section, "--edge-y-mm", section, "--thickness-mm", 1]
-    sizes += ["--geometry", "unloaded"]
-    code, _, _ = run([*words, forces, "--out", tmp_path / "f.csv", *sizes], capsys)
-    assert code == 0
-    other = read_specimen(tmp_path / "f.csv")
-    for p, q in zip(specimen.protocols, other.protocols, strict=True):
-        np.testing.assert_allclose(specimen.load(p), other.load(q) / other.area, rtol=1e-9)
-
-
-@pytest.mark.real
-@needs_real
-def test_valve_is_tared_and_not_goh(tmp_path, capsys):
-    out = tmp_path / "valve.csv"
-    columns = "stretch_x=lambda_1,stretch_y=lambda_2,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
-    raw = Path(REAL, "valve-pymecht", "biax-data.csv")
-    code, printed, _ = run(
-        [raw, "--machine", "generic", "--columns", columns, "--out", out], capsys
-    )
-    assert code == 0 and "350 rows in 7 protocols" in printed
-    code, text, _ = commands.run(capsys, "check", out)
-    assert code == 0
-    text = " ".join(text.split())
-    assert "tared after mounting" in text
-    assert "GOH does not describe this specimen" in text

@@ -8,7 +8,6 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from biaxbayes.errors import InputError
 from biaxbayes.figures.design import design_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.laws.goh import GOH
@@ -273,19 +272,6 @@ def test_a_design_ends_with_what_to_measure_next(run):
     assert useless.conclusion.startswith("no candidate narrows a material parameter by 10 %")
     doubtful = replace(found, expected=(replace(found.expected[0], few=1.0),))
     assert doubtful.conclusion.startswith("no candidate can be recommended")
-
-
-def test_a_design_is_the_same_twice(run):
-    chosen = [c for c in standard_candidates(run.posterior()) if ":" in c.name][:2]
-    first, again = (
-        design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=10) for _ in range(2)
-    )
-    pd.testing.assert_frame_equal(first.to_frame(), again.to_frame())
-
-
-def test_an_unknown_quantity_cannot_rank(run):
-    with pytest.raises(InputError, match="C1"):
-        design(run.posterior(), run.draws, rank_by="nonsense")
 
 
 def test_fixed_parameters_are_no_candidates():

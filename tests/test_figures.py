@@ -1,14 +1,11 @@
 """Figures, measured: what is drawn where, at which size, and that no two texts meet."""
 
-import io
 import json
 import re
-import zlib
 
 import numpy as np
 import pandas as pd
 import pytest
-from fontTools.ttLib import TTFont
 from matplotlib.contour import QuadContourSet
 from matplotlib.path import Path
 from scipy.integrate import trapezoid
@@ -36,6 +33,7 @@ from goh_functions import GOH_LAW
 from readable import assert_readable, in_view
 
 HOSTILE = "a$b^2$ 100% <b>_x_ \\frac{ \n\t 中文 é " + "very long " * 30
+MOUNTING = {"mounting_stretch_x": 1.009, "mounting_stretch_y": 1.010}
 RATIOS = ((1.0, 1.0), (1.0, 0.75), (1.0, 0.5), (0.75, 1.0), (0.5, 1.0))
 
 
@@ -149,22 +147,6 @@ def test_regions_reach_the_edge_and_hold_their_share():
     assert ends.min() == pytest.approx(7.854, abs=0.2)
 
 
-def test_region_of_99_percent_is_whole_and_ends_within_the_panel():
-    # A curved ridge with a long tail: draws that lie alone are no islands of their own.
-    rng = np.random.default_rng(7)
-    C1 = np.exp(0.35 * rng.standard_normal(4000))
-    k1 = 10.0 / C1 * np.exp(0.15 * rng.standard_normal(4000))
-    ax = panel(corner_figure(pd.DataFrame({"C1": C1, "k1": k1})), 1, 0)
-    (drawn,) = [c for c in ax.collections if isinstance(c, QuadContourSet) and c.filled]
-    widest = drawn.get_paths()[1].to_polygons()
-    assert len(widest) == 2  # its outline, and the hole where the region of 90 % lies
-    x, y = np.concatenate(widest).T
-    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    assert low < x.min() and x.max() < high and bottom < y.min() and y.max() < top
-    share = inside(ax, 0.99, np.column_stack([C1, k1])).mean()
-    assert share == pytest.approx(0.99, abs=0.008)
-
-
 def test_narrow_ridge_stays_narrow():
     rng = np.random.default_rng(6)
     a = 100.0 + rng.standard_normal(20_000)
@@ -237,13 +219,6 @@ def test_separate_mounted_states_appear_as_their_mean():
     assert ((middle > low) & (middle < high)).mean() > 0.99
 
 
-def test_few_draws_have_a_smooth_density():
-    line = panel(corner_figure(draws_of(30)), 0, 0).lines[0]
-    heights = np.unique(line.get_ydata())
-    assert len(heights) > 30 and np.isfinite(heights).all()
-    assert_readable(corner_figure(draws_of(3)), 180.0)
-
-
 # --- bands ----------------------------------------------------------------------------------
 
 
@@ -251,18 +226,8 @@ def test_bands_of_certain_draws_are_the_model_and_its_noise():
     # All draws alike: the credible band has no width, the predictive one is a normal.
     specimen = specimen_of()
     media = MATERIALS["donor2-media"].material
-    sure = pd.DataFrame(
-        {
-            "C1": [media.C1_kPa] * 8,
-            "k1": [media.k1_kPa] * 8,
-            "k2": [media.k2] * 8,
-            "alpha": [media.alpha_deg] * 8,
-            "kappa": [media.kappa] * 8,
-            "mounting_stretch_x": [1.009] * 8,
-            "mounting_stretch_y": [1.010] * 8,
-            "noise_sd": [0.002] * 8,
-        }
-    )
+    values = dict(zip(GOH_LAW.names, media.values, strict=True)) | MOUNTING | {"noise_sd": 0.002}
+    sure = pd.DataFrame([values] * 8)
     table = bands(specimen, sure, settings=Settings())
     for axis, direction in enumerate("xy"):
         part = table[table["direction"] == direction]
@@ -351,8 +316,7 @@ def test_every_reading_is_drawn_or_the_share_is_named():
 
 def test_true_loads_stand_on_the_bands():
     media = MATERIALS["donor2-media"].material
-    truth = {"C1": media.C1_kPa, "k1": media.k1_kPa, "k2": media.k2, "alpha": media.alpha_deg}
-    truth |= {"kappa": media.kappa, "mounting_stretch_x": 1.009, "mounting_stretch_y": 1.010}
+    truth = dict(zip(GOH_LAW.names, media.values, strict=True)) | MOUNTING
     specimen, draws = specimen_of(RATIOS[:2]), draws_of(50)
     zeroed = draws.drop(columns=[c for c in draws if c.startswith("mounting")])
     for table, mounting in ((draws, "noisy"), (zeroed, "zeroed")):
@@ -375,27 +339,16 @@ def test_true_loads_stand_on_the_bands():
 @pytest.mark.long
 def test_bands_of_two_points_and_of_many_protocols():
     p = specimen_of().protocols[0]
-    two = Protocol(
-        "two",
-        *(getattr(p, c)[[0, -1]] for c in ("stretch_x", "stretch_y")),
-        *(getattr(p, c)[[0, -1]] for c in ("load_x", "load_y")),
-    )
+    curves = (p.stretch_x, p.stretch_y, p.load_x, p.load_y)
+    two = Protocol("two", *(curve[[0, -1]] for curve in curves))
     few = Specimen("two", (two,), "force", "unloaded", 20.0, 20.0, 0.88, 0.0006)
     assert_readable(bands_figure(few, draws_of(100), settings=Settings()), 180.0)
-    many = tuple(Protocol(f"p{i}", p.stretch_x, p.stretch_y, p.load_x, p.load_y) for i in range(20))
+    many = tuple(Protocol(f"p{i}", *curves) for i in range(20))
     crowd = Specimen("crowd", many, "force", "unloaded", 20.0, 20.0, 0.88, 0.0006)
     assert len(bands_figure(crowd, draws_of(20), settings=Settings()).axes) == 3 * 12
     figure = bands_figure(crowd, draws_of(60), settings=Settings(), width_mm=85.0)
     assert_readable(figure, 85.0)
     assert any("the first 6 of 20" in text for text, _ in in_view(figure))
-
-
-def test_a_direction_that_does_not_move_is_drawn_over_the_other_one():
-    specimen = specimen_of(((1.0, 0.0),))
-    figure = bands_figure(specimen, draws_of(100), settings=Settings())
-    assert figure.axes[2].get_xlabel() == "measured stretch in x"
-    low, high = figure.axes[0].get_xlim()
-    assert low < 1.02 and high > 1.19
 
 
 # --- mounting and traces --------------------------------------------------------------------
@@ -405,8 +358,8 @@ def test_a_direction_that_does_not_move_is_drawn_over_the_other_one():
 @pytest.mark.parametrize("states", [("",), tuple(f"{x:g}:{y:g}" for x, y in RATIOS)])
 def test_mounting_figure_is_readable(width, states):
     specimen = specimen_of(RATIOS if len(states) > 1 else RATIOS[:1])
-    truth = {"mounting_stretch_x": 1.009, "mounting_stretch_y": 1.01}
-    figure = mounting_figure(specimen, draws_of(2000, states=states), truth=truth, width_mm=width)
+    draws = draws_of(2000, states=states)
+    figure = mounting_figure(specimen, draws, truth=MOUNTING, width_mm=width)
     assert_readable(figure, width)
     assert "mounting force less its reading" in figure.axes[1].get_xlabel()
     assert len(figure.axes[1].get_yticks()) == 2 * len(states)
@@ -473,39 +426,19 @@ def test_hostile_names_do_not_break_a_figure(tmp_path):
     p = specimen_of().protocols[0]
     names = (HOSTILE, "W" * 80, "$$", "x_{", "\\", "<svg>&amp;")
     tests = tuple(Protocol(n, p.stretch_x, p.stretch_y, p.load_x, p.load_y) for n in names)
-    specimen = Specimen(
-        HOSTILE,
-        tests,
-        "force",
-        "unloaded",
-        20.0,
-        20.0,
-        0.88,
-        0.0006,
-        axis_x=HOSTILE,
-        axis_y="$\\alpha_{$",
-    )
+    axes = {"axis_x": HOSTILE, "axis_y": "$\\alpha_{$"}
+    specimen = Specimen(HOSTILE, tests, "force", "unloaded", 20.0, 20.0, 0.88, 0.0006, **axes)
     draws = draws_of(200, states=names)
-    bands_of_all = bands_figure(specimen, draws, settings=Settings())
-    for figure, kinds in (
-        (bands_of_all, ("pdf", "svg")),
-        (mounting_figure(specimen, draws), ("png",)),
+    for figure, kind in (
+        (bands_figure(specimen, draws, settings=Settings()), "pdf"),
+        (mounting_figure(specimen, draws), "svg"),
     ):
         assert_readable(figure, 180.0)
-        for kind in kinds:
-            save_figure(figure, tmp_path / f"figure.{kind}")
-            assert (tmp_path / f"figure.{kind}").stat().st_size > 1000
-    assert_readable(bands_figure(specimen, draws, settings=Settings(), width_mm=85.0), 85.0)
+        save_figure(figure, tmp_path / f"figure.{kind}")
+        assert (tmp_path / f"figure.{kind}").stat().st_size > 1000
     chains = {f"mounting_stretch_x[{HOSTILE}]": chains_of()["C1"]}
     known = Quantities(GOH_LAW.parameters, (HOSTILE,))
     figure_bytes(trace_figure(chains, known=known), "pdf")
-
-
-def embedded_fonts(pdf: bytes) -> list[TTFont]:
-    """The TrueType fonts of a PDF."""
-    streams = re.findall(rb"<<([^>]*)>>\s*stream\n(.*?)\nendstream", pdf, re.S)
-    fonts = [zlib.decompress(data) for head, data in streams if b"/Length1" in head]
-    return [TTFont(io.BytesIO(font)) for font in fonts]
 
 
 def test_files_are_reproducible_and_hold_their_fonts():
@@ -514,12 +447,7 @@ def test_files_are_reproducible_and_hold_their_fonts():
         assert figure_bytes(figure, kind) == figure_bytes(figure, kind)
     pdf = figure_bytes(figure, "pdf")
     assert b"/FontFile2" in pdf and b"/Type3" not in pdf  # TrueType, embedded
-    fonts = embedded_fonts(pdf)  # upright, and oblique for symbols
-    assert len(fonts) == 2
-    for font in fonts:
-        assert {"glyf", "loca", "hmtx"} <= set(font.keys())
-    letters = [sum(f["glyf"][n].numberOfContours != 0 for n in f.getGlyphOrder()) for f in fonts]
-    assert max(letters) > 20
+
     box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf)
     assert float(box.group(1)) == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
     svg = figure_bytes(figure, "svg")

@@ -27,9 +27,6 @@ from biaxbayes.machines.conversion import convert
 from biaxbayes.model.priors import read_priors
 from biaxbayes.runs import checkpoint
 from biaxbayes.specimens.check import check_specimen
-from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
-from biaxbayes.specimens.table import read_stretches
-from biaxbayes.studies.study_file import read_study
 from test_hostile_inputs import GOOD, ROWS, protocols
 from virtual_biotester import biotester_export
 
@@ -95,26 +92,12 @@ TIMED = "time_s,stretch_x,stretch_y,piola_x_kPa,piola_y_kPa\n" + "".join(
     f"{0.1 * i},{row}\n" for i, row in enumerate(ROWS)
 )
 SPECIMENS = [GOOD, protocols('"1:1, slow"', '"1:0.5"'), CAUCHY, TIMED]
-TARED = [specimen_text(parse_specimen(x.split("\n"), Path("x")).zeroed()) for x in SPECIMENS]
 PRIORS = [
     'kappa = 0.1\nk1 = "2 * C1"\n',
     'alpha = { distribution = "normal", mean = 41, sd = 5 }\n'
     'C1 = { distribution = "lognormal", median = 10, sd_log = 2 }\n',
     'kappa = { distribution = "uniform", low = 0.0, high = 0.3 }\nnoise_sd = 0.01\n',
 ]
-STUDY = """name = "three"
-seed = 1
-options = { noise = "effective", mounting = "noisy", thin = "auto" }
-priors = { kappa = 0.2 }
-[[specimen]]
-file = "good.csv"
-donor = "D1"
-[[specimen]]
-file = "good.csv"
-label = "b"
-mounting_force = [0.01, 0.02]
-priors = { alpha = { distribution = "normal", mean = 41, sd = 5 } }
-"""
 GENERIC = "t;F11;F22;Px;Py\ns;-;-;kPa;kPa\n" + "".join(
     f"{i};{1 + 0.01 * i};{1 + 0.02 * i};{0.5 + i};{0.6 + 2 * i}\n" for i in range(12)
 )
@@ -143,35 +126,17 @@ def specimen(path: Path) -> None:
             np.testing.assert_array_equal(loads, written)
 
 
-def tared(path: Path) -> None:
-    """A force is put back on, and the posterior's density is a number."""
-    read = read_specimen(path)
-    if not read.is_tared:
-        raise InputError("is not tared", file=path)
-    evaluate(Posterior(read.with_mounting_force(0.02, 0.03), noise="independent"))
-
-
 def priors(path: Path) -> None:
     good = path.with_name("good.csv")
     try:
         posterior = Posterior(read_specimen(good), noise="independent", priors=read_priors(path))
     except InputError as refusal:
         raise InputError(str(refusal), file=path) from None
-    evaluate(posterior)
-
-
-def evaluate(posterior: Posterior) -> None:
-    typical = {"k1": 20.0, "k2": 3.0, "alpha": 40.0, "kappa": 0.12, "noise_sd": 0.01}
     rng = np.random.default_rng(1)
+    typical = {"k1": 20.0, "k2": 3.0, "alpha": 40.0, "kappa": 0.12, "noise_sd": 0.01}
     values = {n: typical.get(n, 1.0) * np.exp(rng.normal(0, 0.5, 20)) for n in posterior.free}
     density = np.asarray(posterior.log_density(values))
     assert not np.isnan(density).any() and not np.isposinf(density).any()
-
-
-def study(path: Path) -> None:
-    for entry in read_study(path).specimens:
-        assert entry.label.isprintable()
-        assert entry.file.parent.resolve() == path.parent.resolve() or entry.file.is_file()
 
 
 def converted(choice: Choice, *branches: str) -> Callable[[Path], None]:
@@ -185,17 +150,9 @@ def converted(choice: Choice, *branches: str) -> Callable[[Path], None]:
     return read
 
 
-def stretches(path: Path) -> None:
-    read = read_stretches(path)
-    assert read.shape[1] == 2 and np.isfinite(read).all()
-
-
 READERS: dict[str, tuple[list[bytes | str], Callable[[Path], object]]] = {
     "specimen": (list(SPECIMENS), specimen),
-    "tared specimen": (list(TARED), tared),
     "priors.toml": (list(PRIORS), priors),
-    "STUDY.toml": ([STUDY], study),
-    "path of stretches": (["# a path\nstretch_x,stretch_y\n1,1\n1.05,1.02\n"], stretches),
     "generic": ([GENERIC], converted(Choice("generic", COLUMNS), "loading", "both")),
     "BioTester": (
         [
@@ -271,18 +228,15 @@ def test_a_damaged_checkpoint_is_read_or_refused(small_run):
     for number in range(TRIALS):
         rng = np.random.default_rng([2, number])
         name = list(arrays)[rng.integers(len(arrays))]
-        if rng.random() < 0.5:
-            data = damaged(rng, body)
+        if name == "text":
+            text = damaged_json(rng, arrays[name].tobytes())
+            changed = np.frombuffer(text, dtype=np.uint8)
         else:
-            if name == "text":
-                text = damaged_json(rng, arrays[name].tobytes())
-                changed = np.frombuffer(text, dtype=np.uint8)
-            else:
-                with np.errstate(all="ignore"):
-                    changed = arrays[name] * rng.choice([-1.0, 0.0, 1e308, np.nan, np.inf])
-            out = io.BytesIO()
-            np.savez(out, **(arrays | {name: changed}))
-            data = out.getvalue()
+            with np.errstate(all="ignore"):
+                changed = arrays[name] * rng.choice([-1.0, 0.0, 1e308, np.nan, np.inf])
+        out = io.BytesIO()
+        np.savez(out, **(arrays | {name: changed}))
+        data = damaged(rng, body) if rng.random() < 0.5 else out.getvalue()
         try:
             state, _ = checkpoint.unpack(hashlib.sha256(data).digest() + data)
             assert np.isfinite(state.chain).all()

@@ -82,19 +82,6 @@ def test_the_corrected_loads_are_those_of_a_uniform_test(stretch_from, stress_pa
     assert correction.specimen.load_noise == pytest.approx(1e-4 / correction.range.mean(), rel=0.02)
 
 
-def test_without_the_correction_the_fit_is_another():
-    specimen, _ = hooked()
-    bare = replace(specimen, metadata={})
-    assert fitted(bare).material.C1_kPa < 0.95 * MATERIAL.C1_kPa
-
-
-def test_a_wrong_inset_gives_another_ratio():
-    specimen, _ = hooked()
-    right = corrected_for_grips(specimen, fitted).range
-    wrong = replace(specimen, metadata=specimen.metadata | {"grip_inset_mm": 2.2})
-    assert np.abs(corrected_for_grips(wrong, fitted).range / right - 1.0).max() > 0.01
-
-
 def test_grips_survive_a_file_and_a_corrected_one_is_not_corrected_again(tmp_path):
     specimen, _ = hooked()
     correction = corrected_for_grips(specimen, fitted)

@@ -276,18 +276,6 @@ def test_density_that_joint_moves_carry_on_is_that_of_where_they_ended():
     assert moved.sum() > 5 and ensemble.accepted["together"][0] < 20
 
 
-def test_values_of_specimens_are_kept_less_often_where_they_take_much_memory(monkeypatch):
-    design, _ = normal_design()
-    plan = Plan(ess=1e9, seed=5, **QUICK | {"first_block": 25, "max_steps": 70, "chains": 8})
-    whole = draw(design, plan, quantities).history
-    monkeypatch.setattr(sampler, "MOST_BYTES", whole.theta.nbytes)
-    found = draw(design, plan, quantities).history
-    times = found.every // whole.every
-    assert times > 1
-    assert found.mu.tobytes() == whole.mu.tobytes()
-    assert (found.theta == whole.theta[:, ::times]).all()
-    # as many as every so manieth of the sweeps
-    assert found.theta.shape[1] == found.mu[:, :: found.every].shape[1]
 
 
 @pytest.mark.parametrize("of", [GROUP, DONOR])
@@ -306,18 +294,6 @@ def test_specimens_are_drawn_apart_by_a_map_of_known_determinant(of):
     assert (new[0, 4] == u[0, 4]).all() and np.abs(new - u).max() > 0.05
 
 
-def test_a_stop_leaves_a_state_to_go_on_from():
-    design, _ = normal_design()
-    quick = QUICK | {"first_block": 24, "max_steps": 60, "chains": 8}
-    states = []
-    found = draw(
-        design,
-        Plan(ess=1e9, seed=5, **quick),
-        quantities,
-        on_block=states.append,
-        stop=lambda: len(states) >= 2,
-    )
-    assert found.interrupted and not states[-1].finished
 
 
 def test_correlations_keep_their_prior():

@@ -8,7 +8,6 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.generic import parse_columns
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
-from biaxbayes.tables.units import likely_name
 from commands import refused, run
 
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=40)[0]
@@ -81,10 +80,7 @@ def test_did_you_mean(capsys, typed, meant):
     ("typed", "meant"),
     [
         ("force_x_mN", "did you mean force_x_N (values in N: 1 mN = 0.001 N)?"),
-        ("load_noise_mN", "did you mean load_noise_N (values in N: 1 mN = 0.001 N)?"),
-        ("edge_x_cm", "did you mean edge_x_mm (values in mm: 1 cm = 10 mm)?"),
         ("thickness_m", "did you mean thickness_mm (values in mm: 1 m = 1000 mm)?"),
-        ("edge_x_nm", "did you mean edge_x_mm (values in mm)?"),
         ("force_x", "did you mean force_x_N?"),
     ],
 )
@@ -94,19 +90,6 @@ def test_a_name_with_another_unit_says_how_to_scale(capsys, tmp_path, typed, mea
     path = tmp_path / "other.csv"
     path.write_text("\n".join([*(line.replace(known, typed) for line in head), *rows]) + "\n")
     assert meant in refused(capsys, "check", path)
-
-
-def test_hints_of_other_units_and_of_none():
-    known = ("force_x_N", "cauchy_x_kPa", "largest_shear_angle_deg")
-    for typed, hint in (
-        ("cauchy_x_MPa", "1 MPa = 1000 kPa"),
-        ("cauchy_x_N/mm2", "1 N/mm2 = 1000 kPa"),
-        ("cauchy_x_mPa", "(values in kPa)"),
-        ("largest_shear_angle_rad", "1 rad = 57.2958 deg"),
-    ):
-        assert hint in likely_name(typed, known, 0.6)[1]
-    for typed in ("force_x_kPa", "temperature"):  # no force is a stress
-        assert likely_name(typed, known) == ("", "")
 
 
 def test_a_target_of_convert_with_another_unit():

@@ -83,13 +83,6 @@ def test_corner_of_named_parameters_fits_a_narrow_figure(run, tmp_path):
     assert_readable(figure, 60.0)
 
 
-def test_the_file_name_decides_the_format(run, tmp_path):
-    assert exit_code("plot", run, "--figure", "mounting", "--out", tmp_path / "a.PNG") == 0
-    assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
-    assert exit_code("plot", run, "--figure", "mounting", "--out", tmp_path / "b") == 0
-    assert (tmp_path / "b.pdf").read_bytes().startswith(b"%PDF")
-
-
 def test_what_cannot_be_drawn_is_refused_in_one_line(run, tmp_path, capsys):
     wrong = tmp_path / "truth.json"
     wrong.write_text(json.dumps({"somebody else": {"material": {}}}))
@@ -114,10 +107,3 @@ def test_what_cannot_be_drawn_is_refused_in_one_line(run, tmp_path, capsys):
         message = capsys.readouterr().err
         assert text in message and message.count("\n") == 1
     assert not list(tmp_path.glob("a.*"))
-
-
-def test_help_shows_its_examples_line_by_line(capsys):
-    assert exit_code("plot", "--help") == 0
-    shown = capsys.readouterr().out
-    assert "\n  biaxbayes plot media-posterior --figure corner --width-mm 180\n" in shown
-    assert "\\b" not in shown

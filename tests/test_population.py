@@ -348,12 +348,6 @@ def test_a_specimen_apart_is_named(found):
     assert len(notes) == 1 and "a contradicts its group healthy" in notes[0] and "k1" in notes[0]
 
 
-def test_record_states_priors_and_seed(found):
-    record = json.loads((found.folder / POPULATION).read_text())
-    assert record["pooled"]["C1"]["mean"].startswith("LN(10")
-    assert record["identity"]["options"]["seed"] == 1
-    assert set(record["identity"]["runs"]) == set("abcd")
-    assert isinstance(pd.Series(record["acceptance"]["own"]).mean(), float)
 
 
 def test_cards_of_new_specimens_and_of_the_mean_curve(found, tmp_path):

@@ -1,9 +1,12 @@
-"""The model checked against its own data, in words."""
+"""The model checked against its own data, in words, wherever a run is written about."""
+
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import biaxbayes
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import Settings
 from biaxbayes.prediction.predictive_checks import (
@@ -12,8 +15,11 @@ from biaxbayes.prediction.predictive_checks import (
     path_warnings,
     predictive_checks,
 )
+from biaxbayes.reports.closing_message import closing_message
+from biaxbayes.reports.methods import latex_table
+from biaxbayes.reports.page import report_page
 from model_cases import bent
-from quick_posteriors import specimen
+from quick_posteriors import runs_without_figures, specimen
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 
@@ -75,3 +81,40 @@ def test_the_missed_protocol_is_named_with_its_number():
     peak = float(clean.protocols[1].load_y.max())
     assert row["largest"] == pytest.approx(0.15 * peak, abs=0.008)
     assert any("too narrow" in text for text in checks_in_words(checks, "N"))
+
+
+# --- missed paths, wherever a run is written about ---
+
+WRITERS = (closing_message, report_page, latex_table)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return specimen(TRUTH, increments=15)
+
+
+@pytest.fixture(scope="module")
+def missed(data, tmp_path_factory):
+    name = data.protocols[1].name
+    folder = tmp_path_factory.mktemp("missed") / "run"
+    with runs_without_figures():
+        return name, biaxbayes.sample(
+            bent(data, name, 0.2), out=folder, noise="independent", ess=100, workers=1
+        )
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_the_missed_path_is_named(write, missed):
+    name, run = missed
+    text = " ".join(write(run).split())
+    plain = re.sub(r"<[^>]+>|\\(?=[^a-z])", "", text).replace("&#39;", "'")
+    message = re.findall(r"GOH misses the (\S+) protocol by [\d.]+ N root mean square", plain)
+    assert name in message
+    assert "do not use these parameters for that path" in plain
+
+
+def test_a_described_specimen_is_not_warned_of(data, tmp_path):
+    with runs_without_figures():
+        run = biaxbayes.sample(data, out=tmp_path / "run", ess=60, workers=1)
+    for write in WRITERS:
+        assert "GOH misses the " not in write(run)

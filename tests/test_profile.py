@@ -12,16 +12,12 @@ from click.testing import CliRunner
 from scipy.optimize import least_squares
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.run.profile import profile_figure
-from biaxbayes.figures.style import figure_bytes
-from biaxbayes.identifiability.profile.conditional_fit import ConditionalLikelihood
-from biaxbayes.identifiability.profile.curve import ProfileCurve, profile_axis
 from biaxbayes.identifiability.profile.profile import THRESHOLD, profile_likelihood, profiles
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.verbs.profile import command
-from goh_functions import GOH_LAW, PARAMETERS
+from goh_functions import PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 
 TRUTH = GOH(10.0, 40.0, 5.0, 40.0, 0.15)
@@ -258,24 +254,6 @@ def test_errors_that_grow_are_said_to_be_constant_in_a_profile():
         assert ("constant here, not growing with the load" in note) == growth
 
 
-def test_sweeping_back_gives_nothing_lower():
-    posterior = traded()
-    likelihood = ConditionalLikelihood(posterior.specimen, posterior.settings, posterior.beta, {})
-    table = traded_kappa().table
-    names = [*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"]
-    best = table.iloc[int(table["deviance"].argmin())][names].to_numpy(dtype=float, copy=True)
-    best[3] = np.cos(np.radians(best[3])) ** 2
-    curve = ProfileCurve(
-        likelihood,
-        profile_axis(GOH_LAW.parameter("kappa"), 4, GOH_LAW),
-        likelihood.best({}, best, 0.005),
-    )
-    curve.extend(-1)
-    curve.extend(1)
-    curve.sweep()
-    assert not curve.sweep()
-
-
 def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     path = tmp_path / "virtual.csv"
     write_specimen(traded().specimen, path)
@@ -292,15 +270,6 @@ def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     message = json.loads((out / "profile-provenance.json").read_text())
     assert message["deviance_of_90_percent"] == pytest.approx(2.71, abs=0.01)
     assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
-
-
-def test_the_figure_is_drawn_at_print_size():
-    figure = profile_figure([profiled("kappa"), profiled("C1")], titles=["one", "two"])
-    assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
-    message = [text.get_text() for text in figure.axes[0].texts]
-    assert message == ["90 %"]  # the content of every other interval of a run
-    assert "(90 %)" in profiled("kappa").in_words()
-    assert figure_bytes(figure, "png")
 
 
 @pytest.mark.slow

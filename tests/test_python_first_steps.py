@@ -47,19 +47,6 @@ def test_convert_by_keywords(tmp_path):
             biaxbayes.convert(raw, **wrong)
 
 
-def test_a_virtual_specimen_from_exported_names_alone():
-    made, _ = biaxbayes.virtual_specimen(
-        biaxbayes.GOH(14.0, 60.0, 8.0, 38.0, 0.1),
-        name="virtual",
-        mounting_stretch=(1.02, 1.02),
-        total_stretch=1.2,
-        dimensions=biaxbayes.Dimensions(thickness_mm=0.5),
-        machine=biaxbayes.Machine(noise_N=0.001),
-        seed=1,
-    )
-    assert made.thickness_mm == 0.5 and made.load_noise == 0.001
-
-
 def test_objects_print_as_one_readable_line(path, small_run):
     shown = [
         repr(MADE),

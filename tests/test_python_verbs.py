@@ -11,26 +11,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click import Context
 
 import biaxbayes
-from biaxbayes.cli import VERBS, group
+from biaxbayes.cli import VERBS
 from biaxbayes.errors import InputError, as_options
-from biaxbayes.options import (
-    CalibrationPlan,
-    DesignOptions,
-    FitOptions,
-    ModelOptions,
-    PredictionOptions,
-    SamplingPlan,
-    options_of,
-)
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.verbs.export import CardOptions
-from biaxbayes.verbs.ledger import LedgerPlan
-from biaxbayes.verbs.predict import FigureOptions
-from biaxbayes.verbs.profile import ProfileOptions
-from biaxbayes.verbs.simulate import VirtualTest
 from commands import exit_code
 from quick_posteriors import runs_of_few_walkers
 
@@ -224,40 +209,6 @@ def test_both_ways_simulate_and_fit_the_same(tissue, tmp_path, capsys):
     assert exit_code("fit", tissue, "--method", "linden", "--json", "--starts", "2") == 0
     found = biaxbayes.fit(tissue, "linden", starts=2).record()
     assert json.loads(capsys.readouterr().out) == [found]
-
-
-# --- options are stated once ---------------------------------------------------------------------
-
-
-TABLES = {
-    "sample": (SamplingPlan, ModelOptions),
-    "batch": (ModelOptions,),
-    "calibrate": (CalibrationPlan, ModelOptions),
-    "fit": (FitOptions,),
-    "simulate": (VirtualTest,),
-    "profile": (ProfileOptions,),
-    "compare": (SamplingPlan, ModelOptions),
-    "ledger": (LedgerPlan, ModelOptions),
-    "design": (DesignOptions,),
-    "predict": (FigureOptions, PredictionOptions),
-    "export": (CardOptions,),
-}
-
-
-@pytest.mark.parametrize("verb", TABLES)
-def test_command_and_function_have_the_defaults_of_the_table(verb):
-    of_command = {p.name: p for p in group.get_command(Context(group), verb).params}
-    of_function = inspect.signature(getattr(biaxbayes, verb)).parameters
-    shared = set()
-    for table in TABLES[verb]:
-        for name in options_of(table):
-            default = getattr(table, name)
-            if name in of_function and name != "seed":
-                assert of_function[name].default == default, name
-            if name in of_command and default is not None and default != ():
-                assert of_command[name].default in (default, str(default)), name
-                shared.add(name)
-    assert shared
 
 
 SAMPLED = {

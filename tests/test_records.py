@@ -2,12 +2,10 @@
 
 import contextlib
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import biaxbayes
@@ -18,7 +16,6 @@ from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from commands import refused, run
 
-REAL = os.environ.get("BIAXBAYES_REAL")
 DATA = Path(__file__).resolve().parents[1] / "data"
 CURVES = ("stretch_x", "stretch_y", "load_x", "load_y")
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
@@ -204,18 +201,6 @@ SHIPPED = sorted([*DATA.glob("*.csv"), DATA / "examples" / "tared.csv"])
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
 def test_shipped_specimens_are_not_refused(path):
     assert not errors_of(read_specimen(path))
-
-
-@pytest.mark.real
-@pytest.mark.skipif(not REAL, reason="BIAXBAYES_REAL does not name measured tissue")
-def test_an_aorta_is_not_refused_nor_are_its_columns_exchanged():
-    protocols = []
-    for path in sorted(Path(str(REAL)).glob("aorta-tbad/*.csv")):
-        raw = pd.read_csv(path)
-        protocols.append(Protocol(path.stem, raw.F11, raw.F22, raw.P11_kPa, raw.P22_kPa))
-    aorta = Specimen("aorta", tuple(protocols), "piola")
-    assert not errors_of(aorta)
-    assert not called_swapped(aorta)
 
 
 def test_one_protocol_cannot_carry_four_families():

@@ -4,7 +4,6 @@ Records are computed here from the material's own stress, with the mounting stre
 has to find, so that a wrong reference shows as a wrong parameter.
 """
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -309,16 +308,6 @@ def test_a_uniaxial_strip_is_refused_as_such(tmp_path):
         read_specimen(path)
     with pytest.raises(InputError, match=r"load_y.*every value is zero.*strips cannot be used"):
         check_specimen(in_memory(rows, "force", header("force", "unloaded")))
-
-
-def test_check_prints_plain_values_of_a_common_reference():
-    from biaxbayes.verbs.check import understood
-
-    rows = record(APART)
-    about = understood(in_memory(rows, "force", header("force", "unloaded", reference="common")))
-    assert about["reference"] == "common"
-    assert about["protocols"][1]["mounting_force_x"] is None
-    json.dumps(about, allow_nan=False)
 
 
 def test_a_cauchy_record_whose_nominal_stress_is_zero_at_rest_is_tared():

@@ -8,7 +8,6 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -18,12 +17,10 @@ import reported
 from biaxbayes.errors import RunError
 from biaxbayes.reports import page as report
 from biaxbayes.reports.closing_message import closing_message
-from biaxbayes.reports.methods import prior_text
-from biaxbayes.reports.page import determined_rows, write_report
-from biaxbayes.reports.templates import TOTAL_BYTES, pictures
+from biaxbayes.reports.page import write_report
 from biaxbayes.reports.text import latex_text
 from biaxbayes.runs.run import open_run
-from commands import exit_code, refused
+from commands import exit_code
 
 VOID = {"meta", "link", "img", "br", "hr"}
 
@@ -130,14 +127,6 @@ def test_numbers_are_those_of_the_run(run, html):
     assert f"{sum(p.rows for p in run.specimen.protocols):,} rows" in text
 
 
-def test_what_the_curves_determine_is_computed_again_equal(media_run, copied):
-    folder = copied(media_run.path)
-    own = determined_rows(open_run(folder))
-    assert len(own) > 5 and {row[4] for row in own} == {"", "kPa"}
-    (folder / "results.json").unlink()  # as in a run of earlier code: made again of the same draws
-    assert determined_rows(open_run(folder)) == own
-
-
 def test_no_export_is_read_back(media_run, copied):
     folder = copied(media_run.path)
     page = report.report_page(open_run(folder))
@@ -206,52 +195,9 @@ def test_latex_keeps_its_cells(run, tmp_path):
     assert table.count("\\end{table}") == 1
 
 
-def test_bad_targets_are_one_line(run, tmp_path, capsys):
-    for out in (tmp_path, tmp_path / "no" / "such" / "f.html"):
-        refused(capsys, "report", run.path, "--out", out)
-
-
-def test_only_pictures_that_are_pictures(run, tmp_path):
-    real = (run.path / "corner.png").read_bytes()
-    (tmp_path / "good.png").write_bytes(real)
-    (tmp_path / "script.png").write_bytes(b"<svg onload=alert(1)>")
-    (tmp_path / "large.png").write_bytes(real + bytes(TOTAL_BYTES))
-    (tmp_path / "link.png").symlink_to(run.path / "corner.png")
-    found = pictures(tmp_path, ("script", "large", "link", "good", "none"))
-    assert set(found) == {"good"}
-    assert found["good"].width > 300 and found["good"].uri.startswith("data:image/png;base64,")
-
-
-def test_page_without_figures_and_verdicts(run, tmp_path):
-    folder = altered(run, tmp_path, lambda r: None)
-    for path in folder.glob("*.png"):
-        path.unlink()
-    page = outline(write_report(folder).read_text(encoding="utf-8"))
-    assert page.all("img") == []
-    assert "has no corner.png" in "".join(page.text)
-
-
 def test_report_is_the_same_twice(run, html, copied):
     assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
     assert open_run(run.path).state == "converged"
-
-
-def luminance(colour: str) -> float:
-    """Relative luminance, WCAG 2.1."""
-    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
-    linear = np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-@pytest.mark.parametrize("theme", [0, 1])
-def test_contrast(theme):
-    style = (Path(report.__file__).parent / "style.css").read_text(encoding="utf-8")
-    block = re.findall(r":root \{([^}]*)\}", style)[theme]
-    colours = dict(re.findall(r"--(\w+): (#\w{6})", block))
-    for name in ("text", "soft", "link", "good", "doubt", "bad"):
-        for ground in ("page", "card"):
-            pair = sorted(luminance(colours[k]) for k in (name, ground))
-            assert (pair[1] + 0.05) / (pair[0] + 0.05) >= 4.5
 
 
 def test_text_from_files_is_escaped():
@@ -260,17 +206,6 @@ def test_text_from_files_is_escaped():
         r"\textasciitilde{}\textasciicircum{}"
     )
     assert latex_text("line\nbreak\u202ereversed") == "line break reversed"
-
-
-def test_priors_state_their_units():
-    assert prior_text({"distribution": "uniform", "low": 0.0, "high": 90.0}) == (
-        "uniform from 0 to 90"
-    )
-    assert prior_text(5.0, "kPa") == "fixed at 5 kPa"
-    text = prior_text({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0}, "kPa")
-    assert "median 10 kPa" in text and text.count("kPa") == 1
-    text = prior_text({"distribution": "normal", "mean": 40, "sd": 3, "low": 0}, "deg")
-    assert text == "normal (mean 40 deg, sd 3 deg, not below 0 deg)"
 
 
 def test_a_protocol_with_a_slash_comes_back_by_its_name(run):

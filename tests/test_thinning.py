@@ -1,20 +1,14 @@
 """Averaged rows: the same likelihood as of all of them, and an answer that does not change."""
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
-from biaxbayes.sampling.convergence import effective_sample_size
-from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.thinning import rows_to_keep, thinned_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
@@ -131,39 +125,3 @@ def test_growing_noise_is_worth_what_its_own_residuals_say():
     )
     posterior = prepare(replace(data, protocols=protocols), noise_growth=True)
     assert posterior.beta > 0.6
-
-
-@pytest.mark.real
-@pytest.mark.slow
-def test_real_tissue_thinned_or_not():
-    """Five protocols, 1,526 rows, readings that correlate: the same quantiles, much sooner."""
-    folder = os.environ.get("BIAXBAYES_REAL")
-    if not folder:
-        pytest.skip("BIAXBAYES_REAL is not set")
-    data = aorta(Path(folder) / "aorta-tbad")
-    found = [
-        draw_posterior(prepare(data, thin=t), Plan(ess=4000, workers=1, walkers=32))
-        for t in ("none", "auto")
-    ]
-    for name, all_rows in found[0].quantities.items():
-        if name in ("lp", "log_likelihood"):
-            continue
-        of_means = found[1].quantities[name]
-        for level in (0.05, 0.5, 0.95):
-            quantile = np.quantile(all_rows, level)
-            below = [(q <= quantile).astype(float) for q in (of_means, all_rows)]
-            # Monte Carlo error of both shares; four of them for 24 comparisons
-            error = np.sqrt(sum(level * (1 - level) / effective_sample_size(b) for b in below))
-            assert abs(below[0].mean() - level) < 4.0 * error, (name, level)
-    assert found[1].seconds["sampling"] < found[0].seconds["sampling"]
-
-
-def aorta(folder: Path) -> Specimen:
-    """The five protocols, each relative to its own mounted state."""
-    protocols = []
-    for path in sorted(folder.glob("*.csv")):
-        table = pd.read_csv(path)
-        columns = [table[c].to_numpy() for c in ("F11", "F22", "P11_kPa", "P22_kPa")]
-        x, y = columns[0] / columns[0][0], columns[1] / columns[1][0]
-        protocols.append(Protocol(path.stem.rsplit("_", 1)[1], x, y, *columns[2:]))
-    return Specimen("aorta", tuple(protocols), "piola")

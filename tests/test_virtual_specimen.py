@@ -22,16 +22,6 @@ BOX = Dimensions(20.0, 15.0, 0.88)
 TEST = {"name": "t", "mounting_stretch": (1.02, 1.01), "measured_stretch": 1.2, "dimensions": BOX}
 
 
-def test_noise_free_force_is_stress_times_section():
-    specimen, truth = virtual_specimen(MEDIA, **TEST, seed=1)
-    p = specimen.protocols[0]
-    Px, Py = MEDIA.piola(p.stretch_x * 1.02, p.stretch_y * 1.01)
-    np.testing.assert_allclose(p.load_x, Px * 15.0 * 0.88e-3, rtol=1e-9)
-    np.testing.assert_allclose(p.load_y, Py * 20.0 * 0.88e-3, rtol=1e-9)
-    assert truth.mounting_force_x == pytest.approx(p.load_x[0], rel=1e-9)
-    assert specimen.load_noise is None
-
-
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
 @pytest.mark.parametrize("pair", ["force", "piola", "cauchy"])
 def test_the_mounting_reading_leads_back_to_the_mounting_stretch(pair, geometry):

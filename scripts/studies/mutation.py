@@ -22,16 +22,15 @@ from studies.common import ROOT, options_of, parser
 PARTS: dict[str, tuple[str, str]] = {
     "density": (
         "laws/*.py mechanics/mounting.py model/priors.py error_model.py model/density.py",
-        "laws law_statements goh priors error_model posterior hostile_inputs",
+        "laws law_statements goh priors forward posterior hostile_inputs",
     ),
     "verdicts": (
         "identifiability/*.py identifiability/mounting_stretch/*.py",
-        "verdict marginals tissue_stress mounting_refits noise_worth reported identifiability",
+        "verdict marginals tissue_stress mounting_refits smooth_misfit reported identifiability",
     ),
     "sampling": (
         "sampling/*.py",
-        "modes population_monte_carlo convergence mixture_fit mixture_proposal "
-        "moves sampling_alone sampler",
+        "modes population_monte_carlo convergence mixture moves sampling_alone sampler",
     ),
     "comparison": ("comparison/*.py", "compare_laws ledger compare"),
 }
