@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -132,3 +133,17 @@ def runs_without_figures() -> Iterator[None]:
     """Quick run folders: few walkers, and figures would cost most of the time."""
     with runs_of_few_walkers(), without_figures():
         yield
+
+
+# --- specimens that GOH does not describe ---
+
+
+def bent(data: Specimen, name: str, share: float) -> Specimen:
+    """The specimen with one protocol's y loads off by a share of their peak halfway."""
+    protocols = []
+    for p in data.protocols:
+        load = np.array(p.load_y)
+        if p.name == name:
+            load += share * load.max() * np.sin(np.linspace(0.0, np.pi, p.rows))
+        protocols.append(replace(p, load_y=load))
+    return replace(data, protocols=tuple(protocols))

@@ -29,7 +29,7 @@ from biaxbayes.calibration.simulated_specimen import (
     protocol_prior,
     simulate_specimen,
 )
-from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
@@ -437,10 +437,6 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
     assert ("replications are too few" in message) == (replications < 50 and p >= 0.05)
     assert ("are uniform" in message) == (replications >= 50 and p >= 0.05)
     assert ("NOT uniform" in message) == (p < 0.05)
-
-
-
-
 
 
 @pytest.mark.slow

@@ -156,13 +156,6 @@ def test_units():
         assert sum(words in message for message in messages) == 1
 
 
-def test_tension_is_positive():
-    p = GOOD.protocols[0]
-    flipped = replace(p, load_x=-p.load_x, load_y=-p.load_y)
-    found = [f for f in check_specimen(specimen(flipped)) if f.code == "sign"]
-    assert len(found) == 2 and "tension must be positive" in found[0].message
-
-
 def test_noise_that_is_not_that_of_the_rows():
     p = GOOD.protocols[0]
     found = check_specimen(Specimen("a", (p,), "piola", load_noise=1.0))

@@ -1,8 +1,6 @@
 """Comparisons and distances, against closed forms and specimens of known material."""
 
-import re
 from dataclasses import replace
-from importlib.resources import files
 
 import numpy as np
 import pandas as pd
@@ -19,7 +17,6 @@ from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Tie
-from biaxbayes.reports.comparison import write_comparison
 from goh_functions import GOH_LAW
 from quick_posteriors import EQUIBIAXIAL, sampled, small_specimen, specimen
 from readable import assert_readable, in_view
@@ -215,18 +212,3 @@ def test_labels_come_from_layers_specimens_or_folders(members):
     a, b = members[0].posterior.specimen, members[1].posterior.specimen
     assert run_labels([a, b], ["run1", "run2"]) == ["run1", "run2"]
     assert run_labels([a, b], ["run", "run"]) == ["virtual (1)", "virtual (2)"]
-
-
-@pytest.mark.long
-def test_files_and_a_page_that_needs_nothing_else(found, tmp_path):
-    written = write_comparison(found, tmp_path / "new")
-    assert {p.name for p in written} >= {"compare.html", "compare-matrix.pdf", "compare-forest.png"}
-    page = (tmp_path / "new" / "compare.html").read_text()
-    assert "one &lt;ratio&gt;" in page
-    assert "one <ratio>" not in page
-    assert not re.search(r'(src|href)="(?!data:|#)', page)
-    # the style and the head of the report
-    style = files("biaxbayes.reports").joinpath("style.css").read_text(encoding="utf-8")
-    assert style.strip() in page and "Content-Security-Policy" in page and 'class="skip"' in page
-    table = pd.read_csv(tmp_path / "new" / "compare-distances.csv")
-    assert len(table) == len(found.distances)

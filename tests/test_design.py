@@ -67,13 +67,6 @@ def test_two_readings_agree_with_the_exact_gaussian_answer():
     assert np.all(np.abs(found.reduction - exact) < 4.0 * found.error + 0.005)
 
 
-def test_an_outcome_that_leaves_too_few_draws_is_not_trusted():
-    draws, _ = _gaussian(n=2000)
-    quantities = {"alpha": draws["alpha"].to_numpy()}
-    found = expect(Reading("exact", ("alpha",), 0.005), draws, quantities, np.random.default_rng(3))
-    assert not found.trusted
-
-
 @pytest.fixture(scope="module")
 def run():
     data = specimen(MATERIAL, ratios=EQUIBIAXIAL, increments=15)
@@ -281,14 +274,3 @@ def test_fixed_parameters_are_no_candidates():
     names = [c.name for c in standard_candidates(fixed.posterior())]
     assert not any("angle" in n or "image" in n for n in names)
     assert "alpha" not in design_quantities(fixed.posterior(), fixed.draws)
-
-
-def test_an_outcome_can_be_added_to_the_specimen(run, candidates):
-    protocol = candidates["1:0"]
-    outcome = protocol.outcomes(run.draws.iloc[:1], np.random.default_rng(7))[0]
-    data, options = protocol.added_to(run.posterior(), outcome)
-    assert [p.name for p in data.protocols][1:] == ["next"]
-    assert data.load(data.protocols[1]).ravel() == pytest.approx(outcome)
-    reading = Reading("alpha", ("alpha",), 5.0)
-    _, options = reading.added_to(run.posterior(), np.array([41.0]))
-    assert options["priors"]["alpha"].as_table()["sd"] == 5.0

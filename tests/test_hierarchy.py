@@ -9,7 +9,6 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
 
-from biaxbayes.populations import sampler
 from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Spreading, Tuning
 from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
 from biaxbayes.populations.predictive import cut_median
@@ -276,8 +275,6 @@ def test_density_that_joint_moves_carry_on_is_that_of_where_they_ended():
     assert moved.sum() > 5 and ensemble.accepted["together"][0] < 20
 
 
-
-
 @pytest.mark.parametrize("of", [GROUP, DONOR])
 def test_specimens_are_drawn_apart_by_a_map_of_known_determinant(of):
     rng = np.random.default_rng(7)
@@ -292,8 +289,6 @@ def test_specimens_are_drawn_apart_by_a_map_of_known_determinant(of):
     sign, log_determinant = np.linalg.slogdet(columns.reshape(12, 12))
     assert sign > 0 and log_determinant == pytest.approx(log_jacobian[0])
     assert (new[0, 4] == u[0, 4]).all() and np.abs(new - u).max() > 0.05
-
-
 
 
 def test_correlations_keep_their_prior():

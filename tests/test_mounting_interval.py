@@ -198,14 +198,6 @@ def test_laws_are_fitted_to_a_goh_specimen():
     assert quick_better_law(small_specimen()) == ""
 
 
-def test_judging_a_run_again_writes_the_same_fits(media_run, copied):
-    run = copied(media_run.path)
-    names = ("results.json", "report.csv", "evidence/identifiability.csv", "evidence/law-fits.csv")
-    was = [(run / name).read_bytes() for name in names]
-    biaxbayes.identify(run, out=run, figure=False)
-    assert [(run / name).read_bytes() for name in names] == was
-
-
 @pytest.mark.long
 def test_no_end_is_wrong_where_the_mounting_reading_is_two_sigma_off():
     """Fung tissue, noise of 1 % of the peak: its law had been thrown out by a reading."""

@@ -348,8 +348,6 @@ def test_a_specimen_apart_is_named(found):
     assert len(notes) == 1 and "a contradicts its group healthy" in notes[0] and "k1" in notes[0]
 
 
-
-
 def test_cards_of_new_specimens_and_of_the_mean_curve(found, tmp_path):
     made = biaxbayes.export(
         found.folder, "abaqus", population="healthy", draws=3, out=tmp_path / "cards"

@@ -28,7 +28,6 @@ from biaxbayes.populations.verdicts import (
     derived_verdict,
     mean_verdicts,
     reported_text,
-    spread_parameter,
     spread_verdicts,
 )
 from goh_functions import GOH_LAW
@@ -199,17 +198,6 @@ def test_an_open_edge_and_a_ridge_are_named(values, prior):
     assert found["C1"].posterior_verdict == IDENTIFIED
 
 
-def test_an_angle_means_nothing_where_fibres_may_be_isotropic(values, prior):
-    rng = np.random.default_rng(6)
-    mu = known(values, rng)
-    mu[:, 4] = 1.0 / 3.0 - np.abs(0.01 * rng.standard_normal(DRAWS))
-    found = judged(hyper_of(values, mu), prior)
-    assert (
-        found["alpha"].posterior_verdict == NOT_IDENTIFIED
-        and "no angle means anything" in found["alpha"].text
-    )
-
-
 @pytest.mark.parametrize("state", ["tentative", "unusable"])
 def test_no_verdict_of_chains_that_have_not_converged(values, prior, state):
     rng = np.random.default_rng(7)
@@ -256,11 +244,3 @@ def test_spreads_of_which_only_the_sum_is_known_are_a_combination(values):
     assert total.posterior_verdict == IDENTIFIED
     # 1.5 times the scale 0.5 of a log
     assert total.evidence.median == pytest.approx(0.75, abs=0.01)
-
-
-def test_a_spread_is_sharp_by_what_it_does_to_a_new_specimen(values):
-    C1, alpha = (spread_parameter(v, "sd_donors") for v in (values[0], values[3]))
-    # a sharp C1 spans a factor of 2, a sharp angle 15 degrees; 90 % of a normal span 3.29 sd
-    assert 3.29 * C1.sharp == pytest.approx(math.log(2.0))
-    assert 3.29 * alpha.sharp == pytest.approx(15.0)
-    assert (C1.unit, alpha.unit) == ("1", "deg")

@@ -18,8 +18,7 @@ from biaxbayes.prediction.predictive_checks import (
 from biaxbayes.reports.closing_message import closing_message
 from biaxbayes.reports.methods import latex_table
 from biaxbayes.reports.page import report_page
-from model_cases import bent
-from quick_posteriors import runs_without_figures, specimen
+from quick_posteriors import bent, runs_without_figures, specimen
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 

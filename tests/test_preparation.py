@@ -1,5 +1,6 @@
-"""A posterior as a value: what it is given, and that looking at it changes nothing."""
+"""A posterior as a value: what it is given, and the likelihood of averaged rows."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -8,10 +9,14 @@ import pytest
 
 import biaxbayes
 from biaxbayes.errors import InputError
+from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare, start_parameters, with_sampling_constants
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.thinning import rows_to_keep, thinned_specimen
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -90,3 +95,119 @@ def test_a_sampler_counts_for_itself():
     }  # fmt: skip
     assert not other.counts.any()
     np.testing.assert_array_equal(other.bounds, posterior.bounds)
+
+
+# --- averaged rows ---
+
+MATERIAL = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
+
+
+def long_specimen(increments: int = 400, misfit: float = 0.0, seed: int = 4) -> Specimen:
+    made, _ = virtual_specimen(
+        MATERIAL,
+        name="long",
+        mounting_stretch=(1.01, 1.02),
+        total_stretch=1.2,
+        ratios=((1.0, 1.0), (1.0, 0.5)),
+        increments=increments,
+        machine=Machine(noise_N=0.004, misfit=misfit),
+        seed=seed,
+    )
+    return made
+
+
+def test_rows_are_means_and_rest_is_kept():
+    stretch = np.concatenate([[1.0, 1.0], np.linspace(1.0, 1.2, 9)[1:]])
+    load = np.concatenate([[0.3, 0.5], np.arange(8.0)])
+    p = Protocol("a", stretch, stretch, load, 2 * load, rest_rows=2)
+    # 8 rows, three of them to be left: groups of 2, 3 and 3, none of them much smaller
+    out = thinned_specimen(Specimen("s", (p,), "piola"), 3)
+    q = out.specimen.protocols[0]
+    assert q.load_x.tolist() == [0.3, 0.5, 0.5, 3.0, 6.0]
+    assert q.stretch_x[2:] == pytest.approx(
+        [stretch[2:4].mean(), stretch[4:7].mean(), stretch[7:].mean()]
+    )
+    assert q.rest_rows == 2
+    assert out.weight == (pytest.approx(8 / 3),)
+    assert np.abs(out.scatter[0]).max() < 1e-20  # a straight line has no scatter
+
+
+@pytest.mark.parametrize("size", [2, 3, 5])
+def test_scatter_is_that_of_the_noise(size):
+    rng = np.random.default_rng(1)
+    n = 6000
+    stretch = np.linspace(1.0, 1.2, n + 1)
+    load = 50.0 * (stretch - 1.0) ** 2 + 0.2 * rng.standard_normal(n + 1)
+    data = Specimen("s", (Protocol("a", stretch, stretch, load, load),), "piola")
+    out = thinned_specimen(data, n // size)
+    # mean square of k readings about their own mean: sd^2 (k - 1) / k
+    assert out.scatter[0].mean() == pytest.approx(0.04 * (size - 1) / size, rel=0.05)
+
+
+@pytest.mark.parametrize("growth", [False, True])
+def test_likelihood_is_that_of_all_rows(growth):
+    """Over changes of the parameters that move the posterior by many units."""
+    data = long_specimen(misfit=0.02)
+    options = {"noise": "independent", "noise_growth": growth}
+    full = Posterior(data, **options, thin="none")
+    thin = Posterior(data, **options, thin=100)
+    assert thin.thinned.specimen.protocols[0].rows == 101
+    rng = np.random.default_rng(2)
+    reading = data.mounting_readings(shared=True)[0][0]
+    n = 40
+    draws = {
+        "C1": 9.0 * np.exp(0.05 * rng.standard_normal(n)),
+        "k1": 20.0 * np.exp(0.1 * rng.standard_normal(n)),
+        "k2": 4.0 * np.exp(0.1 * rng.standard_normal(n)),
+        "alpha": 42.0 + rng.standard_normal(n),
+        "kappa": 0.15 + 0.01 * rng.standard_normal(n),
+        "mounting_force_x": np.full(n, reading[0]),
+        "mounting_force_y": np.full(n, reading[1]),
+        "noise_sd": 0.01 * np.exp(0.3 * rng.standard_normal(n)),
+        "noise_growth": np.full(n, 0.01),
+    }
+    of_all, of_means = full.log_density(draws), thin.log_density(draws)
+    assert np.ptp(of_all) > 1000.0
+    change = (of_means - of_all) - (of_means - of_all).mean()
+    assert np.abs(change).max() < 0.002 * np.ptp(of_all)
+
+
+def test_automatic_only_where_it_is_long_and_noise_is_effective():
+    long, short = long_specimen(), long_specimen(increments=150)
+    assert prepare(long).settings.thin == 100
+    assert Posterior(long, noise="independent").settings.thin == 0
+    assert prepare(short).settings.thin == 0
+    assert prepare(long, thin="none").settings.thin == 0
+
+
+@pytest.mark.parametrize("thin", [3, "some", -5])
+def test_other_numbers_are_refused(thin):
+    with pytest.raises(InputError):
+        rows_to_keep(long_specimen(increments=150), thin, automatic=True)
+
+
+def test_mounting_reading_and_weight_do_not_change():
+    data = long_specimen()
+    full, thin = prepare(data, thin="none"), prepare(data)
+    assert thin.beta == full.beta
+    assert np.array_equal(thin.assembly.problem.reading_sd, full.assembly.problem.reading_sd)
+
+
+def test_growing_noise_is_worth_what_its_own_residuals_say():
+    """Independent errors of an sd that grows: in units of their own sd nothing correlates."""
+    data = long_specimen(increments=100)
+    rng = np.random.default_rng(7)
+    protocols = tuple(
+        replace(
+            p,
+            load_x=np.append(
+                p.load_x[:1], (p.load_x * (1 + 0.03 * rng.standard_normal(p.rows)))[1:]
+            ),
+            load_y=np.append(
+                p.load_y[:1], (p.load_y * (1 + 0.03 * rng.standard_normal(p.rows)))[1:]
+            ),
+        )
+        for p in data.protocols
+    )
+    posterior = prepare(replace(data, protocols=protocols), noise_growth=True)
+    assert posterior.beta > 0.6

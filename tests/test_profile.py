@@ -270,12 +270,3 @@ def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     message = json.loads((out / "profile-provenance.json").read_text())
     assert message["deviance_of_90_percent"] == pytest.approx(2.71, abs=0.01)
     assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
-
-
-@pytest.mark.slow
-def test_processes_change_nothing():
-    names = ["kappa", "k1"]
-    for one, other in zip(
-        profiles(determined(), names), profiles(determined(), names, workers=2), strict=True
-    ):
-        pd.testing.assert_frame_equal(one.table, other.table)

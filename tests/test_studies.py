@@ -8,7 +8,6 @@ import pkgutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -20,17 +19,14 @@ from scipy.stats import norm
 import studies
 import study
 from biaxbayes.laws.dispersed_fibres import chart_from_angles
-from biaxbayes.laws.published import MATERIALS, PublishedMaterial
 from biaxbayes.populations.hierarchy import LEAST_INSIDE
 from biaxbayes.specimens.specimen_file import read_specimen
 from studies.benchmark.natural_density import NaturalDensity
 from studies.benchmark.nuts import jax_log_density
 from studies.benchmark.structural import Structural
 from studies.common import DATA
-from studies.intervals import drawn_material
 from studies.population.calibration import GROUPS, PRIORS, Truths, values_of
-from studies.population.study import pooling
-from studies.population.virtual import CENTRES, PARAMETERS, Plan, made, on_scale
+from studies.population.virtual import PARAMETERS
 
 SCRIPTS = Path(study.__file__).resolve().parent
 OWN = {"biaxbayes", "studies", *(path.stem for path in SCRIPTS.glob("*.py"))}
@@ -107,30 +103,6 @@ def test_the_paper_is_recomputed_in_its_quick_form(tmp_path):
         assert made == known
 
 
-def test_truths_drawn_around_a_printed_material_lie_inside_their_ranges():
-    """And make curves as stiff and as bent, their exponent taken from the strain energy."""
-
-    def exponent_and_stress(of: PublishedMaterial) -> tuple[float, float]:
-        lx, ly = np.array(of.mounting_stretch) * of.measured_stretch
-        fibres = replace(of.material, C1_kPa=0.0)
-        stiffer = replace(fibres, k1_kPa=2.0 * fibres.k1_kPa)
-        # W = (k1 / k2) (exp(k2 E^2) - 1): linear in k1
-        assert np.isclose(stiffer.strain_energy(lx, ly), 2.0 * fibres.strain_energy(lx, ly))
-        growth = fibres.k2 * fibres.strain_energy(lx, ly) / fibres.k1_kPa
-        return float(np.log1p(growth)), float(np.sum(fibres.cauchy(lx, ly)))
-
-    logs = []
-    for seed in range(40):
-        printed, drawn = MATERIALS["donor2"], drawn_material("donor2", seed)
-        assert 20.0 < drawn.material.alpha_deg < 70.0 and 0.05 < drawn.material.kappa < 0.28
-        assert all(1.005 < lm < 1.03 for lm in drawn.mounting_stretch)
-        pairs = zip(exponent_and_stress(drawn), exponent_and_stress(printed), strict=True)
-        logs.append([np.log(a / b) for a, b in pairs])
-    # sd of the log 0.3; of 40, the error of mean and sd is 0.047 and 0.034
-    assert np.all(np.abs(np.mean(logs, axis=0)) < 0.17)
-    assert np.all(np.abs(np.std(logs, axis=0) - 0.3) < 0.12)
-
-
 # --- densities of other samplers, with NumPy in the place of JAX ---
 
 
@@ -197,41 +169,3 @@ def test_truths_are_cut_as_the_model_cuts_them():
     # specimens scatter about their location by the sd between specimens
     off = np.array([(t.theta - t.mu[t.group] - t.effect[t.donor])[:, 0] / t.sd[0] for t in drawn])
     assert off.std() == pytest.approx(1.0, rel=0.1)
-
-
-def test_a_common_misfit_is_the_same_in_all_specimens():
-    def factors(kind):
-        plan = Plan(4, misfit=kind, noise_N=1e-9)
-        plain = made(Plan(4, noise_N=1e-9), 3)
-        out = []
-        for a, b in zip(made(plan, 3), plain, strict=True):
-            assert a.specimen.protocols[0].stretch_x[-1] == b.specimen.protocols[0].stretch_x[-1]
-            out.append(a.specimen.protocols[1].load_y / b.specimen.protocols[1].load_y)
-        return np.array(out)
-
-    common, own = factors("common"), factors("own")
-    assert np.ptp(common, axis=0).max() < 1e-3 < 0.005 < np.ptp(common, axis=1).max()
-    assert np.ptp(own, axis=0).max() > 0.01
-    assert 0.005 < (own - 1).std() < 0.06
-
-
-def test_widths_coverage_and_errors_of_pooled_records():
-    centre = on_scale(CENTRES["media"])
-    truth = centre + np.array([[0.1] * 5, [-0.1] * 5])
-
-    def intervals(middle, half):
-        return (middle[:, None] + half * np.array([-1.0, 0.0, 1.0])[:, None]).tolist()
-
-    record = {
-        **{"truth": truth.tolist(), "protocols": [1, 3]},
-        "single": intervals(truth + 0.2, 0.4),
-        "pooled": intervals(truth + 0.2, 0.1),
-        "mean": intervals(centre[None] + 0.05, 0.1)[0],
-        "sd_specimens": [[0.1] * 5] * 3,
-    }
-    found = pooling([record] * 2)
-    assert found["width_pooled_over_single"].to_numpy() == pytest.approx(0.25)
-    assert (found["single_contains"] == 1.0).all() and (found["pooled_contains"] == 0.0).all()
-    assert found["error_of_mean"].to_numpy() == pytest.approx(0.05)
-    assert found["error_of_mean_of_medians"].to_numpy() == pytest.approx(0.2)
-    assert (found["mean_contains"] == 1.0).all()

@@ -1,15 +1,18 @@
-"""A prior that contradicts the data is named, and the rows are weighed under that prior.
-
-The specimen follows GOH exactly but for the noise of its load cell, so that every misfit beyond
-that noise comes from the prior.
-"""
+"""Priors that contradict the data, and mounting stretches at the limits, are named."""
 
 import numpy as np
 import pytest
 
 import biaxbayes
+from biaxbayes.fitting.fit import fit
 from biaxbayes.laws.goh import GOH
-from biaxbayes.model.conflicts import prior_findings, radian_findings, unused_prior_findings
+from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.model.conflicts import (
+    bracket_findings,
+    prior_findings,
+    radian_findings,
+    unused_prior_findings,
+)
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
@@ -116,3 +119,44 @@ def test_a_prior_of_a_parameter_that_the_errors_do_not_have_is_named():
 def test_the_noise_of_the_specimen_is_that_of_its_load_cell():
     assert SPECIMEN.noise_sd == pytest.approx(0.005)
     assert np.all(SPECIMEN.mounting_readings(shared=True)[1] < 0.005)
+
+
+# --- mounting stretches far from one, and at the limits of the search ---
+
+FAR_VALUES = {"C1": 12.0, "k1": 8.0, "k2": 0.4, "alpha": 41.0, "kappa": 0.15}
+FAR = GOH(*FAR_VALUES.values())
+
+
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+@pytest.mark.parametrize("mounting", [(2.15, 1.80), (1.05, 2.6), (0.45, 1.7)])
+def test_a_tissue_mounted_far_from_one_is_fitted_and_has_a_density(mounting, geometry):
+    specimen, _ = virtual_specimen(
+        FAR,
+        name="far",
+        mounting_stretch=mounting,
+        measured_stretch=1.15,
+        ratios=((1, 1), (1, 0.5), (0.5, 1)),
+        increments=40,
+        machine=Machine(noise_N=0.0, geometry=geometry),
+        seed=3,
+    )
+    posterior = Posterior(
+        specimen, mounting="exact", noise="independent", mounting_sd=0.6, beta=1.0
+    )
+    values = {**FAR_VALUES, "noise_sd": 0.01 * specimen.peak_load}
+    assert np.isfinite(posterior.log_density({name: values[name] for name in posterior.free}))
+    found = fit(specimen, initial=FAR)
+    assert found.mounting_stretch[0] == pytest.approx(mounting, abs=0.02)
+    assert found.material.values[:3] == pytest.approx([12.0, 8.0, 0.4], rel=0.1)
+
+
+def test_draws_at_the_limits_of_the_search_are_named():
+    rng = np.random.default_rng(1)
+    middle = rng.normal(1.02, 0.02, (2, 100, 30))
+    high = np.minimum(rng.normal(3.9, 0.3, (2, 100, 30)), BRACKET[1] - 1e-6)
+    low = np.maximum(rng.normal(0.32, 0.02, (2, 100, 30)), BRACKET[0] + 1e-6)
+    assert bracket_findings({"mounting_stretch_x": middle}) == []
+    for draws, limit in ((high, "lie at 4"), (low, "lie at 0.3")):
+        (finding,) = bracket_findings({"mounting_stretch_x": middle, "mounting_stretch_y": draws})
+        assert finding.severity == "warning"
+        assert "mounting_stretch_y" in finding.message and limit in finding.message
