@@ -99,3 +99,19 @@ def hostile_run(session_folder):
     import biaxbayes
 
     return biaxbayes.open_run(shared.made_once("hostile", reported.hostile_run))
+
+
+@pytest.fixture(scope="session")
+def study(session_folder):
+    """A finished study of four specimens of two donors in two groups: not to be written into."""
+    from test_population import made_study
+
+    return shared.made_once("population-study", made_study) / "study"
+
+
+@pytest.fixture(scope="session")
+def population(study):
+    """The population of that study: not to be written into."""
+    from test_population import made_population
+
+    return made_population(study)

@@ -18,7 +18,6 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.mounting import BRACKET, mounted_state
 from goh_functions import (
     cauchy_stress,
-    cauchy_stress_by_log_stretch,
     cauchy_stress_by_parameter,
     piola_stress,
     strain_energy,
@@ -331,20 +330,10 @@ def test_columns_lists_and_numbers_give_the_same_stress():
 
     material = GOH(C1_kPa=14.0, k1_kPa=140.0, k2=11.9, alpha_deg=38.4, kappa=0.21)
     table = pd.DataFrame({"x": [1.0, 0.98, 1.1], "y": [1.0, 1.05, 1.1]}, index=[7, 8, 9])
-    for switch in (False, True):
-        chosen = GOH(**{**vars(material), "fibre_switch": switch})
-        for name in ("cauchy", "piola", "strain_energy"):
-            function = getattr(chosen, name)
-            wanted = [function(x, y) for x, y in table.itertuples(index=False)]
-            wanted = np.array(wanted).T
-            for x, y in ((table["x"], table["y"]), (list(table["x"]), list(table["y"]))):
-                np.testing.assert_array_equal(np.array(function(x, y)), wanted)
-    assert np.isfinite(material.cauchy(1, 1)).all()
+    for function in (material.cauchy, material.piola, material.strain_energy):
+        wanted = np.array([function(x, y) for x, y in table.itertuples(index=False)]).T
+        for x, y in ((table["x"], table["y"]), (list(table["x"]), list(table["y"]))):
+            np.testing.assert_array_equal(np.array(function(x, y)), wanted)
     draws = pd.Series([10.0, 20.0])
     stress, _ = cauchy_stress(draws, 140.0, 11.9, 0.6, 0.1, 1.1, 1.1)
     assert stress.shape == (2,)
-    # A complex step still gives the derivative.
-    h = 1e-30
-    slope = material.cauchy(1.1 + 1j * h, 1.05)[0].imag / h
-    exact = cauchy_stress_by_log_stretch(*material.theta, 1.1, 1.05)[0, 0] / 1.1
-    assert slope == pytest.approx(float(exact), rel=1e-12)

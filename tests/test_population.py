@@ -44,6 +44,7 @@ MATERIALS = {
     "d": GOH(7.0, 24.0, 6.0, 51.0, 0.1),
 }
 STUDY = """
+name = "<script>alert(1)</script>"
 ess = 60
 max_steps = 600
 columns = ["disease"]
@@ -63,15 +64,12 @@ def made_study(folder):
         data = quick_posteriors.specimen(material, increments=8, seed=k)
         write_specimen(replace(data, name=name, layer="media"), folder / f"{name}.csv")
         disease = "healthy" if name in "ab" else "aneurysm"
-        text += f'\n[[specimen]]\nfile = "{name}.csv"\ndonor = "D{k % 2}"\ndisease = "{disease}"\n'
+        text += (
+            f'\n[[specimen]]\nfile = "{name}.csv"\ndonor = "<b>D{k % 2}"\ndisease = "{disease}"\n'
+        )
     (folder / "study.toml").write_text(text)
     with quick_posteriors.runs_without_figures():
         Batch(read_study(folder / "study.toml"), folder / "study").execute()
-
-
-@pytest.fixture(scope="module")
-def study(session_folder):
-    return shared.made_once("population-study", made_study) / "study"
 
 
 def quick_job(study, out, **changes):
@@ -84,11 +82,15 @@ def quick(monkeypatch):
     monkeypatch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
 
 
-@pytest.fixture(scope="module")
-def found(study, tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
-        return quick_job(study, tmp_path_factory.mktemp("population") / "out").execute()
+def made_population(study):
+    """Its result, made once a test session: not to be written into."""
+
+    def execute():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
+            return quick_job(study, study.parent / "population").execute()
+
+    return shared.found_once("population", execute)
 
 
 def test_likelihood_is_the_runs_without_its_prior_of_the_pooled_values(study):
@@ -109,11 +111,11 @@ def test_likelihood_is_the_runs_without_its_prior_of_the_pooled_values(study):
     assert theta[:, 3] == pytest.approx(natural["alpha"], rel=1e-9)
 
 
-def test_tables_have_their_columns_and_hold_together(found):
-    table = found.groups
+def test_tables_have_their_columns_and_hold_together(population):
+    table = population.groups
     assert tuple(table.columns) == POPULATION_COLUMNS
-    assert tuple(found.specimens.columns) == SPECIMEN_COLUMNS
-    assert tuple(found.contrasts.columns) == CONTRAST_COLUMNS
+    assert tuple(population.specimens.columns) == SPECIMEN_COLUMNS
+    assert tuple(population.contrasts.columns) == CONTRAST_COLUMNS
     assert list(dict.fromkeys(table["group"])) == ["healthy", "aneurysm"]
     for part in ("mean", "sd_donors", "sd_specimens", "sd_total", "new_specimen", "new_donor"):
         q05, q50, q95 = (table[f"{part}_{q}"] for q in ("q05", "q50", "q95"))
@@ -126,7 +128,7 @@ def test_tables_have_their_columns_and_hold_together(found):
     wider = table["new_specimen_q95"] - table["new_specimen_q05"]
     narrower = table["mean_q95"] - table["mean_q05"]
     assert (wider >= narrower).all() and (wider > 1.1 * narrower).sum() > 0.9 * len(table) - 2
-    contrast = found.contrasts.set_index("quantity")
+    contrast = population.contrasts.set_index("quantity")
     assert contrast.loc["C1", "probability_positive"] < 0.2
     alpha = contrast.loc["alpha", "difference_q50"]
     means = table[table["quantity"] == "alpha"].set_index("group")["mean_q50"]
@@ -134,28 +136,28 @@ def test_tables_have_their_columns_and_hold_together(found):
     assert {"Hx", "stiffness_x at 1"} <= set(table["quantity"])
 
 
-def test_files_say_the_same(found):
-    again = read_population(found.folder)
+def test_files_say_the_same(population):
+    again = read_population(population.folder)
     for name in ("groups", "specimens", "contrasts"):
-        written, table = getattr(again, name), getattr(found, name)
+        written, table = getattr(again, name), getattr(population, name)
         numbers = table.select_dtypes("number")
         assert np.allclose(written[numbers.columns], numbers, rtol=1e-6, equal_nan=True)
-    tree = xr.open_datatree(found.folder / "population.nc", engine="h5netcdf").load()
+    tree = xr.open_datatree(population.folder / "population.nc", engine="h5netcdf").load()
     draws = tree["posterior"]["mean"].sel(group="healthy", quantity="C1").to_numpy()
-    row = found.groups.iloc[0]
+    row = population.groups.iloc[0]
     assert np.exp(np.median(draws)) == pytest.approx(row["mean_q50"], rel=1e-6)
     for stem in FIGURES:
-        assert (found.folder / f"{stem}.pdf").stat().st_size > 2000
-    page = (found.folder / "population.html").read_text()
-    assert (found.reason or "R-hat") in page
+        assert (population.folder / f"{stem}.pdf").stat().st_size > 2000
+    page = (population.folder / "population.html").read_text()
+    assert (population.reason or "R-hat") in page
     assert "data:image/png" in page and "http://" not in page
     assert f"{row['mean_q50']:.3g}" in page
 
 
-def test_folders_of_another_kind_are_named(study, found, tmp_path, capsys):
+def test_folders_of_another_kind_are_named(study, population, tmp_path, capsys):
     verbs = (("identify",), ("report",), ("plot", "--figure", "trace"), ("predict",))
     for verb, *options in (*verbs, ("export", "--to", "abaqus"), ("design",)):
-        err = refused(capsys, verb, found.folder, *options)
+        err = refused(capsys, verb, population.folder, *options)
         assert "is a population's folder, not a run's; give one of the runs of its study" in err
         err = refused(capsys, verb, study, *options)
         assert f"is a study's folder, not a run's; give one of the runs in {study / 'runs'}" in err
@@ -174,8 +176,8 @@ def test_folders_of_another_kind_are_named(study, found, tmp_path, capsys):
     assert "a file is missing or damaged" in refused(capsys, "export", tmp_path, *cards)
 
 
-def test_a_finished_population_is_refused_and_stays(study, found, tmp_path, capsys):
-    folder = shutil.copytree(found.folder, tmp_path / "out")
+def test_a_finished_population_is_refused_and_stays(study, population, tmp_path, capsys):
+    folder = shutil.copytree(population.folder, tmp_path / "out")
     before = manifest(folder)
     output = refused(capsys, "population", study, "--out", folder)
     assert "holds a finished population; choose another --out, or replace it" in output
@@ -189,9 +191,9 @@ def test_a_finished_population_is_refused_and_stays(study, found, tmp_path, caps
 
 
 @pytest.mark.long
-def test_a_population_is_replaced_whole(study, found, tmp_path, quick, monkeypatch):
+def test_a_population_is_replaced_whole(study, population, tmp_path, quick, monkeypatch):
     monkeypatch.setattr(population_files, "draw_figures", lambda *arguments: None)
-    folder = shutil.copytree(found.folder, tmp_path / "out")
+    folder = shutil.copytree(population.folder, tmp_path / "out")
     biaxbayes.export(folder, "abaqus", population="healthy", draws=2)
     (folder / "notes.txt").write_text("mine\n")
     (folder / "population-pairs.svg").write_text("of the population before\n")
@@ -209,25 +211,25 @@ def test_a_population_is_replaced_whole(study, found, tmp_path, quick, monkeypat
     assert kept == {*record["files"], POPULATION, "notes.txt"}
 
 
-def test_terminal_and_page_print_the_same_digits(found):
-    terminal = closing_message(found).splitlines()
-    page = (found.folder / "population.html").read_text()
+def test_terminal_and_page_print_the_same_digits(population):
+    terminal = closing_message(population).splitlines()
+    page = (population.folder / "population.html").read_text()
     heads = [k for k, line in enumerate(terminal) if line.startswith("quantity ")]
     assert len(heads) == 3  # two groups, and what differs between them
     assert terminal[heads[2] - 1] == "aneurysm compared with healthy"
-    for _, part in found.groups.groupby("group", sort=False):
+    for _, part in population.groups.groupby("group", sort=False):
         for row in group_rows(part):
             cells = [row.median, row.reported, *(s for s, _ in row.spreads), row.new[0][1]]
             assert any(all(c in line for c in cells) for line in terminal), row
             assert all(f">{c}<" in page or f">{c}*<" in page for c in cells if c != "–"), row
-    for row in contrast_rows(found.contrasts):
+    for row in contrast_rows(population.contrasts):
         cells = [row.kind, row.median, row.interval, row.direction]
         assert any(all(c in line for c in cells) for line in terminal[heads[2] :]), row
         assert f">{row.interval}<" in page and f">{row.direction}<" in page
 
 
-def test_a_contrast_says_whether_the_groups_differ(found):
-    table = found.contrasts.iloc[:3].copy()
+def test_a_contrast_says_whether_the_groups_differ(population):
+    table = population.contrasts.iloc[:3].copy()
     table["scale"] = ["log", "log", "linear"]
     table["direction"] = ["smaller", "open", "open"]
     table[["difference_q05", "difference_q50", "difference_q95"]] = [
@@ -238,8 +240,8 @@ def test_a_contrast_says_whether_the_groups_differ(found):
     rows = contrast_rows(table)
     assert [r.direction for r in rows] == ["smaller", "includes 1", "includes 0"]
     assert rows[0].median == f"{np.exp(-0.7):.3g}" and rows[0].kind == "ratio"
-    own = found.contrasts
-    if found.state == "converged":
+    own = population.contrasts
+    if population.state == "converged":
         assert list(own["direction"] == "larger") == list(own["difference_q05"] > 0.0)
         assert list(own["direction"] == "smaller") == list(own["difference_q95"] < 0.0)
     else:
@@ -264,7 +266,7 @@ def test_one_specimen_per_donor_has_a_total_spread_only(study, tmp_path, quick):
 
 
 @pytest.mark.long
-def test_stopped_and_resumed_writes_the_same_bytes(study, found, tmp_path, quick):
+def test_stopped_and_resumed_writes_the_same_bytes(study, population, tmp_path, quick):
     arguments = []
 
     def stop():
@@ -277,7 +279,7 @@ def test_stopped_and_resumed_writes_the_same_bytes(study, found, tmp_path, quick
     assert error.value.exit_code == 130
     whole.execute(resume=True)
     for name in ("population.csv", "specimens.csv", "contrasts.csv"):
-        assert (tmp_path / "out" / name).read_bytes() == (found.folder / name).read_bytes()
+        assert (tmp_path / "out" / name).read_bytes() == (population.folder / name).read_bytes()
     other = quick_job(study, tmp_path / "out", options=PopulationOptions(seed=2))
     with pytest.raises(RunError, match="seed"):
         other.execute(resume=True)
@@ -338,9 +340,9 @@ def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
         quick_job(study, tmp_path / "mine").execute()
 
 
-def test_a_specimen_apart_is_named(found):
+def test_a_specimen_apart_is_named(population):
     """The words, from a table in which one specimen lies apart."""
-    table = found.specimens.copy()
+    table = population.specimens.copy()
     of = table["specimen"] == "a"
     table.loc[of, "specimen_predictive_p"] = 0.01
     table.loc[of & (table["quantity"] == "k1"), "predictive_p"] = 0.002
@@ -348,12 +350,12 @@ def test_a_specimen_apart_is_named(found):
     assert len(notes) == 1 and "a contradicts its group healthy" in notes[0] and "k1" in notes[0]
 
 
-def test_cards_of_new_specimens_and_of_the_mean_curve(found, tmp_path):
+def test_cards_of_new_specimens_and_of_the_mean_curve(population, tmp_path):
     made = biaxbayes.export(
-        found.folder, "abaqus", population="healthy", draws=3, out=tmp_path / "cards"
+        population.folder, "abaqus", population="healthy", draws=3, out=tmp_path / "cards"
     )
     assert len(made) == 3 and made["check_relative_deviation"].max() < 1e-8
     mean = pd.read_csv(tmp_path / "cards" / "mean-curve" / "manifest.csv")
     assert len(mean) == 1 and mean["kappa"].iloc[0] == 0.1
     with pytest.raises(InputError, match="groups are healthy, aneurysm"):
-        biaxbayes.export(found.folder, "abaqus", population="skin", out=tmp_path / "none")
+        biaxbayes.export(population.folder, "abaqus", population="skin", out=tmp_path / "none")
