@@ -29,7 +29,7 @@ from biaxbayes.identifiability.marginals import parameter_scales
 from biaxbayes.identifiability.reported import Reported, report_frame
 from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED, Thresholds
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.priors import Prior, Tie
+from biaxbayes.model.priors import prior_text
 from biaxbayes.parameters import MATERIAL
 
 # --- whether runs can be compared at all: what else than the tissue differs between them ---------
@@ -75,13 +75,7 @@ def _prior_text(posterior: Posterior, name: str) -> str:
     prior = posterior.priors.get(name)
     if prior is None:
         prior = posterior.priors.get(next((k for k in posterior.priors if k.startswith(name)), ""))
-    if isinstance(prior, Prior):
-        table = prior.as_table()
-        family = str(table.pop("distribution"))
-        return " ".join([family, *(f"{k} {v:.4g}" for k, v in table.items())])
-    if isinstance(prior, Tie):
-        return f"tied to {prior.other}"
-    return "" if prior is None else f"fixed at {prior:g}"
+    return "" if prior is None else prior_text(prior)
 
 
 def _same_specimens(runs: Sequence[tuple[str, Posterior]]) -> list[str]:

@@ -11,7 +11,7 @@ from biaxbayes.fitting.result import root_mean_square
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import modal_residuals, user_priors
-from biaxbayes.model.priors import Prior
+from biaxbayes.model.priors import Prior, prior_text
 from biaxbayes.parameters import DEGREE, ERRORS
 from biaxbayes.specimens.findings import Finding
 
@@ -119,10 +119,11 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     beside = ""
     if noise > 0.0:
         beside = f", {at_mode / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
+    units = {q.parameter.name: q.unit for q in posterior.quantities.values()}
     return {
-        name: f"the prior of {name}, {prior_text(prior)}, contradicts the data, which alone give "
-        f"{fitted[name]:.4g}: under this prior the model misses the loads by {at_mode:.2g} "
-        f"{specimen.unit} rms instead of {best:.2g}{beside}"
+        name: f"the prior of {name}, {prior_text(prior, units[name])}, contradicts the data, which "
+        f"alone give {fitted[name]:.4g}: under this prior the model misses the loads by "
+        f"{at_mode:.2g} {specimen.unit} rms instead of {best:.2g}{beside}"
         for name, prior in priors.items()
         if name in fitted and is_far(prior, fitted[name])
     }
@@ -132,13 +133,3 @@ def is_far(prior: Prior, value: float) -> bool:
     """Whether a value lies beyond three standard deviations of a prior."""
     level = float(prior.cdf(np.array(value)))
     return min(level, 1.0 - level) < TAIL
-
-
-def prior_text(prior: Prior) -> str:
-    """A prior in words, such as ``normal 0.7 +- 0.05``."""
-    if prior.family in ("uniform", "loguniform"):
-        return f"{prior.family} {prior.low:g} to {prior.high:g}"
-    scale = (
-        f"+- {prior.scale:g}" if prior.family == "normal" else f"(sd of the log {prior.scale:g})"
-    )
-    return f"{prior.family} {prior.location:g} {scale}"

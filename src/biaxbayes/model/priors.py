@@ -281,6 +281,30 @@ def prior_value(prior: Prior | float | Tie) -> Any:
     return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else float(prior)
 
 
+PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
+"""Texts of the numbers of a prior, if other than their names."""
+
+
+def prior_text(prior: Any, unit: str = "") -> str:
+    """A prior, or its value in a priors file, as a phrase, with its unit where it has one."""
+    value = prior_value(prior) if isinstance(prior, Prior | Tie) else prior
+    unit = f" {unit}" if unit not in ("", "1") else ""
+    if isinstance(value, int | float):
+        return f"fixed at {value:g}{unit}"
+    if not isinstance(value, dict):
+        return f"tied: {value}"
+    shape = str(value.get("distribution", ""))
+    numbers = {k: v for k, v in value.items() if isinstance(v, int | float)}
+    if shape in ("uniform", "loguniform") and {"low", "high"} <= set(numbers):
+        return f"{shape} from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
+    natural = {"median", "mean", "low", "high"} | ({"sd"} if "mean" in numbers else set())
+    parts = [
+        f"{PRIOR_NUMBERS.get(k, k)} {v:.4g}{unit if k in natural else ''}"
+        for k, v in numbers.items()
+    ]
+    return f"{shape} ({', '.join(parts)})" if parts else shape
+
+
 def parse_priors(
     table: Mapping[str, object], path: object = None, law: Law | None = None
 ) -> dict[str, Prior | float | Tie]:

@@ -30,11 +30,10 @@ from biaxbayes.figures.style import CREDIBLE, LOADS, PAGE_MM, colour, print_styl
 from biaxbayes.identifiability.bounded_density import Span
 from biaxbayes.identifiability.reported import ReportRow
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.priors import FAMILIES, Prior
+from biaxbayes.model.priors import FAMILIES, PRIOR_NUMBERS, Prior, prior_text
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
-from biaxbayes.reports.methods import PRIOR_NUMBERS, prior_text
 from biaxbayes.reports.templates import page_template
 from biaxbayes.reports.text import as_html, cut
 
@@ -366,7 +365,7 @@ def _prior_controls(posterior: Posterior, draws: pd.DataFrame) -> list[PriorCont
             PriorControl(
                 Markup(", ").join(dict.fromkeys(as_html(Quantity(q.parameter)) for q in members)),
                 " and ".join(dict.fromkeys(q.parameter.words for q in members)),
-                prior_text(prior.as_table(), members[0].unit),
+                prior_text(prior, members[0].unit),
                 [PRIOR_NUMBERS.get(k, k) for k in FAMILIES[prior.family]],
                 {
                     "columns": [q.name for q in members],

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from biaxbayes.error_model import CONSTANT
 from biaxbayes.errors import listed
 from biaxbayes.identifiability.verdict import (
@@ -12,6 +10,7 @@ from biaxbayes.identifiability.verdict import (
     IDENTIFIED,
     NOT_IDENTIFIED,
 )
+from biaxbayes.model.priors import prior_text
 from biaxbayes.parameters import STRETCH
 from biaxbayes.reports.text import STATES, as_latex, cut, latex_text
 from biaxbayes.runs.run import Run
@@ -44,8 +43,6 @@ MOUNTING = {
 }
 INDEPENDENT = 0.95
 """Weight of the likelihood above which readings count as independent."""
-PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
-"""Texts of the numbers of a prior, if other than their names."""
 
 
 def methods(run: Run) -> str:
@@ -122,32 +119,13 @@ def _noise(run: Run) -> str:
     )
 
 
-def prior_text(prior: Any, unit: str = "") -> str:
-    """A prior of provenance.json as a phrase, with its unit where it has one."""
-    unit = f" {unit}" if unit not in ("", "1") else ""
-    if isinstance(prior, int | float):
-        return f"fixed at {prior:g}{unit}"
-    if not isinstance(prior, dict):
-        return f"tied: {cut(prior)}"
-    shape = cut(prior.get("distribution", ""), 30)
-    numbers = {k: v for k, v in prior.items() if isinstance(v, int | float)}
-    if shape in ("uniform", "loguniform") and {"low", "high"} <= set(numbers):
-        return f"{shape} from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
-    natural = {"median", "mean", "low", "high"} | ({"sd"} if "mean" in numbers else set())
-    parts = [
-        f"{PRIOR_NUMBERS.get(k, k)} {v:.4g}{unit if k in natural else ''}"
-        for k, v in numbers.items()
-    ]
-    return f"{shape} ({', '.join(parts)})" if parts else shape
-
-
 def prior_texts(run: Run) -> dict[str, str]:
     """Priors of a run as text, by the names of their quantities."""
     priors = run.provenance.get("priors")
     words = {}
     for name, prior in priors.items() if isinstance(priors, dict) else ():
         known = run.quantities.get(name)
-        words[cut(name, 40)] = prior_text(prior, "" if known is None else known.unit)
+        words[cut(name, 40)] = cut(prior_text(prior, "" if known is None else known.unit))
     return words
 
 
