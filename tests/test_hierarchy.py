@@ -9,10 +9,10 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
 
-from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Spreading, Tuning
+from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Tuning, spread_apart
 from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
 from biaxbayes.populations.predictive import cut_median
-from biaxbayes.populations.sampler import Plan, draw
+from biaxbayes.populations.sampler import PopulationPlan, draw_population
 
 INF = math.inf
 GROUP = np.array([0, 0, 1, 1, 0, 1])
@@ -22,7 +22,8 @@ DONOR = np.array([0, 1, 0, 1, 2, 2])
 def layout(*, low: float = -INF, high: float = INF, b: int = 1, eta: float = 0.0) -> Layout:
     scale = np.full(b, 0.5)
     ends = np.full(b, low), np.full(b, high)
-    return Layout(GROUP, DONOR, np.zeros(2, int), 3, 1, *ends, 2 * scale, scale, scale, eta, eta)
+    scales = np.array([scale, scale])
+    return Layout(GROUP, DONOR, np.zeros(2, int), 3, 1, *ends, 2 * scale, scales, np.full(2, eta))
 
 
 def covariance(of: Layout, omega: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -39,8 +40,9 @@ def covariance(of: Layout, omega: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 def block(theta, sd_donors, factor_donors, sd, factor) -> Block:
     """What the integrals need; means, effects and partial correlations are left at zero."""
     zeros = np.zeros((len(theta), 4, theta.shape[2]))
-    none = np.zeros((len(theta), 0))
-    return Block(theta, zeros, zeros, sd_donors, none, factor_donors, sd, none, factor)
+    sds = np.concatenate([sd_donors[:, None], sd], axis=1)
+    factors = np.stack([factor_donors, factor], axis=1)
+    return Block(theta, zeros, zeros, sds, np.zeros((len(theta), 2, 0)), factors)
 
 
 @pytest.mark.long
@@ -74,7 +76,8 @@ def test_donors_of_other_counts_and_groups_of_other_spreads():
     donor = np.array([0, 0, 0, 1, 1, 1, 2, 3, 3])
     scale = np.full(2, 0.5)
     ends = np.full(2, -INF), np.full(2, INF)
-    of = Layout(group, donor, np.array([0, 1]), 4, 2, *ends, 2 * scale, scale, scale, 1.0, 1.0)
+    scales = np.array([scale, scale])
+    of = Layout(group, donor, np.array([0, 1]), 4, 2, *ends, 2 * scale, scales, np.ones(2))
     theta = rng.standard_normal((1, 9, 2))
     factors = [np.linalg.cholesky(np.array([[1.0, c], [c, 1.0]])) for c in (0.6, -0.4)]
     sd_donors, sd = 0.3 + rng.random((1, 2)), 0.3 + rng.random((1, 2, 2))
@@ -119,17 +122,17 @@ def test_draws_of_the_whole_model_keep_its_prior():
     )
     prior = np.column_stack([np.log(sd_donors[:, 0]), np.log(sd[:, 0, 0]), mu[:, 0, 0] ** 2])
     mu, effect, sd_donors, sd = (a[:C].copy() for a in (mu, effect, sd_donors, sd))
-    one, none = np.ones((C, 1, 1)), np.zeros((C, 0))
-    augmented = Augmented(np.zeros((C, n)), np.zeros((C, n, 1)), np.zeros((C, 1, 1, 1)))
+    one, none = np.ones((C, 2, 1, 1)), np.zeros((C, 2, 0))
     seen = []
     for _ in range(60):
         m = mu[:, GROUP, 0] + effect[:, DONOR, 0]
         first = ndtr((-0.8 - m) / sd[:, 0])
         theta = m + sd[:, 0] * norm.ppf(first + inside(mu, effect, sd) * rng.random((C, n)))
         theta = np.clip(theta, -0.8, 0.9)[..., None]
-        state = Block(theta, mu, effect, sd_donors, none, one, sd, none, one)
-        augment(rng, of, state, augmented)
-        update(rng, of, state, augmented, 1)
+        sds = np.concatenate([sd_donors[:, None], sd], axis=1)
+        state = Block(theta, mu, effect, sds, none, one)
+        update(rng, of, state, augment(rng, of, state))
+        sd_donors, sd = sds[:, 0], sds[:, 1:]
         seen.append(
             np.column_stack([np.log(sd_donors[:, 0]), np.log(sd[:, 0, 0]), mu[:, 0, 0] ** 2])
         )
@@ -174,7 +177,7 @@ def normal_design(
             pool,
         )
 
-    blocks = (((0,), layout(low=low, high=high)),)
+    blocks = ((slice(0, 1), layout(low=low, high=high)),)
     return Design(tuple(individual(i) for i in range(6)), blocks, np.zeros(1)), y
 
 
@@ -216,7 +219,7 @@ def by_quadrature(y: np.ndarray) -> dict[str, tuple[float, float]]:
 @pytest.fixture(scope="module")
 def sampled():
     design, y = normal_design()
-    return draw(design, Plan(ess=50, seed=3, **QUICK), quantities), y
+    return draw_population(design, PopulationPlan(ess=50, seed=3, **QUICK), quantities), y
 
 
 @pytest.mark.long
@@ -235,7 +238,7 @@ def test_sampler_agrees_with_quadrature(sampled):
 def test_dividing_out_the_runs_prior_matters(sampled):
     """A pool under another prior changes nothing; a prior not divided out would."""
     design, y = normal_design(prior_sd=0.3)
-    found = draw(design, Plan(ess=50, seed=3, **QUICK), quantities)
+    found = draw_population(design, PopulationPlan(ess=50, seed=3, **QUICK), quantities)
     mean, sd = by_quadrature(y)["mean"]
     [drawn] = quantities(found.history)
     assert abs(drawn["mean"].mean() - mean) < 0.25 * sd
@@ -246,16 +249,20 @@ def test_one_seed_the_same_bytes_whatever_comes_between():
     design, _ = normal_design()
     quick = QUICK | {"first_block": 24, "max_steps": 60, "chains": 8}
     states = []
-    whole = draw(design, Plan(ess=1e9, seed=5, **quick), quantities, on_block=states.append)
-    other = draw(design, Plan(ess=1e9, seed=5, workers=3, **quick), quantities)
+    whole = draw_population(
+        design, PopulationPlan(ess=1e9, seed=5, **quick), quantities, on_block=states.append
+    )
+    other = draw_population(design, PopulationPlan(ess=1e9, seed=5, workers=3, **quick), quantities)
     assert len(states) >= 3 and states[-1].finished
     # continued after the warm-up, and after the first block
     for state in states[:2]:
-        again = draw(design, Plan(ess=1e9, seed=5, **quick), quantities, state=state)
-        for name, values in whole.history.arrays().items():
-            assert values.tobytes() == again.history.arrays()[name].tobytes(), name
-            assert values.tobytes() == other.history.arrays()[name].tobytes(), name
-    another = draw(design, Plan(ess=1e9, seed=6, **quick), quantities)
+        again = draw_population(
+            design, PopulationPlan(ess=1e9, seed=5, **quick), quantities, state=state
+        )
+        for name, values in whole.history.arrays.items():
+            assert values.tobytes() == again.history.arrays[name].tobytes(), name
+            assert values.tobytes() == other.history.arrays[name].tobytes(), name
+    another = draw_population(design, PopulationPlan(ess=1e9, seed=6, **quick), quantities)
     assert (another.history.mu != whole.history.mu).any()
 
 
@@ -264,28 +271,30 @@ def test_density_that_joint_moves_carry_on_is_that_of_where_they_ended():
     design, _ = normal_design(low=-0.1, high=0.6)
     ensemble = Ensemble(design, 0, 32, np.random.SeedSequence(4))
     n = len(GROUP)
-    tuning = Tuning((), (), 0.3 * np.ones((1, n, 1)), np.ones(1))
-    extra = ensemble._augmented()
-    carried = ensemble._marginal(ensemble.theta, extra)
+    middle = np.zeros((n, 1))
+    tuning = Tuning((), (), 0.3 * np.ones((1, n, 1)), np.ones((3, 1)), middle, middle + 1.0)
+    extra = ensemble.augmented()
+    carried = ensemble.log_marginal(ensemble.theta, extra)
     first = carried.copy()
     for _ in range(20):
-        ensemble._move_together(tuning, extra, carried)
-    assert carried == pytest.approx(ensemble._marginal(ensemble.theta, extra), rel=1e-12)
+        ensemble.move_together(tuning, extra, carried)
+    assert carried == pytest.approx(ensemble.log_marginal(ensemble.theta, extra), rel=1e-12)
     moved = np.abs(carried - first) > 1e-9
-    assert moved.sum() > 5 and ensemble.accepted["together"][0] < 20
+    assert moved.sum() > 5 and ensemble.moves["together"][0, 0] < 20
 
 
 @pytest.mark.parametrize("of", [GROUP, DONOR])
 def test_specimens_are_drawn_apart_by_a_map_of_known_determinant(of):
     rng = np.random.default_rng(7)
-    moves = Spreading(rng.standard_normal((6, 2)), 0.5 + rng.random((6, 2)), np.ones((2, 1)))
+    middle, sd = rng.standard_normal((6, 2)), 0.5 + rng.random((6, 2))
+    tuning = Tuning((), (), np.zeros((0, 6, 2)), np.ones((3, 0)), middle, sd)
     direction = rng.standard_normal((6, 2))
     direction[4] = 0.0  # takes no part
     u, by = rng.standard_normal((1, 6, 2)), np.array([0.3])
-    new, log_jacobian = moves.moved(u, direction, of, by)
-    assert moves.moved(new, direction, of, -by)[0] == pytest.approx(u)
+    new, log_jacobian = spread_apart(u, tuning, direction, of, by)
+    assert spread_apart(new, tuning, direction, of, -by)[0] == pytest.approx(u)
     unit = np.eye(12).reshape(12, 6, 2)
-    columns = moves.moved(u + unit, direction, of, np.repeat(by, 12))[0] - new
+    columns = spread_apart(u + unit, tuning, direction, of, np.repeat(by, 12))[0] - new
     sign, log_determinant = np.linalg.slogdet(columns.reshape(12, 12))
     assert sign > 0 and log_determinant == pytest.approx(log_jacobian[0])
     assert (new[0, 4] == u[0, 4]).all() and np.abs(new - u).max() > 0.05
@@ -303,22 +312,20 @@ def test_correlations_keep_their_prior():
         out[:, 1, 1] = np.sqrt(1.0 - partial[:, 0] ** 2)
         return out
 
-    partial = [2.0 * rng.beta(2.0, 2.0, (C, 1)) - 1.0 for _ in range(2)]
-    factor = [factors(p) for p in partial]
-    sd_donors = np.abs(0.5 * rng.standard_normal((C, 2)))
-    sd = np.abs(0.5 * rng.standard_normal((C, 1, 2)))
+    partial = 2.0 * rng.beta(2.0, 2.0, (C, 2, 1)) - 1.0
+    factor = np.stack([factors(partial[:, j]) for j in (0, 1)], axis=1)
+    sds = np.abs(0.5 * rng.standard_normal((C, 2, 2)))
     mu = of.mean_sd * rng.standard_normal((C, 2, 2))
     z = rng.standard_normal((C, 3, 2))
-    effect = np.einsum("cij,cdj->cdi", factor[0], z) * sd_donors[:, None]
+    effect = np.einsum("cij,cdj->cdi", factor[:, 0], z) * sds[:, :1]
     augmented = Augmented(np.zeros((C, 6)), np.zeros((C, 6, 2)), np.zeros((C, 1, 2, 2)))
     seen = []
     for _ in range(40):
         z = rng.standard_normal((C, 6, 2))
         theta = mu[:, GROUP] + effect[:, DONOR]
-        theta = theta + np.einsum("cij,cnj->cni", factor[1], z) * sd
-        of_donors, of_specimens = (sd_donors, partial[0], factor[0]), (sd, partial[1], factor[1])
-        update(rng, of, Block(theta, mu, effect, *of_donors, *of_specimens), augmented, 1)
-        seen.append(np.column_stack([p[:, 0] ** k for p in partial for k in (1, 2)]))
+        theta = theta + np.einsum("cij,cnj->cni", factor[:, 1], z) * sds[:, 1:]
+        update(rng, of, Block(theta, mu, effect, sds, partial, factor), augmented)
+        seen.append(np.column_stack([partial[:, j, 0] ** k for j in (0, 1) for k in (1, 2)]))
     found = np.mean(seen[5:], axis=0)
     # (1 + c) / 2 ~ Beta(2, 2): mean of c 0, of its square 1/5
     error = found.std(axis=0) / math.sqrt(C)

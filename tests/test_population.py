@@ -18,7 +18,7 @@ from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.model import PopulationPriors
-from biaxbayes.populations.sampler import Plan
+from biaxbayes.populations.sampler import PopulationPlan
 from biaxbayes.populations.specimens import Source, make_individual, pooled_names
 from biaxbayes.populations.tables import (
     CONTRAST_COLUMNS,
@@ -79,7 +79,7 @@ def quick_job(study, out, **changes):
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
+    monkeypatch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | QUICK)))
 
 
 def made_population(study):
@@ -87,7 +87,7 @@ def made_population(study):
 
     def execute():
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
+            patch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | QUICK)))
             return quick_job(study, study.parent / "population").execute()
 
     return shared.found_once("population", execute)

@@ -14,7 +14,7 @@ import quick_posteriors
 import shared
 from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
 from biaxbayes.laws.goh import GOH
-from biaxbayes.populations.sampler import Plan
+from biaxbayes.populations.sampler import PopulationPlan
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs import population as job
@@ -64,7 +64,7 @@ def whole(session_folder) -> Path:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
+    monkeypatch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | QUICK)))
     # the figures, which other tests look at, would cost most of the time
     monkeypatch.setattr(population_files, "draw_figures", lambda *arguments: None)
 
@@ -182,7 +182,7 @@ def test_a_specimen_that_contradicts_its_group_is_named(pool, tmp_path):
 
 def test_not_converged_gives_exit_three_and_no_verdict(pool, monkeypatch):
     short = QUICK | {"first_block": 20, "max_steps": 20, "ess": 1e5}
-    monkeypatch.setattr(job, "Plan", lambda **k: Plan(**(k | short)))
+    monkeypatch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | short)))
     code, out, _, folder = pool(["m0", "m1"])
     assert code == 3
     assert "TENTATIVE" in out or "UNUSABLE" in out

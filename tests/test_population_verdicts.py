@@ -110,7 +110,7 @@ def test_prior_leaves_out_what_the_sampler_excludes(values, prior):
     effect = sd_donors[:, None] * rng.standard_normal((N, 2))
     ok = np.array(
         [
-            is_allowed(of, m[:, None], e[:, None], np.array([[s]]))
+            is_allowed(of, m[:, None], e[:, None], np.array([[np.nan], [s]]))
             for m, e, s in zip(mu, effect, sd, strict=True)
         ]
     )

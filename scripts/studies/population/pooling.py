@@ -94,10 +94,10 @@ def pool(
     grouping = Grouping(tuple(runs), tuple(group), tuple(donor))
     stated = priors or PopulationPriors()
     values = stated.applied(pooled_values(sources[0].posterior.law, pooled_names(sources)))
-    asked = sampler.Plan(seed=seed, **(POPULATION | plan))
+    asked = sampler.PopulationPlan(seed=seed, **(POPULATION | plan))
     individuals = [make_individual(s, values, asked.ensembles) for s in sources]
     design = make_design(individuals, grouping, values, PopulationOptions(), stated)
-    found = sampler.draw(
+    found = sampler.draw_population(
         design, asked, lambda history: assessed_quantities(grouping, values, history)
     )
     return Population(

@@ -29,13 +29,10 @@ import numpy as np
 from biaxbayes.compilation import compiled
 from biaxbayes.populations.integrated import (
     accumulate,
-    correlation_factor,
     draw_means,
     integrate,
     inverse_from,
     invert,
-    invert_donors,
-    log_lkj,
     workspace,
 )
 
@@ -43,7 +40,10 @@ LEAST_INSIDE = 0.01
 WIDE = 0.1
 """Width of a range in sds; a normal about its edge has 0.04 of its mass inside."""
 LEAST_PARTIAL = -1.0 + 1e-9
-DONORS, SPECIMENS = 0, 1
+SLICE_WIDTH = 4.0
+"""Width of the first interval of a slice of the log of an sd."""
+MOST_TRIES = 60
+"""Tries of a slice: then the interval is down to rounding, and the value stays."""
 
 
 class Layout(NamedTuple):
@@ -57,10 +57,8 @@ class Layout(NamedTuple):
     low: np.ndarray  # (b,): the box, centred as the values; infinite where there is no edge
     high: np.ndarray
     mean_sd: np.ndarray  # (b,): prior sd of the groups' means
-    donor_scale: np.ndarray  # (b,): scales of the half-normal priors of the sds
-    specimen_scale: np.ndarray
-    eta_donors: float  # of the LKJ priors; zero or less without correlations
-    eta_specimens: float
+    scale: np.ndarray  # (2, b), of the half-normal priors of the sds: of donors, of specimens
+    eta: np.ndarray  # (2,), of the LKJ priors of both; zero without correlations
 
 
 class Block(NamedTuple):
@@ -69,12 +67,9 @@ class Block(NamedTuple):
     theta: np.ndarray  # (chains, n, b)
     mu: np.ndarray  # (chains, groups, b)
     effect: np.ndarray  # (chains, donors, b)
-    sd_donors: np.ndarray  # (chains, b)
-    partial_donors: np.ndarray  # (chains, b (b - 1) / 2): canonical partial correlations
-    factor_donors: np.ndarray  # (chains, b, b): Cholesky factor of the correlation matrix
-    sd: np.ndarray  # (chains, sets, b), of the specimens as the next two
-    partial: np.ndarray
-    factor: np.ndarray
+    sd: np.ndarray  # (chains, 1 + sets, b): of donors, then of specimens
+    partial: np.ndarray  # (chains, 2, b (b - 1) / 2): canonical partial correlations of both
+    factor: np.ndarray  # (chains, 2, b, b): Cholesky factors of the correlation matrices
 
 
 class Augmented(NamedTuple):
@@ -85,89 +80,63 @@ class Augmented(NamedTuple):
     square: np.ndarray  # (chains, sets, b, b), sums of their squares
 
 
-@compiled()
-def _inside(m, sd, low, high):
-    """Share of a normal that lies in a range."""
-    root = 1.0 / (sd * math.sqrt(2.0))
-    return 0.5 * (math.erf((high - m) * root) - math.erf((low - m) * root))
-
-
-@compiled()
-def _augment(rng, layout, block, c, augmented):
-    """The draws outside of the box that preceded each specimen's values, of chain c."""
-    mu, effect, sd, factor = block.mu[c], block.effect[c], block.sd[c], block.factor[c]
-    count, total, square = augmented.number[c], augmented.total[c], augmented.square[c]
-    n, b = layout.group.size, layout.low.size
+@compiled(nogil=True)
+def augment(rng, layout, block):
+    """Draw the values outside of the box that preceded each specimen's, of all chains."""
+    C, n, b = block.theta.shape
+    number, total = np.zeros((C, n)), np.zeros((C, n, b))
+    square = np.zeros((C, layout.sets, b, b))
     z, y = np.empty(b), np.empty(b)
-    count[:] = 0.0
-    total[:] = 0.0
-    square[:] = 0.0
-    for i in range(n):
-        g, d = layout.group[i], layout.donor[i]
-        s = layout.set_of[g]
-        while True:
-            outside = False
-            for k in range(b):
-                z[k] = rng.standard_normal()
-            for k in range(b):
-                y[k] = mu[g, k] + effect[d, k]
-                for j in range(k + 1):
-                    y[k] += sd[s, k] * factor[k, j] * z[j]
-                if y[k] < layout.low[k] or y[k] > layout.high[k]:
-                    outside = True
-            if not outside:
-                break
-            count[i] += 1.0
-            for k in range(b):
-                total[i, k] += y[k]
-                for j in range(b):
-                    square[s, k, j] += y[k] * y[j]
+    for c in range(C):
+        for i in range(n):
+            g, d = layout.group[i], layout.donor[i]
+            s = layout.set_of[g]
+            while True:
+                outside = False
+                for k in range(b):
+                    z[k] = rng.standard_normal()
+                for k in range(b):
+                    y[k] = block.mu[c, g, k] + block.effect[c, d, k]
+                    for j in range(k + 1):
+                        y[k] += block.sd[c, 1 + s, k] * block.factor[c, 1, k, j] * z[j]
+                    outside = outside or y[k] < layout.low[k] or y[k] > layout.high[k]
+                if not outside:
+                    break
+                number[c, i] += 1.0
+                for k in range(b):
+                    total[c, i, k] += y[k]
+                    for j in range(b):
+                        square[c, s, k, j] += y[k] * y[j]
+    return Augmented(number, total, square)
 
 
 @compiled()
 def is_allowed(layout, mu, effect, sd):
-    """Test that every location has enough of its normal inside the box."""
+    """Test that every location has enough of its normal inside the box; sd (1 + sets, b)."""
     for k in range(layout.low.size):
-        if math.isinf(layout.low[k]) and math.isinf(layout.high[k]):
+        low, high = layout.low[k], layout.high[k]
+        if math.isinf(low) and math.isinf(high):
             continue
         for i in range(layout.group.size):
             g = layout.group[i]
             m = mu[g, k] + effect[layout.donor[i], k]
-            s = sd[layout.set_of[g], k]
-            if layout.low[k] <= m <= layout.high[k] and layout.high[k] - layout.low[k] > WIDE * s:
+            s = sd[1 + layout.set_of[g], k]
+            if low <= m <= high and high - low > WIDE * s:
                 continue
-            if not _inside(m, s, layout.low[k], layout.high[k]) >= LEAST_INSIDE:
+            root = 1.0 / (s * math.sqrt(2.0))
+            inside = 0.5 * (math.erf((high - m) * root) - math.erf((low - m) * root))
+            if not inside >= LEAST_INSIDE:
                 return False
     return True
 
 
 @compiled()
-def _log_sd_prior(sd, scale):
-    """Half-normal, as a density of the log."""
-    return -0.5 * (sd / scale) ** 2 + math.log(sd)
-
-
-@compiled(nogil=True)
-def augment(rng, layout, block, augmented):
-    """Draw the values outside of the box for all chains, into ``augmented``."""
-    for c in range(block.mu.shape[0]):
-        _augment(rng, layout, block, c, augmented)
-
-
-@compiled()
 def _prepare(layout, block, c, augmented, work):
-    """Sums and precisions of chain c."""
-    b = layout.low.size
-    accumulate(
-        layout,
-        block.theta[c],
-        augmented.number[c],
-        augmented.total[c],
-        augmented.square[c],
-        work.sums,
-    )
-    invert(block.sd[c], block.factor[c], b, work.precisions)
-    invert_donors(block.sd_donors[c], block.factor_donors[c], b, work.precisions)
+    """Sums and inverse covariances of chain c."""
+    number, total, square = augmented
+    accumulate(layout, block.theta[c], number[c], total[c], square[c], work)
+    for s in range(1 + layout.sets):
+        invert(block.sd[c], block.factor[c], s, work)
 
 
 @compiled(nogil=True)
@@ -182,42 +151,24 @@ def log_marginal(layout, block, augmented):
     return out
 
 
-SLICE_WIDTH = 1.0
-MOST_STEPS = 8
-MOST_TRIES = 60
-"""Tries of a slice: then the interval is down to rounding, and the value stays."""
-
-
 @compiled()
-def _log_density_of_sd(x, layout, work, own, side, s, k, factor):
-    """Log density of the log of one sd of `own` (sets, b), which is set to it."""
-    b = layout.low.size
-    own[s, k] = math.exp(x)
-    if side == DONORS:
-        invert_donors(own[0], factor, b, work.precisions)
-        prior = _log_sd_prior(own[s, k], layout.donor_scale[k])
-    else:
-        invert(own, factor, b, work.precisions)
-        prior = _log_sd_prior(own[s, k], layout.specimen_scale[k])
+def _log_density_of_sd(x, layout, work, sd, factor, s, k):
+    """Log density of the log of an sd, which is set to it."""
+    sd[s, k] = math.exp(x)
+    invert(sd, factor, s, work)
+    # half-normal, as a density of the log
+    prior = -0.5 * (sd[s, k] / layout.scale[min(s, 1), k]) ** 2 + x
     return prior + integrate(layout, work)
 
 
 @compiled()
-def _slice_of_sd(rng, layout, work, own, side, s, k, factor):
+def _slice_of_sd(rng, layout, work, sd, factor, s, k):
     """Slice sampling (Neal 2003) of one sd with the means integrated out."""
-    args = (layout, work, own, side, s, k, factor)
-    x0 = math.log(own[s, k])
+    x0 = math.log(sd[s, k])
+    args = (layout, work, sd, factor, s, k)
     level = _log_density_of_sd(x0, *args) + math.log(1.0 - rng.random())
     low = x0 - SLICE_WIDTH * rng.random()
     high = low + SLICE_WIDTH
-    left = int(MOST_STEPS * rng.random())
-    right = MOST_STEPS - 1 - left
-    while left > 0 and _log_density_of_sd(low, *args) > level:
-        low -= SLICE_WIDTH
-        left -= 1
-    while right > 0 and _log_density_of_sd(high, *args) > level:
-        high += SLICE_WIDTH
-        right -= 1
     for _ in range(MOST_TRIES):
         x = low + rng.random() * (high - low)
         if _log_density_of_sd(x, *args) >= level:
@@ -230,26 +181,45 @@ def _slice_of_sd(rng, layout, work, own, side, s, k, factor):
 
 
 @compiled()
-def _log_density_of_correlations(partial, factor, b, eta, scatter, count, work, inverse):
-    """Log density of partial correlations given ``count`` vectors of unit sds and this scatter."""
-    correlation_factor(partial, b, factor)
-    value = log_lkj(partial, b, eta)
-    for i in range(b):
-        value -= count * math.log(factor[i, i])
-        for j in range(i + 1):
-            work[i, j] = factor[i, j]
-    inverse_from(work, b, inverse)
-    for i in range(b):
-        for j in range(b):
-            value -= 0.5 * inverse[i, j] * scatter[i, j]
-    return value
+def _draw_locations(rng, layout, block, c, work):
+    """Draw means and donor effects; False, and they stay, if a location is not allowed."""
+    mu, effect = block.mu[c], block.effect[c]
+    old_mu, old_effect = mu.copy(), effect.copy()
+    draw_means(rng, layout, work, mu, effect)
+    if is_allowed(layout, mu, effect, block.sd[c]):
+        return True
+    mu[:] = old_mu
+    effect[:] = old_effect
+    return False
 
 
 @compiled()
-def _correlations(rng, partial, factor, b, eta, scatter, count):
+def _log_density_of_correlations(partial, factor, eta, scatter, count):
+    """Log density of partial correlations given ``count`` vectors of unit sds and this scatter.
+
+    Fills the Cholesky factor of their matrix; p(c_ij) ~ (1 - c^2)^(eta + (b - 2 - j) / 2 - 1).
+    """
+    b = scatter.shape[0]
+    value, p = 0.0, 0
+    for i in range(b):
+        rest = 1.0
+        for j in range(i):
+            square = partial[p] * partial[p]
+            factor[i, j] = partial[p] * math.sqrt(rest)
+            rest *= 1.0 - square
+            value += (eta + 0.5 * (b - 2 - j) - 1.0) * math.log1p(-square)
+            p += 1
+        factor[i, i] = math.sqrt(max(rest, 1e-12))
+        value -= count * math.log(factor[i, i])
+    inverse = np.empty((b, b))
+    inverse_from(factor, b, inverse)
+    return value - 0.5 * (inverse * scatter).sum()
+
+
+@compiled()
+def _correlations(rng, partial, factor, eta, scatter, count):
     """Slices of all partial correlations, given what they are the correlations of."""
-    work, inverse = np.empty((b, b)), np.empty((b, b))
-    args = (partial, factor, b, eta, scatter, count, work, inverse)
+    args = (partial, factor, eta, scatter, count)
     for k in range(partial.size):
         x0 = partial[k]
         level = _log_density_of_correlations(*args) + math.log(1.0 - rng.random())
@@ -267,98 +237,63 @@ def _correlations(rng, partial, factor, b, eta, scatter, count):
 
 
 @compiled()
-def _scatter_of_specimens(layout, sums, mu, effect, sd, out):
-    """Squares about the locations in units of the sds; the number of vectors."""
-    D, G = sums.N.shape
+def _scatter_of_specimens(layout, work, mu, effect, sd):
+    """Squares about the locations in units of the sds (1 + sets, b), shape (b, b)."""
+    D, G = work.N.shape
     b = layout.low.size
-    out[:] = 0.0
+    out, m = np.zeros((b, b)), np.empty(b)
     for s in range(layout.sets):
         for k in range(b):
             for j in range(b):
-                out[k, j] += sums.Q[s, k, j] / (sd[s, k] * sd[s, j])
-    m = np.empty(b)
+                out[k, j] += work.Q[s, k, j] / (sd[1 + s, k] * sd[1 + s, j])
     for d in range(D):
         for g in range(G):
-            N = sums.N[d, g]
-            if N == 0.0:
-                continue
-            s = layout.set_of[g]
+            N, S, s = work.N[d, g], work.S[d, g], 1 + layout.set_of[g]
             for k in range(b):
                 m[k] = mu[g, k] + effect[d, k]
             for k in range(b):
                 for j in range(b):
-                    x = N * m[k] * m[j] - sums.S[d, g, k] * m[j] - m[k] * sums.S[d, g, j]
+                    x = N * m[k] * m[j] - S[k] * m[j] - m[k] * S[j]
                     out[k, j] += x / (sd[s, k] * sd[s, j])
-    return sums.ns.sum()
-
-
-@compiled()
-def _scatter_of_donors(effect, sd, out):
-    """Squares of the effects in units of the sds; the number of vectors."""
-    D, b = effect.shape
-    for k in range(b):
-        for j in range(b):
-            x = 0.0
-            for d in range(D):
-                x += effect[d, k] * effect[d, j]
-            out[k, j] = x / (sd[k] * sd[j])
-    return float(D)
+    return out
 
 
 @compiled(nogil=True)
-def update(rng, layout, block, augmented, cycles):
-    """Move spreads, correlations, means and donor effects of all chains, in place.
+def update(rng, layout, block, augmented):
+    """Move sds, correlations, means and donor effects of all chains, in place.
 
     Sds move with means and donor effects integrated out and take these along; correlations move
-    given them. The specimens' values stay. Without a cycle only means and effects are drawn;
-    ``augmented`` is drawn again in every cycle but the first.
+    given them. The specimens' values stay.
     """
-    C, _, b = block.theta.shape
     work = workspace(layout)
-    old_mu, old_effect = np.empty((layout.set_of.size, b)), np.empty((layout.donors, b))
-    scatter = np.empty((b, b))
-    cut = False
-    for k in range(b):
-        cut = cut or not (math.isinf(layout.low[k]) and math.isinf(layout.high[k]))
-    moves = b + layout.sets * b if cycles > 0 else 1
-    for c in range(C):
-        mu, effect, sd_donors, sd = (block.mu[c], block.effect[c], block.sd_donors[c], block.sd[c])
-        for cycle in range(max(cycles, 1)):
-            if cycle > 0 and cut:
-                _augment(rng, layout, block, c, augmented)
-            _prepare(layout, block, c, augmented, work)
-            for move in range(moves):
-                side, s, k = DONORS, 0, move
-                own, factor = block.sd_donors[c : c + 1], block.factor_donors[c]
-                if move >= b:
-                    side, s, k = SPECIMENS, (move - b) // b, (move - b) % b
-                    own, factor = sd, block.factor[c]
-                before = own[s, k]
-                if cycles > 0:
-                    _slice_of_sd(rng, layout, work, own, side, s, k, factor)
-                else:
-                    integrate(layout, work)
-                if not cut and move < moves - 1:
-                    continue  # means are drawn once, at the end
-                old_mu[:] = mu
-                old_effect[:] = effect
-                draw_means(rng, layout, work, mu, effect)
-                if cut and not is_allowed(layout, mu, effect, sd):
+    for c in range(block.theta.shape[0]):
+        sd, partial, factor = block.sd[c], block.partial[c], block.factor[c]
+        _prepare(layout, block, c, augmented, work)
+        for s in range(sd.shape[0]):
+            for k in range(sd.shape[1]):
+                before = sd[s, k]
+                _slice_of_sd(rng, layout, work, sd, factor, s, k)
+                if not _draw_locations(rng, layout, block, c, work):
                     # the whole move is refused: spread, means and effects stay together
-                    mu[:] = old_mu
-                    effect[:] = old_effect
-                    own[s, k] = before
-                    if side == DONORS:
-                        invert_donors(sd_donors, factor, b, work.precisions)
-                    else:
-                        invert(sd, factor, b, work.precisions)
-            if cycles > 0 and layout.eta_donors > 0.0:
-                vectors = _scatter_of_donors(effect, sd_donors, scatter)
-                own_partial, own_factor = (block.partial_donors[c], block.factor_donors[c])
-                _correlations(rng, own_partial, own_factor, b, layout.eta_donors, scatter, vectors)
-            if cycles > 0 and layout.eta_specimens > 0.0:
-                vectors = _scatter_of_specimens(layout, work.sums, mu, effect, sd, scatter)
-                own_partial, own_factor = block.partial[c], block.factor[c]
-                _correlations(
-                    rng, own_partial, own_factor, b, layout.eta_specimens, scatter, vectors
-                )
+                    sd[s, k] = before
+                    invert(sd, factor, s, work)
+        if layout.eta[0] > 0.0:
+            z = block.effect[c] / sd[0]
+            count = float(layout.donors)
+            _correlations(rng, partial[0], factor[0], layout.eta[0], z.T @ z, count)
+        if layout.eta[1] > 0.0:
+            scatter = _scatter_of_specimens(layout, work, block.mu[c], block.effect[c], sd)
+            _correlations(rng, partial[1], factor[1], layout.eta[1], scatter, work.N.sum())
+
+
+@compiled(nogil=True)
+def draw_locations(rng, layout, block, augmented):
+    """Draw means and donor effects of all chains, in place; where they are allowed, (chains,)."""
+    C = block.theta.shape[0]
+    allowed = np.empty(C, dtype=np.bool_)
+    work = workspace(layout)
+    for c in range(C):
+        _prepare(layout, block, c, augmented, work)
+        integrate(layout, work)
+        allowed[c] = _draw_locations(rng, layout, block, c, work)
+    return allowed

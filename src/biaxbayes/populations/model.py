@@ -261,41 +261,42 @@ def make_design(
     """Arrays for the sampler; ``priors`` are of the correlations."""
     chosen = priors or PopulationPriors()
     donors, groups = grouping.donors, grouping.groups
-    sets = len(groups) if options.spread == "by-group" else 1
-    eta_donors, eta_specimens = (
-        eta if correlated(options.correlations, count, len(values)) else 0.0
-        for eta, count in (
-            (chosen.eta_donors, len(donors)),
-            (chosen.eta_specimens, len(individuals)),
-        )
+    set_of = np.arange(len(groups)) if options.spread == "by-group" else np.zeros(len(groups), int)
+    eta = np.array(
+        [
+            eta if correlated(options.correlations, count, len(values)) else 0.0
+            for eta, count in (
+                (chosen.eta_donors, len(donors)),
+                (chosen.eta_specimens, len(individuals)),
+            )
+        ]
     )
-    together = max(eta_donors, eta_specimens) > 0.0
-    indices = tuple(range(len(values)))
-    blocks = (indices,) if together else tuple((k,) for k in indices)
     centre = np.array([v.mean for v in values])
-    edges = np.array([v.edges for v in values]) - centre[:, None]
-    group = np.array([groups.index(g) for g in grouping.group])
-    donor = np.array([donors.index(d) for d in grouping.donor])
-    set_of = np.arange(len(groups)) if sets > 1 else np.zeros(len(groups), dtype=np.int64)
-
-    def layout(columns: tuple[int, ...]) -> Layout:
-        at = list(columns)
-        return Layout(
-            group,
-            donor,
-            set_of.astype(np.int64),
-            len(donors),
-            sets,
-            np.ascontiguousarray(edges[at, 0]),
-            np.ascontiguousarray(edges[at, 1]),
-            np.array([values[k].mean_sd for k in at]),
-            np.array([values[k].donor_scale for k in at]),
-            np.array([values[k].specimen_scale for k in at]),
-            float(eta_donors),
-            float(eta_specimens),
+    whole = Layout(
+        group=np.array([groups.index(g) for g in grouping.group]),
+        donor=np.array([donors.index(d) for d in grouping.donor]),
+        set_of=set_of,
+        donors=len(donors),
+        sets=len(np.unique(set_of)),
+        low=np.array([v.edges[0] for v in values]) - centre,
+        high=np.array([v.edges[1] for v in values]) - centre,
+        mean_sd=np.array([v.mean_sd for v in values]),
+        scale=np.array([[v.donor_scale, v.specimen_scale] for v in values]).T,
+        eta=eta,
+    )
+    blocks = [slice(0, len(values))]
+    if not eta.any():
+        blocks = [slice(k, k + 1) for k in range(len(values))]
+    layouts = [
+        whole._replace(
+            low=whole.low[at],
+            high=whole.high[at],
+            mean_sd=whole.mean_sd[at],
+            scale=np.ascontiguousarray(whole.scale[:, at]),
         )
-
-    return Design(tuple(individuals), tuple((c, layout(c)) for c in blocks), centre)
+        for at in blocks
+    ]
+    return Design(tuple(individuals), tuple(zip(blocks, layouts, strict=True)), centre)
 
 
 def correlated(option: str, count: int, values: int) -> bool:

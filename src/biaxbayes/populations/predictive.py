@@ -33,7 +33,9 @@ def _mass_inside(location: np.ndarray, sd: np.ndarray, edges: tuple[float, float
 
 
 def _factors(partial: np.ndarray, b: int) -> np.ndarray:
-    """Cholesky factors (M, b, b) of correlations from canonical partial ones (M, pairs)."""
+    """Cholesky factors (M, b, b) of correlations from canonical partial ones (M, pairs or 0)."""
+    if not partial.size:
+        return np.tile(np.eye(b), (len(partial), 1, 1))
     out = np.zeros((len(partial), b, b))
     k = 0
     for i in range(b):
@@ -64,7 +66,6 @@ class Hyper:
         history: History,
         values: Sequence[PooledValue],
         set_of: np.ndarray,
-        blocks: Sequence[tuple[int, ...]],
         *,
         every: int = 1,
         most: int | None = None,
@@ -77,16 +78,12 @@ class Hyper:
             flattened = taken.reshape(math.prod(taken.shape[: taken.ndim - axes]), *own)
             return flattened[evenly_chosen(len(flattened), most)]
 
-        p = len(values)
-        mu, sd_donors, sd = flat(history.mu, 2), flat(history.sd_donors, 1), flat(history.sd, 2)
-        factors = np.zeros((2, len(mu), p, p))
-        for columns, partial in zip(blocks, history.partial, strict=True):
-            pairs = flat(partial, 2)
-            for k in range(2):
-                made = _factors(pairs[:, k], len(columns))
-                factors[k][np.ix_(range(len(mu)), columns, columns)] = made
-        centre = np.array([v.mean for v in values])
-        return cls(tuple(values), set_of, mu + centre, sd_donors, sd, factors[0], factors[1])
+        mu = flat(history.mu, 2) + [v.mean for v in values]
+        pairs = flat(history.partial, 2)
+        factors = (_factors(pairs[:, side], len(values)) for side in range(2))
+        return cls(
+            tuple(values), set_of, mu, flat(history.sd_donors, 1), flat(history.sd, 2), *factors
+        )
 
     @classmethod
     def from_prior(

@@ -13,7 +13,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.populations.ensemble import Design
 from biaxbayes.populations.model import Grouping, PooledValue
 from biaxbayes.populations.predictive import Hyper
-from biaxbayes.populations.sampler import History, Sampled
+from biaxbayes.populations.sampler import History, PopulationDraws
 from biaxbayes.populations.specimens import Source
 from biaxbayes.prediction.bands import evenly_chosen
 
@@ -34,10 +34,9 @@ def assessed_quantities(
         for s in range(history.sd.shape[-2]):
             group = f", {grouping.groups[s]}" if history.sd.shape[-2] > 1 else ""
             out[f"sd_specimens {name}{group}"] = history.sd[..., s, k]
-    for partial in history.partial:
-        for side, what in enumerate(("donors", "specimens")):
-            for k in range(partial.shape[-1]):
-                out[f"correlation {k + 1} of {what}"] = partial[..., side, k]
+    for side, what in enumerate(("donors", "specimens")):
+        for k in range(history.partial.shape[-1]):
+            out[f"correlation {k + 1} of {what}"] = history.partial[..., side, k]
     specimens = {
         f"{name} of {label}": history.theta[..., i, k]
         for i, label in enumerate(grouping.labels)
@@ -55,7 +54,7 @@ class Population:
     grouping: Grouping
     values: tuple[PooledValue, ...]
     design: Design = field(repr=False)
-    sampled: Sampled = field(repr=False)
+    sampled: PopulationDraws = field(repr=False)
     seed: int
     left_out: dict[str, str]  # reasons by specimen
     notes: list[str]  # for readers of the numbers
@@ -82,11 +81,9 @@ class Population:
     def hyper(self, most: int | None = None, *, with_specimens: bool = False) -> Hyper:
         """Draws of means and spreads; optionally only those stored with the specimens' values."""
         history = self.sampled.history
-        blocks = [columns for columns, _ in self.design.blocks]
         every = history.every if with_specimens else 1
-        return Hyper.from_history(
-            history, self.values, self.design.layout.set_of, blocks, every=every, most=most
-        )
+        set_of = self.design.layout.set_of
+        return Hyper.from_history(history, self.values, set_of, every=every, most=most)
 
     def specimen_values(self, most: int) -> tuple[np.ndarray, np.ndarray]:
         """Values (M, n, p) on the scale and coordinates (M, n, dmax), thinned evenly."""

@@ -9,15 +9,16 @@ every byte, whatever the number of threads and however often it was interrupted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
-from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble, Spreading, Tuning
+from biaxbayes.populations.ensemble import JOINT, Design, Ensemble, Tuning
+from biaxbayes.populations.hierarchy import Block
+from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.convergence import (
     MIN_STEPS_PER_TAU,
     RHAT_LIMIT,
@@ -26,7 +27,6 @@ from biaxbayes.sampling.convergence import (
     assess,
 )
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
-from biaxbayes.sampling.sampler import Progress
 from biaxbayes.tasks import one_blas_thread
 
 LENGTH_ROUNDS = 2
@@ -40,13 +40,11 @@ EVERY, MOST_BYTES = 2, 2**27
 """The specimens' values are kept every second sweep, half as often when they take more memory."""
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
-FRESH_AT_ONCE = 32
-"""Sweeps whose mixture draws are made together."""
 
 
 @dataclass(frozen=True)
-class Plan:
-    """Goal and budget of a run."""
+class PopulationPlan:
+    """Goal and budget of sampling a population."""
 
     ess: float = 1000.0  # of the worst quantity
     max_steps: int = 6000  # kept sweeps of each ensemble
@@ -66,77 +64,89 @@ class History:
     mu: np.ndarray  # (..., groups, p), centred
     sd_donors: np.ndarray  # (..., p)
     sd: np.ndarray  # (..., sets, p)
-    # (..., 2, pairs): partial correlations of donors and specimens, by block
-    partial: tuple[np.ndarray, ...]
+    partial: np.ndarray  # (..., 2, pairs): partial correlations of donors and specimens, or none
     theta: np.ndarray  # (..., n, p), centred; as the next two of every `every`-th sweep
     u: np.ndarray  # (..., n, dmax)
     effect: np.ndarray  # (..., donors, p)
     every: int
 
+    @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays by name, for a checkpoint."""
-        plain = {k: getattr(self, k) for k in ("mu", "sd_donors", "sd", "theta", "u", "effect")}
-        return plain | {f"partial{k}": v for k, v in enumerate(self.partial)}
+        """The arrays by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "every"}
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, np.ndarray], every: int) -> History:
-        """Inverse of :meth:`arrays`."""
-        own = dict(arrays)
-        partial = [own.pop(k) for k in sorted(own) if k.startswith("partial")]
-        return cls(**own, partial=tuple(partial), every=every)
+    def joined(cls, parts: list[History], axis: int) -> History:
+        """Histories of several ensembles (axis 0), or one after the other (axis 1)."""
+        names = parts[0].arrays
+        arrays = {k: np.concatenate([part.arrays[k] for part in parts], axis) for k in names}
+        return cls(**arrays, every=parts[0].every)
 
-    def followed_by(self, other: History) -> History:
-        """Both, one after the other."""
-        mine, theirs = self.arrays(), other.arrays()
-        joined = {k: np.concatenate([mine[k], theirs[k]], axis=1) for k in mine}
-        whole = History.from_arrays(joined, self.every)
-        while sum(joined[k].nbytes for k in SPECIMENS_OWN) > MOST_BYTES:
-            whole = whole.thinned()
-            joined = whole.arrays()
-        return whole
-
-    def thinned(self) -> History:
-        """The history without the specimens' values of every other sweep that has them."""
-        halved = {name: getattr(self, name)[:, ::2].copy() for name in SPECIMENS_OWN}
-        return replace(self, **halved, every=2 * self.every)
+    def within_memory(self) -> History:
+        """The history with values of the specimens seldom enough for the memory."""
+        kept = self
+        while sum(kept.arrays[k].nbytes for k in SPECIMENS_OWN) > MOST_BYTES:
+            halved = {name: kept.arrays[name][:, ::2].copy() for name in SPECIMENS_OWN}
+            kept = replace(kept, **halved, every=2 * kept.every)
+        return kept
 
 
 @dataclass
-class State:
-    """A population between two blocks; what a checkpoint holds."""
+class PopulationState:
+    """A population between two blocks, as a checkpoint stores it."""
 
     tuning: Tuning
-    members: list[dict[str, Any]]
+    ensembles: list[dict[str, Any]]
     history: History | None
     sweeps: int
-    block: int
+    block: int  # sweeps until the next assessment
     finished: bool = False
+
+    def record(self) -> dict[str, Any]:
+        """Plain values and arrays for a checkpoint."""
+        tuning = {**vars(self.tuning), "proposals": [q.arrays() for q in self.tuning.proposals]}
+        return {
+            **vars(self),
+            "tuning": tuning,
+            "history": None if self.history is None else vars(self.history),
+        }
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> PopulationState:
+        """Inverse of :meth:`record`."""
+        own, history = record["tuning"], record["history"]
+        proposals = tuple(TransportedMixture.from_arrays(a) for a in own["proposals"])
+        return cls(
+            Tuning(**{**own, "archives": tuple(own["archives"]), "proposals": proposals}),
+            record["ensembles"],
+            None if history is None else History(**history),
+            int(record["sweeps"]),
+            int(record["block"]),
+            bool(record["finished"]),
+        )
 
 
 @dataclass(frozen=True)
-class Sampled:
+class PopulationDraws:
     """Draws of a population with their convergence."""
 
     history: History
     convergence: Convergence
-    # by kind of move, for each specimen or direction
+    # accepted shares by kind of move, for each specimen or direction
     acceptance: dict[str, np.ndarray] = field(repr=False)
     interrupted: bool = False
 
 
-Quantities = Callable[[History], list[dict[str, np.ndarray]]]
-
-
-def draw(
+def draw_population(
     design: Design,
-    plan: Plan,
-    quantities: Quantities,
+    plan: PopulationPlan,
+    quantities: Callable[[History], list[dict[str, np.ndarray]]],
     *,
-    state: State | None = None,
-    on_block: Callable[[State], None] = lambda s: None,
+    state: PopulationState | None = None,
+    on_block: Callable[[PopulationState], None] = lambda s: None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], object] = lambda: False,
-) -> Sampled:
+) -> PopulationDraws:
     """Draw from a population until the draws have converged, or the plan ends.
 
     ``quantities`` of a history are assessed: dicts of arrays (ensembles, kept, chains) by name,
@@ -144,46 +154,46 @@ def draw(
     """
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
     ensembles = [Ensemble(design, k, plan.chains, seeds[k]) for k in range(plan.ensembles)]
+    convergence = None
     with one_blas_thread(), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
-            rng = np.random.default_rng(seeds[-1])
-            tuning = _warm_up(design, plan, ensembles, pool, rng, progress)
-            state = State(tuning, [_snapshot(e) for e in ensembles], None, 0, plan.first_block)
+            tuning = _warm_up(ensembles, plan, pool, np.random.default_rng(seeds[-1]), progress)
+            state = PopulationState(tuning, _snapshots(ensembles), None, 0, plan.first_block)
             on_block(state)
         else:
-            for ensemble, member in zip(ensembles, state.members, strict=True):
-                _restore(ensemble, member)
-        history, convergence = state.history, None
+            _restore(ensembles, state.ensembles)
         while not state.finished and not stop():
-            _report_progress(progress, state, convergence, plan)
+            _report_progress(progress, convergence, plan.ess)
             sweeps = min(state.block, plan.max_steps - state.sweeps)
-            new = _run_block(ensembles, pool, state, sweeps)
-            history = new if history is None else history.followed_by(new)
+            history = _kept_sweeps(ensembles, pool, state, sweeps)
             done = state.sweeps + sweeps
             assessments = [assess(q, target_ess=plan.ess) for q in quantities(history)]
             convergence = _worst(assessments)
             finished = convergence.state == "converged" or done >= plan.max_steps
-            members = [_snapshot(e) for e in ensembles]
             block = _next_block(assessments, done, plan.ess)
-            state = State(state.tuning, members, history, done, block, finished)
+            state = PopulationState(
+                state.tuning, _snapshots(ensembles), history, done, block, finished
+            )
             on_block(state)
-        if history is None:
-            history = _run_block(ensembles, pool, state, EVERY)
-        if convergence is None:
-            convergence = _worst([assess(q, target_ess=plan.ess) for q in quantities(history)])
-    return Sampled(history, convergence, _acceptance(ensembles, state.sweeps), not state.finished)
+        history = state.history or _kept_sweeps(ensembles, pool, state, EVERY)
+    if convergence is None:
+        convergence = _worst([assess(q, target_ess=plan.ess) for q in quantities(history)])
+    acceptance = {}
+    for name in sorted({name for e in ensembles for name in e.moves}):
+        hits, tried = np.sum([e.moves[name] for e in ensembles if name in e.moves], axis=0)
+        acceptance[name] = hits / np.maximum(tried, 1.0)
+    return PopulationDraws(history, convergence, acceptance, not state.finished)
 
 
 def _worst(assessments: list[Convergence]) -> Convergence:
     """All parts together; the state is the worst of theirs."""
     worst = max(assessments, key=lambda c: STATES.index(c.state))
-    whole = {
+    whole: dict[str, Any] = {
         what: np.concatenate([getattr(c, what) for c in assessments])
         for what in ("ess_bulk", "ess_tail", "rhat", "tau")
     }
     names = tuple(name for c in assessments for name in c.names)
-    state, reason = worst.state, worst.reason
-    return Convergence(names, **whole, steps=assessments[0].steps, state=state, reason=reason)
+    return replace(worst, names=names, **whole, steps=assessments[0].steps)
 
 
 def _next_block(assessments: list[Convergence], done: int, ess: float) -> int:
@@ -198,99 +208,99 @@ def _next_block(assessments: list[Convergence], done: int, ess: float) -> int:
 
 
 def _report_progress(
-    progress: Callable[[Progress], None], state: State, convergence: Convergence | None, plan: Plan
+    progress: Callable[[Progress], None], convergence: Convergence | None, ess: float
 ) -> None:
     if convergence is None:
         progress(Progress("sampling the population", 0.0))
         return
-    share = min(convergence.worst_ess / plan.ess, 0.99)
-    text = (
-        f"sampling: R-hat {convergence.worst_rhat:.3f}, {convergence.worst_ess:.0f} effective draws"
-    )
-    progress(Progress(text, share))
+    rhat, worst = convergence.worst_rhat, convergence.worst_ess
+    text = f"sampling: R-hat {rhat:.3f}, {worst:.0f} effective draws"
+    progress(Progress(text, min(worst / ess, 0.99)))
 
 
-def _run_block(
-    ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: State, sweeps: int
+def _kept_sweeps(
+    ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: PopulationState, sweeps: int
 ) -> History:
-    """Further sweeps of all ensembles."""
+    """The history with further sweeps of all ensembles."""
     every = EVERY if state.history is None else state.history.every
-    run = partial(_run, tuning=state.tuning, done=state.sweeps, sweeps=sweeps, every=every)
-    parts = [part.arrays() for part in pool.map(run, ensembles)]
-    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return History.from_arrays(whole, every)
 
+    def run(ensemble: Ensemble) -> History:
+        kept: dict[str, list[np.ndarray]] = {f.name: [] for f in fields(History)}
+        del kept["every"]
+        for number in range(state.sweeps, state.sweeps + sweeps):
+            ensemble.sweep(state.tuning)
+            sd = ensemble.sd
+            kept["mu"].append(ensemble.mu)
+            kept["sd_donors"].append(sd[:, 0])
+            kept["sd"].append(sd[:, 1:])
+            kept["partial"].append(ensemble.blocks[0].partial.copy())
+            if number % every == 0:
+                kept["theta"].append(ensemble.theta.copy())
+                kept["u"].append(ensemble.u.copy())
+                kept["effect"].append(ensemble.effect)
+        return History(**{k: np.array(v)[None] for k, v in kept.items()}, every=every)
 
-def _run(ensemble: Ensemble, tuning: Tuning, done: int, sweeps: int, every: int) -> History:
-    """Kept sweeps of one ensemble, with a first axis of one."""
-    common: dict[str, list[np.ndarray]] = {k: [] for k in ("mu", "sd_donors", "sd")}
-    parts: list[list[np.ndarray]] = [[] for _ in ensemble.partial]
-    of_specimens: dict[str, list[np.ndarray]] = {k: [] for k in SPECIMENS_OWN}
-    for number in _sweeps(ensemble, tuning, sweeps):
-        for name, values in common.items():
-            values.append(getattr(ensemble, name).copy())
-        for of, own in zip(parts, ensemble.partial, strict=True):
-            of.append(own.transpose(1, 0, 2).copy())
-        if (done + number) % every == 0:
-            for name, values in of_specimens.items():
-                values.append(getattr(ensemble, name).copy())
-    arrays = {k: np.array(v)[None] for k, v in (common | of_specimens).items()}
-    return History(**arrays, partial=tuple(np.array(v)[None] for v in parts), every=every)
-
-
-def _sweeps(ensemble: Ensemble, tuning: Tuning, sweeps: int) -> Iterator[int]:
-    """Do sweeps, yielding after each its number."""
-    C = len(ensemble.u)
-    for first in range(0, sweeps, FRESH_AT_ONCE):
-        several = min(FRESH_AT_ONCE, sweeps - first)
-        fresh = ensemble.fresh_pool(tuning, several * C * FRESH_VISITS)
-        for k in range(several):
-            ensemble.sweep(tuning, fresh, k * C * FRESH_VISITS)
-            yield first + k
+    new = History.joined(list(pool.map(run, ensembles)), 0)
+    if state.history is not None:
+        new = History.joined([state.history, new], 1)
+    return new.within_memory()
 
 
 # --- warm-up -------------------------------------------------------------------------------------
 
 
 def _warm_up(
-    design: Design,
-    plan: Plan,
     ensembles: list[Ensemble],
+    plan: PopulationPlan,
     pool: ThreadPoolExecutor,
     rng: np.random.Generator,
     progress: Callable[[Progress], None],
 ) -> Tuning:
-    members = design.individuals
+    members = ensembles[0].design.individuals
     archives = tuple(_few(m.pool.reshape(-1, m.dimension), rng) for m in members)
-    size = max(m.dimension for m in members)
-    tuning = Tuning(archives, (), np.zeros((0, len(members), size)), np.zeros(0))
+    size, kinds = max(ensembles[0].sizes), 1 + len(ensembles[0].labels)
+    nothing = np.zeros((len(members), size))
+    tuning = Tuning(archives, (), nothing[None][:0], np.zeros((kinds, 0)), nothing, nothing)
+
+    def run(sweeps: int) -> np.ndarray:
+        """Coordinates of the later half of some sweeps, (draws, n, dmax); counts begin anew."""
+
+        def of_ensemble(ensemble: Ensemble) -> np.ndarray:
+            ensemble.moves.clear()
+            out = []
+            for _ in range(sweeps):
+                ensemble.sweep(tuning)
+                out.append(ensemble.u.copy())
+            return np.array(out[sweeps // 2 :])
+
+        return np.concatenate(list(pool.map(of_ensemble, ensembles)), axis=1).reshape(
+            -1, *nothing.shape
+        )
+
+    def fitted(member: Any, points: np.ndarray, seed: int) -> TransportedMixture:
+        own = np.random.default_rng(seed)
+        return fit_transported_mixture(points, own, bounds=member.bounds, components=COMPONENTS)
+
     for number in range(plan.rounds):
         progress(Progress("warming up", number / plan.rounds))
-        for ensemble in ensembles:
-            ensemble.accepted.clear()
-        rounds = list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps), ensembles))
-        history = np.concatenate(rounds, axis=1)  # sweeps, chains of all ensembles
-        last = history[len(history) // 2 :]
-        points = last.reshape(-1, *last.shape[2:])
+        points = run(plan.round_sweeps)
         own = tuple(_few(points[:, i, : m.dimension], rng) for i, m in enumerate(members))
-        seeds = [int(s) for s in rng.integers(2**63, size=len(members))]
-        proposals = tuple(pool.map(lambda m, a, s: _fitted(m.bounds, a, s), members, own, seeds))
-        directions = _directions(points, rng)
-        tuning = replace(tuning, archives=own, proposals=proposals, directions=directions)
-        tuning = _with_steps(tuning, ensembles, points)
-    # lengths of the joint moves alone, for the last components
-    for _ in range(LENGTH_ROUNDS):
-        for ensemble in ensembles:
-            ensemble.accepted.clear()
-        list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps // 2), ensembles))
-        tuning = _with_steps(tuning, ensembles, points)
+        seeds = rng.integers(2**63, size=len(members))
+        tuning = Tuning(
+            own,
+            tuple(pool.map(fitted, members, own, seeds)),
+            _principal_components(points, rng),
+            tuning.steps,
+            points.mean(axis=0),
+            points.std(axis=0),
+        )
+        tuning = replace(tuning, steps=_tuned_steps(tuning, ensembles))
+    for _ in range(LENGTH_ROUNDS):  # lengths of the joint moves alone, for the last components
+        run(plan.round_sweeps // 2)
+        tuning = replace(tuning, steps=_tuned_steps(tuning, ensembles))
     for ensemble in ensembles:
-        ensemble.accepted.clear()
+        ensemble.moves.clear()
     return tuning
-
-
-def _round(ensemble: Ensemble, tuning: Tuning, sweeps: int) -> np.ndarray:
-    return np.array([ensemble.u.copy() for _ in _sweeps(ensemble, tuning, sweeps)])
 
 
 def _few(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -298,13 +308,8 @@ def _few(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.ascontiguousarray(points[np.sort(chosen)])
 
 
-def _fitted(bounds: np.ndarray, points: np.ndarray, seed: int) -> TransportedMixture:
-    rng = np.random.default_rng(seed)
-    return fit_transported_mixture(points, rng, bounds=bounds, components=COMPONENTS)
-
-
-def _directions(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Leading principal components of the stacked coordinates, shape (L, n, dmax)."""
+def _principal_components(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Leading principal components of the stacked coordinates, times their sd, (L, n, dmax)."""
     few = _few(points.reshape(len(points), -1), rng)
     centred = few - few.mean(axis=0)
     sd = centred.std(axis=0)
@@ -316,62 +321,38 @@ def _directions(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return leading
 
 
-def _with_steps(tuning: Tuning, ensembles: list[Ensemble], points: np.ndarray) -> Tuning:
-    """Lengths of the joint moves from the acceptance of the last round."""
-    count, kinds = len(tuning.directions), len(ensembles[0].memberships)
-    apart = np.empty((kinds, 0)) if tuning.spreading is None else tuning.spreading.steps
-    both = zip([tuning.steps, *apart], JOINT, strict=False)
-    steps = np.array([_steps(current, ensembles, name, count) for current, name in both])
-    spreading = Spreading(points.mean(axis=0), points.std(axis=0), steps[1:]) if kinds else None
-    return replace(tuning, steps=steps[0], spreading=spreading)
-
-
-def _steps(steps: np.ndarray, ensembles: list[Ensemble], name: str, count: int) -> np.ndarray:
-    hits, tried = (
-        np.sum([e.accepted.get(k, np.zeros(count)) for e in ensembles], axis=0)
-        for k in (name, f"{name} tried")
-    )
-    if len(steps) != count:
-        return np.full(count, 0.5)
+def _tuned_steps(tuning: Tuning, ensembles: list[Ensemble]) -> np.ndarray:
+    """Lengths (kinds, L) of the joint moves from the acceptance of the last round."""
+    kinds, count = len(tuning.steps), len(tuning.directions)
+    if tuning.steps.shape[1] != count:
+        return np.full((kinds, count), 0.5)
+    moves = [[e.moves.get(name, np.zeros((2, count))) for e in ensembles] for name in JOINT[:kinds]]
+    hits, tried = np.sum(moves, axis=1).swapaxes(0, 1)
     share = hits / np.maximum(tried, 1.0)
     change = np.where(tried > 0.0, np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0), 1.0)
-    return np.clip(steps * change, 1e-3, 3.0)
+    return np.clip(tuning.steps * change, 1e-3, 3.0)
 
 
-# --- state ---------------------------------------------------------------------------------------
+# --- checkpoints ---------------------------------------------------------------------------------
 
 
-CARRIED = ("u", "theta", "log", "mu", "effect", "sd_donors", "sd")
+def _snapshots(ensembles: list[Ensemble]) -> list[dict[str, Any]]:
+    return [
+        {
+            "u": e.u.copy(),
+            "theta": e.theta.copy(),
+            "log": e.log.copy(),
+            "blocks": [{k: v.copy() for k, v in b._asdict().items()} for b in e.blocks],
+            "moves": dict(e.moves),
+            "rng": e.rng.bit_generator.state,
+        }
+        for e in ensembles
+    ]
 
 
-def _snapshot(ensemble: Ensemble) -> dict[str, Any]:
-    out: dict[str, Any] = {name: getattr(ensemble, name).copy() for name in CARRIED}
-    for k, own in enumerate(ensemble.partial):
-        out[f"partial{k}"], out[f"factor{k}"] = own.copy(), ensemble.factor[k].copy()
-    out["rng"] = ensemble.rng.bit_generator.state
-    out["accepted"] = {k: np.array(v) for k, v in ensemble.accepted.items()}
-    return out
-
-
-def _restore(ensemble: Ensemble, member: dict[str, Any]) -> None:
-    for name in CARRIED:
-        setattr(ensemble, name, member[name].copy())
-    for k in range(len(ensemble.partial)):
-        ensemble.partial[k], ensemble.factor[k] = member[f"partial{k}"], member[f"factor{k}"]
-    ensemble.rng.bit_generator.state = member["rng"]
-    ensemble.accepted = {k: np.array(v) for k, v in member["accepted"].items()}
-
-
-def _acceptance(ensembles: list[Ensemble], sweeps: int) -> dict[str, np.ndarray]:
-    """Accepted shares of the kept sweeps: by specimen, and of the joint moves by direction."""
-    names = sorted({k for e in ensembles for k in e.accepted})
-    total = {
-        k: np.sum([e.accepted[k] for e in ensembles if k in e.accepted], axis=0) for k in names
-    }
-    out = {}
-    for k, v in total.items():
-        if k in JOINT:
-            out[k] = v / np.maximum(total[f"{k} tried"], 1.0)
-        elif not k.endswith(" tried"):
-            out[k] = v / max(len(ensembles) * sweeps, 1)
-    return out
+def _restore(ensembles: list[Ensemble], snapshots: list[dict[str, Any]]) -> None:
+    for e, stored in zip(ensembles, snapshots, strict=True):
+        e.u, e.theta, e.log = (stored[k].copy() for k in ("u", "theta", "log"))
+        e.blocks = [Block(**{k: v.copy() for k, v in b.items()}) for b in stored["blocks"]]
+        e.moves = dict(stored["moves"])
+        e.rng.bit_generator.state = stored["rng"]

@@ -11,7 +11,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from biaxbayes.sampling.proposal import MixtureProposal, TransportedMixture
 from biaxbayes.sampling.sampler import State
 from biaxbayes.text_files import atomic_write_bytes, read_bytes, sync_folder
 
-FORMAT = 5
+FORMAT = 6
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 NAMES = (NAME, PREVIOUS)
@@ -35,189 +35,31 @@ class DamagedCheckpoint(Exception):
     """The bytes are not what was written."""
 
 
-def save(
-    folder: Path,
-    state: Any,
-    identity: dict[str, Any],
-    pack: Callable[[Any, dict[str, Any]], bytes] | None = None,
-) -> None:
-    """Write a checkpoint with the identity of its run (hashes and settings as JSON values)."""
-    path, following = folder / NAME, folder / FOLLOWING
-    try:
-        atomic_write_bytes(following, (pack or _pack)(state, identity))
-        # At every moment one of the names holds the newest whole checkpoint.
-        if path.exists():
-            path.replace(folder / PREVIOUS)
-        following.replace(path)
-    except (InputError, OSError) as error:
-        raise RunError(
-            f"the checkpoint could not be saved: {error}; the one before it remains, "
-            "and the same command with `resume=True` continues from there"
-        ) from None
-    sync_folder(folder)
+# --- the state of a run as nested dicts and lists of arrays and plain values, and back ------------
 
 
-def load(
-    folder: Path,
-    identity: dict[str, Any],
-    reader: Callable[[bytes], tuple[Any, dict[str, Any]]] | None = None,
-) -> tuple[Any | None, str]:
-    """Read the newest intact checkpoint, or None, and a note if a damaged one was skipped.
-
-    Raises RunError for a checkpoint of another run, or if none is readable.
-    """
-    damaged = []
-    for name in NAMES:
-        path = folder / name
-        if not path.exists() and not path.is_symlink():
-            continue
-        try:
-            state, stored = (reader or unpack)(read_bytes(path, limit=MAX_BYTES))
-        except (InputError, DamagedCheckpoint) as error:
-            problem = error.problem if isinstance(error, InputError) else str(error)
-            damaged.append(f"{name} {problem}")
-            continue
-        except RunError as error:
-            raise CannotResume(f"{path}: {error}") from None
-        now = json.loads(json.dumps(identity))
-        differing = [
-            _difference(key, stored.get(key), now.get(key))
-            for key in {**now, **stored}
-            if stored.get(key) != now.get(key)
-        ]
-        if differing:
-            raise CannotResume(
-                f"{path}: belongs to another run, which differs in {', '.join(differing)}; use "
-                "the same file and options, or another `out`, or start again without `resume`"
-            )
-        return state, f"{damaged[0]}; continuing from {name}" if damaged else ""
-    if damaged:
-        raise CannotResume(f"{folder}: {' and '.join(damaged)}; start again without `resume`")
-    return None, ""
+def run_record(state: State) -> dict[str, Any]:
+    """Arrays and plain values of a run."""
+    plain = {**vars(state), "frame": dict(state.frame), "warmup": vars(state.warmup)}
+    return plain | {"proposal": state.proposal.arrays()}
 
 
-def _difference(key: str, there: Any, now: Any) -> str:
-    """One setting that differs, with both values where they are short enough to help."""
-    if isinstance(there, dict) and isinstance(now, dict):
-        inner = [k for k in {**now, **there} if there.get(k) != now.get(k)]
-        return ", ".join(_difference(f"{key}: {k}", there.get(k), now.get(k)) for k in inner)
-    return f"{key} ({_short(there)} there, {_short(now)} now)"
-
-
-def _short(value: object) -> str:
-    if value is None:
-        return "default"
-    text = value if isinstance(value, str) else json.dumps(value)
-    return text if len(text) <= 60 else text[:12] + "..."
-
-
-def _pack(state: State, identity: dict[str, Any]) -> bytes:
-    arrays: dict[str, np.ndarray] = {"chain": state.chain, "rejected": state.rejected}
-    members = []
-    for i, member in enumerate(state.members):
-        plain = dict(member)
-        arrays[f"coordinates_{i}"] = plain.pop("coordinates")
-        arrays[f"log_prob_{i}"] = plain.pop("log_prob")
-        name, arrays[f"walker_key_{i}"], *rest = plain.pop("walker_random")
-        plain["walker_random"] = [name, *rest]
-        members.append(plain)
-    arrays |= {f"proposal_{k}": v for k, v in state.proposal.arrays().items()}
-    text = json.dumps(
-        {
-            "format": FORMAT,
-            "identity": identity,
-            "members": members,
-            "frame": dict(state.frame),
-            "steps": state.steps,
-            "thin": state.thin,
-            "evaluations": state.evaluations,
-            "finished": state.finished,
-            "warmup": vars(state.warmup),
-        },
-        default=int,
+def run_state(record: Mapping[str, Any]) -> State:
+    """Inverse of :func:`run_record`; ValueError if its parts do not fit together."""
+    state = State(
+        frame={"softening": float(record["frame"]["softening"])},
+        proposal=MixtureProposal.from_arrays(record["proposal"]),
+        members=[m | {"walker_random": tuple(m["walker_random"])} for m in record["members"]],
+        chain=record["chain"],
+        steps=int(record["steps"]),
+        thin=int(record["thin"]),
+        warmup=WarmUp(**record["warmup"]),
+        evaluations=int(record["evaluations"]),
+        rejected=record["rejected"],
+        finished=bool(record["finished"]),
     )
-    return sealed(arrays, text)
-
-
-def sealed(arrays: dict[str, np.ndarray], text: str) -> bytes:
-    """Arrays and a JSON text as one archive, behind its checksum."""
-    buffer = io.BytesIO()
-    whole = arrays | {"text": np.frombuffer(text.encode(), dtype=np.uint8)}
-    np.savez(buffer, **whole)  # type: ignore[arg-type]
-    data = buffer.getvalue()
-    return hashlib.sha256(data).digest() + data
-
-
-def opened(data: bytes) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and text of :func:`sealed` bytes; DamagedCheckpoint if the bytes have changed."""
-    digest, body = data[:32], data[32:]
-    if hashlib.sha256(body).digest() != digest:
-        raise DamagedCheckpoint("is damaged (its checksum is wrong)")
-    try:
-        arrays = _arrays(body)
-        return arrays, json.loads(arrays["text"].tobytes().decode())
-    except Exception as error:  # three parsers of foreign bytes may raise whatever they like
-        raise DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None
-
-
-def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
-    """State and identity of a checkpoint; RunError if another version wrote it."""
-    arrays, stored = opened(data)
-    try:
-        if stored["format"] != FORMAT:
-            raise RunError(
-                f"has checkpoint format {_short(stored['format'])}, this version reads {FORMAT}; "
-                "finish the run with the version that started it"
-            )
-        state = _state(stored, arrays)
-        _check(state)
-        return state, dict(stored["identity"])
-    except RunError:
-        raise
-    except Exception as error:  # three parsers of foreign bytes may raise whatever they like
-        raise DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None
-
-
-def _arrays(body: bytes) -> dict[str, np.ndarray]:
-    """Arrays of the archive, none of them larger than the archive itself."""
-    with zipfile.ZipFile(io.BytesIO(body)) as entries:
-        if any(e.compress_type != zipfile.ZIP_STORED for e in entries.infolist()):
-            raise ValueError("compressed")
-    with np.load(io.BytesIO(body), allow_pickle=False) as archive:
-        arrays = {key: archive[key] for key in archive.files}
-    if not all(isinstance(a, np.ndarray) and a.nbytes <= len(body) for a in arrays.values()):
-        raise ValueError("not arrays")
-    return arrays
-
-
-def _state(stored: dict[str, Any], arrays: dict[str, np.ndarray]) -> State:
-    members = []
-    for i, plain in enumerate(stored["members"]):
-        name, *rest = plain["walker_random"]
-        members.append(
-            plain
-            | {
-                "coordinates": arrays[f"coordinates_{i}"],
-                "log_prob": arrays[f"log_prob_{i}"],
-                "walker_random": (name, arrays[f"walker_key_{i}"], *rest),
-            }
-        )
-    prefix = "proposal_"
-    proposal = MixtureProposal.from_arrays(
-        {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
-    )
-    return State(
-        frame={"softening": float(stored["frame"]["softening"])},
-        proposal=proposal,
-        members=members,
-        chain=arrays["chain"],
-        steps=int(stored["steps"]),
-        thin=int(stored["thin"]),
-        warmup=WarmUp(**stored["warmup"]),
-        evaluations=int(stored["evaluations"]),
-        rejected=arrays["rejected"],
-        finished=bool(stored["finished"]),
-    )
+    _check(state)
+    return state
 
 
 def _check(state: State) -> None:
@@ -266,3 +108,145 @@ def _fits(part: TransportedMixture, d: int) -> bool:
         and len(transport.coefficients) == len(transport.widths) == d
         and sorted(transport.order.tolist()) == list(range(d))
     )
+
+
+# --- bytes ---------------------------------------------------------------------------------------
+
+
+def packed(record: Any) -> bytes:
+    """Nested dicts and lists of arrays and plain values as one archive, behind its checksum."""
+    arrays: dict[str, np.ndarray] = {}
+
+    def plain(value: Any, path: str) -> Any:
+        if isinstance(value, np.ndarray):
+            arrays[path] = value
+            return {"array": path}
+        if isinstance(value, Mapping):
+            return {name: plain(v, f"{path}.{name}") for name, v in value.items()}
+        if isinstance(value, list | tuple):
+            return [plain(v, f"{path}.{k}") for k, v in enumerate(value)]
+        return value
+
+    text = json.dumps({name: plain(v, name) for name, v in record.items()}, default=int)
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays, text=np.frombuffer(text.encode(), dtype=np.uint8))  # type: ignore
+    data = buffer.getvalue()
+    return hashlib.sha256(data).digest() + data
+
+
+def _unpacked(data: bytes) -> dict[str, Any]:
+    """Inverse of :func:`packed`; no array is larger than the archive itself."""
+    digest, body = data[:32], data[32:]
+    if hashlib.sha256(body).digest() != digest:
+        raise DamagedCheckpoint("is damaged (its checksum is wrong)")
+    with zipfile.ZipFile(io.BytesIO(body)) as entries:
+        if any(e.compress_type != zipfile.ZIP_STORED for e in entries.infolist()):
+            raise ValueError("compressed")
+    with np.load(io.BytesIO(body), allow_pickle=False) as archive:
+        arrays = {key: archive[key] for key in archive.files}
+    if not all(isinstance(a, np.ndarray) and a.nbytes <= len(body) for a in arrays.values()):
+        raise ValueError("not arrays")
+
+    def array_or_dict(value: dict[str, Any]) -> Any:
+        return arrays[value["array"]] if value.keys() == {"array"} else value
+
+    text = arrays["text"].tobytes().decode()
+    return json.loads(text, object_hook=array_or_dict)
+
+
+def unpack(
+    data: bytes, from_record: Callable[[dict[str, Any]], Any] = run_state
+) -> tuple[Any, dict[str, Any]]:
+    """State and identity of a checkpoint; RunError if another version wrote it."""
+    try:
+        stored = _unpacked(data)
+        if stored["format"] == FORMAT:
+            return from_record(stored["state"]), dict(stored["identity"])
+    except DamagedCheckpoint:
+        raise
+    except Exception as error:  # three parsers of foreign bytes may raise whatever they like
+        raise DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None
+    raise RunError(
+        f"has checkpoint format {_short(stored['format'])}, this version reads {FORMAT}; "
+        "finish the run with the version that started it"
+    )
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def save(
+    folder: Path,
+    state: Any,
+    identity: dict[str, Any],
+    record: Callable[[Any], dict[str, Any]] = run_record,
+) -> None:
+    """Write a checkpoint with the identity of its run (hashes and settings as JSON values)."""
+    path, following = folder / NAME, folder / FOLLOWING
+    data = packed({"format": FORMAT, "identity": identity, "state": record(state)})
+    try:
+        atomic_write_bytes(following, data)
+        # At every moment one of the names holds the newest whole checkpoint.
+        if path.exists():
+            path.replace(folder / PREVIOUS)
+        following.replace(path)
+    except (InputError, OSError) as error:
+        raise RunError(
+            f"the checkpoint could not be saved: {error}; the one before it remains, "
+            "and the same command with `resume=True` continues from there"
+        ) from None
+    sync_folder(folder)
+
+
+def load(
+    folder: Path,
+    identity: dict[str, Any],
+    from_record: Callable[[dict[str, Any]], Any] = run_state,
+) -> tuple[Any | None, str]:
+    """Read the newest intact checkpoint, or None, and a note if a damaged one was skipped.
+
+    Raises RunError for a checkpoint of another run, or if none is readable.
+    """
+    damaged = []
+    now = json.loads(json.dumps(identity))
+    for name in NAMES:
+        path = folder / name
+        if not path.exists() and not path.is_symlink():
+            continue
+        try:
+            state, stored = unpack(read_bytes(path, limit=MAX_BYTES), from_record)
+        except (InputError, DamagedCheckpoint) as error:
+            problem = error.problem if isinstance(error, InputError) else str(error)
+            damaged.append(f"{name} {problem}")
+            continue
+        except RunError as error:
+            raise CannotResume(f"{path}: {error}") from None
+        differing = [
+            _difference(key, stored.get(key), now.get(key))
+            for key in {**now, **stored}
+            if stored.get(key) != now.get(key)
+        ]
+        if differing:
+            raise CannotResume(
+                f"{path}: belongs to another run, which differs in {', '.join(differing)}; use "
+                "the same file and options, or another `out`, or start again without `resume`"
+            )
+        return state, f"{damaged[0]}; continuing from {name}" if damaged else ""
+    if damaged:
+        raise CannotResume(f"{folder}: {' and '.join(damaged)}; start again without `resume`")
+    return None, ""
+
+
+def _difference(key: str, there: Any, now: Any) -> str:
+    """One setting that differs, with both values where they are short enough to help."""
+    if isinstance(there, dict) and isinstance(now, dict):
+        inner = [k for k in {**now, **there} if there.get(k) != now.get(k)]
+        return ", ".join(_difference(f"{key}: {k}", there.get(k), now.get(k)) for k in inner)
+    return f"{key} ({_short(there)} there, {_short(now)} now)"
+
+
+def _short(value: object) -> str:
+    if value is None:
+        return "default"
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= 60 else text[:12] + "..."

@@ -14,10 +14,9 @@ import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError, printable
+from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, printable
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.options import PopulationOptions, takes_options
-from biaxbayes.populations.ensemble import Spreading, Tuning
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
@@ -26,7 +25,7 @@ from biaxbayes.populations.model import (
     pooled_values,
 )
 from biaxbayes.populations.result import Population, assessed_quantities
-from biaxbayes.populations.sampler import History, Plan, State, draw
+from biaxbayes.populations.sampler import PopulationPlan, PopulationState, draw_population
 from biaxbayes.populations.specimens import Source, make_individual, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
@@ -35,7 +34,6 @@ from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import POPULATION, staged
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
-from biaxbayes.sampling.proposal import TransportedMixture
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -83,7 +81,7 @@ class PopulationJob:
             pooled_values(sources[0].posterior.law, names, mounting=self.options.pool_mounting)
         )
         with inputs.locked_folder(self.folder, POPULATION, resume=resume, overwrite=overwrite):
-            plan = Plan(
+            plan = PopulationPlan(
                 ess=self.options.ess,
                 max_steps=self.options.max_steps,
                 seed=self.options.seed,
@@ -92,17 +90,19 @@ class PopulationJob:
             identity = self._identity(sources, grouping, values, plan)
             state = None
             if resume:
-                state, note = checkpoint.load(self.folder, identity, unpack)
+                state, note = checkpoint.load(self.folder, identity, PopulationState.from_record)
                 if note:
                     progress(Progress("resuming", note=note))
             individuals = [make_individual(s, values, plan.ensembles) for s in sources]
             design = make_design(individuals, grouping, values, self.options, self.priors)
-            sampled = draw(
+            sampled = draw_population(
                 design,
                 plan,
                 lambda history: assessed_quantities(grouping, values, history),
                 state=state,
-                on_block=lambda s: checkpoint.save(self.folder, s, identity, pack),
+                on_block=lambda s: checkpoint.save(
+                    self.folder, s, identity, PopulationState.record
+                ),
                 progress=progress,
                 stop=stop,
             )
@@ -167,7 +167,11 @@ class PopulationJob:
         return grouping, _notes(pooled, grouping, sources)
 
     def _identity(
-        self, sources: list[Source], grouping: Grouping, values: list[PooledValue], plan: Plan
+        self,
+        sources: list[Source],
+        grouping: Grouping,
+        values: list[PooledValue],
+        plan: PopulationPlan,
     ) -> dict[str, Any]:
         """Values that the draws depend on."""
         runs = {}
@@ -439,78 +443,3 @@ def _contrast_lines(a: str, b: str, part: pd.DataFrame) -> list[str]:
     ]
     head = ["quantity", "", "median", "5 to 95 %", f"in {printable(b)}"]
     return [f"{printable(b)} compared with {printable(a)}", *aligned([head, *table])]
-
-
-# --- its state between two blocks, as the bytes of a checkpoint ----------------------------------
-
-FORMAT = 3
-
-
-def pack(state: State, identity: dict[str, Any]) -> bytes:
-    """State and what it is a state of, as bytes."""
-    arrays: dict[str, np.ndarray] = {}
-    members = []
-    for k, member in enumerate(state.members):
-        arrays |= {f"m{k}.{n}": v for n, v in member.items() if isinstance(v, np.ndarray)}
-        accepted = {n: v.tolist() for n, v in member["accepted"].items()}
-        members.append({"rng": member["rng"], "accepted": accepted})
-    tuning = state.tuning
-    arrays |= {f"archive{i}": a for i, a in enumerate(tuning.archives)}
-    for i, q in enumerate(tuning.proposals):
-        arrays |= {f"q{i}.{n}": v for n, v in q.arrays().items()}
-    arrays |= {"directions": tuning.directions, "steps": tuning.steps}
-    if tuning.spreading is not None:
-        arrays |= {f"spreading.{n}": v for n, v in vars(tuning.spreading).items()}
-    if state.history is not None:
-        arrays |= {f"h.{n}": v for n, v in state.history.arrays().items()}
-    text = json.dumps(
-        {
-            "format": FORMAT,
-            "identity": identity,
-            "members": members,
-            "specimens": len(tuning.archives),
-            "sweeps": state.sweeps,
-            "block": state.block,
-            "every": state.history.every if state.history is not None else 0,
-            "finished": state.finished,
-        },
-        default=int,
-    )
-    return checkpoint.sealed(arrays, text)
-
-
-def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
-    """Inverse of :func:`pack`."""
-    arrays, stored = checkpoint.opened(data)
-    try:
-        if stored["format"] != FORMAT:
-            raise RunError("has the checkpoint of another version; start again without --resume")
-
-        def part(prefix: str) -> dict[str, np.ndarray]:
-            return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
-
-        members = []
-        for k, plain in enumerate(stored["members"]):
-            accepted = {n: np.array(v) for n, v in plain["accepted"].items()}
-            members.append({**part(f"m{k}."), "rng": plain["rng"], "accepted": accepted})
-        number = int(stored["specimens"])
-        tuning = Tuning(
-            tuple(arrays[f"archive{i}"] for i in range(number)),
-            tuple(TransportedMixture.from_arrays(part(f"q{i}.")) for i in range(number)),
-            arrays["directions"],
-            arrays["steps"],
-            Spreading(**spreading) if (spreading := part("spreading.")) else None,
-        )
-        own = part("h.")
-        history = History.from_arrays(own, int(stored["every"])) if own else None
-        state = State(
-            tuning,
-            members,
-            history,
-            int(stored["sweeps"]),
-            int(stored["block"]),
-            bool(stored["finished"]),
-        )
-        return state, dict(stored["identity"])
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
-        raise checkpoint.DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None

@@ -280,9 +280,8 @@ def archive(result: Population) -> bytes:
         "sd_donors": ((*dims, "quantity"), flat(history.sd_donors)),
         "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd)),
     }
-    for k, partial in enumerate(history.partial):
-        if partial.shape[-1]:
-            common[f"partial_correlations_{k}"] = ((*dims, "of", "pair"), flat(partial))
+    if history.partial.shape[-1]:
+        common["partial_correlations_0"] = ((*dims, "of", "pair"), flat(history.partial))
     coords = {"group": groups, "quantity": names, "spread": sets, "of": ["donors", "specimens"]}
     own = {
         "values": ((*dims, "specimen", "quantity"), flat(history.theta) + centre),
