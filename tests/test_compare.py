@@ -10,7 +10,7 @@ from scipy.stats import ks_2samp, mannwhitneyu, norm
 from biaxbayes.comparison.compare import Member, compare, differing_settings, run_labels
 from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
-from biaxbayes.figures.compare import forest_figure, matrix_figure
+from biaxbayes.figures.comparisons import forest_figure, matrix_figure
 from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import Thresholds

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from biaxbayes.figures.design import design_figure
+from biaxbayes.figures.simulations import design_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior

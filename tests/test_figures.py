@@ -12,16 +12,16 @@ from scipy.integrate import trapezoid
 from scipy.stats import norm
 
 from biaxbayes.errors import InputError
+from biaxbayes.figures.bands import bands_figure
+from biaxbayes.figures.corner import corner_figure
+from biaxbayes.figures.mounting import mounting_figure
 from biaxbayes.figures.quantities import number
-from biaxbayes.figures.run.bands import bands_figure
-from biaxbayes.figures.run.corner import corner_figure
-from biaxbayes.figures.run.mounting import mounting_figure
-from biaxbayes.figures.run.trace import trace_figure
 from biaxbayes.figures.style import (
     figure_bytes,
     read_style,
     save_figure,
 )
+from biaxbayes.figures.trace import trace_figure
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.options import Settings
 from biaxbayes.parameters import Quantities

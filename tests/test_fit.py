@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 import biaxbayes
 import quick_posteriors
 from biaxbayes.errors import InputError, TaredSpecimen
-from biaxbayes.figures.fits import fits_figure
+from biaxbayes.figures.specimen import fits_figure
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all

@@ -15,7 +15,7 @@ import biaxbayes
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import Hooks, SheetTester
-from biaxbayes.figures.run.grips import sketch_figure
+from biaxbayes.figures.mounting import sketch_figure
 from biaxbayes.fitting.fit import fit
 from biaxbayes.grips.correction import corrected_for_grips
 from biaxbayes.grips.geometry import stated_hooks

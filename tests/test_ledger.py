@@ -11,7 +11,7 @@ import biaxbayes
 from biaxbayes.comparison import mounting_bias
 from biaxbayes.comparison.mounting_bias import VARIANTS, Variant, ledger, sample_variant
 from biaxbayes.errors import InputError
-from biaxbayes.figures.ledger import ledger_figure
+from biaxbayes.figures.comparisons import ledger_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior

@@ -14,7 +14,7 @@ import browser
 import reported
 from biaxbayes.comparison.compare import Member, compare
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
-from biaxbayes.figures.laws import law_misfit_figure, law_mounting_figure
+from biaxbayes.figures.comparisons import law_misfit_figure, law_mounting_figure
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.reports.comparison import laws_page, write_comparison
 from biaxbayes.reports.page import write_report

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from biaxbayes.figures.run.corner import corner_figure
-from biaxbayes.figures.run.identifiability import identifiability_figure
-from biaxbayes.figures.run.profile import profile_figure
+from biaxbayes.figures.corner import corner_figure
+from biaxbayes.figures.identifiability import identifiability_figure
+from biaxbayes.figures.profile import profile_figure
 from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.options import PLOTS
 from biaxbayes.runs.run import open_run

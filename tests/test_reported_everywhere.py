@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.figures.run.identifiability import identifiability_figure
+from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.identifiability.identify import MOST_DRAWS, identify_draws
 from biaxbayes.identifiability.reported import DASH, interval_text
 from biaxbayes.identifiability.verdict import VERDICTS

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from biaxbayes.figures.study import study_figure
+from biaxbayes.figures.population import study_figure
 from biaxbayes.reports.study_page import write_study
 from biaxbayes.studies.groups import group_summaries, layer_contrasts
 from biaxbayes.studies.result import COLUMNS, StudyResult, donor_groups

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     PAGE_MM,
     RUNS,
@@ -49,25 +46,9 @@ def row_panels(
     return figure, list(panels.flat[:count])
 
 
-def group_colour(k: int) -> str:
-    """Colour of the k-th group, layer or run."""
-    return colour(RUNS[k % len(RUNS)])
-
-
-def group_marker(k: int) -> str:
-    """Marker of the k-th group or layer."""
-    return MARKERS[k % len(MARKERS)]
-
-
-def group_handle(k: int, label: str, note: str = "") -> Line2D:
-    """Entry of the k-th group or layer in a legend."""
-    look: dict[str, Any] = {
-        "color": group_colour(k),
-        "marker": group_marker(k),
-        "ms": 3.4,
-        "linewidth": 1.0,
-    }
-    return Line2D([], [], label=plain(label, LABEL_LENGTH) + note, **look)
+def group_look(k: int) -> tuple[str, str]:
+    """Colour and marker of the k-th group, layer or run."""
+    return colour(RUNS[k % len(RUNS)]), MARKERS[k % len(MARKERS)]
 
 
 def draw_cells(
@@ -81,10 +62,9 @@ def draw_cells(
     """Fill an axes with cells, a label at the left of each row and above each column."""
     image = np.array([[to_rgb(face) for face in row] for row in colours])
     ax.imshow(image, aspect="auto", interpolation="nearest")
-    for i, line in enumerate(texts):
-        for j, text in enumerate(line):
-            how = small_text(ha="center", va="center", linespacing=1.1)
-            ax.text(j, i, text, color=text_colour(colours[i][j]), **how)
+    for (i, j), text in np.ndenumerate(np.array(texts, dtype=object)):
+        how = small_text(ha="center", va="center", linespacing=1.1)
+        ax.text(j, i, text, color=text_colour(colours[i][j]), **how)
     ax.set_yticks(range(len(rows)), rows)
     ax.set_xticks(range(len(columns)), columns)
     ax.xaxis.tick_top()

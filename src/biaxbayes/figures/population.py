@@ -1,4 +1,4 @@
-"""Specimens before and after pooling, their groups, and the stress of a new specimen."""
+"""All specimens of a study; alone and pooled, with groups and the stress of a new specimen."""
 
 from __future__ import annotations
 
@@ -9,18 +9,86 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from biaxbayes.figures.panels import (
-    LABEL_LENGTH,
-    LEAST_LABEL_MM,
-    group_colour,
-    group_marker,
-    row_panels,
+from biaxbayes.figures.corner import overlay_figure
+from biaxbayes.figures.panels import LABEL_LENGTH, LEAST_LABEL_MM, group_look, row_panels
+from biaxbayes.figures.quantities import (
+    LOG_SPREAD,
+    AxisText,
+    axis_span,
+    axis_text,
+    known_or_default,
+    plain,
+    quantity,
 )
-from biaxbayes.figures.quantities import LOG_SPREAD, axis_text, plain
-from biaxbayes.figures.run.corner import overlay_figure
 from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, few_ticks, print_style
+from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import Parameter, Quantity
+from biaxbayes.studies.groups import KNOWN
+
+# --- the specimens of a study, quantity by quantity, ordered by layer ----------------------------
+
+DERIVED = ("Hx", "Hy", "stiffness_x at 1", "stiffness_y at 1")
+STUDY_ROW_MM, TALLEST_STUDY_MM = 4.2, 62.0
+STUDY_NOTE = "within the law; filled: identified or bounded; open: neither; cross: fixed"
+
+
+def study_figure(table: pd.DataFrame) -> Figure:
+    """Draw medians and 90 % intervals of every specimen; open symbols are not identified."""
+    drawn = table[np.isfinite(table["q50"].astype(float))]
+    layers = list(dict.fromkeys(table["layer"]))
+    specimens = table.drop_duplicates("specimen")[["specimen", "layer"]]
+    specimens = specimens.sort_values("layer", key=lambda c: c.map(layers.index), kind="stable")
+    assessed = [q.name for q in known_or_default(None).assessed()]
+    names = [n for n in (*assessed, *DERIVED) if (drawn["quantity"] == n).any()]
+    row_mm = min(STUDY_ROW_MM, TALLEST_STUDY_MM / max(len(specimens), 1))
+    if row_mm >= LEAST_LABEL_MM:
+        rows = {float(i): str(name) for i, name in enumerate(specimens["specimen"])}
+    else:  # the layers, where specimens lie too close
+        layer = specimens["layer"].reset_index(drop=True)
+        rows = {float(np.mean(part.index)): k or "no layer" for k, part in layer.groupby(layer)}
+    labels = [plain(name, LABEL_LENGTH) for name in rows.values()]
+    with print_style():
+        tall = row_mm * len(specimens)
+        figure, axes = row_panels(len(names), tall, list(rows), labels, STUDY_NOTE)
+        for ax, name in zip(axes, names, strict=True):
+            part = drawn[drawn["quantity"] == name].set_index("specimen")
+            _draw_specimens(ax, part, quantity(name), specimens, layers)
+        shown = [k for k, layer in enumerate(layers) if (drawn["layer"] == layer).any()]
+        if len(shown) > 1:
+            handles = []
+            for k in shown:
+                (hue, marker), label = group_look(k), plain(layers[k] or "no layer", LABEL_LENGTH)
+                look: dict[str, Any] = {"color": hue, "marker": marker, "ms": 3.4}
+                handles.append(Line2D([], [], linewidth=1.0, label=label, **look))
+            figure.legend(handles=handles, loc="outside lower left", ncols=min(len(shown), 6))
+    return figure
+
+
+def _draw_specimens(
+    ax: Axes, part: pd.DataFrame, q: AxisText, specimens: pd.DataFrame, layers: list[str]
+) -> None:
+    axis = axis_span(q, part[["q05", "q50", "q95"]].to_numpy(dtype=float).ravel())
+    for i, (name, layer) in enumerate(specimens.itertuples(index=False)):
+        if name not in part.index:
+            continue
+        record = part.loc[name]
+        if record["verdict"] == FIXED:
+            ax.plot(record["q50"], i, "x", color="0.35", ms=3.4, mew=0.8)
+            continue
+        identified = record["state"] == "converged" and record["verdict"] in KNOWN
+        hue, marker = group_look(layers.index(layer))
+        interval = np.clip([record["q05"], record["q95"]], axis.low, axis.high)
+        ax.plot(interval, [i, i], color=hue, linewidth=1.0)
+        look: dict[str, Any] = {"color": hue, "ms": 3.4, "mew": 0.8, "clip_on": False}
+        ax.plot(record["q50"], i, marker, mfc=hue if identified else "white", **look)
+    ax.set(ylim=(len(specimens) - 0.4, -0.6), xscale="log" if axis.log else "linear")
+    ax.set(xlim=(axis.low, axis.high), xlabel=q.label)
+    few_ticks(ax.xaxis)
+
+
+# --- before and after pooling --------------------------------------------------------------------
 
 ROW_MM, TALLEST_MM = 4.4, 110.0
 ALONE = "0.62"
@@ -38,10 +106,10 @@ def forest_figure(
     specimens: pd.DataFrame, groups: pd.DataFrame, parameters: Sequence[Parameter]
 ) -> Figure:
     """Draw every specimen alone (grey) and pooled (coloured), the group and a new specimen."""
-    rows: list[tuple[str, str, int]] = []
+    rows: list[tuple[str, Any, int]] = []
     for k, group in enumerate(groups["group"].unique()):
         members = specimens.loc[specimens["group"] == group, "specimen"].unique()
-        rows += [("specimen", str(m), k) for m in members] + [("group", str(group), k)]
+        rows += [("specimen", m, k) for m in members] + [("group", group, k)]
     row_mm = min(ROW_MM, TALLEST_MM / len(rows))
     labels = {
         float(i): plain(name, LABEL_LENGTH)
@@ -49,26 +117,20 @@ def forest_figure(
         if kind == "group" or row_mm >= LEAST_LABEL_MM
     }
     with print_style():
-        figure, axes = row_panels(
-            len(parameters),
-            row_mm * len(rows) + 1.0,
-            list(labels),
-            list(labels.values()),
-            NOTE,
-        )
+        tall, names = row_mm * len(rows) + 1.0, list(labels.values())
+        figure, axes = row_panels(len(parameters), tall, list(labels), names, NOTE)
         for ax, p in zip(axes, parameters, strict=True):
-            alone = specimens[specimens["quantity"] == p.name].to_dict("records")
-            pooled = groups[groups["quantity"] == p.name].to_dict("records")
-            records = {("specimen", str(r["specimen"])): r for r in alone}
-            records |= {("group", str(r["group"])): r for r in pooled}
+            of_parameter = {
+                kind: table[table["quantity"] == p.name].set_index(kind)
+                for kind, table in (("specimen", specimens), ("group", groups))
+            }
             for i, (kind, name, k) in enumerate(rows):
-                record, hue = records[kind, name], group_colour(k)
+                record, (hue, marker) = of_parameter[kind].loc[name], group_look(k)
                 if kind == "group":
                     _draw_interval(ax, record, "new_specimen", i, hue, 0.6)
                     _draw_interval(ax, record, "mean", i, hue, 2.0, "D", 3.6)
                 else:
                     _draw_interval(ax, record, "single", i - 0.17, ALONE, 1.0, "o", 2.0)
-                    marker = group_marker(k)
                     _draw_interval(ax, record, "pooled", i + 0.17, hue, 1.4, marker, 2.8)
             ax.set(ylim=(len(rows) - 0.4, -0.6), xlabel=axis_text(Quantity(p)).label)
             low, high = ax.dataLim.intervalx
@@ -80,7 +142,7 @@ def forest_figure(
 
 def _draw_interval(
     ax: Axes,
-    record: Mapping[Any, Any],
+    record: pd.Series,
     name: str,
     y: float,
     hue: str,
@@ -126,7 +188,7 @@ def band_figure(
         figure = blank_figure(PAGE_MM, 48.0 * len(groups) + 6.0)
         axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True)
         for (k, axis), ax in np.ndenumerate(axes):
-            part, hue = bands[bands["group"] == groups[k]], group_colour(k)
+            part, (hue, _) = bands[bands["group"] == groups[k]], group_look(k)
             stretch = part["total_stretch"]
             low, median, high = (part[f"cauchy_{'xy'[axis]}_{q}"] for q in ("q05", "q50", "q95"))
             ax.fill_between(stretch, low, high, color=hue, alpha=0.2, linewidth=0.0)

@@ -54,6 +54,9 @@ def stress_figure(
     stress = "cauchy" if "cauchy_x_kPa_median" in table else "piola"
     along, label, name = _abscissa(table, reference)
     read = measured if measured is not None and len(measured) else None
+    if read is not None:  # the state of the path that is nearest to each reading
+        stretches = ["stretch_x", "stretch_y"]
+        nearest = cdist(read[stretches], table[stretches]).argmin(axis=1)
     wide = width_mm >= SIDE_BY_SIDE_MM
     with print_style(style):
         heights = [CURVE_MM, *[STRIP_MM] * (1 if wide else 2)]
@@ -73,7 +76,7 @@ def stress_figure(
             _draw_bands(strip, along, about, stem, tint)
             strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
             if read is not None:
-                at = read[name] if name else 1.0 + _nearest(read, table)
+                at = read[name] if name else 1.0 + nearest
                 ax.plot(at, read[stem], MARKERS[axis], color=tint, **READINGS)
                 strip.plot(at, read[f"{stem}_residual"], MARKERS[axis], color=tint, **READINGS)
             if k == 0 or not wide:
@@ -86,12 +89,11 @@ def stress_figure(
                 strip.set_xlabel(label)
         first.set_ylabel(f"{STRESS_NAMES[stress]} (kPa)")
         figure.align_ylabels()
-        handles = _band_handles(table, probability)
         if read is not None:
-            handles.insert(0, Line2D([], [], marker="o", color=GREY, label="measured", **READINGS))
-        _add_legend(first, handles)
+            first.plot([], [], marker="o", color=GREY, label="measured", **READINGS)
+        _add_legend(first, table, probability)
         if wide:
-            _add_legend(second, [])
+            second.legend(loc="upper left", borderaxespad=0.2)
     return figure
 
 
@@ -104,12 +106,6 @@ def _abscissa(table: pd.DataFrame, reference: str) -> tuple[np.ndarray, str, str
         return np.arange(1, len(leading) + 1, dtype=float), "state (row of the path)", ""
     direction = "" if np.allclose(x, y) else f" in {axis}"
     return leading, f"{reference} stretch{direction}", f"stretch_{axis}"
-
-
-def _nearest(read: pd.DataFrame, table: pd.DataFrame) -> np.ndarray:
-    """The state of the path that is nearest to each reading."""
-    stretches = ["stretch_x", "stretch_y"]
-    return cdist(read[stretches], table[stretches]).argmin(axis=1)
 
 
 def inflation_figure(
@@ -143,19 +139,14 @@ def inflation_figure(
         strip.locator_params(nbins=3, axis="y" if upright else "x")
         ax.set_ylabel("pressure (kPa)")
         ax.margins(y=0.0)
-        mercury = (ax if upright else strip).secondary_yaxis("right", functions=(_mmHg, _kPa))
+        factor = MMHG_PER_KPA
+        mercury = (ax if upright else strip).secondary_yaxis(
+            "right", functions=(lambda kPa: kPa * factor, lambda mmHg: mmHg / factor)
+        )
         mercury.set_ylabel("pressure (mmHg)")
         mercury.spines["right"].set_visible(True)
-        _add_legend(ax, _band_handles(table, probability))
+        _add_legend(ax, table, probability)
     return figure
-
-
-def _mmHg(kPa: Any) -> Any:
-    return kPa * MMHG_PER_KPA
-
-
-def _kPa(mmHg: Any) -> Any:
-    return mmHg / MMHG_PER_KPA
 
 
 # --- bands, lines and legends of both figures ----------------------------------------------------
@@ -187,17 +178,13 @@ def _draw_line(ax: Axes, x: Any, y: Any, table: pd.DataFrame, tint: str, label: 
     ax.plot([], [], color=tint, label=label)
 
 
-def _band_handles(table: pd.DataFrame, probability: float) -> list[Any]:
-    """Legend entries of the bands and of states that were not tested."""
-    handles: list[Any] = [
-        Patch(fc=GREY, alpha=alpha, lw=0.0, label=f"{kind}, {100 * probability:g} %")
-        for kind, alpha in reversed(BANDS.items())
-    ]
+def _add_legend(ax: Axes, table: pd.DataFrame, probability: float) -> None:
+    """Lines of the axes, then the bands and states that were not tested."""
+    handles: list[Any] = ax.get_legend_handles_labels()[0]
+    for kind, alpha in reversed(BANDS.items()):
+        handles.append(
+            Patch(fc=GREY, alpha=alpha, lw=0.0, label=f"{kind}, {100 * probability:g} %")
+        )
     if (table["extrapolation"] != INSIDE).any():
         handles.append(Line2D([], [], color=GREY, linestyle=DASHES, label="not tested"))
-    return handles
-
-
-def _add_legend(ax: Axes, handles: list[Any]) -> None:
-    own, _ = ax.get_legend_handles_labels()
-    ax.legend(handles=[*own, *handles], loc="upper left", borderaxespad=0.2)
+    ax.legend(handles=handles, loc="upper left", borderaxespad=0.2)

@@ -13,8 +13,8 @@ import biaxbayes
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.errors import InputError
-from biaxbayes.figures.compare import forest_figure, matrix_figure
-from biaxbayes.figures.run.corner import overlay_figure
+from biaxbayes.figures.comparisons import forest_figure, matrix_figure
+from biaxbayes.figures.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
 from biaxbayes.identifiability.reported import report_rows

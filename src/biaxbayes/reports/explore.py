@@ -24,8 +24,8 @@ from bokeh.resources import INLINE
 from markupsafe import Markup
 
 from biaxbayes.errors import InputError
+from biaxbayes.figures.bands import abscissa, residual_unit, shown_protocols
 from biaxbayes.figures.quantities import axis_span, corner_columns, number
-from biaxbayes.figures.run.bands import abscissa, residual_unit, shown_protocols
 from biaxbayes.figures.style import CREDIBLE, LOADS, PAGE_MM, colour, print_style
 from biaxbayes.identifiability.bounded_density import Span
 from biaxbayes.identifiability.reported import ReportRow
@@ -304,7 +304,7 @@ def _table(curves: DrawnCurves) -> pd.DataFrame:
                 "row": curves.rows,
                 "stretch": curves.stretch[:, k],
                 "measured": curves.measured[:, k],
-                "median": np.median(curves.load[:, :, k], axis=0),
+                "credible_median": np.median(curves.load[:, :, k], axis=0),
             }
         )
         for k, axis in enumerate("xy")

@@ -14,8 +14,8 @@ from markupsafe import Markup
 
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
+from biaxbayes.figures.population import study_figure
 from biaxbayes.figures.quantities import number
-from biaxbayes.figures.study import study_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.identifiability.reported import DASH, WIDE
 from biaxbayes.identifiability.verdict import FIXED

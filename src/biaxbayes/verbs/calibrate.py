@@ -19,7 +19,7 @@ from biaxbayes.calibration.calibration import RANKED_DRAWS, Replication, Study, 
 from biaxbayes.calibration.ranks import calibration_table, verdict
 from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, protocol_prior
 from biaxbayes.errors import Interrupted, NotConverged, RunError
-from biaxbayes.figures.calibration import rank_figure
+from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value

@@ -120,7 +120,7 @@ def check(
 
 
 def _save_sketch(specimen: Specimen, path: Path) -> None:
-    from biaxbayes.figures.run.grips import sketch_figure
+    from biaxbayes.figures.mounting import sketch_figure
     from biaxbayes.figures.style import save_figure
 
     if not specimen.has_hooks:

@@ -58,7 +58,7 @@ def design(
     tried = standard_candidates(posterior, **candidates)
     result = rank(posterior, opened.draws, tried, executor=executor, progress=progress, **ranking)
     if out is not None:
-        from biaxbayes.figures.design import design_figure
+        from biaxbayes.figures.simulations import design_figure
         from biaxbayes.figures.style import save_pictures
 
         folder = inputs.make_folder(out)

@@ -108,7 +108,7 @@ def _write_fits(
     """Write fits.csv, one row per fit, and the fits over the data as fits.pdf and fits.png."""
     import pandas as pd
 
-    from biaxbayes.figures.fits import fits_figure
+    from biaxbayes.figures.specimen import fits_figure
     from biaxbayes.figures.style import save_pictures
 
     target = make_folder(folder)

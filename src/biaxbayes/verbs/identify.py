@@ -27,7 +27,7 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     figure : bool
         Whether to draw the figure there.
     """
-    from biaxbayes.figures.run.identifiability import identifiability_figure
+    from biaxbayes.figures.identifiability import identifiability_figure
     from biaxbayes.figures.style import save_pictures
     from biaxbayes.runs.folder import refresh_manifest
     from biaxbayes.runs.result import write_result

@@ -259,7 +259,11 @@ def _sampled(
 
 def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
     """Tables, draws and bands of the mixture, figures and the page."""
-    from biaxbayes.figures.laws import law_bands_figure, law_misfit_figure, law_mounting_figure
+    from biaxbayes.figures.comparisons import (
+        law_bands_figure,
+        law_misfit_figure,
+        law_mounting_figure,
+    )
     from biaxbayes.figures.style import save_pictures
     from biaxbayes.identifiability.reported import report_frame
     from biaxbayes.reports.comparison import laws_page

@@ -101,7 +101,7 @@ def ledger(
     )
     result = lay_out(variants, stretches or None)
     if out is not None:
-        from biaxbayes.figures.ledger import ledger_figure
+        from biaxbayes.figures.comparisons import ledger_figure
         from biaxbayes.figures.style import save_pictures
 
         folder = inputs.make_folder(out)

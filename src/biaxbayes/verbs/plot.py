@@ -13,13 +13,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.run.bands import bands_figure
-from biaxbayes.figures.run.corner import corner_figure
-from biaxbayes.figures.run.identifiability import identifiability_figure
-from biaxbayes.figures.run.mounting import mounting_figure
-from biaxbayes.figures.run.profile import profile_figure
-from biaxbayes.figures.run.trace import trace_figure
+from biaxbayes.figures.bands import bands_figure
+from biaxbayes.figures.corner import corner_figure
+from biaxbayes.figures.identifiability import identifiability_figure
+from biaxbayes.figures.mounting import mounting_figure
+from biaxbayes.figures.profile import profile_figure
 from biaxbayes.figures.style import SIDE_BY_SIDE_MM, Style, picture_suffix, save_figure
+from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.laws import all_parameters

@@ -61,7 +61,7 @@ def profile(
     **options
         For a specimen, as in :class:`ProfileOptions`.
     """
-    from biaxbayes.figures.run.profile import profile_figure
+    from biaxbayes.figures.profile import profile_figure
     from biaxbayes.figures.style import save_figure
     from biaxbayes.identifiability.profile.profile import profiles
     from biaxbayes.model.preparation import prepare

@@ -205,7 +205,7 @@ class Sampling:
         start: float,
     ) -> None:
         """Write every file of the run, its provenance last."""
-        from biaxbayes.figures.run.grips import grips_figure
+        from biaxbayes.figures.mounting import grips_figure
         from biaxbayes.figures.style import save_pictures
         from biaxbayes.identifiability.identify import identify_run
         from biaxbayes.reports.page import write_report
@@ -264,11 +264,11 @@ def write_figures(
     result: RunResult,
 ) -> None:
     """Write figures and the page to explore; of unusable draws only the traces."""
-    from biaxbayes.figures.run.bands import bands_figure
-    from biaxbayes.figures.run.corner import corner_figure
-    from biaxbayes.figures.run.identifiability import identifiability_figure
-    from biaxbayes.figures.run.trace import trace_figure
+    from biaxbayes.figures.bands import bands_figure
+    from biaxbayes.figures.corner import corner_figure
+    from biaxbayes.figures.identifiability import identifiability_figure
     from biaxbayes.figures.style import save_pictures
+    from biaxbayes.figures.trace import trace_figure
     from biaxbayes.reports.explore import can_be_explored, explore_page
     from biaxbayes.reports.page import EXPLORE, NAME
 

@@ -90,8 +90,8 @@ def _default_rows(chains: Mapping[str, np.ndarray], known: Quantities) -> list[s
     for q in known.of_kind(MATERIAL, STRETCH):
         if q.name in chains:
             first.setdefault(q.parameter, q.name)
-    names = [*first.values(), *(n for n in (*(p.name for p in ERRORS), "lp") if n in chains)]
-    rows = [n for n in names if np.ptp(chains[n]) > 0.0]
+    names = [*first.values(), *(p.name for p in ERRORS), "lp"]
+    rows = [n for n in names if n in chains and np.ptp(chains[n]) > 0.0]
     if not rows:
         raise InputError("no quantity of this run varies, so there is nothing to draw")
     return rows

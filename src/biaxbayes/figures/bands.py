@@ -45,13 +45,8 @@ TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": DASHES}
 """Line style of true loads."""
 OPEN_UP_TO = 150
 """Readings of a curve up to which markers are large and open."""
-QUANTILES = (
-    "credible_low",
-    "median",
-    "credible_high",
-    "predictive_low",
-    "predictive_median",
-    "predictive_high",
+QUANTILES = tuple(
+    f"{kind}_{end}" for kind in ("credible", "predictive") for end in ("low", "median", "high")
 )
 KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
 
@@ -102,7 +97,7 @@ def figure_from_bands(
             first = load.get_subplotspec().is_first_col()  # type: ignore[union-attr]
             for (axis, part), strip in zip(test.items(), strips, strict=True):
                 _draw(load, places[axis], part, axis)
-                missed = scale * part[columns].sub(part["median"], axis=0)
+                missed = scale * part[columns].sub(part["credible_median"], axis=0)
                 _draw(strip, places[axis], missed, axis)
                 if first:
                     strip.set_ylabel(f"residual\n({unit})", linespacing=1.1, **small_text())
@@ -114,10 +109,8 @@ def figure_from_bands(
                 load.set_ylabel(LOADS[specimen.stress_pair], linespacing=1.1)
         figure.align_ylabels()
         handles = _handles(specimen, probability, truth is not None)
-        columns_of_legend = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
-        figure.legend(
-            handles=handles, loc="outside upper left", ncols=columns_of_legend, columnspacing=1.4
-        )
+        across = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
+        figure.legend(handles=handles, loc="outside upper left", ncols=across, columnspacing=1.4)
         add_note(figure, _note(len(panels), specimen, table))
     return figure
 
@@ -157,7 +150,7 @@ def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes
 
 def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
     """Factor and unit that avoid leading zeros of the residuals, measured less median."""
-    largest = float((table["measured"] - table["median"]).abs().max())
+    largest = float((table["measured"] - table["credible_median"]).abs().max())
     return (1000.0, FINER_UNIT[unit]) if largest < 0.05 else (1.0, unit)
 
 
@@ -182,7 +175,7 @@ def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]
 
 def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
     """True if the model ordered by x is a curve that hardly goes back and forth."""
-    y = part["median"].to_numpy()[np.argsort(x, kind="stable")]
+    y = part["credible_median"].to_numpy()[np.argsort(x, kind="stable")]
     return float(np.abs(np.diff(y)).sum()) <= 1.5 * float(np.ptp(y)) + 1e-300
 
 
@@ -206,7 +199,7 @@ def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:
     for kind, opacity in KINDS:
         low, high = curves[f"{kind}_low"], curves[f"{kind}_high"]
         ax.fill_between(x[order], low, high, color=colour(axis), alpha=opacity, linewidth=0.0)
-    ax.plot(x[order], curves["median"], color=colour(axis), linewidth=0.8)
+    ax.plot(x[order], curves["credible_median"], color=colour(axis), linewidth=0.8)
     ax.plot(x, part["measured"], linestyle="none", **_marker(axis, len(part)))
     if "truth" in part:
         ax.plot(x[order], curves["truth"], **TRUE)
@@ -228,13 +221,11 @@ def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
 def _handles(specimen: Specimen, probability: float, truth: bool) -> list[Any]:
     """Entries of the legend."""
     handles: list[Any] = []
-    for axis, name in (("x", specimen.axis_x), ("y", specimen.axis_y)):
-        label = f"{axis}: {plain(name, 16)}" if name else axis
-        line = Line2D([], [], color=colour(axis), linewidth=0.8, label=label, **_marker(axis, 1))
-        handles.append(line)
+    for axis, direction in (("x", specimen.axis_x), ("y", specimen.axis_y)):
+        label = f"{axis}: {plain(direction, 16)}" if direction else axis
+        look = {"color": colour(axis), "linewidth": 0.8, **_marker(axis, 1)}
+        handles.append(Line2D([], [], label=label, **look))
     for kind, opacity in reversed(KINDS):
         label = f"{kind} band, {100 * probability:g} %"
         handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
-    if truth:
-        handles.append(Line2D([], [], label="truth", **TRUE))
-    return handles
+    return [*handles, Line2D([], [], label="truth", **TRUE)] if truth else handles

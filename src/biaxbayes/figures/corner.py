@@ -1,10 +1,12 @@
 """The joint posterior of every pair of quantities and the density of each, of one or more runs.
 
-Regions are drawn by the corner package (:mod:`.regions`); ranges end at physical edges.
+The corner package draws the regions of a density of ours: draws in cells, smoothed by a kernel
+whose width suits each pair and run, wider where few draws lie. Ranges end at physical edges.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,10 +14,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.integrate import trapezoid
+from scipy.ndimage import gaussian_filter
 
 from biaxbayes.errors import InputError
 from biaxbayes.figures.quantities import (
@@ -27,7 +31,6 @@ from biaxbayes.figures.quantities import (
     plain,
     range_text,
 )
-from biaxbayes.figures.run.regions import CONTENTS, FILL, regions
 from biaxbayes.figures.style import (
     DASHES,
     MM,
@@ -40,9 +43,17 @@ from biaxbayes.figures.style import (
     few_ticks,
     print_style,
 )
-from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, interval, span
+from biaxbayes.identifiability.bounded_density import (
+    Span,
+    at_edges,
+    curve,
+    interval,
+    robust_sd,
+    span,
+)
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities
+from biaxbayes.prediction.bands import evenly_chosen
 
 PANEL_MM, LEAST_PANEL_MM, TURNED_MM = 46.0, 8.0, 20.0
 """Largest height and smallest width of a panel; width below which tick labels are turned."""
@@ -100,19 +111,19 @@ def corner_figure(
         ]
         _set_axes(grid, columns, width_mm)
         line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": DASHES}
-        known_columns = [i for i, column in enumerate(columns) if column.name in truth]
-        for i in known_columns:
+        true_columns = [i for i, column in enumerate(columns) if column.name in truth]
+        for i in true_columns:
             for ax in grid[i:, i]:
                 ax.axvline(truth[columns[i].name], **line)
             for ax in grid[i, :i]:
                 ax.axhline(truth[columns[i].name], **line)
-        title = [f"posterior within {law or 'the law'}"]
         contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
-        title.append(f"median ({100 * probability:g} %); regions: {contents} %")
+        title = f"posterior within {law or 'the law'}\n"
+        title += f"median ({100 * probability:g} %); regions: {contents} %"
         if any(MEAN in c.quantity.symbol for c in columns):
-            title.append("bar: mean over protocols")
+            title += "\nbar: mean over protocols"
         handles: list[Any] = [Line2D([], [], alpha=0.0, label=row[0]) for row in texts]
-        if known_columns:
+        if true_columns:
             handles.append(Line2D([], [], label="truth", **line))
         if compare is not None:
             first, second = (colour(role) for role in RUNS[:2])
@@ -120,7 +131,7 @@ def corner_figure(
             outline = f"{plain(names[1], 20)} (90 %)"
             handles.append(Patch(fc="none", ec=second, label=outline))
             handles += [Line2D([], [], alpha=0.0, label=row[1]) for row in texts]
-        _add_legend(figure, handles, "\n".join(title), 1 if compare is None else 2)
+        _add_legend(figure, handles, title, 1 if compare is None else 2)
     return figure
 
 
@@ -158,18 +169,6 @@ def overlay_figure(
         _set_axes(grid, columns, PAGE_MM)
         _add_legend(figure, handles, title)
     return figure
-
-
-def _add_legend(figure: Figure, handles: list[Any], title: str, columns: int = 1) -> None:
-    """A legend in the free upper right corner, or above the panels of a small figure."""
-    how: dict[str, Any] = {"title": title, "alignment": "left", "labelspacing": 0.3}
-    if len(figure.axes) > 1 and figure.get_figwidth() >= SIDE_BY_SIDE_MM * MM:
-        legend = figure.legend(handles=handles, loc="upper right", ncols=columns, **how)
-        legend.set_in_layout(False)
-    else:
-        figure.legend(handles=handles, loc="outside upper left", **how)
-        lines = len(handles) + title.count("\n") + 1
-        figure.set_figheight(figure.get_figheight() + lines * LINE_MM * MM)
 
 
 def _columns(
@@ -212,20 +211,17 @@ def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]
     figure.get_layout_engine().set(w_pad=0.9 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
     places = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
+    unit_above = " (" if width_mm >= SIDE_BY_SIDE_MM else "\n("
+    labels = [column.quantity.label.replace(" (", unit_above) for column in columns]
     for i, j in np.argwhere(np.tri(count)).tolist():
         grid[i, j] = ax = figure.add_subplot(places[i, j])
         ax.tick_params(labelbottom=i == count - 1, labelleft=j == 0)
         if i == count - 1:
-            ax.set_xlabel(_label(columns[j], width_mm))
+            ax.set_xlabel(labels[j])
         if j == 0 < i:
-            ax.set_ylabel(_label(columns[i], width_mm))
+            ax.set_ylabel(labels[i])
     figure.align_labels()
     return figure, grid
-
-
-def _label(column: Column, width_mm: float) -> str:
-    label = column.quantity.label
-    return label.replace(" (", "\n(") if width_mm < SIDE_BY_SIDE_MM else label
 
 
 def _set_axes(grid: np.ndarray, columns: list[Column], width_mm: float) -> None:
@@ -255,7 +251,7 @@ def _draw_pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bo
         axes = [columns[k].own[run] for k in (j, i)]
         if not any(draws is None for draws in pair):
             hue = colour(RUNS[run % len(RUNS)])
-            regions(grid[i, j], pair, axes, hue, filled=filled)  # type: ignore[arg-type]
+            draw_regions(grid[i, j], pair, axes, hue, filled=filled)  # type: ignore[arg-type]
 
 
 def _draw_marginal(
@@ -285,3 +281,104 @@ def _draw_marginal(
         texts.append(f"{label}  {median} ({range_text(low, high, piled, log=log)})")
     ax.set_ylim(0.0, 1.08 * top)
     return texts
+
+
+def _add_legend(figure: Figure, handles: list[Any], title: str, columns: int = 1) -> None:
+    """A legend in the free upper right corner, or above the panels of a small figure."""
+    how: dict[str, Any] = {"title": title, "alignment": "left", "labelspacing": 0.3}
+    if len(figure.axes) > 1 and figure.get_figwidth() >= SIDE_BY_SIDE_MM * MM:
+        legend = figure.legend(handles=handles, loc="upper right", ncols=columns, **how)
+        legend.set_in_layout(False)
+    else:
+        figure.legend(handles=handles, loc="outside upper left", **how)
+        lines = len(handles) + title.count("\n") + 1
+        figure.set_figheight(figure.get_figheight() + lines * LINE_MM * MM)
+
+
+# --- the joint posterior of two quantities as regions of given content ---------------------------
+
+CONTENTS = (0.5, 0.9, 0.99)
+"""Contents of the regions as shares of the draws."""
+SHADES = (0.18, 0.42, 0.78)
+"""Darkness of the regions, the widest first."""
+FILL = 0.3
+"""Opacity of the region of 50 % and of the marginal in an overlay."""
+CELLS = 1.5
+"""Width (sd) of the smoothing kernel in cells of the histogram."""
+WIDER = 1.25
+"""Width of the kernel of a pair, relative to Scott's."""
+WIDEST = 1.5
+"""Times that the kernel of a pair is doubled at most, for draws beyond the region of 90 %."""
+VISIBLE = 20_000
+"""Number of draws of a pair that are used; more would not be visible."""
+
+
+def draw_regions(
+    ax: Axes, pair: Sequence[np.ndarray], axes: Sequence[Span], hue: str, *, filled: bool | None
+) -> None:
+    """Draw a joint posterior: shaded (True), the 90 % outline (False), or 50 % in it (None)."""
+    import corner  # imports ArviZ, which takes a second or two
+
+    shown = evenly_chosen(len(pair[0]), VISIBLE)
+    along = np.array([a.forward(draws[shown]) for a, draws in zip(axes, pair, strict=True)])
+    # cells for Scott's kernel h = sd n^(-1/6), narrower on a ridge: where one quantity is known,
+    # the sd of the other is sd sqrt(1 - r^2); halfway to it, in logs
+    sd, n = np.array([max(robust_sd(u), 1e-6) for u in along]), along.shape[1]
+    r = np.corrcoef(np.clip(along, 0.0, 1.0))[0, 1] if n > 2 else 0.0
+    ridge = (1.0 - min(abs(np.nan_to_num(r)), 0.999) ** 2) ** 0.25
+    bins = [int(np.clip(CELLS / h, 30, 250)) for h in WIDER * ridge * sd * n ** (-1.0 / 6.0)]
+    centres = [a.back((np.arange(m) + 0.5) / m) for a, m in zip(axes, bins, strict=True)]
+    density, at_draws = _smooth(along, bins)
+    look = _look(hue, filled)
+    # corner counts the mass of the density; smoothing has spread that of the draws
+    edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
+    look["levels"] = [density[density >= edge].sum() / density.sum() for edge in edges]
+    corner.hist2d(
+        *(c.ravel() for c in np.meshgrid(*centres, indexing="ij")),
+        weights=density.ravel(),
+        ax=ax,
+        range=[(a.low, a.high) for a in axes],
+        axes_scale=["log" if a.log else "linear" for a in axes],
+        bins=bins,
+        **look,
+    )
+
+
+def _smooth(along: np.ndarray, bins: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Smoothed density in cells and at the draws; the kernel widens where the density is low.
+
+    Width (Abramson 1982): h (f90 / f)^(1/2) where the density f is below f90, that at the
+    edge of the 90 % region. A single width leaves islands of single draws.
+    """
+    inside = np.all((along >= 0.0) & (along <= 1.0), axis=0)
+    cell = [
+        np.minimum((u * n).astype(int), n - 1) for u, n in zip(along[:, inside], bins, strict=True)
+    ]
+    counts = np.bincount(np.ravel_multi_index(cell, bins), minlength=bins[0] * bins[1])
+    counts = counts.reshape(bins).astype(float)
+    pilot = gaussian_filter(counts, CELLS)
+    edge = np.quantile(pilot[tuple(cell)], 1.0 - CONTENTS[1])
+    # log2 of the width; between two powers of two a cell's draws are shared by both kernels
+    wider = np.clip(0.5 * np.log2(edge / np.maximum(pilot, 1e-300)), 0.0, WIDEST)
+    density = np.zeros_like(counts)
+    for k in range(math.ceil(WIDEST) + 1):
+        weight = counts * np.maximum(1.0 - np.abs(wider - k), 0.0)
+        density += gaussian_filter(weight, CELLS * 2.0**k)
+    return density, density[tuple(cell)]
+
+
+def _look(hue: str, filled: bool | None) -> dict[str, Any]:
+    """Colours and levels of :func:`corner.hist2d`."""
+    look: dict[str, Any] = {"color": hue, "plot_datapoints": False, "plot_density": False}
+    look |= {"quiet": True, "no_fill_contours": True, "fill_contours": filled is not False}
+    if filled is False:
+        return look | {"levels": (0.9,), "contour_kwargs": {"linewidths": 0.9}}
+    if filled is None:
+        fills: dict[str, Any] = {"colors": ["none", "none", (*to_rgb(hue), FILL)]}
+        edges: dict[str, Any] = {"linewidths": [0.8, 0.0]}
+        return look | {"levels": CONTENTS[:2], "contourf_kwargs": fills, "contour_kwargs": edges}
+    # Shades are mixed with white, not made transparent: panels stay small in a vector file.
+    shades = [tuple(1.0 - s * (1.0 - np.array(to_rgb(hue)))) for s in SHADES]
+    fills = {"colors": ["none", *shades], "antialiased": True}
+    edges = {"colors": shades, "linewidths": 0.3}
+    return look | {"levels": CONTENTS, "contourf_kwargs": fills, "contour_kwargs": edges}

@@ -22,7 +22,6 @@ from biaxbayes.figures.style import (
     text_colour,
 )
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.marginals import Density
 from biaxbayes.identifiability.reported import ReportRow
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -103,20 +102,16 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
         x, height = row.scale.from_scale(density.x), density.height / density.peak
         ax.fill_between(x, height, color=face, alpha=1.0 if edge else 0.75, linewidth=0.0)
         ax.plot(x, height, color=edge or face, linewidth=0.5)
-    ax.set(xlim=_axis_range(row, evidence.posterior_density), ylim=(0.0, 1.08))
+    # the physical range if it is bounded, otherwise 98 % of the prior and all of the posterior
+    prior, (low, high) = row.scale.prior, row.scale.limits
+    if not (np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low)))):
+        assert isinstance(prior, Prior)
+        ends = row.scale.from_scale(evidence.posterior_density.x[[0, -1]])
+        low, high = prior.ppf(np.array([0.01, 0.99]))
+        low, high = min(low, ends[0]), max(high, ends[1])
+    ax.set(xlim=(low, high), ylim=(0.0, 1.08))
     few_ticks(ax.xaxis)
     ax.tick_params(axis="x", length=2.0, pad=1.0)
-
-
-def _axis_range(row: ParameterVerdict, posterior: Density) -> tuple[float, float]:
-    """The physical range if it is bounded, otherwise 98 % of the prior and all of the posterior."""
-    prior, (low, high) = row.scale.prior, row.scale.limits
-    if np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low))):
-        return low, high
-    assert isinstance(prior, Prior)
-    first, last = (float(v) for v in prior.ppf(np.array([0.01, 0.99])))
-    ends = row.scale.from_scale(np.array([posterior.x[0], posterior.x[-1]]))
-    return min(first, float(ends[0])), max(last, float(ends[1]))
 
 
 def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:

@@ -1,20 +1,28 @@
-"""The mounted state and its force as inferred from a run."""
+"""The mounted specimen: hooks and their effect on the loads; the mounted state that a run infers.
+
+The effect of hooks is a sketch to scale, and the force on hooks over that of a uniform test.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 from scipy.stats import norm
 
 from biaxbayes.errors import InputError
+from biaxbayes.fem.sheet_tester import GAUGE
+from biaxbayes.figures.corner import CONTENTS, draw_regions
 from biaxbayes.figures.quantities import number, plain, quantity
-from biaxbayes.figures.run.regions import CONTENTS, regions
 from biaxbayes.figures.style import (
+    COLUMN_MM,
+    CREDIBLE,
     FINER_UNIT,
     PAGE_MM,
     RUNS,
@@ -26,14 +34,89 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
+from biaxbayes.grips.geometry import edges_mm, stated_hooks
 from biaxbayes.identifiability.bounded_density import span
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.specimen import Specimen
 
+# --- hooks ---------------------------------------------------------------------------------------
+
+MAX_PROTOCOLS = 6
+HEIGHT_MM = 55.0
+TWO_SD = 2.0
+
+
+def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
+    """Sketch the sheet and its hooks; draw the hook load over the uniform one, with two sd."""
+    names = ratios["protocol"].drop_duplicates().to_list()[:MAX_PROTOCOLS]
+    columns = min(3, len(names))
+    rows = -(-len(names) // columns)
+    with print_style():
+        figure = blank_figure(PAGE_MM, HEIGHT_MM * rows)
+        widths = (1.0, 0.75 + columns)
+        ((left, right),) = figure.subfigures(1, 2, squeeze=False, width_ratios=widths)
+        _draw_sketch(left.subplots(), specimen)
+        axes = right.subplots(rows, columns, squeeze=False, sharey=True)
+        for ax in axes.flat[len(names) :]:
+            ax.set_visible(False)
+        for ax, name in zip(axes.flat, names, strict=False):
+            table = ratios[ratios["protocol"] == name]
+            for axis, line in (("x", "-"), ("y", "--")):
+                hue, stretch = colour(axis), table[f"stretch_{axis}"]
+                ratio = table[f"force_ratio_{axis}"]
+                error = TWO_SD * ratio * table[f"sd_log_force_ratio_{axis}"]
+                ax.plot(stretch, ratio, line, color=hue, label=axis)
+                band = ratio - error, ratio + error
+                ax.fill_between(stretch, *band, color=hue, alpha=CREDIBLE, lw=0)
+            ax.set_xlabel("stretch")
+            few_ticks(ax.xaxis, 4)
+            if len(names) > 1:
+                ax.set_title(plain(str(name), 30))
+        axes[0, 0].set_ylabel("force on hooks /\nforce of a uniform test")
+        axes[0, 0].legend()
+    return figure
+
+
+def sketch_figure(specimen: Specimen) -> Figure:
+    """Sketch of the unloaded sheet, its hooks and the markers, to scale."""
+    a, b = edges_mm(specimen)
+    with print_style():
+        figure = blank_figure(COLUMN_MM, COLUMN_MM * max(b / a, 0.5))
+        ax = figure.subplots()
+        _draw_sketch(ax, specimen)
+        ax.set_anchor("N")
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _draw_sketch(ax: Axes, specimen: Specimen) -> None:
+    """The whole sheet in mm: patches that the hooks of x and y move, and the markers."""
+    hooks, (a, b) = stated_hooks(specimen), edges_mm(specimen)
+    ax.add_patch(Rectangle((-a / 2.0, -b / 2.0), a, b, fill=False, color="0.3"))
+    for axis, (across, along) in zip("xy", ((a, b), (b, a)), strict=True):
+        offsets = (np.arange(hooks.count) - 0.5 * (hooks.count - 1.0)) * hooks.spacing(along)
+        for side in (-1.0, 1.0):
+            for offset in offsets:
+                place = (side * (across / 2.0 - hooks.inset_mm), float(offset))
+                centre = place if axis == "x" else place[::-1]
+                label = f"hooks in {axis}" if side > 0.0 and offset == offsets[0] else None
+                patch = Circle(centre, hooks.radius_mm, color=colour(axis), alpha=0.6, lw=0)
+                patch.set_label(label)
+                ax.add_patch(patch)
+    if specimen.metadata.get("stretch_from", "markers") == "markers":
+        x, y = 0.5 * GAUGE * a, 0.5 * GAUGE * b
+        ax.plot([x, x, -x, -x], [y, -y, y, -y], "s", color="0.3", ms=2.0, label="markers")
+    ax.set(aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
+    ax.autoscale_view()
+
+
+# --- the mounted state ---------------------------------------------------------------------------
+
 MAX_STATES = 12
 ROW_MM = 9.0
+ZERO: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "linestyle": ":", "zorder": 0.5}
 
 
 @dataclass(frozen=True)
@@ -124,13 +207,13 @@ def _draw_stretches(ax: Axes, states: list[MountedState]) -> None:
         if (np.ptp(state.stretch, axis=0) == 0.0).any():
             ax.plot(*median, marker="+", color=state.colour)
         else:
-            regions(ax, list(state.stretch.T), axes, state.colour, filled=single)
+            draw_regions(ax, list(state.stretch.T), axes, state.colour, filled=single)
         if not single:
             ax.plot(*median, marker=".", ms=4.0, color=state.colour)
     for value in true_values:
         ax.plot(*value, marker="x", ms=5.0, color="black", linestyle="none")
-    ax.axvline(1.0, color="0.6", linewidth=0.6, linestyle=":", zorder=0.5)
-    ax.axhline(1.0, color="0.6", linewidth=0.6, linestyle=":", zorder=0.5)
+    ax.axvline(1.0, **ZERO)
+    ax.axhline(1.0, **ZERO)
     ax.set(
         xlim=(axes[0].low, axes[0].high),
         ylim=(axes[1].low, axes[1].high),
@@ -140,8 +223,8 @@ def _draw_stretches(ax: Axes, states: list[MountedState]) -> None:
     few_ticks(ax.xaxis, 5)
     few_ticks(ax.yaxis, 5)
     contents = ", ".join(f"{100 * c:g}" for c in (CONTENTS if single else (0.9,)))
-    note = f"within the law, regions: {contents} %"
-    _set_head(ax, note + (r";  $\times$ truth" if true_values else ""))
+    title = f"within the law, regions: {contents} %" + (r";  $\times$ truth" if true_values else "")
+    ax.set_title(title, loc="right", **small_text(color="0.3"))
 
 
 def _draw_forces(ax: Axes, states: list[MountedState], unit: str, probability: float) -> None:
@@ -173,11 +256,8 @@ def _draw_forces(ax: Axes, states: list[MountedState], unit: str, probability: f
     reach = 1.05 * (float(np.abs(ax.dataLim.intervalx).max()) or 1e-3)
     ax.set_xlim(-reach, reach)
     few_ticks(ax.xaxis, 5)
-    ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":", zorder=0.5)
+    ax.axvline(0.0, **ZERO)
     ax.set_xlabel(f"mounting force less its reading ({shown_unit})")
     content = f"{100 * probability:g} %"
-    _set_head(ax, f"grey: reading, {content};  colour: posterior, {content}")
-
-
-def _set_head(ax: Axes, text: str) -> None:
-    ax.set_title(text, loc="right", **small_text(color="0.3"))
+    title = f"grey: reading, {content};  colour: posterior, {content}"
+    ax.set_title(title, loc="right", **small_text(color="0.3"))

@@ -1,0 +1,316 @@
+"""Comparisons: of runs, of laws, and of three treatments of the mounting stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from biaxbayes.comparison.compare import Comparison
+from biaxbayes.comparison.law_weights import STACKED, LawComparison
+from biaxbayes.comparison.mounting_bias import VARIANTS, Ledger
+from biaxbayes.figures.bands import figure_from_bands, shown_protocols
+from biaxbayes.figures.identifiability import VERDICT_COLOURS
+from biaxbayes.figures.panels import draw_cells, group_look, row_panels
+from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, number, plain, quantity
+from biaxbayes.figures.style import (
+    PAGE_MM,
+    RUNS,
+    add_note,
+    blank_figure,
+    colour,
+    few_ticks,
+    print_style,
+)
+from biaxbayes.identifiability.bounded_density import at_edges, curve, interval
+from biaxbayes.identifiability.determined import STRESS
+from biaxbayes.identifiability.reported import Reported, report_rows
+from biaxbayes.identifiability.verdict import COMBINATION
+from biaxbayes.parameters import STRETCH, Quantities, Quantity
+from biaxbayes.specimens.specimen import Specimen
+
+# --- runs: the matrix of verdicts and the forest of intervals ------------------------------------
+
+SHORT = {COMBINATION: "in combination"}
+CELL_MM, FOREST_ROW_MM = 9.5, 4.2
+REPORTED_OFFSET = 0.3
+"""Offset of the reported interval below the posterior, in rows."""
+NOTE = (
+    "coloured: posterior within the law; below in grey: the reported interval (arrow: bound)\n"
+    "filled: identified or bounded in that run; open: not, so differences are not of the tissue"
+)
+
+
+def matrix_figure(comparison: Comparison) -> Figure:
+    """Verdict and reported interval of every parameter of every run."""
+    runs = [
+        {row.name: row for row in report_rows(reported, member.posterior.quantities)}
+        for member, reported in zip(comparison.members, comparison.reported, strict=True)
+    ]
+    quantities = _judged(comparison)
+    names = [name for name in quantities if any(name in run for run in runs)]
+    cells = [[run.get(name) for name in names] for run in runs]
+    with print_style():
+        figure = blank_figure(PAGE_MM, 15.0 + CELL_MM * len(runs))
+        draw_cells(
+            figure.subplots(),
+            [
+                [f"{SHORT.get(r.verdict, r.verdict)}\n{r.interval}" if r else "" for r in rows]
+                for rows in cells
+            ],
+            [[VERDICT_COLOURS[r.verdict] if r else "white" for r in rows] for rows in cells],
+            rows=[plain(label, 20) for label in comparison.labels],
+            columns=[axis_text(quantities[name]).label for name in names],
+        )
+        add_note(figure, "below the verdict: reported 90 % interval or 95 % bound")
+    return figure
+
+
+def _judged(comparison: Comparison) -> dict[str, Quantity]:
+    """Material parameters and mounting stretches of a shared state, of all runs."""
+    judged = (q for m in comparison.members for q in m.posterior.quantities.assessed())
+    return {q.name: q for q in judged if not q.state}
+
+
+class ForestRow(NamedTuple):
+    """A quantity of the forest with, for each run, draws, verdict and reported interval."""
+
+    quantity: AxisText
+    draws: list[np.ndarray | None]
+    identified: list[bool]
+    reported: list[Reported | None]
+
+
+def forest_figure(comparison: Comparison) -> Figure:
+    """Draw medians with 50 and 90 % intervals of every run; open symbols are not identified."""
+    rows = _forest_rows(comparison)
+    labels = [plain(label, 16) for label in comparison.labels]
+    with print_style():
+        tall = FOREST_ROW_MM * len(labels) + 1.0
+        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, NOTE)
+        for ax, row in zip(axes, rows, strict=True):
+            _draw_forest(ax, row)
+    return figure
+
+
+def _forest_rows(comparison: Comparison) -> list[ForestRow]:
+    """Parameters; structure tensor, stiffness, and stresses at the largest common stretch."""
+    rows = []
+    tables = [{r.name: r for r in reported} for reported in comparison.reported]
+    for name, known in _judged(comparison).items():
+        draws = [
+            m.draws[name].to_numpy(dtype=float) if name in m.draws else None
+            for m in comparison.members
+        ]
+        if any(d is not None for d in draws):
+            identified = [d.get(name, False) for d in comparison.identified]
+            reported = [table.get(name) for table in tables]
+            rows.append(ForestRow(axis_text(known), draws, identified, reported))
+    for derived in zip(*comparison.derived, strict=True):
+        first = derived[0]
+        if first.kind == STRESS and first.stretch != comparison.stretches[-1]:
+            continue
+        at = "" if first.stretch is None else f" at {first.stretch:.4g}"
+        identified = [d[first.key] for d in comparison.identified]
+        values: list[np.ndarray | None] = [q.values for q in derived]
+        text = quantity(first.name + at)
+        rows.append(ForestRow(text, values, identified, [None] * len(derived)))
+    return rows
+
+
+def _draw_forest(ax: Axes, row: ForestRow) -> None:
+    draws = [d for d in row.draws if d is not None]
+    ends = [v for r in row.reported if r for v in (r.low, r.high) if np.isfinite(v)]
+    axis = axis_span(row.quantity, *draws, include=tuple(ends))
+    grey: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "markersize": 3.0}
+    for i, (values, identified) in enumerate(zip(row.draws, row.identified, strict=True)):
+        if values is None:
+            continue
+        hue, _ = group_look(i)
+        if np.ptp(values) > 0.0:
+            piled = at_edges(curve(values, axis)[1], axis)
+            # One-sided where the draws pile up at a physical edge; the middle half is central.
+            ax.plot(interval(values, piled, 0.9), [i, i], color=hue, linewidth=0.9)
+            ax.plot(interval(values, (False, False), 0.5), [i, i], color=hue, linewidth=2.2)
+        face = hue if identified else "white"
+        ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
+    for i, reported in enumerate(row.reported):
+        bounds = (reported.low, reported.high) if reported else ()
+        if not np.isfinite(bounds).any():
+            continue
+        # the reported interval, or its bound and an arrow
+        y, limits = i + REPORTED_OFFSET, (axis.low, axis.high)
+        ends = [b if np.isfinite(b) else end for b, end in zip(bounds, limits, strict=True)]
+        ax.plot(ends, [y, y], solid_capstyle="butt", **grey)
+        for bound, at, arrow in zip(bounds, ends, "<>", strict=True):
+            known = bool(np.isfinite(bound))
+            ax.plot(at, y, "|" if known else arrow, clip_on=known, **grey)
+    ax.set(ylim=(len(row.draws) - 0.4, -0.6), xscale="log" if axis.log else "linear")
+    ax.set(xlim=(axis.low, axis.high), xlabel=row.quantity.label)
+    few_ticks(ax.xaxis)
+
+
+# --- laws: misfit and prediction, mounting stretches, the bands of their mixture -----------------
+
+LAW_ROW_MM, HEAD_MM = 5.5, 14.0
+
+
+def _weighted_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
+    """Laws with a weight, the largest on top, the mixture below; and their heights."""
+    table = compared.table[compared.table["left_out_rms_kPa"].notna()]
+    laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
+    rows = pd.concat([laws, table[table["law"] == STACKED]])
+    return rows, -np.arange(len(rows), dtype=float)
+
+
+def _label_laws(ax: Axes, rows: pd.DataFrame, places: np.ndarray) -> None:
+    ax.set_yticks(places, rows["law"])
+    ax.set_ylim(places[-1] - 0.7, 0.7)
+    ax.tick_params(axis="y", length=0)
+    ax.axhline(places[-1] + 0.5, color="0.6", linewidth=0.5)
+
+
+def law_misfit_figure(compared: LawComparison) -> Figure:
+    """Misfit of the record beside that of left-out parts, and the weights."""
+    rows, places = _weighted_rows(compared)
+    laws = rows["law"] != STACKED
+    with print_style():
+        blue = colour("run")
+        figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
+        misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
+        left_out = rows["left_out_rms_kPa"]
+        misfit.hlines(places, rows["rms_kPa"], left_out, color="0.75", linewidth=0.8)
+        look: dict[str, Any] = {"ms": 4.0, "mec": blue}
+        misfit.plot(rows["rms_kPa"], places, "o", mfc="white", label="of the fit to all", **look)
+        misfit.plot(left_out, places, "o", mfc=blue, label="of parts left out", **look)
+        misfit.set_xlim(left=0.0)
+        misfit.set_xlabel("rms misfit (kPa)")
+        _label_laws(misfit, rows, places)
+        weights.barh(places[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
+        ends = rows["weight_low"][laws], rows["weight_high"][laws]
+        weights.hlines(places[laws], *ends, color="0.2")
+        weights.set_xlim(0.0, 1.0)
+        weights.set_xlabel("weight, and range with a part dropped")
+        for ax in (misfit, weights):
+            few_ticks(ax.xaxis)
+        figure.legend(loc="outside upper left", ncols=2)
+    return figure
+
+
+def law_mounting_figure(compared: LawComparison) -> Figure | None:
+    """Draw the mounting stretches by law, grey the reported interval; None if none is inferred."""
+    rows, places = _weighted_rows(compared)
+    names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
+    if not names:
+        return None
+    reported = {row.name: row for row in compared.reported}
+    with print_style():
+        figure = blank_figure(PAGE_MM, HEAD_MM + LAW_ROW_MM * (len(rows) + 0.4))
+        panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
+        for ax, name in zip(panels, names, strict=True):
+            low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
+            # a law that hardly predicts is drawn lightly
+            hues = np.where(rows["weight"] >= 0.05, colour("run"), "0.65")
+            ax.hlines(places, low, high, color=hues, linewidth=1.6)
+            for place, m, hue in zip(places, median, hues, strict=True):
+                ax.plot(m, place, "o", markersize=3.5, color=hue)
+            ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
+            first, last = reported[name].low, reported[name].high
+            if np.isfinite(first):
+                # an open end reaches as far as the panel does
+                left, right = ax.get_xlim()
+                end = last if np.isfinite(last) else max(right, first + 0.1)
+                ax.axvspan(first, end, color="0.9", linewidth=0.0, zorder=-5)
+                ax.set_xlim(min(left, first), max(right, last if np.isfinite(last) else 0.0))
+            ax.set_xlabel(quantity(name).label)
+            few_ticks(ax.xaxis)
+        _label_laws(panels[0], rows, places)
+    return figure
+
+
+def law_bands_figure(compared: LawComparison, specimen: Specimen) -> Figure:
+    """Bands of the mixture over the record."""
+    names = [p.name for p in specimen.protocols[: shown_protocols(specimen, PAGE_MM)]]
+    table = compared.bands[compared.bands["protocol"].isin(names)]
+    return figure_from_bands(specimen, table)
+
+
+# --- the cost of ignoring the mounting stretch: three treatments of the same record --------------
+
+TREATMENTS = {
+    "mounting stretch inferred, within the law": ("o", -0.25),
+    "ignored": ("s", 0.0),
+    "ignored, forces zeroed (medians, 90 %)": ("^", 0.25),
+}
+"""Label, marker and offset of each treatment."""
+LEVELS = ("q05", "median", "q95")
+LEDGER_ROW_MM = 8.5
+LARGEST_LINEAR, LINEAR = 15.0, 2.0
+"""Up to the first shift the axis is linear; beyond, it is logarithmic outside the second."""
+
+
+def ledger_figure(ledger: Ledger) -> Figure:
+    """Draw parameters in sd of the inferred posterior, and stresses over the inferred median."""
+    rows = max(len(ledger.parameters), len(ledger.stresses))
+    labels, values = [], []
+    for row in ledger.stresses.to_dict("records"):
+        centre = row["inferred_median"]
+        # per cent: 100 (s / median inferred - 1)
+        values.append(
+            [[100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEVELS] for n in VARIANTS]
+        )
+        name = quantity(f"{row['quantity']} at {row['total_stretch']:.4g}").symbol
+        labels.append(f"{name}\n({number(centre, row['inferred_q05'], row['inferred_q95'])} kPa)")
+    with print_style():
+        figure = blank_figure(PAGE_MM, LEDGER_ROW_MM * rows + 20.0)
+        left, right = figure.subplots(1, 2, width_ratios=(0.46, 0.54))
+        _draw_shifts(left, ledger)
+        _draw_treatments(right, np.array(values), labels)
+        right.set_xlabel("stress relative to the inferred median (%)")
+        handles, names = left.get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper center", ncols=3, columnspacing=2.5)
+    return figure
+
+
+def _draw_shifts(ax: Axes, ledger: Ledger) -> None:
+    """Quantiles of each treatment, in standard deviations from the inferred median."""
+    shifts = np.empty((len(ledger.parameters), len(VARIANTS), len(LEVELS)))
+    for i, row in enumerate(ledger.parameters.to_dict("records")):
+        transform = np.log if str(row["scale"]).startswith("ln ") else float
+        sd = row["inferred_sd"] if row["inferred_sd"] > 0.0 else np.nan
+        # (q - median inferred) / sd inferred, on the scale of the comparison
+        quantiles = [[transform(row[f"{name}_{q}"]) for q in LEVELS] for name in VARIANTS]
+        shifts[i] = (np.array(quantiles) - transform(row["inferred_median"])) / sd
+    title = "shift (standard deviations of the inferred posterior"
+    limit = max(3.0, float(np.nanmax(np.abs(shifts))))
+    if limit > LARGEST_LINEAR:
+        ax.set_xscale("symlog", linthresh=LINEAR)
+        ax.minorticks_off()
+        for end in (-LINEAR, LINEAR):
+            ax.axvline(end, color="0.4", linewidth=0.6, linestyle=":", zorder=0.5)
+        title += f";\nlogarithmic beyond the dotted lines at \u00b1{LINEAR:g}"
+    limit *= 1.6 if limit > LARGEST_LINEAR else 1.1
+    labels = [axis_text(ledger.known[str(n)]).symbol for n in ledger.parameters["quantity"]]
+    _draw_treatments(ax, shifts, labels)
+    ax.set(xlim=(-limit, limit), xlabel=f"{title})")
+
+
+def _draw_treatments(ax: Axes, values: np.ndarray, labels: Sequence[str]) -> None:
+    """Draw intervals and medians, shape (rows, treatments, 3), in rows."""
+    rows = np.arange(len(labels))
+    for k, (label, (marker, offset)) in enumerate(TREATMENTS.items()):
+        low, median, high = values[:, k].T
+        hue, y = colour(RUNS[k]), rows + offset
+        ax.hlines(y, low, high, color=hue, linewidth=1.4)
+        ax.plot(median, y, marker, color=hue, markersize=3.2, label=label)
+    ax.axvline(0.0, color="0.6", linewidth=0.6, zorder=0)
+    for i in rows[1::2]:
+        ax.axhspan(i - 0.5, i + 0.5, color="0.95", linewidth=0.0, zorder=-1)
+    ax.set_ylim(len(labels) - 0.5, -0.5)
+    ax.set_yticks(rows, labels, linespacing=1.0)
+    ax.tick_params(axis="y", length=0.0)
+    ax.spines["left"].set_visible(False)
