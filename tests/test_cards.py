@@ -18,7 +18,7 @@ from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.laws.published import MATERIALS
-from biaxbayes.prediction.draws import common_states, median_draw, most_probable_draw, random_draws
+from biaxbayes.prediction.draws import chosen_draws, common_states, median_draw
 from biaxbayes.specimens.specimen import Specimen
 from goh_functions import GOH_LAW
 from quick_posteriors import exact_specimen
@@ -505,16 +505,20 @@ def test_median_draw_is_a_draw_near_the_median_curves_where_the_median_vector_is
 
 def test_most_probable_draw_needs_a_density():
     frame = draws(50)
-    assert most_probable_draw(frame) == int(frame["lp"].idxmax())
+    (row,), _ = chosen_draws(frame, specimen(), GOH_LAW, at="map")
+    assert row == int(frame["lp"].idxmax())
     with pytest.raises(InputError, match="`at=median`"):
-        most_probable_draw(frame.drop(columns="lp"))
+        chosen_draws(frame.drop(columns="lp"), specimen(), GOH_LAW, at="map")
 
 
 def test_random_draws_repeat_with_the_seed():
     frame = draws(40)
-    rows = random_draws(frame, 10, seed=3)
-    assert rows == random_draws(frame, 10, seed=3) == sorted(set(rows))
-    assert random_draws(frame, 40) == list(range(40))
+
+    def rows(count: int) -> list[int]:
+        return chosen_draws(frame, specimen(), GOH_LAW, count=count, seed=3)[0]
+
+    assert rows(10) == rows(10) == sorted(set(rows(10))) and len(rows(10)) == 10
+    assert rows(40) == list(range(40))
     for count in (0, 41):
         with pytest.raises(InputError, match="the run has 40"):
-            random_draws(frame, count)
+            rows(count)

@@ -212,3 +212,20 @@ def test_labels_come_from_layers_specimens_or_folders(members):
     a, b = members[0].posterior.specimen, members[1].posterior.specimen
     assert run_labels([a, b], ["run1", "run2"]) == ["run1", "run2"]
     assert run_labels([a, b], ["run", "run"]) == ["virtual (1)", "virtual (2)"]
+
+
+def test_runs_of_different_laws_are_compared_by_what_both_have():
+    rng, data = np.random.default_rng(6), small_specimen()
+    values = {"C1": 10.0, "k1": 40.0, "k2": 8.0, "alpha": 40.0, "kappa": 0.1}
+    members = []
+    for law in ("goh", "hgo"):
+        posterior = Posterior(data, law=law, noise="independent")
+        names = [n for n in values if n in posterior.law.names]
+        draws = {n: values[n] * rng.uniform(0.9, 1.1, 50) for n in names}
+        draws |= {f"mounting_stretch_{axis}": rng.uniform(1.01, 1.02, 50) for axis in "xy"}
+        row = Reported("C1", "kPa", 9.0, 11.0, "identified", "the data determine it")
+        members.append(Member(law, posterior, pd.DataFrame(draws), "converged", [row]))
+    for pair in (members, members[::-1]):
+        shared = set(compare(pair).distances["quantity"])
+        assert {"C1", "alpha", "cauchy_x", "stiffness_y"} <= shared
+        assert "kappa" not in shared

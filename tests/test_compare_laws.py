@@ -36,7 +36,7 @@ from biaxbayes.comparison.pooling import (
     weighted_density,
 )
 from biaxbayes.errors import InputError, Interrupted, NotConverged
-from biaxbayes.identifiability.mounting_stretch.interval import MEASURED, interval_from_predictions
+from biaxbayes.identifiability.mounting_interval import MEASURED, interval_from_predictions
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen

@@ -16,8 +16,9 @@ from scipy.stats import norm
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
 from biaxbayes.identifiability.marginals import Scale, count_modes, density, find_edges
+from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
-from biaxbayes.identifiability.sloppiness import find_partners, sloppiness
+from biaxbayes.identifiability.sloppiness import sloppiness
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,

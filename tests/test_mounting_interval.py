@@ -9,19 +9,17 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.fitting.law_fit import LawFit, fit_law
-from biaxbayes.identifiability.mounting_stretch.interval import (
-    MountingInterval,
-    interval_from_laws,
-    mounting_intervals,
-)
-from biaxbayes.identifiability.mounting_stretch.law_fits import (
+from biaxbayes.fitting.law_fits import (
     CLOSE_RMS,
+    LawFit,
     LawFits,
     better_law_message,
+    fit_law,
     fit_laws,
     quick_better_law,
 )
+from biaxbayes.identifiability.identify import mounting_intervals
+from biaxbayes.identifiability.mounting_interval import MountingInterval, interval_from_laws
 from biaxbayes.laws import material
 from quick_posteriors import small_specimen
 

@@ -9,7 +9,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.mounting_stretch.refits import mounting_refits
+from biaxbayes.identifiability.mounting_refits import mounting_refits
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior

@@ -9,7 +9,7 @@ import pytest
 from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.figures.profile import profile_figure
-from biaxbayes.identifiability.profile.profile import profiles
+from biaxbayes.identifiability.profile import profiles
 from biaxbayes.options import PLOTS
 from biaxbayes.runs.run import open_run
 from commands import exit_code

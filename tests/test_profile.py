@@ -12,7 +12,8 @@ from click.testing import CliRunner
 from scipy.optimize import least_squares
 
 from biaxbayes.errors import InputError
-from biaxbayes.identifiability.profile.profile import THRESHOLD, profile_likelihood, profiles
+from biaxbayes.identifiability.profile import profile_likelihood, profiles
+from biaxbayes.identifiability.profile_curve import THRESHOLD
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.fitting.law_fit import LawFit
+from biaxbayes.fitting.law_fits import LawFit, LawFits
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
-from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan

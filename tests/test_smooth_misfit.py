@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from biaxbayes.fitting.constrained import fit_setup, minimum, starting_points
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
-from biaxbayes.fitting.law_fit import fit_law
-from biaxbayes.laws import law_named
+from biaxbayes.fitting.law_fits import fit_law
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import smooth_misfit as drawn_misfit
 from biaxbayes.mechanics.virtual_test import virtual_test
@@ -105,11 +103,3 @@ def test_posteriors_are_widened_where_the_law_misses_and_hardly_elsewhere():
 def test_a_record_without_noise_has_no_misfit():
     fit = fit_law(specimen(0.0, 0.0, 0), "goh")
     assert fit.misfit < 1e-6 and np.all(fit.sd < 1e-5)
-
-
-def test_the_problem_of_a_law_is_public_to_its_errors():
-    made = specimen(0.02, 0.001, 1)
-    setup = fit_setup(made, "noisy", "shared", None, law_named("goh"), weighted=True, compiled=True)
-    problem, found = minimum(setup, starting_points(setup, 2, 0, None))
-    assert found.converged
-    assert len(setup.by_protocol(problem.residual(found.unknowns))) == 3

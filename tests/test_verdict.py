@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from biaxbayes.identifiability.marginals import Edge, Scale
-from biaxbayes.identifiability.sloppiness import Partners
+from biaxbayes.identifiability.partners import Partners
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,

@@ -20,7 +20,6 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.calibration.simulated_specimen import (
-    Rules,
     draw_truth,
     protocol_prior,
     simulate_specimen,
@@ -55,10 +54,9 @@ def simulated(law: str, seed: int) -> tuple[biaxbayes.Specimen, float]:
     posterior = biaxbayes.Posterior(
         tested, law=law, noise="independent", priors=protocol_prior(tested, Settings(law=law))
     )
-    rules = Rules(tested, posterior.settings, posterior.priors, posterior.mounts)
     rng = np.random.default_rng([seed, TRUE_LAWS.index(law)])
-    truth, _ = draw_truth(rules, rng)
-    specimen = simulate_specimen(rules, truth, rng)
+    truth, _ = draw_truth(posterior, rng)
+    specimen = simulate_specimen(posterior, truth, rng)
     lm = np.array([truth["mounting_stretch_x"], truth["mounting_stretch_y"]])
     stretch = np.vstack([np.column_stack([p.stretch_x, p.stretch_y]) for p in specimen.protocols])
     # force = section of the unloaded state times Cauchy stress over the total stretch

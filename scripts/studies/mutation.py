@@ -25,7 +25,7 @@ PARTS: dict[str, tuple[str, str]] = {
         "laws law_statements goh priors forward posterior hostile_inputs",
     ),
     "verdicts": (
-        "identifiability/*.py identifiability/mounting_stretch/*.py",
+        "identifiability/*.py",
         "verdict marginals tissue_stress mounting_refits smooth_misfit reported identifiability",
     ),
     "sampling": (

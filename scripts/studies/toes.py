@@ -20,8 +20,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes import Protocol, Specimen
-from biaxbayes.identifiability.mounting_stretch.interval import interval_from_laws
-from biaxbayes.identifiability.mounting_stretch.law_fits import fit_laws
+from biaxbayes.fitting.law_fits import fit_laws
+from biaxbayes.identifiability.mounting_interval import interval_from_laws
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model.priors import Prior
 from studies.common import BLUE, RED, options_of, parser, print_table, run_all, save_figure

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
+from biaxbayes.fitting.law_fits import LawFits
 from biaxbayes.identifiability.determined import MEASURED, determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
-from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare

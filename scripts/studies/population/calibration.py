@@ -8,14 +8,13 @@ their ranges, and a study in which a specimen has no stable mounted state is dra
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from biaxbayes.calibration.simulated_specimen import Rules, draw_truth, simulate_specimen
+from biaxbayes.calibration.simulated_specimen import draw_truth, simulate_specimen
 from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
@@ -149,16 +148,15 @@ def drawn_study(rng: np.random.Generator) -> tuple[Truths, list[Specimen], int]:
     values = values_of(PRIORS)
     specimen = template()
     posterior = Posterior(specimen, noise="independent", priors=OWN)
-    rules = Rules(specimen, posterior.settings, posterior.priors, posterior.mounts)
     for rejected in range(1000):
         truths = Truths(values, rng)
         found: list[Specimen] = []
         for theta in truths.theta:
-            own = replace(rules, priors=dict(rules.priors) | natural(values, theta))
-            truth, again = draw_truth(own, rng)
+            priors = posterior.priors | natural(values, theta)
+            truth, again = draw_truth(posterior, rng, priors)
             if again:
                 break
-            found.append(simulate_specimen(own, truth, rng))
+            found.append(simulate_specimen(posterior, truth, rng))
         else:
             return truths, found, rejected
     raise ValueError("the priors have next to no mass where specimens have a mounted state")

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.calibration.simulated_specimen import Rules, draw_truth, simulate_specimen
+from biaxbayes.calibration.simulated_specimen import draw_truth, simulate_specimen
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
@@ -27,7 +27,7 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, CalibrationPlan, ModelOptions
 from biaxbayes.parallel import Executor, InThisProcess
 from biaxbayes.parameters import Quantities
-from biaxbayes.sampling.sampler import Draws, Plan
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 
 RANKED_DRAWS = 127
@@ -86,13 +86,11 @@ class Study:
             determinant=self.broken != "determinant",
         )
 
-    def rules(self) -> Rules:
-        """Common rules of simulated specimens."""
+    def model(self) -> Posterior:
+        """The statistical model that true values and readings are simulated from."""
         # with independent errors no fit is needed
-        template = Posterior(
-            self.specimen, **{**self.options, "noise": "independent"}, priors=self.priors
-        )
-        return Rules(self.specimen, template.settings, template.priors, template.mounts)
+        options = {**self.options, "noise": "independent"}
+        return Posterior(self.specimen, **options, priors=self.priors)
 
 
 @dataclass(frozen=True)
@@ -117,11 +115,11 @@ class Replication:
 def replicate(study: Study, index: int) -> Replication:
     """Draw true values, simulate, sample and rank; study and index determine the result."""
     clock = time.perf_counter()
-    rules = study.rules()
+    model = study.model()
     rng = np.random.default_rng([study.seed, index])
-    truth, rejected = draw_truth(rules, rng)
+    truth, rejected = draw_truth(model, rng)
     simulated = simulate_specimen(
-        rules, truth, rng, noise_factor=WRONG_SD if study.broken == "noise" else 1.0
+        model, truth, rng, noise_factor=WRONG_SD if study.broken == "noise" else 1.0
     )
     seed = int(rng.integers(2**62))
     try:
@@ -141,22 +139,10 @@ def replicate(study: Study, index: int) -> Replication:
     except (NotConverged, InputError, np.linalg.LinAlgError) as error:
         seconds = time.perf_counter() - clock
         return Replication(index, "failed", str(error), truth, rejected=rejected, seconds=seconds)
-    return _ranked(index, posterior, draws, truth, rejected, rng, clock)
-
-
-def _ranked(
-    index: int,
-    posterior: Posterior,
-    draws: Draws,
-    truth: dict[str, float],
-    rejected: int,
-    rng: np.random.Generator,
-    clock: float,
-) -> Replication:
     at_truth = posterior.natural(posterior.coordinates(truth))
     truth = truth | {"log_likelihood": float(at_truth["log_likelihood"][0])}
     rank, below, median, sd = {}, {}, {}, {}
-    total = draws.chain.shape[0] * draws.chain.shape[1] * draws.chain.shape[2]
+    total = int(np.prod(draws.chain.shape[:3]))
     chosen = rng.choice(total, size=min(RANKED_DRAWS, total), replace=False)
     for name, values in draws.quantities.items():
         flat = values.ravel()
@@ -194,14 +180,14 @@ def run_replications(
     stop: Callable[[], object] = lambda: False,
 ) -> Iterator[Replication]:
     """Yield replications as they finish; RunError if workers keep dying."""
-    left = list(indices)
-    if executor is not None and not isinstance(executor, InThisProcess) and left:
+    left, work = list(indices), partial(replicate, study)
+    chosen = executor or InThisProcess()
+    if not isinstance(chosen, InThisProcess) and left:
         # The first runs here and fills the cache of compiled code for the workers.
-        for outcome in InThisProcess().run(partial(replicate, study), left[:1], stop=stop):
+        for outcome in InThisProcess().run(work, left[:1], stop=stop):
             yield outcome.value
             left = left[1:]
-    chosen = executor or InThisProcess()
-    for outcome in chosen.run(partial(replicate, study), left, stop=stop):
+    for outcome in chosen.run(work, left, stop=stop):
         if outcome.lost:
             raise RunError(
                 f"replication {left[outcome.index]}: {outcome.lost}; `resume=True` continues, with "

@@ -13,7 +13,6 @@ Saeilynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32, section
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -29,10 +28,8 @@ def rank_counts(ranks: np.ndarray, draws: int) -> np.ndarray:
     return np.cumsum(np.bincount(np.asarray(ranks, dtype=int), minlength=draws + 1))[:draws]
 
 
-def tail_probabilities(counts: np.ndarray, replications: int) -> np.ndarray:
-    """Pointwise two-sided tail probability of each count, shape (draws,)."""
-    draws = counts.size
-    z = np.arange(1, draws + 1) / (draws + 1)
+def tail_probabilities(counts: np.ndarray, replications: int, z: float | np.ndarray) -> np.ndarray:
+    """Pointwise two-sided tail probability of counts up to ranks of the probability z."""
     below = binom.cdf(counts, replications, z)
     above = binom.sf(counts - 1, replications, z)
     return 2.0 * np.minimum(below, above)
@@ -44,10 +41,7 @@ def _allowed(replications: int, draws: int, level: float) -> tuple[tuple[int, in
     out = []
     every = np.arange(replications + 1)
     for r in range(1, draws + 1):
-        z = r / (draws + 1)
-        p = 2.0 * np.minimum(
-            binom.cdf(every, replications, z), binom.sf(every - 1, replications, z)
-        )
+        p = tail_probabilities(every, replications, r / (draws + 1))
         inside = np.flatnonzero(p > level)
         if inside.size == 0:
             return ()
@@ -104,8 +98,8 @@ def count_band(
 
 def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
     """p-value of uniform ranks; below 0.05 exactly if the ranks leave the 95 % band."""
-    ranks = np.asarray(ranks)
-    worst = float(tail_probabilities(rank_counts(ranks, draws), ranks.size).min())
+    ranks, z = np.asarray(ranks), np.arange(1, draws + 1) / (draws + 1)
+    worst = float(tail_probabilities(rank_counts(ranks, draws), ranks.size, z).min())
     return 1.0 - probability_inside(ranks.size, draws, min(worst, 1.0))
 
 
@@ -114,23 +108,16 @@ def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
 LEVELS = (0.50, 0.80, 0.90, 0.95)
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """Observed coverage of central intervals, with its 95 % Clopper-Pearson interval."""
+def coverage(below: np.ndarray, level: float) -> tuple[float, float, float]:
+    """Observed coverage of central intervals, and its 95 % Clopper-Pearson interval.
 
-    level: float
-    observed: float
-    low: float
-    high: float
-
-
-def coverage(below: np.ndarray, level: float) -> Coverage:
-    """Coverage of central intervals from the shares of each posterior below the true value."""
+    ``below`` are the shares of each posterior below the true value.
+    """
     n = below.size
     hits = int(np.count_nonzero(np.abs(below - 0.5) <= 0.5 * level))
     low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
     high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
-    return Coverage(level, hits / n, low, high)
+    return hits / n, low, high
 
 
 # --- uniformity and coverage of each parameter ---------------------------------------------------
@@ -154,8 +141,10 @@ def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
             "inside_band": "yes" if p >= SIGNIFICANT else "no",
         }
         for level in LEVELS:
-            covered, key = coverage(group["below"].to_numpy(), level), f"coverage_{100 * level:.0f}"
-            row |= {key: covered.observed, f"{key}_low": covered.low, f"{key}_high": covered.high}
+            key = f"coverage_{100 * level:.0f}"
+            row[key], row[f"{key}_low"], row[f"{key}_high"] = coverage(
+                group["below"].to_numpy(), level
+            )
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.error_model import simulate
-from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names
@@ -24,32 +23,6 @@ from biaxbayes.specimens.specimen import Specimen
 
 SAME_ROOT = 1e-6
 """Largest relative difference of mounting stretches of the same root."""
-
-
-@dataclass(frozen=True)
-class Rules:
-    """Common rules of all replications."""
-
-    specimen: Specimen
-    settings: Settings
-    priors: Mapping[str, Prior | float | Tie]
-    mounts: tuple[str, ...]  # labels of the mounted states
-
-    @property
-    def quantities(self) -> Quantities:
-        """Symbol, unit and range by name."""
-        law = self.settings.material_law
-        return Quantities(law.parameters, self.mounts, self.specimen.unit)
-
-    @property
-    def forward(self) -> ForwardModel:
-        """Forward model from true values to loads."""
-        return ForwardModel.from_specimen(self.specimen, self.settings)
-
-    @property
-    def shared(self) -> bool:
-        """One mounted state for all protocols."""
-        return self.settings.shared
 
 
 @dataclass(frozen=True)
@@ -65,35 +38,53 @@ class SimulatedSpecimen(Specimen):
         return np.array(self.reading), np.array(self.reading_sd)
 
 
-def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float], int]:
+def draw_truth(
+    model: Posterior,
+    rng: np.random.Generator,
+    priors: Mapping[str, Prior | float | Tie] | None = None,
+) -> tuple[dict[str, float], int]:
     """Draw from the prior cut to the support of the posterior; also return the number rejected.
+
+    ``priors`` replace those of the model.
 
     The posterior is zero where the law has no such material, where no stable mounted state exists
     in the bracket, and, if the mounting force is sampled, where Newton's method finds another
     state from the unloaded one. Rejecting such draws gives the prior that the posterior uses.
     """
+    priors, quantities = model.priors if priors is None else priors, model.quantities
     for rejected in range(1000):
-        truth = _from_prior(rules.priors, rules.quantities, rng)
-        if rules.settings.material_law.holds(truth) and _add_mounting_forces(rules, truth):
+        truth = {
+            name: float(prior.sample(rng, 1)[0] if isinstance(prior, Prior) else prior)
+            for name, prior in priors.items()
+            if not isinstance(prior, Tie)
+        }
+        for name, prior in priors.items():
+            if isinstance(prior, Tie):
+                truth[name] = prior.factor * truth[quantities.sibling(name, prior.other)]
+        if model.law.holds(truth) and _add_mounting_forces(model, truth):
             return truth, rejected
     raise ValueError("the prior has hardly any mass where a stable mounted state exists")
 
 
 def simulate_specimen(
-    rules: Rules, truth: Mapping[str, float], rng: np.random.Generator, *, noise_factor: float = 1.0
+    model: Posterior,
+    truth: Mapping[str, float],
+    rng: np.random.Generator,
+    *,
+    noise_factor: float = 1.0,
 ) -> SimulatedSpecimen:
     """Simulate readings of `truth` on the specimen's protocols with `noise_factor` times the sd."""
-    specimen = rules.specimen
-    forces = np.array([_pair(truth, "force", m) for m in rules.mounts])
-    _, sd = specimen.mounting_readings(shared=rules.shared)
+    specimen = model.specimen
+    forces = np.array([_pair(truth, "force", m) for m in model.mounts])
+    _, sd = specimen.mounting_readings(shared=model.settings.shared)
     reading = forces
-    if rules.settings.mounting != "exact":
+    if model.settings.mounting != "exact":
         # f0 = p0 + offset + s0 eps
-        reading = forces + rules.forward.offset(truth)[0] + sd * rng.standard_normal(sd.shape)
+        reading = forces + model.forward.offset(truth)[0] + sd * rng.standard_normal(sd.shape)
     protocols = []
     for i, p in enumerate(specimen.protocols):
-        m = 0 if rules.shared else i
-        mean, spread = rules.forward.predict(truth, p.stretch, p.name)
+        m = 0 if model.settings.shared else i
+        mean, spread = model.forward.predict(truth, p.stretch, p.name)
         load = simulate(mean[0].T, noise_factor * spread[0].T, rng)
         load[:, : p.rest_rows] = reading[m][:, None]
         if specimen.stress_pair == "cauchy":
@@ -107,54 +98,36 @@ def simulate_specimen(
     )
 
 
-def _from_prior(
-    priors: Mapping[str, Prior | float | Tie], quantities: Quantities, rng: np.random.Generator
-) -> dict[str, float]:
-    truth = {}
-    for name, prior in priors.items():
-        if isinstance(prior, Prior):
-            truth[name] = float(prior.sample(rng, 1)[0])
-        elif not isinstance(prior, Tie):
-            truth[name] = float(prior)
-    for name, prior in priors.items():
-        if isinstance(prior, Tie):
-            truth[name] = prior.factor * truth[quantities.sibling(name, prior.other)]
-    return truth
-
-
 def _pair(truth: Mapping[str, float], what: str, label: str) -> np.ndarray:
     return np.array([truth[name] for name in mounting_names(what, label)])
 
 
-def _add_mounting_forces(rules: Rules, truth: dict[str, float]) -> bool:
+def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
     """Add the mounting forces; False if the posterior has no such state."""
-    law = rules.settings.material_law
+    law = model.law
     material = law.material_at(tuple(truth[name] for name in law.names))
-    section = rules.forward.section(truth)[0, 0]
+    section = model.forward.section(truth)[0, 0]
     if not (np.all(section > 0.0) and np.all(np.isfinite(list(truth.values())))):
         return False
-    for label in rules.mounts:
+    for label in model.mounts:
         lm = _pair(truth, "stretch", label)
         if not np.all((lm > BRACKET[0]) & (lm < BRACKET[1])):
             return False
-        force = rules.forward.mounting_load(truth, label)[0]
-        if rules.settings.mounting == "free":
-            good = _stable(material, force / section, lm, rules.specimen.geometry == "mounted")
+        force = model.forward.mounting_load(truth, label)[0]
+        if model.settings.mounting == "free":
+            # stable: the derivative of the balance is positive definite
+            px, py = force / section
+            _, _, jxx, jxy, jyy = balance(
+                material.constants, px, py, model.forward.mounted, np.log(lm[0]), np.log(lm[1])
+            )
+            good = bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
         else:
-            state = mounted_state(material, *(force / section), geometry=rules.specimen.geometry)
+            state = mounted_state(material, *(force / section), geometry=model.specimen.geometry)
             good = state.found and bool(np.allclose(state.stretch, lm, rtol=SAME_ROOT, atol=0.0))
         if not good:
             return False
         truth.update(zip(mounting_names("force", label), map(float, force), strict=True))
     return True
-
-
-def _stable(material: MaterialResponse, reading: np.ndarray, lm: np.ndarray, mounted: bool) -> bool:
-    """True if the balance is stable at a state."""
-    _, _, jxx, jxy, jyy = balance(
-        material.constants, reading[0], reading[1], mounted, np.log(lm[0]), np.log(lm[1])
-    )
-    return bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
 
 
 # --- priors of a calibration study ---------------------------------------------------------------
@@ -212,6 +185,10 @@ def local_prior(
 
 def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) -> str:
     """A priors file that reads back to these priors."""
+
+    def toml(value: object) -> str:
+        return f'"{value}"' if isinstance(value, str) else repr(value)
+
     by_unit: dict[str, list[str]] = {}
     for p in law.parameters:
         if p.unit_words():
@@ -221,15 +198,11 @@ def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) 
     for name, prior in priors.items():
         value = prior_value(prior)
         if isinstance(value, dict):
-            items = ", ".join(f"{key} = {_toml(item)}" for key, item in value.items())
+            items = ", ".join(f"{key} = {toml(item)}" for key, item in value.items())
             lines.append(f"{name} = {{ {items} }}")
         else:
-            lines.append(f"{name} = {_toml(value)}")
+            lines.append(f"{name} = {toml(value)}")
     return "\n".join(lines) + "\n"
-
-
-def _toml(value: object) -> str:
-    return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
 def _rounded(value: float) -> float:

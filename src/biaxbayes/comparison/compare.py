@@ -18,7 +18,6 @@ import pandas as pd
 from biaxbayes.comparison.distance import contractions, distance, equibiaxial_steps, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.identifiability.determined import (
-    STRESS,
     Derived,
     derived_quantities,
     largest_equibiaxial,
@@ -63,7 +62,13 @@ def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
     geometry = {label: p.specimen.geometry for label, p in runs}
     if len(set(geometry.values())) > 1:
         notes.append(f"dimensions and stresses refer to different states: {_each(geometry)}")
-    return notes + _same_specimens(runs)
+    for (label, first), (other, second) in combinations(runs, 2):
+        if first.specimen.protocols == second.specimen.protocols:
+            notes.append(
+                f"{label} and {other} are the same measurements: their differences are those "
+                "of the settings, and their draws are not independent evidence"
+            )
+    return notes
 
 
 def _each(values: dict) -> str:
@@ -76,18 +81,6 @@ def _prior_text(posterior: Posterior, name: str) -> str:
     if prior is None:
         prior = posterior.priors.get(next((k for k in posterior.priors if k.startswith(name)), ""))
     return "" if prior is None else prior_text(prior)
-
-
-def _same_specimens(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
-    notes = []
-    for i, (label, first) in enumerate(runs):
-        for other, second in runs[i + 1 :]:
-            if first.specimen.protocols == second.specimen.protocols:
-                notes.append(
-                    f"{label} and {other} are the same measurements: their differences are those "
-                    "of the settings, and their draws are not independent evidence"
-                )
-    return notes
 
 
 # --- several runs side by side: what each determines, and how far apart they are -----------------
@@ -196,25 +189,49 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     InputError
         If there are fewer than two runs, or one has unusable draws.
     """
+    if len(members) < 2:
+        raise InputError("a comparison needs two runs or more")
+    labels = [m.label for m in members]
+    if len(set(labels)) < len(labels):
+        raise InputError("two runs have the same label", remedy="give `labels`, one for each")
+    for member in members:
+        if member.state == "unusable":
+            raise InputError(
+                f"the chains of {member.label} have not converged, so its draws say nothing",
+                remedy="sample it longer, or leave it out",
+            )
     chosen = thresholds or Thresholds()
-    _check(members)
     reported = tuple(
         m.reported or identify_draws(m.posterior, m.draws, m.state, thresholds=chosen).reported
         for m in members
     )
-    stretches = common_stretches(members)
-    members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
-    derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
-    identified = tuple(
-        _identified(*each, chosen) for each in zip(members, reported, derived, strict=True)
+    # evenly up to the largest that every run reached
+    stretches = equibiaxial_steps(
+        min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
     )
-    rows = [
-        row
-        for i, j in combinations(range(len(members)), 2)
-        for row in _distances(members, derived, identified, i, j)
-    ]
-    notes = differing_settings([(m.label, m.posterior) for m in members])
-    return Comparison(members, reported, derived, identified, pd.DataFrame(rows), stretches, notes)
+    members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
+    derived, identified = [], []
+    for m, rows in zip(members, reported, strict=True):
+        prior, own = (
+            derived_quantities(draws, m.posterior.law, stretches, (1.0, stretches[-1]))
+            for draws in (prior_material(m.posterior, m.draws), m.draws)
+        )
+        derived.append(own)
+        known = {r.name: r.verdict in (IDENTIFIED, BOUNDED) for r in rows}
+        for quantity, share in zip(own, contractions(prior, own), strict=True):
+            known[quantity.key] = m.state == "converged" and share >= chosen.contraction
+        identified.append(known)
+    pairs = combinations(range(len(members)), 2)
+    distances = [row for i, j in pairs for row in _distances(members, derived, identified, i, j)]
+    return Comparison(
+        members,
+        reported,
+        tuple(derived),
+        tuple(identified),
+        pd.DataFrame(distances),
+        stretches,
+        differing_settings([(m.label, m.posterior) for m in members]),
+    )
 
 
 def run_labels(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
@@ -227,49 +244,6 @@ def run_labels(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
     return [f"{name} ({i})" for i, name in enumerate(names, start=1)]
 
 
-def common_stretches(members: Sequence[Member]) -> list[float]:
-    """Five total equibiaxial stretches, evenly up to the largest that every run reached."""
-    return equibiaxial_steps(
-        min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
-    )
-
-
-def _check(members: Sequence[Member]) -> None:
-    if len(members) < 2:
-        raise InputError("a comparison needs two runs or more")
-    labels = [m.label for m in members]
-    if len(set(labels)) < len(labels):
-        raise InputError("two runs have the same label", remedy="give `labels`, one for each")
-    for member in members:
-        if member.state == "unusable":
-            raise InputError(
-                f"the chains of {member.label} have not converged, so its draws say nothing",
-                remedy="sample it longer, or leave it out",
-            )
-
-
-def _derived(draws: pd.DataFrame, stretches: list[float], posterior: Posterior) -> list[Derived]:
-    return derived_quantities(draws, posterior.law, stretches, (1.0, stretches[-1]))
-
-
-def _identified(
-    member: Member, reported: Sequence[Reported], derived: list[Derived], thresholds: Thresholds
-) -> dict[str, bool]:
-    """True for each quantity that a run identifies or bounds."""
-    converged = member.state == "converged"
-    out = {r.name: r.verdict in (IDENTIFIED, BOUNDED) for r in reported}
-    stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]
-    prior = _derived(
-        prior_material(member.posterior, member.draws),
-        [s for s in stretches if s],
-        member.posterior,
-    )
-    shrunk = contractions(prior, derived)
-    for quantity, share in zip(derived, shrunk, strict=True):
-        out[quantity.key] = converged and share >= thresholds.contraction
-    return out
-
-
 def _distances(
     members: Sequence[Member],
     derived: Sequence[list[Derived]],
@@ -277,39 +251,41 @@ def _distances(
     i: int,
     j: int,
 ) -> list[dict[str, Any]]:
-    a, b = members[i], members[j]
     rows = []
-    pairs: list[tuple[str, str, str, str, float | None, np.ndarray, np.ndarray]] = []
-    for scale in parameter_scales(a.posterior.priors, a.posterior.quantities, a.draws):
-        # A mounting stretch is a state of the test, not a property of the tissue.
-        if scale.parameter.kind == MATERIAL:
-            draws_a, draws_b = (m.draws[scale.name].to_numpy(dtype=float) for m in (a, b))
-            pairs.append((PARAMETER, scale.name, scale.name, scale.unit, None, draws_a, draws_b))
-    for first, second in zip(derived[i], derived[j], strict=True):
-        head = (first.kind, first.key, first.name, first.unit, first.stretch)
-        pairs.append((*head, first.values, second.values))
-    for kind, key, name, unit, stretch, draws_a, draws_b in pairs:
-        apart = distance(draws_a, draws_b)
+    others = {q.key: q for q in [*_parameters(members[j]), *derived[j]]}
+    for a in [*_parameters(members[i]), *derived[i]]:
+        if (b := others.get(a.key)) is None:
+            continue  # of another law
+        apart = distance(a.values, b.values)
+        known_a, known_b = (identified[k].get(a.key, False) for k in (i, j))
         rows.append(
             {
-                "run_a": a.label,
-                "run_b": b.label,
-                "kind": kind,
-                "quantity": name,
-                "unit": unit,
-                "total_stretch": stretch,
-                "identified_in_a": identified[i].get(key, False),
-                "identified_in_b": identified[j].get(key, False),
-                "median_a": float(np.median(draws_a)),
-                "median_b": float(np.median(draws_b)),
+                "run_a": members[i].label,
+                "run_b": members[j].label,
+                "kind": a.kind,
+                "quantity": a.name,
+                "unit": a.unit,
+                "total_stretch": a.stretch,
+                "identified_in_a": known_a,
+                "identified_in_b": known_b,
+                "median_a": float(np.median(a.values)),
+                "median_b": float(np.median(b.values)),
                 "difference_q05": apart.low,
                 "difference_q50": apart.median,
                 "difference_q95": apart.high,
                 "standardised": apart.standardised,
                 "probability_b_greater": apart.probability_greater,
                 "kolmogorov": apart.kolmogorov,
-                "identified_in_both": identified[i].get(key, False)
-                and identified[j].get(key, False),
+                "identified_in_both": known_a and known_b,
             }
         )
     return rows
+
+
+def _parameters(m: Member) -> list[Derived]:
+    """The parameters of a run; a mounting stretch is a state of the test, not of the tissue."""
+    return [
+        Derived(PARAMETER, s.name, s.unit, None, m.draws[s.name].to_numpy(dtype=float))
+        for s in parameter_scales(m.posterior.priors, m.posterior.quantities, m.draws)
+        if s.parameter.kind == MATERIAL
+    ]

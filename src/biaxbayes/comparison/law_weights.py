@@ -31,7 +31,7 @@ from biaxbayes.comparison.pooling import (
 from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
-from biaxbayes.identifiability.mounting_stretch.interval import (
+from biaxbayes.identifiability.mounting_interval import (
     MEASURED,
     MountingInterval,
     interval_from_predictions,
@@ -68,7 +68,7 @@ class LawComparison:
         :func:`~biaxbayes.prediction.bands.bands`, read at the levels of the table.
     reported : tuple of Reported
         Reported row of each mounting stretch of the tissue (``report.csv``), by
-        :func:`~biaxbayes.identifiability.mounting_stretch.interval.interval_from_predictions`.
+        :func:`~biaxbayes.identifiability.mounting_interval.interval_from_predictions`.
     left_out : dict of str to str
         Laws that are not part of the mixture, and why.
     """
@@ -107,6 +107,16 @@ class _LeftOut:
     # of each law (readings,): load per Cauchy stress at its median mounting stretch
     per_kPa: list[np.ndarray]
 
+    def score(self, weight: np.ndarray) -> tuple[float, float]:
+        """Log density (nats) and mean square miss (kPa^2) of a mixture."""
+        density = float(self.worth @ weighted_density(self.log_density, weight))
+        # the mean of a mixture is the mixture of the means
+        miss = [
+            (self.measured - model.mean(axis=0)) / scale
+            for model, scale in zip(self.model, self.per_kPa, strict=True)
+        ]
+        return density, float(np.mean((weight @ np.array(miss)) ** 2))
+
 
 def weigh_laws(
     specimen: Specimen,
@@ -136,11 +146,11 @@ def weigh_laws(
         readings = effective_readings(predictions[best, WHOLE].residuals)
         share = np.minimum(readings.effective / readings.count, 1.0)
     left = [_left_out(specimen, part, share, used, options, predictions) for part in parts]
-    weight = _weights(left, range(len(left)))
+    weight = _weights(left, len(used))
     draws = mixture_draws(specimen, used, weight, predictions, posteriors)
     # a part is predicted by a mixture that has not seen it
-    blind = [_weights(left, [j for j in range(len(left)) if j != i]) for i in range(len(left))]
-    learned = _sharpness(left, weight, range(len(left)))
+    blind = [_weights([*left[:i], *left[i + 1 :]], len(used)) for i in range(len(left))]
+    learned = _sharpness(left, weight)
     levels = calibrated_levels(tails(CONTENT), learned)
     table = _law_table(
         specimen, laws, used, predictions, left, weight, np.array(blind), draws, levels
@@ -156,21 +166,18 @@ def weigh_laws(
     )
 
 
-def _sharpness(left: Sequence[_LeftOut], weight: np.ndarray, shown: Sequence[int] | range) -> float:
+def _sharpness(left: Sequence[_LeftOut], weight: np.ndarray) -> float:
     """The sharpness of a mixture on the parts that its weights are learned from."""
-    probability = [
-        mixed_probabilities(left[i].measured, left[i].model, left[i].sd, weight) for i in shown
-    ]
-    return sharpness(np.concatenate(probability), np.concatenate([left[i].worth for i in shown]))
+    probability = [mixed_probabilities(p.measured, p.model, p.sd, weight) for p in left]
+    return sharpness(np.concatenate(probability), np.concatenate([p.worth for p in left]))
 
 
-def _weights(left: Sequence[_LeftOut], chosen: Sequence[int] | range) -> np.ndarray:
-    if not chosen:
-        return np.full(len(left[0].log_density), 1.0 / len(left[0].log_density))
-    return stacking_weights(
-        np.hstack([left[i].log_density for i in chosen]),
-        np.concatenate([left[i].worth for i in chosen]),
-    )
+def _weights(left: Sequence[_LeftOut], laws: int) -> np.ndarray:
+    """Stacking weights of the laws; equal where no part is left to learn from."""
+    if not left:
+        return np.full(laws, 1.0 / laws)
+    density, worth = np.hstack([p.log_density for p in left]), [p.worth for p in left]
+    return stacking_weights(density, np.concatenate(worth))
 
 
 def _left_out(
@@ -209,22 +216,6 @@ def _left_out(
 # --- tables --------------------------------------------------------------------------------------
 
 
-def _left_out_scores(
-    left: Sequence[_LeftOut], weight: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Log density (nats) and rms (kPa) of each part by a mixture with the part's own weights."""
-    density, square = [], []
-    for part, w in zip(left, weight, strict=True):
-        density.append(float(part.worth @ weighted_density(part.log_density, w)))
-        miss = [
-            (part.measured - model.mean(axis=0)) / scale
-            for model, scale in zip(part.model, part.per_kPa, strict=True)
-        ]
-        # the mean of a mixture is the mixture of the means
-        square.append(float(np.mean((w @ np.array(miss)) ** 2)))
-    return np.array(density), np.array(square)
-
-
 def _law_table(
     specimen: Specimen,
     laws: Sequence[str],
@@ -237,29 +228,34 @@ def _law_table(
     levels: tuple[float, ...],
 ) -> pd.DataFrame:
     sizes = np.array([part.measured.size for part in left], dtype=float)
+
+    def scores(weights: np.ndarray) -> dict[str, Any]:
+        """Of a mixture with the part's own weights on each part."""
+        parts = zip(left, weights, strict=True)
+        density, square = np.transpose([part.score(w) for part, w in parts])
+        return {
+            "left_out_rms_kPa": float(np.sqrt(square @ sizes / sizes.sum())),
+            "left_out_density_nats": float(density.sum()),
+        }
+
     rows = []
     for law in laws:
         whole = predictions[law, WHOLE]
         row: dict[str, Any] = {"law": law, "state": whole.state, "rms_kPa": whole.rmse_kPa}
         if law in used:
             k = used.index(law)
-            alone = np.eye(len(used))[k]
-            density, square = _left_out_scores(left, [alone] * len(left))
             row |= {
-                "left_out_rms_kPa": float(np.sqrt(square @ sizes / sizes.sum())),
-                "left_out_density_nats": float(density.sum()),
+                **scores(np.tile(np.eye(len(used))[k], (len(left), 1))),
                 "weight": float(weight[k]),
                 "weight_low": float(blind[:, k].min()),
                 "weight_high": float(blind[:, k].max()),
                 **_quantiles(whole.draws, shared_stretches(whole.draws, specimen)),
             }
         rows.append(row)
-    density, square = _left_out_scores(left, list(blind))
     rows.append(
         {
             "law": STACKED,
-            "left_out_rms_kPa": float(np.sqrt(square @ sizes / sizes.sum())),
-            "left_out_density_nats": float(density.sum()),
+            **scores(blind),
             "weight": 1.0,
             **dict(zip(LEVELS, levels, strict=True)),
             **_quantiles(draws, shared_stretches(draws, specimen)),
@@ -290,16 +286,15 @@ def _part_table(
     """
     rows = []
     for i, (part, own) in enumerate(zip(parts, left, strict=True)):
-        others = [j for j in range(len(left)) if j != i]
+        others = [*left[:i], *left[i + 1 :]]
         for law, w, final in (
             *((law, w, w) for law, w in zip(used, np.eye(len(used)), strict=True)),
             (STACKED, blind[i], weight),
         ):
-            (density,), (square,) = _left_out_scores([own], [w])
-            (seen,), _ = _left_out_scores([own], [final])
+            (density, square), (seen, _) = own.score(w), own.score(final)
             levels: tuple[float, ...] = tails(CONTENT)
             if law == STACKED:  # nor have the levels of its band seen the part
-                levels = calibrated_levels(levels, _sharpness(left, w, others))
+                levels = calibrated_levels(levels, _sharpness(others, w))
             low, high = mixed_percentiles(own.model, own.sd, w, levels)
             scale = w @ np.array(own.per_kPa)
             rows.append(
@@ -308,8 +303,8 @@ def _part_table(
                     "law": law,
                     "weight": float(w[used.index(law)]) if law != STACKED else 1.0,
                     "left_out_rms_kPa": float(np.sqrt(square)),
-                    "left_out_density_nats": float(density),
-                    "density_final_weights": float(seen),
+                    "left_out_density_nats": density,
+                    "density_final_weights": seen,
                     "band_coverage": float(np.mean((own.measured >= low) & (own.measured <= high))),
                     "band_width": float(np.mean((high - low) / scale)),
                     **dict(zip(LEVELS, levels, strict=True)),

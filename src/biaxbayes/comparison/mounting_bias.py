@@ -25,7 +25,7 @@ from biaxbayes.identifiability.marginals import Scale, parameter_scales
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.parameters import MATERIAL, Quantities, mounting_names
+from biaxbayes.parameters import Quantities, mounting_names
 from biaxbayes.prediction.stress import covered_stretches
 from biaxbayes.sampling.sampler import Plan, Progress
 from biaxbayes.specimens.specimen import Specimen
@@ -116,12 +116,6 @@ def sample_variant(
     return Variant(posterior, draws, drawn.convergence.state)
 
 
-def classical(options: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Options of a classical treatment: no mounting stretch, hence no prior of one."""
-    priors = {k: v for k, v in options["priors"].items() if k not in mounting_names("stretch")}
-    return {**options, "mounting": name, "priors": priors}
-
-
 def sample_variants(
     specimen: Specimen,
     options: Mapping[str, Any],
@@ -132,10 +126,11 @@ def sample_variants(
     """A specimen under each of :data:`VARIANTS`, with the options of ``inferred`` if given."""
     first = inferred or sample_variant(specimen, options, plan, progress)
     variants = {VARIANTS[0]: first}
+    # a classical treatment has no mounting stretch, hence no prior of one
+    priors = {k: v for k, v in options["priors"].items() if k not in mounting_names("stretch")}
     for name in VARIANTS[1:]:
-        variants[name] = sample_variant(
-            first.posterior.specimen, classical(options, name), plan, progress
-        )
+        classical = {**options, "mounting": name, "priors": priors}
+        variants[name] = sample_variant(first.posterior.specimen, classical, plan, progress)
     return variants
 
 
@@ -151,79 +146,48 @@ def ledger(variants: Mapping[str, Variant], stretches: Sequence[float] | None = 
         given.
     """
     inferred = variants["inferred"]
-    specimen = inferred.posterior.specimen
-    chosen = default_stretches(inferred) if stretches is None else _checked(stretches)
-    every = {name: variants[name].draws for name in VARIANTS}
-    some = {name: some_draws(draws, MOST_DRAWS) for name, draws in every.items()}
-    rows = _parameter_rows(inferred.posterior, every) + _stress_rows(variants, some, chosen)
-    table = pd.DataFrame(rows)
-    lm = median_mounting(inferred.draws, specimen)
-    at = table["total_stretch"].to_numpy(dtype=float)
-    known = np.isfinite(at)
-    place = np.full(len(table), "", dtype=object)
-    place[known] = covered_stretches(specimen, lm).extrapolation(at[known], at[known])
-    table.insert(3, "extrapolation", place)
-    states = {name: variants[name].state for name in VARIANTS}
-    return Ledger(table, states, specimen.name, inferred.posterior.quantities)
-
-
-def default_stretches(inferred: Variant) -> list[float]:
-    """Five total equibiaxial stretches, evenly up to the largest tested one."""
-    return equibiaxial_steps(largest_equibiaxial(inferred.draws, inferred.posterior.specimen))
-
-
-def _checked(stretches: Sequence[float]) -> list[float]:
+    specimen, quantities = inferred.posterior.specimen, inferred.posterior.quantities
+    if stretches is None:
+        stretches = equibiaxial_steps(largest_equibiaxial(inferred.draws, specimen))
     for value in stretches:
         if not (0.5 < value < 3.0 and value != 1.0):
             raise InputError(
                 f"a total stretch of {value:g} has no stress to compare",
                 remedy="state stretches such as 1.05; one is the unloaded state",
             )
-    return sorted(set(map(float, stretches)))
-
-
-def _parameter_rows(
-    posterior: Posterior, draws: Mapping[str, pd.DataFrame]
-) -> list[dict[str, Any]]:
-    rows = []
-    for scale in parameter_scales(posterior.priors, posterior.quantities, draws["inferred"]):
-        row: dict[str, Any] = {
-            "quantity": scale.name,
-            "unit": scale.unit,
-            "total_stretch": np.nan,
-            "scale": scale.label,
+    chosen = sorted(set(map(float, stretches)))
+    rows: list[dict[str, Any]] = []
+    for scale in parameter_scales(inferred.posterior.priors, quantities, inferred.draws):
+        # a mounting stretch that is not inferred was taken as one
+        draws = {
+            name: v.draws[scale.name].to_numpy(dtype=float) if scale.name in v.draws else np.ones(1)
+            for name, v in variants.items()
         }
-        values = {name: _values(scale, frame) for name, frame in draws.items()}
-        rows.append(row | _compared(values, scale))
-    return rows
-
-
-def _values(scale: Scale, draws: pd.DataFrame) -> np.ndarray:
-    """Draws of a parameter; a mounting stretch that is not inferred was taken as one."""
-    if scale.name in draws:
-        return draws[scale.name].to_numpy(dtype=float)
-    assert scale.parameter.kind != MATERIAL
-    return np.ones(1)
-
-
-def _stress_rows(
-    variants: Mapping[str, Variant], draws: Mapping[str, pd.DataFrame], stretches: Sequence[float]
-) -> list[dict[str, Any]]:
-    law = variants["inferred"].posterior.law
+        row = {"quantity": scale.name, "unit": scale.unit, "total_stretch": np.nan}
+        rows.append(row | {"scale": scale.label} | _compared(draws, scale))
     stresses = {
-        name: derived_quantities(frame, law, stretches, tensor=False)
-        for name, frame in draws.items()
+        name: derived_quantities(
+            some_draws(variants[name].draws, MOST_DRAWS),
+            inferred.posterior.law,
+            chosen,
+            tensor=False,
+        )
+        for name in VARIANTS
     }
-    rows = []
-    for i, quantity in enumerate(stresses["inferred"]):
-        row: dict[str, Any] = {
-            "quantity": quantity.name,
-            "unit": "kPa",
-            "total_stretch": quantity.stretch,
-            "scale": quantity.name,
-        }
-        rows.append(row | _compared({name: stresses[name][i].values for name in VARIANTS}, None))
-    return rows
+    for treatments in zip(*stresses.values(), strict=True):
+        q = treatments[0]
+        row = {"quantity": q.name, "unit": "kPa", "total_stretch": q.stretch, "scale": q.name}
+        draws = {name: t.values for name, t in zip(VARIANTS, treatments, strict=True)}
+        rows.append(row | _compared(draws, None))
+    table = pd.DataFrame(rows)
+    at = table["total_stretch"].to_numpy(dtype=float)
+    known = np.isfinite(at)
+    place = np.full(len(table), "", dtype=object)
+    lm = median_mounting(inferred.draws, specimen)
+    place[known] = covered_stretches(specimen, lm).extrapolation(at[known], at[known])
+    table.insert(3, "extrapolation", place)
+    states = {name: variants[name].state for name in VARIANTS}
+    return Ledger(table, states, specimen.name, quantities)
 
 
 def _compared(values: Mapping[str, np.ndarray], scale: Scale | None) -> dict[str, float]:

@@ -22,7 +22,8 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
-from biaxbayes.identifiability.profile.profile import THRESHOLD, Profile
+from biaxbayes.identifiability.profile import Profile
+from biaxbayes.identifiability.profile_curve import THRESHOLD
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
 

@@ -11,8 +11,10 @@ Its minimum is what is reported as a fit, where a sampler starts, and how other 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +29,12 @@ from biaxbayes.fitting.least_squares import (
     descend,
 )
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
-from biaxbayes.fitting.result import FitResult, fit_result
+from biaxbayes.fitting.result import FitResult, rounding_bound
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
@@ -74,177 +77,208 @@ def constrained_fit(
     reading). Raises TaredSpecimen if a tared file has no mounting force to infer from, and
     InputError for an unknown option or fixed parameter.
     """
-    chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = fit_setup(
-        specimen, mounting, mounting_stretch, fixed, chosen, weighted=weighted, compiled=compiled
+    setup = FitSetup.from_options(
+        specimen, mounting, mounting_stretch, fixed, law, fibre_switch=fibre_switch
     )
-    problem, descent = minimum(setup, starting_points(setup, starts, seed, initial))
-    return setup.result(specimen, problem, descent)
+    points, _ = setup.starting_points(starts, seed, initial)
+    problem, descent = minimum(setup, points, weighted=weighted, compiled=compiled)
+    return setup.constrained_result(problem, descent)
 
 
 @dataclass(frozen=True, eq=False)
 class FitSetup:
     """Constant inputs of a fit."""
 
-    data: Readings
-    stretched: Readings
-    point: np.ndarray
-    free: np.ndarray
-    mounting: str
-    sd: np.ndarray | None  # of the mounting readings; None where they are exact
+    specimen: Specimen
     law: Law
-    weighted: bool
-    compiled: bool
+    mounting: str  # one of FIT_MOUNTING
+    data: Readings
+    point: np.ndarray  # fit coordinates with the fixed values
+    free: np.ndarray  # indices of the others
+
+    @classmethod
+    def from_options(
+        cls,
+        specimen: Specimen,
+        mounting: str,
+        mounting_stretch: str,
+        fixed: Mapping[str, float] | None,
+        law: str,
+        *,
+        fibre_switch: bool,
+    ) -> FitSetup:
+        """Inputs of a fit with checked options and fixed values."""
+        chosen = law_named(law, fibre_switch=fibre_switch)
+        for option, value, known in (
+            ("mounting", mounting, FIT_MOUNTING),
+            ("mounting stretch", mounting_stretch, MOUNTING_STRETCH),
+        ):
+            if value not in known:
+                raise InputError(f"unknown {option} {value!r}", remedy=f"one of {', '.join(known)}")
+        if mounting in ("exact", "noisy") and specimen.is_tared:
+            raise TaredSpecimen(
+                f"{specimen.name}: the force at the mounted state is zero (a tared load cell), so "
+                "prestretch cannot be inferred",
+                remedy="give the force before taring with `mounting_force` X Y, or fit without "
+                "prestretch (zeroed)",
+            )
+        data = Readings.from_specimen(
+            specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed"
+        )
+        return cls(specimen, chosen, mounting, data, *fixed_and_free(fixed, chosen))
 
     @property
     def balanced(self) -> bool:
         """True if the mounting stretch is inferred."""
         return self.mounting in ("exact", "noisy")
 
-    def problem(self, scale: float | None = None) -> LoadResiduals:
-        """Residuals over the peak load, the reading exact; or over ``scale``, the reading noisy."""
-        scaled = self.data.peak if scale is None else scale
-        one = np.ones_like(self.data.mounting_load)
-        common = (self.stretched, "load", self.point, self.free, scaled, one, self.law)
-        if not self.balanced:
-            return LoadResiduals(*common)
-        sd = None if scale is None else self.sd
-        return BalancedMounting(*common, reading_sd=sd, compiled=self.compiled)
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the free coordinates."""
+        return self.law.lower[self.free], self.law.upper[self.free]
 
-    def by_protocol(self, residual: np.ndarray) -> list[np.ndarray]:
-        """Rows of a residual vector, one array (n_p, 2) per protocol."""
-        n = self.stretched.group.size
-        pairs = residual[: 2 * n].reshape(2, n).T
-        return [pairs[rows] for rows in self.stretched.rows]
+    def starting_points(
+        self, starts: int, seed: int, initial: MaterialResponse | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Materials (n, p) and mounting stretches (n, 2): screened ones, and the initial one."""
+        points, stretches = np.empty((0, self.point.size)), np.empty((0, 2))
+        count = starts if initial is not None else max(starts, 1)
+        if count:
+            points, stretches = screened_points(
+                self.data,
+                count,
+                np.random.default_rng(seed),
+                self.law,
+                point=self.point,
+                free=self.free,
+                with_mounting=self.balanced,
+            )
+        if initial is not None:
+            points = np.vstack([points, self.law.point(initial.values)])
+            stretches = np.vstack([stretches, np.ones(2)])
+        return points, stretches
 
-    def result(self, specimen: Specimen, problem: LoadResiduals, descent: Descent) -> FitResult:
+    def constrained_result(self, problem: LoadResiduals, descent: Descent) -> FitResult:
         """The fit result of a minimum."""
         method = "zeroed" if self.mounting == "zeroed" else "standard"
-        return fit_result(
+        return self.result(
             "constrained" if self.balanced else method,
-            specimen,
-            self.data,
             problem.fit_coordinates(descent.unknowns),
             problem.mounting(descent.unknowns),
-            self.free,
+            descent,
+        )
+
+    def result(
+        self,
+        method: str,
+        point: np.ndarray,
+        mounting_stretch: np.ndarray,
+        descent: Descent,
+    ) -> FitResult:
+        """Result of fit coordinates and mounting stretches (2, m), compared with the data.
+
+        A fit that misses by no more than the written digits of the data explain has converged, even
+        if its descent has not.
+        """
+        data, law = self.data, self.law
+        lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
+        forward = data.forward(law)
+        with np.errstate(all="ignore"):
+            response = forward.response(point, data.stretch, lm[:, data.group])
+            mounting_load = forward.response(point, 1.0, lm).load
+            # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
+            measured = data.load / response.per_stress
+            miss = measured - response.stress.stress
+            total = float(((measured - measured.mean()) ** 2).sum())
+            r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
+            rmse = float(np.sqrt((miss**2).mean()))
+            converged = descent.converged
+            if not converged and np.isfinite(mounting_stretch).all():
+                converged = rmse <= rounding_bound(self.specimen, data, response)
+            left = data.load - response.load
+            if np.sqrt((left**2).mean()) < self.specimen.load_resolution:
+                left = np.zeros_like(left)
+        return FitResult(
+            method=method,
+            material=law.material_at(law.values(point)),
+            mounting_stretch=lm.T.copy(),
+            mounting_load=mounting_load.T.copy(),
+            r2=r2,
+            rmse_kPa=rmse,
+            mae_kPa=float(np.abs(miss).mean()),
             iterations=descent.iterations,
-            converged=descent.converged,
-            law=self.law,
+            converged=bool(converged and np.isfinite(rmse)),
+            at_bound=self._at_bound(point, lm, method),
+            residuals=tuple(left[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows),
         )
 
-
-def refuse_tared(specimen: Specimen) -> None:
-    """Raise :class:`TaredSpecimen` where the mounting force was zeroed."""
-    if specimen.is_tared:
-        raise TaredSpecimen(
-            f"{specimen.name}: the force at the mounted state is zero (a tared load cell), so "
-            "prestretch cannot be inferred",
-            remedy="give the force before taring with `mounting_force` X Y, or fit without "
-            "prestretch (zeroed)",
-        )
-
-
-def fit_setup(
-    specimen: Specimen,
-    mounting: str,
-    mounting_stretch: str,
-    fixed: Mapping[str, float] | None,
-    law: Law,
-    *,
-    weighted: bool,
-    compiled: bool,
-) -> FitSetup:
-    """Inputs of a fit with checked options and fixed values."""
-    if mounting not in FIT_MOUNTING:
-        raise InputError(
-            f"unknown mounting {mounting!r}", remedy=f"one of {', '.join(FIT_MOUNTING)}"
-        )
-    if mounting_stretch not in MOUNTING_STRETCH:
-        raise InputError(
-            f"unknown mounting stretch {mounting_stretch!r}",
-            remedy=f"one of {', '.join(MOUNTING_STRETCH)}",
-        )
-    if mounting in ("exact", "noisy"):
-        refuse_tared(specimen)
-    point, free = fixed_and_free(fixed, law)
-    data = Readings.from_specimen(
-        specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed"
-    )
-    sd = None
-    if mounting == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
-        sd = np.maximum(data.mounting_sd, MIN_SD * data.peak)
-    return FitSetup(data, data.stretched(), point, free, mounting, sd, law, weighted, compiled)
-
-
-def starting_points(
-    setup: FitSetup, starts: int, seed: int, initial: MaterialResponse | None
-) -> list[np.ndarray]:
-    """Coordinates of materials to start from: screened random ones, and the one given."""
-    count = starts if initial is not None else max(starts, 1)
-    points: list[np.ndarray] = []
-    if count:
-        screened, _ = screened_points(
-            setup.data,
-            count,
-            np.random.default_rng(seed),
-            setup.law,
-            point=setup.point,
-            free=setup.free,
-            with_mounting=setup.balanced,
-        )
-        points.extend(screened)
-    if initial is not None:
-        points.append(setup.law.point(initial.values))
-    return points
+    def _at_bound(self, point: np.ndarray, lm: np.ndarray, method: str) -> tuple[str, ...]:
+        """Names of the unknowns that ended on a bound."""
+        law = self.law
+        names = []
+        for i in self.free:
+            low, high, logarithmic = law.lower[i], law.upper[i], law.parameters[i].logarithmic
+            at_low = point[i] <= low + (0.0 if logarithmic else 1e-9 * high)
+            if at_low or point[i] >= high * (1.0 - 1e-9):
+                names.append(law.names[i])
+        if method == "linden":
+            for axis, row in zip("xy", lm, strict=True):
+                if (row <= BRACKET[0]).any() or (row >= BRACKET[1]).any():
+                    names.append(f"mounting_stretch_{axis}")
+        return tuple(names)
 
 
 def minimum(
     setup: FitSetup,
-    points: Sequence[np.ndarray],
+    points: Sequence[np.ndarray] | np.ndarray,
     *,
+    weighted: bool,
+    compiled: bool,
     finalists: int = FINALISTS,
     steps: int = STEPS,
     tolerance: float = TOLERANCE,
 ) -> tuple[LoadResiduals, Descent]:
-    """The problem at its final weights, and its minimum."""
-    exact = setup.problem()
-    descent = best_descent(
-        exact,
-        [p[setup.free] for p in points],
-        setup.law.lower[setup.free],
-        setup.law.upper[setup.free],
-        finalists=finalists,
-        steps=steps,
-        tolerance=tolerance,
-    )
-    if setup.sd is None or not np.isfinite(descent.cost):
-        return exact, descent
-    return _reweighted(setup, descent, steps, max(tolerance, REWEIGHTED_TOLERANCE))
+    """The problem at its final weights, and its minimum.
 
+    First the reading is exact. With a noisy one, reweighted least squares with unknown mounting
+    forces follow, until w and beta are stable.
+    """
+    data, stretched, free = setup.data, setup.data.stretched(), setup.free
+    peak, one = data.peak, np.ones_like(data.mounting_load)
 
-def _reweighted(
-    setup: FitSetup, exact: Descent, steps: int, tolerance: float
-) -> tuple[LoadResiduals, Descent]:
-    """Reweighted least squares with unknown mounting forces, until w and beta are stable."""
-    offsets = setup.data.mounting_load.size
-    unknowns = np.concatenate([exact.unknowns, np.zeros(offsets)])
-    infinite = np.full(offsets, np.inf)
-    lower = np.concatenate([setup.law.lower[setup.free], -infinite])
-    upper = np.concatenate([setup.law.upper[setup.free], infinite])
-    rows = 2 * setup.stretched.group.size
-    floor = MIN_SD * setup.data.peak
-    rms, beta = max(np.sqrt(exact.cost / rows) * setup.data.peak, floor), 1.0
-    iterations, stable = exact.iterations, False
+    def problem_at(scale: float, reading_sd: np.ndarray | None) -> LoadResiduals:
+        common = (stretched, "load", setup.point, free, scale, one, setup.law)
+        if not setup.balanced:
+            return LoadResiduals(*common)
+        return BalancedMounting(*common, reading_sd=reading_sd, compiled=compiled)
+
+    problem = problem_at(peak, None)
+    lower, upper = setup.bounds
+    limits: dict[str, Any] = {"steps": steps, "tolerance": tolerance}
+    starts = [p[free] for p in points]
+    descent = best_descent(problem, starts, lower, upper, finalists=finalists, **limits)
+    exact = setup.mounting != "noisy" or data.mounting_sd.max() <= MIN_SD * peak
+    if exact or not np.isfinite(descent.cost):
+        return problem, descent
+
+    sd, offsets = np.maximum(data.mounting_sd, MIN_SD * peak), data.mounting_load.size
+    unknowns = np.concatenate([descent.unknowns, np.zeros(offsets)])
+    lower = np.concatenate([lower, np.full(offsets, -np.inf)])
+    upper = np.concatenate([upper, np.full(offsets, np.inf)])
+    limits["tolerance"] = max(tolerance, REWEIGHTED_TOLERANCE)
+    rows, floor = 2 * stretched.group.size, MIN_SD * peak
+    rms, beta = max(np.sqrt(descent.cost / rows) * peak, floor), 1.0
+    iterations, stable = descent.iterations, False
     for iteration in range(MAX_REWEIGHTINGS):
         scale = rms / np.sqrt(beta)
-        problem = setup.problem(scale)
-        descent = descend(problem, unknowns, lower, upper, steps=steps, tolerance=tolerance)
+        problem = problem_at(scale, sd)
+        descent = descend(problem, unknowns, lower, upper, **limits)
         unknowns, iterations = descent.unknowns, iterations + descent.iterations
         misfit = problem.residual(unknowns)[:rows] * scale
         new_rms = max(float(np.sqrt(misfit @ misfit / rows)), floor)
         new_beta = beta
-        if setup.weighted and iteration < MAX_WEIGHTS:
-            new_beta = effective_readings(setup.by_protocol(misfit)).beta
+        if weighted and iteration < MAX_WEIGHTS:
+            new_beta = effective_readings(stretched.by_protocol(misfit)).beta
         stable = abs(new_rms - rms) <= 1e-4 * rms and abs(new_beta - beta) <= 0.01 * beta
         rms, beta = new_rms, new_beta
         if stable:

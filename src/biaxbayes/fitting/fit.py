@@ -6,19 +6,17 @@ fixed point is not a minimum of one objective: with noise it differs from the le
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.fitting.constrained import MOUNTING_STRETCH, constrained_fit, refuse_tared
+from biaxbayes.fitting.constrained import FitSetup, minimum
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
-from biaxbayes.fitting.residuals import FreeMounting, LoadResiduals, Readings
-from biaxbayes.fitting.result import FitResult, fit_result
-from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
-from biaxbayes.laws import law_named
-from biaxbayes.laws.law import Law
+from biaxbayes.fitting.residuals import FreeMounting, LoadResiduals
+from biaxbayes.fitting.result import FitResult
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIT_METHODS, FitOptions
@@ -34,45 +32,33 @@ FIRST_ALTERNATIONS = 40
 TOLERANCE = 1e-10
 
 
-@dataclass(frozen=True, eq=False)
-class Alternation:
-    """End of an alternation."""
-
-    point: np.ndarray  # (p,), fit coordinates
-    mounting: np.ndarray  # (2, m)
-    cost: float  # sum of squared Cauchy residuals over the squared scale
-    iterations: int
-    converged: bool
-
-
 def best_alternation(
-    data: Readings, starts: Iterable[np.ndarray], free: np.ndarray, scale: float, law: Law
-) -> Alternation:
+    setup: FitSetup, starts: np.ndarray, scale: float
+) -> tuple[Descent, np.ndarray]:
     """Alternate loosely from every start, then the best to the end."""
     first = [
-        alternate(data, p, free, scale, law, most=FIRST_ALTERNATIONS, tolerance=1e-4)
-        for p in starts
+        alternate(setup, point, scale, most=FIRST_ALTERNATIONS, tolerance=1e-4) for point in starts
     ]
-    best = min(first, key=lambda end: (not end.converged, end.cost))
-    end = alternate(data, best.point, free, scale, law, first=best.mounting)
-    return replace(end, iterations=best.iterations + end.iterations)
+    best, lm = min(first, key=lambda end: (not end[0].converged, end[0].cost))
+    end, lm = alternate(setup, best.unknowns, scale, first=lm)
+    return replace(end, iterations=best.iterations + end.iterations), lm
 
 
 def alternate(
-    data: Readings,
+    setup: FitSetup,
     point: np.ndarray,
-    free: np.ndarray,
     scale: float,
-    law: Law,
     *,
     first: np.ndarray | None = None,
     most: int = MAX_ALTERNATIONS,
     tolerance: float = TOLERANCE,
-) -> Alternation:
+) -> tuple[Descent, np.ndarray]:
     """Alternate from one material until neither mounting stretch nor stress changes.
 
-    ``first`` (2, m) are mounting stretches for materials that balance no root; default one.
+    Returns the end, with all fit coordinates, and its mounting stretches (2, m). ``first`` (2, m)
+    are mounting stretches for materials that balance no root; default one.
     """
+    data, free, law = setup.data, setup.free, setup.law
     lm = np.ones_like(data.mounting_load) if first is None else first
     cost, settled, count = np.inf, False, 0
     for count in range(1, most + 1):  # noqa: B007 - reported
@@ -80,13 +66,8 @@ def alternate(
         has_root = bool(np.isfinite(root).all())
         new_lm = root if has_root else lm
         problem = LoadResiduals(data, "cauchy", point, free, scale, new_lm, law)
-        descent = descend(
-            problem,
-            point[free],
-            law.lower[free],
-            law.upper[free],
-            tolerance=min(1e-4 * tolerance, 1e-8),
-        )
+        tight = min(1e-4 * tolerance, 1e-8)
+        descent = descend(problem, point[free], *setup.bounds, tolerance=tight)
         new_point = problem.fit_coordinates(descent.unknowns)
         change = max(
             float(np.abs(new_lm - lm).max()),
@@ -97,7 +78,7 @@ def alternate(
         # Nothing changes any more, settled or stuck at a material that balances no root
         if change <= tolerance or not np.isfinite(cost):
             break
-    return Alternation(point, lm, cost, count, settled)
+    return Descent(point, cost, count, settled), lm
 
 
 # --- one method, and all of them -----------------------------------------------------------------
@@ -155,97 +136,43 @@ def fit(
     """
     if method not in METHODS:
         raise InputError(f"unknown method {method!r}", remedy=f"one of {', '.join(METHODS)}")
-    if mounting_stretch not in MOUNTING_STRETCH:
-        raise InputError(
-            f"unknown mounting stretch {mounting_stretch!r}",
-            remedy=f"one of {', '.join(MOUNTING_STRETCH)}",
-        )
+    mounting = {"standard": "ignored", "zeroed": "zeroed", "constrained": "noisy"}
+    setup = FitSetup.from_options(
+        specimen,
+        mounting.get(method, "exact"),
+        mounting_stretch,
+        fixed,
+        law,
+        fibre_switch=fibre_switch,
+    )
+    points, stretches = setup.starting_points(starts, seed, initial)
     if method == "constrained":
-        return constrained_fit(
-            specimen,
-            mounting_stretch=mounting_stretch,
-            fixed=fixed,
-            starts=starts,
-            seed=seed,
-            initial=initial,
-            law=law,
-            fibre_switch=fibre_switch,
-        )
-    if method in PRESTRETCH_METHODS:
-        refuse_tared(specimen)
-    chosen = law_named(law, fibre_switch=fibre_switch)
-    point, free = fixed_and_free(fixed, chosen)
-    data = Readings.from_specimen(
-        specimen, shared=mounting_stretch == "shared", zeroed=method == "zeroed"
-    )
-    points, stretches = screened_points(
-        data,
-        starts if initial is not None else max(starts, 1),
-        np.random.default_rng(seed),
-        chosen,
-        point=point,
-        free=free,
-        with_mounting=method in PRESTRETCH_METHODS,
-    )
-    if initial is not None:
-        points = np.vstack([points.reshape(-1, chosen.lower.size), chosen.point(initial.values)])
-        stretches = np.vstack([stretches.reshape(-1, 2), np.ones(2)])
+        return setup.constrained_result(*minimum(setup, points, weighted=True, compiled=True))
+    data, free = setup.data, setup.free
     scale = max(float(np.abs(data.load * data.stretch / data.area[:, None]).max()), 1e-300)
-    lower, upper = chosen.lower[free], chosen.upper[free]
-    one = np.ones_like(data.mounting_load)
-    common = (data, "cauchy", point, free, scale, one, chosen)
-    end: Alternation | Descent
     if method == "fip":
-        points[:, np.setdiff1d(np.arange(point.size), free)] = np.delete(point, free)
-        end = best_alternation(data, points, free, scale, chosen)
-        theta, lm = end.point, end.mounting
-    elif method == "linden":
-        groups = one.shape[1]
-        both = np.hstack([points[:, free], np.repeat(stretches, groups, axis=1)])
+        known = np.setdiff1d(np.arange(setup.point.size), free)
+        points[:, known] = setup.point[known]
+        end, lm = best_alternation(setup, points, scale)
+        return setup.result(method, end.unknowns, lm, end)
+    one = np.ones_like(data.mounting_load)
+    common = (data, "cauchy", setup.point, free, scale, one, setup.law)
+    unknowns, (lower, upper) = points[:, free], setup.bounds
+    problem = LoadResiduals(*common)
+    if method == "linden":
+        problem, groups = FreeMounting(*common), one.shape[1]
+        unknowns = np.hstack([unknowns, np.repeat(stretches, groups, axis=1)])
         lower = np.concatenate([lower, np.full(2 * groups, BRACKET[0])])
         upper = np.concatenate([upper, np.full(2 * groups, BRACKET[1])])
-        unknown = FreeMounting(*common)
-        end = best_descent(unknown, both, lower, upper)
-        theta, lm = unknown.fit_coordinates(end.unknowns), unknown.mounting(end.unknowns)
-    else:
-        given = LoadResiduals(*common)
-        end = best_descent(given, points[:, free], lower, upper)
-        theta, lm = given.fit_coordinates(end.unknowns), one
-    return fit_result(
-        method,
-        specimen,
-        data,
-        theta,
-        lm,
-        free,
-        iterations=end.iterations,
-        converged=end.converged,
-        law=chosen,
-    )
+    end = best_descent(problem, unknowns, lower, upper)
+    theta, lm = problem.fit_coordinates(end.unknowns), problem.mounting(end.unknowns)
+    return setup.result(method, theta, lm, end)
 
 
-def fit_all(
-    specimen: Specimen,
-    *,
-    starts: int = FitOptions.starts,
-    seed: int = FitOptions.seed,
-    fixed: Mapping[str, float] | None = None,
-    mounting_stretch: str = FitOptions.mounting_stretch,
-    law: str = FitOptions.law,
-    fibre_switch: bool = False,
-) -> list[FitResult]:
-    """Every method that the specimen allows; a tared one allows the two without prestretch."""
+def fit_all(specimen: Specimen, **options: Any) -> list[FitResult]:
+    """Every method that the specimen allows; a tared one allows the two without prestretch.
+
+    Options as in :func:`fit`.
+    """
     methods = [m for m in METHODS if not (specimen.is_tared and m in PRESTRETCH_METHODS)]
-    return [
-        fit(
-            specimen,
-            method,
-            starts=starts,
-            seed=seed,
-            fixed=fixed,
-            mounting_stretch=mounting_stretch,
-            law=law,
-            fibre_switch=fibre_switch,
-        )
-        for method in methods
-    ]
+    return [fit(specimen, method, **options) for method in methods]

@@ -44,6 +44,7 @@ class Descent:
     converged: bool
 
 
+@np.errstate(all="ignore")
 def descend(
     problem: Problem,
     start: np.ndarray,
@@ -58,18 +59,7 @@ def descend(
     A step to residuals that are not finite is refused. Ends after ``steps`` trials, or when the
     predicted relative decrease of the cost, or the scaled gradient, is below ``tolerance``.
     """
-    with np.errstate(all="ignore"):
-        return _descend(problem, np.clip(start, lower, upper), lower, upper, steps, tolerance)
-
-
-def _descend(
-    problem: Problem,
-    x: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    steps: int,
-    tolerance: float,
-) -> Descent:
+    x = np.clip(start, lower, upper)
     r, J, cost, norms = _evaluate(problem, x)
     if not math.isfinite(cost):
         return Descent(x, np.inf, 0, False)

@@ -16,7 +16,7 @@ among the law's coordinates, followed by those of the mounting state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -98,6 +98,11 @@ class Readings:
         """The readings without rows at rest, which enter a posterior as the mounting reading."""
         return self.thinned(self.at_rest.size)
 
+    def by_protocol(self, residual: np.ndarray) -> list[np.ndarray]:
+        """Residuals (2 n,) of the rows as one array (n_p, 2) per protocol."""
+        pairs = residual.reshape(2, -1).T
+        return [pairs[rows] for rows in self.rows]
+
 
 # --- residuals of the deterministic fits and their analytic Jacobians ----------------------------
 
@@ -158,32 +163,46 @@ class LoadResiduals:
                 by_lm[0, 0] += miss[0]
                 by_lm[1, 1] += miss[1]
         by_point = by_point.transpose(1, 0, 2).reshape(point.size, -1) / self.scale
-        return miss.ravel() / self.scale, by_point, self._spread(by_lm / self.scale), state
-
-    def _spread(self, by_lm: np.ndarray) -> np.ndarray:
-        """(2, 2, n) by a row's own ln lm to (2n, 2m) by all, columns ordered (k, group)."""
-        groups = self.data.mounting_load.shape[1]
-        if groups == 1:
-            return by_lm.transpose(0, 2, 1).reshape(-1, 2)
-        member = self.data.group[:, None] == np.arange(groups)
-        return (by_lm.transpose(0, 2, 1)[:, :, :, None] * member[None, :, None, :]).reshape(
-            -1, 2 * groups
-        )
+        # a row depends on the mounting stretches of its own group, columns ordered (k, group)
+        member = data.group[:, None] == np.arange(lm.shape[1])
+        by_all = (by_lm / self.scale).transpose(0, 2, 1)[..., None] * member[:, None, :]
+        return miss.ravel() / self.scale, by_point, by_all.reshape(-1, lm.size), state
 
 
 @dataclass(eq=False)
 class FreeMounting(LoadResiduals):
-    """The material and the mounting stretches are unknown; rows at rest count like any other."""
+    """The material and the mounting stretches are unknown.
+
+    With ``reading_sd`` (2, m) the mounting loads have readings, which add one residual each.
+    """
+
+    # indices of the unknown ones among lm_x of all groups, then lm_y
+    free_mounting: np.ndarray | slice = field(default_factory=lambda: slice(None))
+    reading_sd: np.ndarray | None = None
 
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m)."""
-        return unknowns[self.free.size :].reshape(2, -1)
+        lm = self.mounting_stretch.copy()
+        lm.flat[self.free_mounting] = unknowns[self.free.size :]
+        return lm
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative."""
         lm = self.mounting(unknowns)
-        r, by_point, by_lm, _ = self._rows(self.fit_coordinates(unknowns), lm)
-        return r, np.hstack([by_point[self.free].T, by_lm / lm.ravel()])
+        r, by_point, by_lm, state = self._rows(self.fit_coordinates(unknowns), lm)
+        by_lm = (by_lm / lm.ravel())[:, self.free_mounting]
+        if self.reading_sd is None:
+            return r, np.hstack([by_point[self.free].T, by_lm])
+        sd, groups = self.reading_sd, lm.shape[1]
+        z = (state.load - self.data.mounting_load) / sd
+        z_by_point = (state.by_coordinate / sd[:, None]).transpose(0, 2, 1).reshape(2 * groups, -1)
+        slope = state.by_log_mounting / sd[:, None] / lm
+        z_by_lm = np.zeros((2, groups, 2, groups))
+        for g in range(groups):
+            z_by_lm[:, g, :, g] = slope[:, :, g]
+        z_by_lm = z_by_lm.reshape(2 * groups, -1)[:, self.free_mounting]
+        jacobian = [[by_point[self.free].T, by_lm], [z_by_point[:, self.free], z_by_lm]]
+        return np.concatenate([r, z.ravel()]), np.block(jacobian)
 
 
 @dataclass(eq=False)

@@ -17,8 +17,6 @@ import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.forward import LoadResponse
-from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.specimens.specimen import Specimen
 
 EXPLAINED = 1.5
@@ -128,76 +126,6 @@ def root_mean_square(residuals: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
 
 
-def fit_result(
-    method: str,
-    specimen: Specimen,
-    data: Readings,
-    point: np.ndarray,
-    mounting_stretch: np.ndarray,
-    free: np.ndarray,
-    *,
-    iterations: int,
-    converged: bool,
-    law: Law,
-) -> FitResult:
-    """Result of fit coordinates and mounting stretches (2, m), compared with the data.
-
-    A fit that misses by no more than the written digits of the data explain has converged, even if
-    its descent has not.
-    """
-    lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
-    forward = data.forward(law)
-    with np.errstate(all="ignore"):
-        response = forward.response(point, data.stretch, lm[:, data.group])
-        mounting_load = forward.response(point, 1.0, lm).load
-        # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
-        measured = data.load / response.per_stress
-        miss = measured - response.stress.stress
-        total = float(((measured - measured.mean()) ** 2).sum())
-        r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
-        rmse = float(np.sqrt((miss**2).mean()))
-        mae = float(np.abs(miss).mean())
-        solved = bool(np.isfinite(mounting_stretch).all())
-        if not converged and solved:
-            converged = rmse <= rounding_bound(specimen, data, response)
-        left = data.load - response.load
-        if np.sqrt((left**2).mean()) < specimen.load_resolution:
-            left = np.zeros_like(left)
-    residuals = tuple(left[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
-    return FitResult(
-        method=method,
-        material=law.material_at(law.values(point)),
-        mounting_stretch=lm.T.copy(),
-        mounting_load=mounting_load.T.copy(),
-        r2=r2,
-        rmse_kPa=rmse,
-        mae_kPa=mae,
-        iterations=iterations,
-        converged=bool(converged and np.isfinite(rmse)),
-        at_bound=_at_bound(point, free, lm, method, law),
-        residuals=residuals,
-    )
-
-
-def _at_bound(
-    point: np.ndarray, free: np.ndarray, lm: np.ndarray, method: str, law: Law
-) -> tuple[str, ...]:
-    lower, upper = law.lower, law.upper
-    names = [
-        law.names[i]
-        for i in free
-        if point[i] <= lower[i] + 1e-9 * upper[i] * (not law.parameters[i].logarithmic)
-        or point[i] >= upper[i] * (1.0 - 1e-9)
-    ]
-    if method == "linden":
-        names += [
-            f"mounting_stretch_{axis}"
-            for axis, row in zip("xy", lm, strict=True)
-            if (row <= BRACKET[0]).any() or (row >= BRACKET[1]).any()
-        ]
-    return tuple(names)
-
-
 # --- how far the written digits leave a fit open -------------------------------------------------
 
 
@@ -224,28 +152,26 @@ def half_digits(values: np.ndarray) -> np.ndarray:
 
 def rounding_bound(specimen: Specimen, data: Readings, response: LoadResponse) -> float:
     """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa."""
-    stretch, load = _written(specimen)
-    stress = response.stress
+    # half digits of the columns; the reader divides stretches, and Cauchy stresses with them, by
+    # the stretch at rest
+    written = []
+    for name in ("stretch_x", "stretch_y", "load_x", "load_y"):
+        divided = name.startswith("stretch") or specimen.stress_pair == "cauchy"
+        by = np.concatenate(
+            [
+                np.full(p.rows, p.reference["xy".index(name[-1])] if divided else 1.0)
+                for p in specimen.protocols
+            ]
+        )
+        column = np.concatenate([getattr(p, name) for p in specimen.protocols])
+        written.append(half_digits(column * by) / by)
+    stretch, load = np.array(written[:2]), np.array(written[2:])
     # data: f l lm / A0 (unloaded), f l / Am (mounted); model: s(l lm). Their difference moves by
     #   df / factor + s dl / l - sum_j ds/d(ln l_j) dl_j / l_j
+    stress = response.stress
     slope = np.abs(stress.by_log_stretch) + np.eye(2)[:, :, None] * np.abs(stress.stress)
     bound = load / response.per_stress + np.einsum("kjn,jn->kn", slope, stretch / data.stretch)
     return float(np.sqrt((bound**2).mean()))
-
-
-def _written(specimen: Specimen) -> tuple[np.ndarray, np.ndarray]:
-    """Half digits of the stretches and of the loads, each of shape (2, n)."""
-    cauchy = specimen.stress_pair == "cauchy"
-    # The reader divides stretches, and Cauchy stresses with them, by the stretch at rest.
-    out = []
-    for curves, divided in ((("stretch_x", "stretch_y"), True), (("load_x", "load_y"), cauchy)):
-        for axis, name in enumerate(curves):
-            by = np.concatenate(
-                [np.full(p.rows, p.reference[axis] if divided else 1.0) for p in specimen.protocols]
-            )
-            column = np.concatenate([getattr(p, name) for p in specimen.protocols])
-            out.append(half_digits(column * by) / by)
-    return np.array(out[:2]), np.array(out[2:])
 
 
 def misfit_sentence(law_name: str, rms: float, noise: float, peak: float, unit: str) -> str:

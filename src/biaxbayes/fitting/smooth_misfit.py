@@ -18,8 +18,6 @@ residuals that have lost the smoothest part of the misfit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
@@ -30,23 +28,15 @@ SDS = 50  # of the misfit that are tried, from a hundredth of the noise to the l
 NOISES = 12  # sds of the noise that are tried, from a third of the load cell's to the whole misfit
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothMisfit:
-    """The misfit of a law and its effect on the least squares."""
-
-    relative_sd: float  # b: sd of the misfit over the load
-    covariance: np.ndarray  # (u, u), of the unknowns that moved
-
-
 def smooth_misfit(
     data: Readings,
     residual: np.ndarray,
     jacobian: np.ndarray,
     scale: float,
     noise_sd: float,
-    reading_sd: np.ndarray | None = None,
-) -> SmoothMisfit:
-    """Estimate the smooth misfit of a least squares and the covariance of its unknowns.
+    reading_sd: np.ndarray | None,
+) -> tuple[float, np.ndarray]:
+    """Sd of the smooth misfit over the load, and the covariance of the unknowns that moved.
 
     ``residual`` (2 n + 2 m,) of the rows over ``scale``, then of the mounting readings over
     ``reading_sd`` (2, m; None where they were not data); ``jacobian`` by the unknowns that moved.
@@ -59,7 +49,7 @@ def smooth_misfit(
     noise = np.ones(residual.size)
     noise[:rows] = s2
     moved = A @ misfit
-    return SmoothMisfit(float(np.sqrt(b2)), (A * noise) @ A.T + b2 * moved @ moved.T)
+    return float(np.sqrt(b2)), (A * noise) @ A.T + b2 * moved @ moved.T
 
 
 def misfit_vectors(

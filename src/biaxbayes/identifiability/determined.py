@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -138,39 +137,9 @@ NORMAL_90 = 3.29
 """Width of a normal's central 90 % over its sd."""
 
 
-class _Quantity(NamedTuple):
-    """A row of the table, draw by draw; `tissue` has values and the sd of their error."""
-
-    name: str
-    unit: str
-    stretches: tuple[float, float]
-    values: np.ndarray
-    tissue: tuple[np.ndarray, np.ndarray] | None = None
-
-
-def table_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[float, float]]:
-    """Total stretches of the table: half-way and at the end of every protocol.
-
-    The measured stretches times the posterior median of the mounting stretch, to three decimals.
-    """
-    out: list[tuple[float, float]] = []
-    for protocol in specimen.protocols:
-        lm = np.median(protocol_mounting(draws, protocol), axis=0)
-        for measured in _measured(protocol):
-            x, y = np.round(measured * lm, 3)
-            if (state := (float(x), float(y))) not in out:
-                out.append(state)
-    return out
-
-
 def mounting_measured(priors: Mapping[str, object]) -> bool:
     """True if a user has set a prior of the mounting stretch, which was measured then."""
     return not {"mounting_stretch", *mounting_names("stretch")}.isdisjoint(priors)
-
-
-def _measured(protocol: Protocol) -> np.ndarray:
-    """Measured stretches half-way and at the end, (2, 2)."""
-    return 1.0 + np.array(SHARES)[:, None] * (protocol.stretch.max(axis=0) - 1.0)
 
 
 def determined(
@@ -192,7 +161,8 @@ def determined(
     settings : Settings
         Those of the run.
     stretches : sequence of (float, float), optional
-        Total stretches (x, y); default :func:`table_stretches`.
+        Total stretches (x, y). Default: half-way and at the end of every protocol, the measured
+        stretches times the posterior median of the mounting stretch, to three decimals.
     refits : mapping of str to (float, float), optional
         Ranges of the mounting stretches that are not identified, by name. Stresses of the tissue at
         total stretches are those of a mounted state that lies anywhere in the range.
@@ -223,74 +193,80 @@ def determined(
     """
     few = some_draws(draws)
     forward = ForwardModel.from_specimen(specimen, settings)
-    states = list(stretches) if stretches is not None else table_stretches(draws, specimen)
-    ranges = {**(refits or {}), **(values or {})}
+    identified = values or {}
+    ranges = {**(refits or {}), **identified}
+    states = list(stretches or ())
+    if stretches is None:
+        for protocol in specimen.protocols:
+            lm = np.median(protocol_mounting(draws, protocol), axis=0)
+            x_and_y = np.round(_half_way_and_end(protocol) * lm, 3)
+            states += [(float(x), float(y)) for x, y in x_and_y]
+        states = list(dict.fromkeys(states))
+    # the largest mounting stretch in intervals and ranges, without those that are identified
+    names = [n for s in mounting_labels(few, specimen) for n in mounting_names("stretch", s)]
+    ends = {name: float(np.quantile(few[name], INTERVAL[1])) for name in names}
+    for name, (_, high) in ranges.items():
+        ends[name] = max(high, ends.get(name, high))
+    farthest = max((end for name, end in ends.items() if name not in identified), default=1.0)
     with np.errstate(over="ignore", invalid="ignore"):
-        near = mounting_known or _farthest(few, specimen, ranges, values or {}) < FARTHEST
-        quantities = list(_quantities(few, specimen, states, forward, ranges, near))
+        near = mounting_known or farthest < FARTHEST
+        rows = list(_rows(few, specimen, states, forward, ranges, near))
         if stretches is None:
-            quantities += _measured_stresses(few, specimen, forward)
-        tissue = _tissue_intervals([q.tissue for q in quantities])
-        rows = [_row(q, ends) for q, ends in zip(quantities, tissue, strict=True)]
+            rows += _measured_rows(few, specimen, forward)
     return pd.DataFrame(rows)
 
 
-def _tissue_intervals(
-    tissues: Sequence[tuple[np.ndarray, np.ndarray] | None],
-) -> list[tuple[float, float]]:
-    """Intervals of quantities with their errors, NaN where there is none.
-
-    All whose draws are finite at the same places are computed at once, in a tenth of the time.
-    """
-    out = [(np.nan, np.nan)] * len(tissues)
-    groups: dict[bytes, list[int]] = {}
-    for i, tissue in enumerate(tissues):
-        if tissue is not None:
-            groups.setdefault(np.isfinite(tissue[0]).tobytes(), []).append(i)
-    for mask, members in groups.items():
-        finite = np.frombuffer(mask, dtype=bool)
-        centre, sd = (
-            np.column_stack([pair[k][finite] for i in members if (pair := tissues[i])])
-            for k in (0, 1)
-        )
-        for i, low, high in zip(members, *mixture_percentiles(centre, sd, INTERVAL), strict=True):
-            out[i] = (float(low), float(high))
-    return out
+def _half_way_and_end(protocol: Protocol) -> np.ndarray:
+    """Measured stretches half-way and at the end, (2, 2)."""
+    return 1.0 + np.array(SHARES)[:, None] * (protocol.stretch.max(axis=0) - 1.0)
 
 
-def _row(quantity: _Quantity, tissue: tuple[float, float]) -> dict[str, object]:
-    values = np.nan_to_num(quantity.values, nan=np.inf)  # what overflows is large
+def _row(
+    name: str,
+    unit: str,
+    stretches: tuple[float, float],
+    values: np.ndarray,
+    tissue: tuple[np.ndarray, np.ndarray] | None = None,
+) -> dict[str, object]:
+    """A row of the table; `tissue` has the values of the draws and the sd of their error."""
+    values = np.nan_to_num(values, nan=np.inf)  # what overflows is large
     low, median, high = (float(q) for q in np.quantile(values, [INTERVAL[0], 0.5, INTERVAL[1]]))
+    ends = (np.nan, np.nan)
+    if tissue is not None:
+        finite = np.isfinite(tissue[0])
+        centre, sd = (part[finite][:, None] for part in tissue)
+        first, last = mixture_percentiles(centre, sd, INTERVAL)
+        ends = (float(first[0]), float(last[0]))
     return {
-        "quantity": quantity.name,
-        "unit": quantity.unit,
-        "stretch_x": quantity.stretches[0],
-        "stretch_y": quantity.stretches[1],
+        "quantity": name,
+        "unit": unit,
+        "stretch_x": stretches[0],
+        "stretch_y": stretches[1],
         "median": median,
         "low_90": low,
         "high_90": high,
         "relative_width": float((high - low) / max(abs(median), 1e-300)),
-        "tissue_low_90": tissue[0],
-        "tissue_high_90": tissue[1],
+        "tissue_low_90": ends[0],
+        "tissue_high_90": ends[1],
     }
 
 
-def _quantities(
+def _rows(
     draws: pd.DataFrame,
     specimen: Specimen,
     states: list[tuple[float, float]],
     forward: ForwardModel,
     ranges: Mapping[str, tuple[float, float]],
     near: bool,
-) -> Iterator[_Quantity]:
+) -> Iterator[dict[str, object]]:
+    """Quantities of the law, and those at total stretches."""
     law, material = forward.law, forward.law.material(draws)
     nowhere = (np.nan, np.nan)
     for name, values in law.derived_quantities(material).items():
-        yield _Quantity(name, "", nowhere, values[:, 0])
+        yield _row(name, "", nowhere, values[:, 0])
     small = material.cauchy_by_log_stretch(1.0, 1.0)
     for name, i, j in TANGENTS:
-        stiffness = small[i, j, :, 0]
-        yield _Quantity(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), stiffness)
+        yield _row(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0])
     lm = np.mean([protocol_mounting(draws, p) for p in specimen.protocols], axis=0)
     moved = mounting_ratio(specimen, lm, ranges)
     for state in states:
@@ -306,32 +282,16 @@ def _quantities(
         for axis, name in enumerate("xy"):
             # s_k = l_k P_k
             own, tissue, sd = (state[axis] * v[:, axis] for v in (piola, there, error))
-            around = (tissue, sd) if near else None
-            yield _Quantity(f"Cauchy stress {name}", "kPa", state, own, around)
+            yield _row(f"Cauchy stress {name}", "kPa", state, own, (tissue, sd) if near else None)
         for name, i, j in TANGENTS:
-            yield _Quantity(f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0])
-        yield _Quantity("strain energy", "kPa", state, energy[:, 0])
+            yield _row(f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0])
+        yield _row("strain energy", "kPa", state, energy[:, 0])
     tops = [np.tile(state, (len(draws), 1)) for state in states]
     for name, values in law.derived_at(material, tops).items():
-        yield _Quantity(name, "", nowhere, values)
+        yield _row(name, "", nowhere, values)
 
 
 TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
-
-
-def _farthest(
-    draws: pd.DataFrame,
-    specimen: Specimen,
-    ranges: Mapping[str, tuple[float, float]],
-    values: Mapping[str, tuple[float, float]],
-) -> float:
-    """The largest mounting stretch in intervals and ranges, without those that are identified."""
-    states = mounting_labels(draws, specimen)
-    columns = [name for state in states for name in mounting_names("stretch", state)]
-    ends = {c: float(np.quantile(draws[c], INTERVAL[1])) for c in columns}
-    for name, (_, high) in ranges.items():
-        ends[name] = max(high, ends.get(name, high))
-    return max((end for name, end in ends.items() if name not in values), default=1.0)
 
 
 def mounting_ratio(
@@ -356,25 +316,24 @@ def mounting_ratio(
     return out
 
 
-def _measured_stresses(
+def _measured_rows(
     draws: pd.DataFrame, specimen: Specimen, forward: ForwardModel
-) -> Iterator[_Quantity]:
+) -> Iterator[dict[str, object]]:
     """Nominal stresses half-way and at the end of every protocol, from its own mounted state."""
     if not mounting_labels(draws, specimen):
         return
     material = forward.law.material(draws)
     for protocol in specimen.protocols:
         lm = protocol_mounting(draws, protocol)
-        for measured in _measured(protocol):
-            x, y = np.round(measured, 4)
+        # f_k / A0_k = P_k (unloaded dimensions), f_k / Am_k = lm_k P_k (mounted)
+        scale = lm if specimen.geometry == "mounted" else np.ones_like(lm)
+        ending = MEASURED if len(specimen.protocols) == 1 else f"{MEASURED} of {protocol.name}"
+        for x, y in np.round(_half_way_and_end(protocol), 4):
             state = (float(x), float(y))
-            ending = MEASURED if len(specimen.protocols) == 1 else f"{MEASURED} of {protocol.name}"
             piola, error = _piola(draws, forward, lm * state, lm, material)
-            # f_k / A0_k = P_k (unloaded dimensions), f_k / Am_k = lm_k P_k (mounted)
-            scale = lm if specimen.geometry == "mounted" else np.ones_like(lm)
             for axis, name in enumerate("xy"):
                 own, sd = (scale[:, axis] * v[:, axis] for v in (piola, error))
-                yield _Quantity(f"nominal stress {name}{ending}", "kPa", state, own, (own, sd))
+                yield _row(f"nominal stress {name}{ending}", "kPa", state, own, (own, sd))
 
 
 def _piola(

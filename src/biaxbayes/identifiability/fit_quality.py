@@ -35,36 +35,30 @@ def quick_fit(
 
 def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
     """Finding on the misfit of the best fit: a warning beyond 7 % of the largest load."""
-    law_name = best.material.law.short_name
-    misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
-    rms = best.rms
-    peak, unit = specimen.peak_load, specimen.unit
-    if not np.isfinite(rms):
-        return Finding(
-            "goh-misfit", "warning", f"the least-squares fit of {law_name} has no solution"
-        )
-    text = misfit_sentence(law_name, rms, specimen.noise_sd, peak, unit)
-    if len(misfits) > 1:
+    if not np.isfinite(best.rms):
+        text = f"the least-squares fit of {best.material.law.short_name} has no solution"
+        return Finding("goh-misfit", "warning", text)
+    text, poor = _misfit(specimen, best)
+    if len(best.residuals) > 1:
+        misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
         text += f"; most in {specimen.protocols[int(np.argmax(misfits))].name}"
-    if rms > POOR * peak:
-        return Finding("goh-misfit", "warning", f"{text}. {_no_description(law_name)}")
-    return Finding("goh-misfit", "note", text)
+    return Finding("goh-misfit", "warning" if poor else "note", text + poor)
 
 
 def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
     """A warning where even the closest of some fits is no description; else empty."""
-    rms = min((f.rms for f in fits), default=0.0)
-    peak = specimen.peak_load
-    if not rms > POOR * peak:
-        return ""
-    law_name = fits[0].material.law.short_name
-    text = misfit_sentence(law_name, rms, specimen.noise_sd, peak, specimen.unit)
-    return f"{text}. {_no_description(law_name)}"
+    text, poor = _misfit(specimen, min(fits, key=lambda f: f.rms))
+    return text + poor if poor else ""
 
 
-def _no_description(law_name: str) -> str:
-    return (
-        f"{law_name} does not describe this specimen (a misfit of more than {100 * POOR:g} % of "
+def _misfit(specimen: Specimen, fit: FitResult) -> tuple[str, str]:
+    """The misfit as a sentence, and another one if it is too large to use the parameters."""
+    law_name, peak = fit.material.law.short_name, specimen.peak_load
+    text = misfit_sentence(law_name, fit.rms, specimen.noise_sd, peak, specimen.unit)
+    if not fit.rms > POOR * peak:
+        return text, ""
+    return text, (
+        f". {law_name} does not describe this specimen (a misfit of more than {100 * POOR:g} % of "
         "the largest load): do not use its parameters"
     )
 

@@ -6,26 +6,38 @@ they mean and every threshold are in ``docs/identifiability.md``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from biaxbayes.fitting.law_fits import LawFits, better_law_message, fit_laws
+from biaxbayes.identifiability import power_scaling
 from biaxbayes.identifiability.determined import some_draws
-from biaxbayes.identifiability.evidence import Refits, evidence_of_run
-from biaxbayes.identifiability.marginals import LEVELS, parameter_scales
-from biaxbayes.identifiability.mounting_stretch.interval import mounting_intervals
-from biaxbayes.identifiability.mounting_stretch.law_fits import (
-    LawFits,
-    better_law_message,
-    fit_laws,
+from biaxbayes.identifiability.marginals import (
+    INTERVAL,
+    LEVELS,
+    Scale,
+    count_modes,
+    density,
+    edge_distances,
+    find_edges,
+    parameter_scales,
 )
-from biaxbayes.identifiability.mounting_stretch.refits import mounting_refits
+from biaxbayes.identifiability.mounting_interval import (
+    MEASURED,
+    MountingInterval,
+    interval_from_laws,
+    widened,
+)
+from biaxbayes.identifiability.mounting_refits import MountingRefits, mounting_refits
+from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.reported import Reported, reported
 from biaxbayes.identifiability.verdict import (
     NO_VERDICT,
+    Evidence,
     ParameterVerdict,
     Thresholds,
     assess_parameters,
@@ -35,7 +47,10 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.conflicts import prior_conflicts
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
-from biaxbayes.parameters import STRETCH
+from biaxbayes.parameters import STRETCH, mounting_names
+
+Refits = Callable[[Posterior], MountingRefits | None]
+"""Fits to parts of the record of a posterior."""
 
 MOST_DRAWS = 20_000
 """Draws, evenly chosen, that the evidence is computed from; medians and intervals are those of
@@ -89,7 +104,44 @@ class Identifiability:
 
     def to_frame(self) -> pd.DataFrame:
         """The evidence, one row per parameter: ``identifiability.csv``."""
-        return pd.DataFrame([_evidence_row(p) for p in self.parameters])
+        rows = []
+        for p in self.parameters:
+            row: dict[str, Any] = {"parameter": p.name, "unit": p.scale.unit}
+            rows.append(row)
+            e = p.evidence
+            if e is None:
+                continue
+            row |= {
+                "posterior_median": e.median,
+                "posterior_q05": e.low,
+                "posterior_q95": e.high,
+                "scale": p.scale.label,
+                "prior_sd": e.prior_sd,
+                "posterior_sd": e.posterior_sd,
+                "contraction": e.contraction,
+                "prior_excluded": e.prior_excluded,
+            }
+            for edge in e.edges:
+                stem = f"{('low', 'high')[edge.side]}_edge"
+                row |= {
+                    stem: edge.value,
+                    f"{stem}_kind": edge.kind,
+                    f"{stem}_distance": edge.distance,
+                    f"{stem}_mass": edge.mass,
+                    f"{stem}_prior_mass": edge.prior_mass,
+                    f"{stem}_support": edge.support,
+                }
+            row |= {
+                "partners": " ".join(e.partners.names),
+                "spread_given_all": e.partners.spread_given_all,
+                "spread_given_partners": e.partners.spread_given_partners,
+                "modes": e.modes,
+                "prior_sensitivity": e.prior_sensitivity,
+                "likelihood_sensitivity": e.likelihood_sensitivity,
+                "refit_low": e.refits[0] if e.refits else np.nan,
+                "refit_high": e.refits[1] if e.refits else np.nan,
+            }
+        return pd.DataFrame(rows)
 
     def mounting_ranges(self) -> dict[str, tuple[float, float]]:
         """Ranges over which stresses of the tissue let a mounting stretch vary, by name.
@@ -111,43 +163,6 @@ class Identifiability:
         return {name: (m.low, m.high) for name, m in intervals if m.is_value}
 
 
-def _evidence_row(p: ParameterVerdict) -> dict[str, Any]:
-    row: dict[str, Any] = {"parameter": p.name, "unit": p.scale.unit}
-    e = p.evidence
-    if e is None:
-        return row
-    row |= {
-        "posterior_median": e.median,
-        "posterior_q05": e.low,
-        "posterior_q95": e.high,
-        "scale": p.scale.label,
-        "prior_sd": e.prior_sd,
-        "posterior_sd": e.posterior_sd,
-        "contraction": e.contraction,
-        "prior_excluded": e.prior_excluded,
-    }
-    for edge in e.edges:
-        stem = f"{('low', 'high')[edge.side]}_edge"
-        row |= {
-            stem: edge.value,
-            f"{stem}_kind": edge.kind,
-            f"{stem}_distance": edge.distance,
-            f"{stem}_mass": edge.mass,
-            f"{stem}_prior_mass": edge.prior_mass,
-            f"{stem}_support": edge.support,
-        }
-    return row | {
-        "partners": " ".join(e.partners.names),
-        "spread_given_all": e.partners.spread_given_all,
-        "spread_given_partners": e.partners.spread_given_partners,
-        "modes": e.modes,
-        "prior_sensitivity": e.prior_sensitivity,
-        "likelihood_sensitivity": e.likelihood_sensitivity,
-        "refit_low": e.refits[0] if e.refits else np.nan,
-        "refit_high": e.refits[1] if e.refits else np.nan,
-    }
-
-
 def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identifiability:
     """Assess the parameters of a run by its draws, with the fits of all laws."""
     fits = run_law_fits(posterior) if state == "converged" else None
@@ -161,11 +176,21 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
 def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> LawFits | None:
     """Least squares of laws to the record of a posterior, its own with the options of the run."""
     settings = posterior.settings
+    prior_sd = {}  # of the log, or the cos^2 of an angle, or as it is
+    for p in posterior.law.parameters:
+        prior = posterior.priors[p.name]
+        if isinstance(prior, Prior | DrawnPrior):
+            values = prior.ppf(LEVELS)
+            if p.logarithmic:
+                values = np.log(values)
+            elif p.mirror:
+                values = np.cos(np.deg2rad(values)) ** 2
+            prior_sd[p.name] = float(values.std())
     run = {
         "fixed": settings.fixed_material,
         "fibre_switch": settings.fibre_switch,
         "weighted": settings.noise == "effective",
-        "prior_sd": _prior_sds(posterior),
+        "prior_sd": prior_sd,
     }
     return fit_laws(
         posterior.specimen,
@@ -174,22 +199,6 @@ def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> Law
         mounting_stretch=settings.mounting_stretch,
         own={settings.law: run},
     )
-
-
-def _prior_sds(posterior: Posterior) -> dict[str, float]:
-    """Prior sd of the material parameters: of the log, or the cos^2 of an angle, or as it is."""
-    out = {}
-    for p in posterior.law.parameters:
-        prior = posterior.priors[p.name]
-        if not isinstance(prior, Prior | DrawnPrior):
-            continue
-        values = prior.ppf(LEVELS)
-        if p.logarithmic:
-            values = np.log(values)
-        elif p.mirror:
-            values = np.cos(np.deg2rad(values)) ** 2
-        out[p.name] = float(values.std())
-    return out
 
 
 def identify_draws(
@@ -224,16 +233,111 @@ def identify_draws(
     few = some_draws(draws, MOST_DRAWS)
     scales = parameter_scales(priors or posterior.priors, posterior.quantities, few)
     free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
-    evidence = {}
+    evidence: dict[str, Evidence] = {}
     if state != "unusable":
-        evidence = evidence_of_run(posterior, few, draws, free, chosen, refits=refits)
-    mounting = {}
-    if state == "converged" and fits is not None:
-        stretches = {n: e for n, e in evidence.items() if e.parameter.kind == STRETCH}
-        mounting = mounting_intervals(posterior, fits, stretches)
-    else:
+        evidence = evidence_of_draws(
+            free,
+            few,
+            draws,
+            (power_scaling.log_prior(free, few), power_scaling.log_likelihood(posterior, few)),
+            edge_distances(few, posterior.specimen, posterior.law),
+            chosen,
+        )
+        _add_mounting_evidence(evidence, posterior, draws, free, chosen, refits)
+    if state != "converged":
         fits = None
+    mounting = {} if fits is None else mounting_intervals(posterior, fits, evidence)
     parameters = assess_parameters(
         scales, evidence, posterior.law, state, thresholds=chosen, mounting=mounting
     )
     return Identifiability(parameters, state, len(draws), chosen, posterior.law, fits)
+
+
+def evidence_of_draws(
+    free: Sequence[Scale],
+    draws: pd.DataFrame,
+    all_draws: pd.DataFrame,
+    log_components: tuple[np.ndarray, np.ndarray | None],
+    distances: Mapping[str, float],
+    thresholds: Thresholds,
+) -> dict[str, Evidence]:
+    """Evidence by name from some of the draws; medians and intervals are of all draws.
+
+    `log_components` are log prior and log likelihood of each draw.
+    """
+    scaled = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
+    by_prior, by_data = (power_scaling.sensitivity(scaled, log) for log in log_components)
+    partners = find_partners(scaled, tuple(s.name for s in free))
+    out = {}
+    for j, scale in enumerate(free):
+        prior, natural = scale.prior, draws[scale.name].to_numpy(dtype=float)
+        assert isinstance(prior, Prior | DrawnPrior)
+        x = scale.to_scale(natural)
+        low, high = (float(v) for v in scale.to_scale(np.maximum(scale.limits, 0.0)))
+        limits = (low if scale.limits[0] > -np.inf else -np.inf, high)
+        before, after = scale.to_scale(prior.ppf(LEVELS)), density(x, limits)
+        # posterior over prior density: the density of the draws' cumulative prior probability
+        likelihood = density(prior.cdf(natural), (0.0, 1.0))
+        q05, q50, q95 = np.quantile(all_draws[scale.name], [INTERVAL[0], 0.5, INTERVAL[1]])
+        out[scale.name] = Evidence(
+            parameter=scale.parameter,
+            median=float(q50),
+            low=float(q05),
+            high=float(q95),
+            prior_sd=float(before.std()),
+            posterior_sd=float(x.std()),
+            prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
+            edges=find_edges(scale, natural, likelihood, distances.get(scale.kind)),
+            partners=partners[scale.name],
+            modes=count_modes(x, limits, after),
+            prior_sensitivity=float(by_prior[j]),
+            likelihood_sensitivity=float(by_data[j]),
+            prior_density=density(before, limits),
+            posterior_density=after,
+        )
+    return out
+
+
+def _add_mounting_evidence(
+    evidence: dict[str, Evidence],
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    free: Sequence[Scale],
+    thresholds: Thresholds,
+    refits: Refits,
+) -> None:
+    """Add to mounting stretches which ends the prior decides, and the range of the refits."""
+    mounting = [s for s in free if s.parameter.kind == STRETCH]
+    parts = refits(posterior) if mounting else None
+    for scale in mounting:
+        e = evidence[scale.name]
+        if not posterior.specimen.metadata.get(scale.name):  # a prior that is no measurement
+            values = draws[scale.name].to_numpy(dtype=float)
+            log_prior = power_scaling.log_prior((scale,), draws)
+            e = replace(e, by_prior=power_scaling.ends_by_prior(values, log_prior))
+        if parts is not None:
+            assert isinstance(scale.prior, Prior | DrawnPrior)
+            span = parts.range(scale.name, (e.low, e.high), thresholds.refit_errors, scale.prior)
+            e = replace(e, refits=span)
+        evidence[scale.name] = e
+
+
+def mounting_intervals(
+    posterior: Posterior, fits: LawFits, evidence: Mapping[str, Evidence]
+) -> dict[str, MountingInterval]:
+    """Reported intervals of the mounting stretches by name, from `evidence` within the law."""
+    law = posterior.law.name
+    own, out = fits[law], {}
+    for i, state in enumerate(posterior.mounts):
+        for axis, name in enumerate(mounting_names("stretch", state)):
+            if name not in evidence:
+                continue
+            e = evidence[name]
+            if posterior.specimen.metadata.get(name) is not None:
+                out[name] = MountingInterval(e.low, e.high, MEASURED)
+                continue
+            factors = None if own is None else own.mounting_widening
+            factor = 1.0 if factors is None else float(factors[i, axis])
+            interval = widened(e.low, e.median, e.high, factor)
+            out[name] = interval_from_laws(fits, i, axis, law, interval, by_prior=e.by_prior)
+    return out

@@ -9,8 +9,6 @@ decides everything, which is why this is evidence and not the verdict.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 from scipy.special import rel_entr
@@ -67,20 +65,17 @@ def ends_by_prior(values: np.ndarray, log_prior: np.ndarray) -> tuple[bool, bool
     """Test of the (low, high) end for one that the prior, by its log at each draw, decides."""
     order = np.argsort(values, kind="stable")
     values, centred = values[order], (log_prior - log_prior.mean())[order]
-    low, high = (
-        _quantiles(values, np.exp((power - 1.0) * centred), INTERVAL) for power in END_POWERS
-    )
+    ends = []
+    for power in END_POWERS:
+        weights = np.exp((power - 1.0) * centred)
+        at = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
+        ends.append(np.interp(INTERVAL, at, values))
+    low, high = ends
     # the prior to the power a has the sd over sqrt(a): twice the sd is a quarter
     moved = np.abs((high - low) / np.log(END_POWERS[1] / END_POWERS[0]) * np.log(0.25))
     distance = np.abs(np.quantile(values, INTERVAL) - np.median(values))
     decided = (moved > 0.0) & (moved >= DECIDES * distance)
     return bool(decided[0]), bool(decided[1])
-
-
-def _quantiles(ordered: np.ndarray, weights: np.ndarray, levels: tuple[float, ...]) -> np.ndarray:
-    """Quantiles of weighted values in ascending order."""
-    at = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
-    return np.interp(levels, at, ordered)
 
 
 def log_prior(scales: tuple[Scale, ...], draws: pd.DataFrame) -> np.ndarray:
@@ -110,11 +105,10 @@ def log_likelihood(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
     if not posterior.settings.reads_force:
         return total
     reading, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
-    columns: Mapping[str, pd.Series] = {str(c): draws[c] for c in draws.columns}
     for m, label in enumerate(posterior.mounts):
         for k, name in enumerate(mounting_names("force", label)):
-            force = columns[name].to_numpy(dtype=float)
-            offset = columns.get(f"load_offset_{'xy'[k]}")
-            shift = 0.0 if offset is None else offset.to_numpy(dtype=float)
-            total -= 0.5 * ((reading[m, k] - force - shift) / sd[m, k]) ** 2
+            residual = reading[m, k] - draws[name].to_numpy(dtype=float)
+            if (offset := f"load_offset_{'xy'[k]}") in draws:
+                residual = residual - draws[offset].to_numpy(dtype=float)
+            total -= 0.5 * (residual / sd[m, k]) ** 2
     return total

@@ -8,10 +8,10 @@
 
 Intervals are 90 %, bounds 95 %. A posterior holds within its law. Where the law misses the record
 smoothly, its intervals are too narrow: each is widened about its median by the ratio of two errors
-of the least squares, with the smooth misfit and without (:mod:`biaxbayes.fitting.law_fit`). Where
+of the least squares, with the smooth misfit and without (:mod:`biaxbayes.fitting.law_fits`). Where
 another law fits distinctly better, or a prior of the user contradicts the data, the parameters of
 this law are not identified. Mounting
-stretches are those on which all laws that fit agree (:mod:`.mounting_stretch.interval`).
+stretches are those on which all laws that fit agree (:mod:`.mounting_interval`).
 
 The rows as text are the same words and digits wherever they are printed.
 """
@@ -26,8 +26,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import listed, printable
-from biaxbayes.identifiability.mounting_stretch.interval import OPEN, MountingInterval, widened
-from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits, better_law_message
+from biaxbayes.fitting.law_fits import LawFits, better_law_message
+from biaxbayes.identifiability.mounting_interval import OPEN, MountingInterval, widened
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
@@ -154,6 +154,7 @@ def _material_row(
 ) -> Reported:
     """The row of a parameter of the law; `unknown` are those that may lie at an end or anywhere."""
     e, open_sides, scale = wide.evidence, wide.open_sides, p.scale
+    parameter = scale.parameter
     undefined = bool(p.undefined)
     again = decide(e, thresholds, undefined=undefined)  # for the widened interval
     if again != NOT_IDENTIFIED and not unknown.isdisjoint(e.partners.names):
@@ -166,12 +167,15 @@ def _material_row(
     trades = f"trades with {listed(partners)}" if partners else ""
     ratio = e.high / max(e.low, 1e-300) if scale.logarithmic else 1.0
     weak = f"{interval} is hardly narrower than the prior" if widening else PRIOR_DECIDES
+    bounds = [edge.value for edge in e.open_edges(thresholds) if edge.kind == "user"]
+    by_prior = p.undefined or PRIOR_DECIDES
+    if bounds:
+        by_prior = f"limited by the prior bound {parameter.number(bounds[0])}"
+    side = min(open_sides, default=0)
+    end = (parameter.at_low, parameter.at_high)[side]
+    end = end or f"the {('lower', 'upper')[side]} end of its range"
     rules: list[tuple[bool, str, Sequence[str]]] = [  # condition, verdict, parts of the reason
-        (
-            p.posterior_verdict == NOT_IDENTIFIED,
-            NOT_IDENTIFIED,
-            [_prior_reason(p, e, thresholds)],
-        ),
+        (p.posterior_verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, [by_prior]),
         (
             again == COMBINATION and e.contraction <= 0.0,
             NOT_IDENTIFIED,
@@ -179,7 +183,7 @@ def _material_row(
         ),
         (again == COMBINATION, COMBINATION, [trades, widening]),
         (len(open_sides) == 2, NOT_IDENTIFIED, [f"{interval} reaches both ends of the range"]),
-        (len(open_sides) == 1, BOUNDED, [_end_reason(p, open_sides), widening]),
+        (len(open_sides) == 1, BOUNDED, [f"the data are compatible with {end}", widening]),
         (again == NOT_IDENTIFIED, NOT_IDENTIFIED, [weak]),
         (ratio > WIDEST, NOT_IDENTIFIED, [f"known only to a factor of {ratio:.2g}", widening]),
         (True, IDENTIFIED, [widening or "the data determine it", trades]),
@@ -194,20 +198,6 @@ def _material_row(
         low, high = (OPEN, high) if 0 in open_sides else (low, OPEN)
     partners = partners if verdict == COMBINATION else ()
     return Reported(p.name, scale.unit, low, high, verdict, reason, partners)
-
-
-def _prior_reason(p: ParameterVerdict, e: Evidence, thresholds: Thresholds) -> str:
-    bounds = [edge.value for edge in e.open_edges(thresholds) if edge.kind == "user"]
-    if bounds:
-        return f"limited by the prior bound {p.scale.parameter.number(bounds[0])}"
-    return p.undefined or PRIOR_DECIDES
-
-
-def _end_reason(p: ParameterVerdict, open_sides: frozenset[int]) -> str:
-    side, parameter = min(open_sides, default=0), p.scale.parameter
-    meaning = (parameter.at_low, parameter.at_high)[side]
-    end = f"the {('lower', 'upper')[side]} end of its range"
-    return f"the data are compatible with {meaning or end}"
 
 
 # --- the rows as text ----------------------------------------------------------------------------

@@ -1,134 +1,150 @@
-"""Stiff and sloppy directions, and what a parameter trades with.
-
-The conditional spread is the residual spread of a polynomial regression of the parameter on the
-others (all on their sampling scales): cubic in each, with all products of two. Partners are those
-that alone explain much of the parameter (or it of them), since on a ridge all move together,
-and the fewest that are needed besides to explain its spread. Every set of up to three is tried:
-one that adds the best partner at a time stops where two explain nothing alone and much together.
+"""Stiff and sloppy directions, and materials that give the same curves.
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
 in units of its prior standard deviation. The eigenvector is straight, the ridge of a posterior is
-not: the sloppy direction is therefore given along
-:mod:`biaxbayes.identifiability.same_curves`, with the change of the curves along it.
+not: the sloppy direction is therefore given along materials with the same curves. The measured
+curves of one posterior draw are the target. One parameter is fixed at a series of values, and at
+each the others are fitted to the target's loads, the mounting stretch following from the target's
+mounting force. What is left over is how much the curves change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations, permutations
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
+from biaxbayes.fitting.least_squares import descend
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
 from biaxbayes.identifiability.determined import some_draws
 from biaxbayes.identifiability.marginals import INTERVAL, LEVELS, Scale, parameter_scales
-from biaxbayes.identifiability.same_curves import SameCurves, same_curves
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
-from biaxbayes.parameters import MATERIAL, Parameter, mounting_names
-from biaxbayes.prediction.draws import median_draw
+from biaxbayes.options import Settings
+from biaxbayes.parameters import MATERIAL, mounting_names
+from biaxbayes.prediction.draws import median_draw, mounting_labels
+from biaxbayes.specimens.specimen import Specimen
 
-# --- what a parameter trades with: how narrow it would be if others were known -------------------
+# --- materials that give the same curves: one parameter is moved, the others follow --------------
 
-
-DRAWS = 3000
-MOST_PARTNERS = 3
-WORTH = 0.8  # partners must shrink the spread to this share, at least
-TOGETHER = 0.6  # two parameters move together where one leaves this share of the other's spread
-NEAR = 1.25  # partners suffice once the spread is this close to that given everything
-NEAR_THREE = 1.1  # or, where no three come so near, this close to that given the best three
+ROWS = 40  # of each protocol, to fit; the reported change is over all rows
+STEPS = 12
 
 
 @dataclass(frozen=True)
-class Partners:
-    """The parameters that one trades with."""
+class SameCurves:
+    """A path of materials along which the curves stay."""
 
-    names: tuple[str, ...]  # those that explain much alone first
-    spread_given_all: float  # sd given all other parameters, over the marginal one
-    spread_given_partners: float  # the same given the partners alone
+    moved: str  # the parameter that was fixed at each value
+    materials: pd.DataFrame  # natural values (kPa, degrees), one row per point
+    mounting_stretch: np.ndarray  # (points, 2, m); ones where not inferred
+    mounting_load: np.ndarray  # (2, m), of the whole path; zeros where not inferred
+    change_kPa: float  # largest change of any stress of all rows from the first material to another
+    largest_kPa: float  # largest stress of the first material
 
-
-def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partners]:
-    """Partners of every parameter, from draws (n, d) on the sampling scales."""
-    step = max(1, len(values) // DRAWS)
-    few = values[::step]
-    spread = few.std(axis=0)
-    z = (few - few.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    # a far draw must not steer the polynomial
-    known = _Regressions.from_draws(np.clip(z, -6.0, 6.0))
-    pair = np.ones((len(names), len(names)))
-    for i, j in permutations(range(len(names)), 2):
-        pair[i, j] = known.spread(i, (j,))
-    pair = np.minimum(pair, pair.T)
-    return {name: _best_partners(known, j, names, pair[j]) for j, name in enumerate(names)}
+    def to_frame(self) -> pd.DataFrame:
+        """Materials and mounting stretches, one row per point of the path."""
+        table = self.materials.copy()
+        for m in range(self.mounting_stretch.shape[2]):
+            tail = f"[{m + 1}]" if self.mounting_stretch.shape[2] > 1 else ""
+            for k, axis in enumerate("xy"):
+                table[f"mounting_stretch_{axis}{tail}"] = self.mounting_stretch[:, k, m]
+        return table
 
 
-def _best_partners(
-    known: _Regressions, target: int, names: tuple[str, ...], pair: np.ndarray
-) -> Partners:
-    """The fewest parameters that explain about as much of one as all others, or as any three."""
-    others = [j for j in range(len(names)) if j != target]
-    if not others:
-        return Partners((), 1.0, 1.0)
-    full = known.spread(target, others)
-    together = [j for j in sorted(others, key=lambda j: pair[j]) if pair[j] <= TOGETHER]
-    together = together[:MOST_PARTNERS]
-    left = [j for j in others if j not in together]
-    best: list[tuple[float, list[int]]] = []  # of each size
-    for more in range(min(MOST_PARTNERS - len(together), len(left)) + 1):
-        tried = [[*together, *added] for added in combinations(left, more)]
-        best.append(min((known.spread(target, given), given) for given in tried))
-    enough = max(NEAR * full, NEAR_THREE * best[-1][0])
-    spread, chosen = next(candidate for candidate in best if candidate[0] <= enough)
-    if spread > WORTH and not together:
-        return Partners((), full, 1.0)
-    return Partners(tuple(names[j] for j in chosen), full, spread)
+def same_curves(
+    draw: pd.Series,
+    specimen: Specimen,
+    settings: Settings,
+    moved: str,
+    values: tuple[float, float],
+    free: tuple[str, ...],
+) -> SameCurves:
+    """Move one parameter of a draw between two natural values; those in `free` follow."""
+    law, balanced = settings.material_law, settings.infers_mounting
+    data = Readings.from_specimen(specimen, shared=settings.shared)
+    mounting_load = np.zeros_like(data.mounting_load)
+    if balanced:
+        labels = mounting_labels(draw.to_frame().T, specimen)
+        pairs = [mounting_names("force", label) for label in labels]
+        mounting_load = np.array([[float(draw[pair[k]]) for pair in pairs] for k in range(2)])
+    data = replace(data, mounting_load=mounting_load)
+    forward = data.forward(law)
+
+    def curves(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Loads (2, n) of every row and mounting stretches (2, m)."""
+        lm = np.ones_like(mounting_load)
+        if balanced:
+            lm = forward.mounting_roots(point, mounting_load)
+        load = forward.response(point, data.stretch, lm[:, data.group]).load
+        return load, lm
+
+    natural = [float(draw[n]) for n in law.names]
+    origin, index = law.point(natural), law.names.index(moved)
+    follows = [i for i, n in enumerate(law.names) if n != moved and n in free]
+    target = replace(data, load=curves(origin)[0]).thinned(ROWS)
+    ridge = _Ridge(law, target, origin, index, np.array(follows, dtype=int), balanced)
+    here, low, high = (law.coordinate(index, v) for v in (natural[index], *values))
+    logs = law.parameter(moved).logarithmic
+
+    def path(end: float) -> list[np.ndarray]:
+        if end == here:
+            return []
+        spaced = np.geomspace if logs and min(here, end) > 0.0 else np.linspace
+        return ridge.follow(spaced(here, end, STEPS)[1:])
+
+    points = [*reversed(path(low)), origin, *path(high)]
+    loads, stretches = zip(*map(curves, points), strict=True)
+    stress = np.array(loads) / data.area[:, None]
+    return SameCurves(
+        moved,
+        pd.DataFrame([law.values(p) for p in points], columns=list(law.names)),
+        np.array(stretches),
+        mounting_load,
+        float(np.abs(stress - stress[0]).max()),
+        float(np.abs(stress[0]).max()),
+    )
 
 
-@dataclass(frozen=True)
-class _Regressions:
-    """Sums of products of all terms, from which every regression follows."""
+@dataclass(frozen=True, eq=False)
+class _Ridge:
+    """The materials that come closest to the curves of one draw."""
 
-    gram: np.ndarray  # (m, m), of: one, the first three powers of each parameter, products of two
-    power: np.ndarray  # (d, 3): columns of the powers
-    product: np.ndarray  # (d, d): columns of the products of two different ones
-    draws: int
+    law: Law
+    target: Readings  # of the draw
+    origin: np.ndarray  # (p,), fit coordinates of the draw
+    moved: int
+    free: np.ndarray  # indices of the parameters that follow
+    balanced: bool
 
-    @classmethod
-    def from_draws(cls, z: np.ndarray) -> _Regressions:
-        """Regressions of standardised draws, shape (n, d)."""
-        d = z.shape[1]
-        product = np.zeros((d, d), dtype=int)
-        columns = [np.ones(len(z)), *z.T, *(z**2).T, *(z**3).T]
-        for i, j in combinations(range(d), 2):
-            product[i, j] = product[j, i] = len(columns)
-            columns.append(z[:, i] * z[:, j])
-        terms = np.array(columns)
-        power = 1 + np.arange(d)[:, None] + d * np.arange(3)
-        return cls(terms @ terms.T, power, product, len(z))
+    def follow(self, values: np.ndarray) -> list[np.ndarray]:
+        """Fitted materials at a series of values of the moved parameter, until one has no fit."""
+        out: list[np.ndarray] = []
+        before, here = self.origin, self.origin
+        for value in values:
+            fitted = self._fit(value, here[self.free] + 0.9 * (here - before)[self.free])
+            if fitted is None:
+                fitted = self._fit(value, here[self.free])
+            if fitted is None:
+                break
+            before, here = here, fitted
+            out.append(fitted)
+        return out
 
-    def spread(self, target: int, given: Sequence[int]) -> float:
-        """Residual spread of a parameter given others, over its marginal spread."""
-        y = self.power[target, 0]
-        total = self.gram[y, y] - self.gram[0, y] ** 2 / self.draws
-        if not total > 0.0:
-            return 1.0
-        used = [0, *self.power[list(given)].ravel()]
-        used += [self.product[i, j] for i, j in combinations(given, 2)]
-        gram, with_y = self.gram[np.ix_(used, used)], self.gram[used, y]
-        # normal equations with a little ridge: neighbouring powers are nearly collinear
-        ridged = gram + 1e-9 * self.draws * np.eye(len(used))
-        c = np.linalg.solve(ridged, with_y)
-        # |y - F c|^2 = y.y - 2 c.F'y + c.F'F c
-        residual = max(self.gram[y, y] - 2.0 * c @ with_y + c @ gram @ c, 0.0)
-        freedom = max(self.draws - len(used), 1)
-        return float(min(np.sqrt(residual / freedom * self.draws / total), 1.0))
+    def _fit(self, value: float, start: np.ndarray) -> np.ndarray | None:
+        point = self.origin.copy()
+        point[self.moved] = value
+        kind = BalancedMounting if self.balanced else LoadResiduals
+        one, peak = np.ones_like(self.target.mounting_load), self.target.peak
+        problem = kind(self.target, "load", point, self.free, peak, one, self.law)
+        lower, upper = self.law.lower[self.free], self.law.upper[self.free]
+        descent = descend(problem, start, lower, upper, steps=200, tolerance=1e-10)
+        return problem.fit_coordinates(descent.unknowns) if np.isfinite(descent.cost) else None
 
 
 # --- stiff and sloppy directions: what combination of parameters is known -------------------------
-
 
 MOST_DRAWS = 4000
 SMALL = 0.1  # of the largest loading: left out of the words
@@ -178,9 +194,12 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
         (float(low), float(high)),
         tuple(s.name for s in scales),
     )
-    return Sloppiness(
-        directions, path, path_text(path, _error_kPa(posterior, few), few, posterior.law)
-    )
+    # error sd of a reading at the median load, as a stress, at the medians of the draws
+    specimen, errors = posterior.specimen, posterior.settings.error_model
+    load = np.median(np.abs(np.concatenate([specimen.load(p) for p in specimen.protocols])))
+    values = {p.name: float(np.median(few[p.name])) for p in errors.parameters}
+    error_kPa = float(errors.sd(values, load)) / float(specimen.area.min())
+    return Sloppiness(directions, path, path_text(path, error_kPa, few, posterior.law))
 
 
 def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ...]:
@@ -193,10 +212,9 @@ def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ..
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(np.array(columns))))
     out: list[Direction] = []
     for value, vector in zip(values, vectors.T, strict=True):
-        rank = "known" if out else "best known"
-        lead = int(np.argmax(np.abs(vector)))
-        vector = vector * np.sign(vector[lead])
+        vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
         spread = float(np.sqrt(max(value, 0.0)))
+        rank = "known" if out else "best known"
         text = f"{rank}: {_combination(scales, vector, np.array(units), spread)}"
         loadings = {s.name: float(v) for s, v in zip(scales, vector, strict=True)}
         out.append(Direction(loadings, spread, text))
@@ -204,84 +222,60 @@ def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ..
 
 
 def _combination(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spread: float) -> str:
-    """The combination as a product of powers, and how well it is known."""
+    """The combination as a product of powers or a sum, and how well it is known."""
     lead = int(np.argmax(np.abs(vector)))
+    product = scales[lead].logarithmic
     # sum_i v_i x_i / u_i, scaled so that the leading parameter has coefficient one
     coefficient = vector / units * (units[lead] / vector[lead])
     width = Z90 * spread * units[lead] / abs(vector[lead])
-    terms = [
-        _term(scale, float(c), scales[lead].logarithmic)
-        for scale, c, v in zip(scales, coefficient, vector, strict=True)
-        if abs(v) >= SMALL * abs(vector[lead])
-    ]
-    if not scales[lead].logarithmic:
-        unit = scales[lead].parameter.unit_words()
-        return f"{' '.join(terms)}, to {width:.2g}{unit} (90 %)"
-    known = (
-        f"{100.0 * np.expm1(width):.2g} %" if width < FACTOR else f"a factor {np.exp(width):.2g}"
-    )
-    return f"{' '.join(terms)}, to {known} (90 %)"
-
-
-def _term(scale: Scale, coefficient: float, product: bool) -> str:
-    """One factor of a product of powers, or one term of a sum."""
-    alone = abs(coefficient - 1.0) < 0.005
+    terms = []
+    for scale, c, v in zip(scales, coefficient, vector, strict=True):
+        if abs(v) < SMALL * abs(vector[lead]):
+            continue
+        alone = abs(c - 1.0) < 0.005
+        if not product:
+            name = scale.label
+            terms.append(name if alone else f"{c:+.3g} {name}")
+        elif scale.logarithmic:
+            terms.append(scale.name if alone else f"{scale.name}^{c:.2g}")
+        else:
+            step, unit = (10.0, " deg") if scale.unit else (0.1, "")
+            terms.append(f"exp({c * step:+.2g} {scale.name}/{step:g}{unit})")
     if not product:
-        name = f"ln {scale.name}" if scale.logarithmic else scale.name
-        return name if alone else f"{coefficient:+.3g} {name}"
-    if scale.logarithmic:
-        return scale.name if alone else f"{scale.name}^{coefficient:.2g}"
-    step, unit = (10.0, " deg") if scale.unit else (0.1, "")
-    return f"exp({coefficient * step:+.2g} {scale.name}/{step:g}{unit})"
-
-
-def _error_kPa(posterior: Posterior, draws: pd.DataFrame) -> float:
-    """Error sd of a reading at the median load, as a stress, at the medians of the draws."""
-    specimen, errors = posterior.specimen, posterior.settings.error_model
-    load = np.median(np.abs(np.concatenate([specimen.load(p) for p in specimen.protocols])))
-    values = {p.name: float(np.median(draws[p.name])) for p in errors.parameters}
-    return float(errors.sd(values, load)) / float(specimen.area.min())
+        known = f"{width:.2g}{scales[lead].parameter.unit_words()}"
+    elif width < FACTOR:
+        known = f"{100.0 * np.expm1(width):.2g} %"
+    else:
+        known = f"a factor {np.exp(width):.2g}"
+    return f"{' '.join(terms)}, to {known} (90 %)"
 
 
 def path_text(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:
     """Text on the parameters that move along a path, and the change of the curves."""
     first, last = path.materials.iloc[0], path.materials.iloc[-1]
-    names = [path.moved, *(n for n in law.names if n != path.moved)]
-    moves = [
-        text for n in names if (text := _move(law.parameter(n), float(first[n]), float(last[n])))
-    ]
+    moves = []
+    for name in (path.moved, *(n for n in law.names if n != path.moved)):
+        parameter, a, b = law.parameter(name), float(first[name]), float(last[name])
+        step = parameter.number(abs(b - a))
+        if parameter.logarithmic and min(a, b) <= 0.0:
+            moves.append(f"{name} from {a:.3g} to {b:.3g}")
+        elif parameter.logarithmic:
+            if abs(np.log(b / a)) >= 0.005:
+                moves.append(f"{name} times {b / a:.3g}")
+        elif float(step) != 0.0:
+            moves.append(f"{name} {'up' if b > a else 'down'} {step}{parameter.unit_words()}")
     if mounting_names("stretch")[0] in draws or path.mounting_stretch.shape[2] > 1:
         for k, axis in enumerate("xy"):
-            step = float(np.mean(path.mounting_stretch[-1, k] - path.mounting_stretch[0, k]))
-            if abs(step) >= 5e-4:
-                way = "up" if step > 0 else "down"
-                moves.append(f"mounting stretch {axis} {way} {abs(step):.3f}")
-    amount = _rounded_up(path.change_kPa)
+            change = float(np.mean(path.mounting_stretch[-1, k] - path.mounting_stretch[0, k]))
+            if abs(change) >= 5e-4:
+                way = "up" if change > 0 else "down"
+                moves.append(f"mounting stretch {axis} {way} {abs(change):.3f}")
+    amount = 0.0
+    if path.change_kPa > 0.0:  # two digits, never less than the value: it is a limit
+        digit = 10.0 ** (np.floor(np.log10(path.change_kPa)) - 1.0)
+        amount = float(f"{np.ceil(path.change_kPa / digit - 1e-9) * digit:.2g}")
     share = 100.0 * path.change_kPa / max(path.largest_kPa, 1e-300)
     return (
         f"the same curves: {', '.join(moves)}; no stress of the tests changes by more than "
         f"{amount:g} kPa ({share:.2g} % of the largest; one reading errs by {error_kPa:.2g} kPa)"
     )
-
-
-def _rounded_up(value: float) -> float:
-    """Two digits, never less than the value: it is a limit."""
-    if not value > 0.0:
-        return 0.0
-    digit = 10.0 ** (np.floor(np.log10(value)) - 1.0)
-    return float(f"{np.ceil(value / digit - 1e-9) * digit:.2g}")
-
-
-def _move(parameter: Parameter, first: float, last: float) -> str:
-    """Text on the move of one parameter; empty if it does not move."""
-    name = parameter.name
-    if parameter.logarithmic:
-        if min(first, last) <= 0.0:
-            return f"{name} from {first:.3g} to {last:.3g}"
-        ratio = last / first
-        return f"{name} times {ratio:.3g}" if abs(np.log(ratio)) >= 0.005 else ""
-    step = abs(last - first)
-    text = parameter.number(step)
-    if float(text) == 0.0:
-        return ""
-    return f"{name} {'up' if last > first else 'down'} {text}{parameter.unit_words()}"

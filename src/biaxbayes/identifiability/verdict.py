@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 
 from biaxbayes.errors import listed
 from biaxbayes.identifiability.marginals import Density, Edge, Scale, end_message
-from biaxbayes.identifiability.mounting_stretch.interval import MountingInterval
-from biaxbayes.identifiability.sloppiness import Partners
+from biaxbayes.identifiability.mounting_interval import MountingInterval
+from biaxbayes.identifiability.partners import Partners
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import Parameter
@@ -165,12 +165,19 @@ def assess_parameters(
     mounting: Mapping[str, MountingInterval] | None = None,
 ) -> tuple[ParameterVerdict, ...]:
     """Verdicts on parameters; `evidence` lacks fixed parameters and those of unusable draws."""
-    undefined = _undefined(law, evidence, thresholds)
-    at_end = {
-        name
+    at_end = {  # parameters that may lie at an end of the law, with its sides
+        name: sides
         for name, e in evidence.items()
-        if any(edge.kind == "physical" for edge in e.open_edges(thresholds))
+        if (sides := {x.side for x in e.open_edges(thresholds) if x.kind == "physical"})
     }
+    undefined = {}  # parameters that are undefined at an end of another one
+    for name, causes in law.undefined_at.items():
+        possible = [words for other, side, words in causes if side in at_end.get(other, ())]
+        if possible:
+            verb = "are" if len(possible) > 1 else "is"
+            undefined[name] = (
+                f"{listed(possible)}, where no angle means anything, {verb} not excluded"
+            )
     out = []
     for scale in scales:
         e, interval = evidence.get(scale.name), (mounting or {}).get(scale.name)
@@ -180,34 +187,13 @@ def assess_parameters(
         if e is not None:
             if interval is not None and interval.is_value:
                 e = replace(e, refits=None)  # laws that fit agree: no part contradicts them
-            partner = not at_end.isdisjoint(e.partners.names)
+            partner = not at_end.keys().isdisjoint(e.partners.names)
             verdict = NO_VERDICT
             if state == "converged":
                 verdict = decide(e, thresholds, undefined=bool(why), partner_at_end=partner)
         text = verdict_sentence(scale, verdict, e, thresholds, state, undefined=why)
         out.append(ParameterVerdict(scale, verdict, text, e, interval, why))
     return tuple(out)
-
-
-def _undefined(
-    law: Law, evidence: Mapping[str, Evidence], thresholds: Thresholds
-) -> dict[str, str]:
-    """Parameters that are undefined at an end of another one that is open, with a text."""
-    out = {}
-    for name, causes in law.undefined_at.items():
-        possible = [
-            words
-            for other, side, words in causes
-            if other in evidence
-            and any(
-                edge.side == side and edge.kind == "physical"
-                for edge in evidence[other].open_edges(thresholds)
-            )
-        ]
-        if possible:
-            verb = "are" if len(possible) > 1 else "is"
-            out[name] = f"{listed(possible)}, where no angle means anything, {verb} not excluded"
-    return out
 
 
 # --- verdicts as sentences -----------------------------------------------------------------------

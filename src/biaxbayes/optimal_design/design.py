@@ -19,12 +19,13 @@ from biaxbayes.parallel import Executor, InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Progress
-from biaxbayes.specimens.specimen import Specimen
 
 BEYOND_TESTED = 1.2
 """Ratio of a planned load to the largest tested one above which a caution is given."""
 WORTH_NAMING = 0.1
 """Expected reduction of an sd from which the conclusion names it."""
+PEAK_DRAWS = 4000
+"""Number of draws for the largest load."""
 
 
 @dataclass(frozen=True)
@@ -188,21 +189,31 @@ def design(
         If ``rank_by`` is not a quantity.
     """
     chosen = list(standard_candidates(posterior) if candidates is None else candidates)
-    quantities = design_quantities(posterior, draws)
+    quantities = {
+        name: v for name, v in design_quantities(posterior, draws).items() if np.ptp(v) > 0.0
+    }
     if rank_by not in ("parameters", "information", *quantities):
         raise InputError(
             f"`rank_by` {rank_by[:60]!r} is not a quantity of this run",
             remedy=f"one of parameters, information, {', '.join(quantities)}",
         )
-    posterior = with_sampling_constants(posterior)
     work = partial(
-        _expect_one, draws=draws, quantities=quantities, outcomes=outcomes, posterior=posterior
+        _expect_one,
+        draws=draws,
+        quantities=quantities,
+        outcomes=outcomes,
+        posterior=with_sampling_constants(posterior),
     )
-    expected = _each(chosen, work, seed, executor or InThisProcess(), progress)
-    ranked = [(e, c) for e, c in zip(expected, chosen, strict=True) if e is not None]
-    skipped = [c.name for e, c in zip(expected, chosen, strict=True) if e is None]
-    names = tuple(quantities)
+    tasks = [(candidate, [seed, number]) for number, candidate in enumerate(chosen)]
+    expected: list[Expected | None] = [None] * len(tasks)
+    progress(Progress("simulating outcomes"))
+    for done, outcome in enumerate((executor or InThisProcess()).run(work, tasks), start=1):
+        if outcome.lost:
+            raise RunError(f"candidate {chosen[outcome.index].name}: {outcome.lost}")
+        expected[outcome.index] = outcome.value
+        progress(Progress("simulating outcomes", done / len(tasks)))
 
+    names = tuple(quantities)
     wanted = [n in posterior.law.names if rank_by == "parameters" else n == rank_by for n in names]
 
     def rank(pair: tuple[Expected, Any]) -> float:
@@ -210,45 +221,24 @@ def design(
         # with all material parameters fixed, rank by information
         return -float(expected.reduction[wanted].mean() if any(wanted) else expected.gain)
 
-    ranked.sort(key=rank)
+    pairs = list(zip(expected, chosen, strict=True))
+    ranked = sorted([(e, c) for e, c in pairs if e is not None], key=rank)
+    some = draws.iloc[evenly_chosen(len(draws), PEAK_DRAWS)]
+    specimen = posterior.specimen
+    peaks = [
+        PeakLoad(*c.peak_load(some), specimen.peak_load, specimen.unit)
+        if isinstance(c, FurtherProtocol)
+        else None
+        for _, c in ranked
+    ]
     return Design(
         names,
         tuple(e for e, _ in ranked),
-        tuple(skipped),
+        tuple(c.name for e, c in pairs if e is None),
         tuple(c for _, c in ranked),
         posterior.quantities,
-        tuple(_peak(c, posterior.specimen, draws) for _, c in ranked),
+        tuple(peaks),
     )
-
-
-PEAK_DRAWS = 4000
-"""Number of draws for the largest load."""
-
-
-def _peak(candidate: Any, specimen: Specimen, draws: pd.DataFrame) -> PeakLoad | None:
-    if not isinstance(candidate, FurtherProtocol):
-        return None
-    chosen = draws.iloc[evenly_chosen(len(draws), PEAK_DRAWS)]
-    return PeakLoad(*candidate.peak_load(chosen), specimen.peak_load, specimen.unit)
-
-
-def _each(
-    candidates: Sequence[Candidate],
-    work: Callable[[tuple[Candidate, list[int]]], Expected | None],
-    seed: int,
-    executor: Executor,
-    progress: Callable[[Progress], None],
-) -> list[Expected | None]:
-    """Expected benefit of each candidate, in their order."""
-    tasks = [(candidate, [seed, number]) for number, candidate in enumerate(candidates)]
-    expected: list[Expected | None] = [None] * len(tasks)
-    progress(Progress("simulating outcomes"))
-    for done, outcome in enumerate(executor.run(work, tasks), start=1):
-        if outcome.lost:
-            raise RunError(f"candidate {candidates[outcome.index].name}: {outcome.lost}")
-        expected[outcome.index] = outcome.value
-        progress(Progress("simulating outcomes", done / len(tasks)))
-    return expected
 
 
 def _expect_one(

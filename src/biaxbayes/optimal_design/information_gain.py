@@ -52,7 +52,7 @@ def design_quantities(
         if d.name != "Hz":
             logs = d.kind == STRESS or bool(d.unit)
             out[d.key] = np.log(np.maximum(d.values, 1e-300)) if logs else d.values
-    return {name: v for name, v in out.items() if np.ptp(v) > 0.0}
+    return out
 
 
 # --- the posterior after an outcome ---------------------------------------------------------------
@@ -114,7 +114,9 @@ class OutcomePosterior:
         table = pd.DataFrame(self.posterior.natural(x[inside]))
         values = design_quantities(self.posterior, table, self.stretch)
         columns = np.column_stack([values[name] for name in self.quantities])
-        sd, effective = weighted_spread(log_weights[None, inside], columns)
+        # a material whose stress overflows is far from all readings
+        finite = np.isfinite(columns).all(axis=1)
+        sd, effective = weighted_spread(log_weights[None, inside][:, finite], columns[finite])
         log_evidence = float(log_mean(log_weights)) - self._normaliser(rng)
         return OutcomeResult(sd[0], log_evidence, float(effective[0]))
 

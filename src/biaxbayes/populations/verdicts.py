@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.determined import NORMAL_90
-from biaxbayes.identifiability.evidence import evidence_of_draws
-from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.identifiability.identify import evidence_of_draws, identify_draws
 from biaxbayes.identifiability.marginals import INTERVAL, Scale
 from biaxbayes.identifiability.reported import WIDEST, interval_text
 from biaxbayes.identifiability.verdict import (

@@ -151,7 +151,12 @@ def bands(
     low, high = tails(probability)
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
     forward = ForwardModel.from_specimen(specimen, settings)
-    names = [_name(kind, q) for kind in ("credible", "predictive") for q in (low, 0.5, high)]
+    levels = (low, 0.5, high)
+    names = [
+        f"{kind}_q{100 * level:04.1f}".removesuffix(".0")
+        for kind in ("credible", "predictive")
+        for level in levels
+    ]
     tables = []
     for protocol in compared_protocols(specimen, settings):
         rows = evenly_spaced(protocol.rows, max_rows)
@@ -161,8 +166,11 @@ def bands(
         step = max(1, BLOCK // (2 * len(chosen)))
         for first in range(0, len(rows), step):
             part = slice(first, first + step)
-            predicted = forward.predict(chosen, stretch[part], protocol.name)
-            quantiles[:, part] = _quantiles(*predicted, (low, 0.5, high))
+            mean, sd = forward.predict(chosen, stretch[part], protocol.name)
+            flat = mean.reshape(len(mean), -1)
+            predictive = mixture_percentiles(flat, sd.reshape(flat.shape), levels)
+            both = np.concatenate([np.quantile(flat, levels, axis=0), predictive])
+            quantiles[:, part] = both.reshape(6, *mean.shape[1:])
         for axis, direction in enumerate("xy"):
             table = {
                 "protocol": protocol.name,
@@ -284,15 +292,3 @@ def evenly_spaced(count: int, limit: int | None) -> np.ndarray:
         return np.arange(count)
     step = -(-(count - 1) // (limit - 1))
     return np.union1d(np.arange(0, count - 1, step), [count - 1])
-
-
-def _name(kind: str, level: float) -> str:
-    return f"{kind}_q{100 * level:04.1f}".removesuffix(".0")
-
-
-def _quantiles(mean: np.ndarray, sd: np.ndarray, levels: tuple[float, ...]) -> np.ndarray:
-    """Quantiles of the model and of a new reading, shape (6, rows, 2)."""
-    flat = mean.reshape(len(mean), -1)
-    predictive = mixture_percentiles(flat, sd.reshape(flat.shape), levels)
-    out = np.concatenate([np.quantile(flat, levels, axis=0), predictive])
-    return out.reshape(2 * len(levels), *mean.shape[1:])

@@ -68,30 +68,6 @@ def median_draw(draws: pd.DataFrame, specimen: Specimen, law: Law) -> int:
     return int(np.argmin(distance))
 
 
-def most_probable_draw(draws: pd.DataFrame) -> int:
-    """Row of the draw with the highest density ``lp``; InputError if none is stored.
-
-    A density depends on its coordinates: here ln C1, ln k1, ln k2, alpha and kappa, the mounted
-    state and the logarithm of the noise.
-    """
-    if "lp" not in draws:
-        raise InputError(
-            "this run stores no posterior density of its draws", remedy="use `at=median`"
-        )
-    return int(np.argmax(draws["lp"].to_numpy(dtype=float)))
-
-
-def random_draws(draws: pd.DataFrame, count: int, *, seed: int = 0) -> list[int]:
-    """Rows of a random sample without replacement, in rising order; InputError if too large."""
-    if not 1 <= count <= len(draws):
-        raise InputError(
-            f"cannot choose {count} draws",
-            remedy=f"the run has {len(draws)}: choose 1 to {len(draws)}",
-        )
-    chosen = np.random.default_rng(seed).choice(len(draws), size=count, replace=False)
-    return sorted(int(i) for i in chosen)
-
-
 def chosen_draws(
     draws: pd.DataFrame,
     specimen: Specimen,
@@ -101,10 +77,27 @@ def chosen_draws(
     at: str = "median",
     seed: int = 0,
 ) -> tuple[list[int], str]:
-    """Positions of the draws to export, and a text on them: ``count`` random ones, or one."""
+    """Rows of the draws to export, in rising order, and a text on them.
+
+    ``count`` random ones without replacement, or the ``median`` draw, or (``map``) that of the
+    highest density. A density depends on its coordinates: here ln C1, ln k1, ln k2, alpha and
+    kappa, the mounted state and the logarithm of the noise. Raises InputError if ``count`` is too
+    large, or no density is stored.
+    """
     if count is not None:
-        return random_draws(draws, count, seed=seed), f"random posterior draw, seed {seed}"
+        if not 1 <= count <= len(draws):
+            raise InputError(
+                f"cannot choose {count} draws",
+                remedy=f"the run has {len(draws)}: choose 1 to {len(draws)}",
+            )
+        chosen = np.random.default_rng(seed).choice(len(draws), size=count, replace=False)
+        return sorted(int(i) for i in chosen), f"random posterior draw, seed {seed}"
     if at == "map":
-        return [most_probable_draw(draws)], "most probable posterior draw"
+        if "lp" not in draws:
+            raise InputError(
+                "this run stores no posterior density of its draws", remedy="use `at=median`"
+            )
+        row = int(np.argmax(draws["lp"].to_numpy(dtype=float)))
+        return [row], "most probable posterior draw"
     row = median_draw(draws, specimen, law)
     return [row], "posterior draw with the stress curves nearest the median curves"

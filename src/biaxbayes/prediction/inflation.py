@@ -23,7 +23,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
-from biaxbayes.laws.materials import Material, MaterialResponse
+from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import PredictionOptions, Settings
 from biaxbayes.prediction.bands import (
@@ -323,7 +323,16 @@ def predict_diameter(
     lm = prediction_mounting(draws, specimen, None)
     noise = ForwardModel.from_specimen(specimen, settings).piola_sd(draws, axis, piola, lm)
     unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
-    new = _disturbed_stretch(material, tube, pressure, noise * unit)
+    # each draw's wall stress is off by one number, unless its noise grows with the load: then by
+    # one per pressure
+    offset = noise * unit
+    each = [slice(j, j + 1) for j in range(pressure.size)]
+    new = np.hstack(
+        [
+            inflation_stretch(material, tube, pressure[k], piola_offset_kPa=offset[:, k][:, 0])
+            for k in (each if offset.shape[1] > 1 else [slice(None)])
+        ]
+    )
     columns: dict[str, np.ndarray] = {
         "pressure_kPa": pressure,
         "pressure_mmHg": pressure * MMHG_PER_KPA,
@@ -338,17 +347,3 @@ def predict_diameter(
     states = tube.stretches(columns["circumferential_stretch_median"])
     tested = prediction_range(draws, specimen, None, "total")
     return pd.DataFrame({**columns, "extrapolation": tested.extrapolation(*states)})
-
-
-def _disturbed_stretch(
-    material: Material, tube: Tube, pressure: np.ndarray, offset: np.ndarray
-) -> np.ndarray:
-    """Stretches (n, m) when each draw's wall stress is off by ``offset``, (n, 1) or (n, m)."""
-    # The noise is one number per draw unless it grows with the load: then one per pressure as well.
-    if offset.shape[1] == 1:
-        parts = [(pressure, offset)]
-    else:
-        parts = [(pressure[j : j + 1], offset[:, j : j + 1]) for j in range(pressure.size)]
-    return np.hstack(
-        [inflation_stretch(material, tube, p, piola_offset_kPa=shift[:, 0]) for p, shift in parts]
-    )

@@ -16,8 +16,6 @@ from biaxbayes.specimens.specimen import Specimen
 # --- what the model misses: its errors beside the load cell's noise -------------------------------
 
 
-BLOCK = 500_000
-"""Model values in memory at once."""
 SMOOTH = -3.0
 """Runs fewer than expected by this many standard deviations are no accident."""
 TAILS = (0.05, 0.95)
@@ -68,32 +66,39 @@ def predictive_checks(
         measured = specimen.load(protocol)[protocol.rest_rows :]
         if not len(measured):
             continue
-        median, below = np.empty_like(measured), np.empty_like(measured)
-        step = max(1, BLOCK // (2 * len(chosen)))
-        for first in range(0, len(measured), step):
-            part = slice(first, first + step)
-            mean, sd = forward.predict(chosen, stretch[part], protocol.name)
-            median[part] = np.median(mean, axis=0)
-            with np.errstate(over="ignore", invalid="ignore"):
-                # F(y) = mean over draws of Phi((y - m) / sd)
-                z = (measured[None, part] - mean) / np.maximum(sd, 1e-300)
-                below[part] = standard_cdf(z).mean(axis=0)
+        mean, sd = forward.predict(chosen, stretch, protocol.name)
+        with np.errstate(over="ignore", invalid="ignore"):
+            # F(y) = mean over draws of Phi((y - m) / sd)
+            below = standard_cdf((measured - mean) / np.maximum(sd, 1e-300)).mean(axis=0)
+        inside = ((below >= TAILS[0]) & (below <= TAILS[1])).mean(axis=0)
+        residuals = measured - np.median(mean, axis=0)
         for axis, direction in enumerate("xy"):
-            residual = measured[:, axis] - median[:, axis]
-            worst = int(np.argmax(np.abs(residual)))
-            share = below[:, axis]
+            residual = residuals[:, axis]
+            worst, n = int(np.argmax(np.abs(residual))), len(residual)
+            centred = residual - residual.mean()
+            square = float(centred @ centred)
+            above = residual > 0.0
+            runs = 1 + int(np.count_nonzero(above[1:] != above[:-1]))
+            # Signs of independent errors about zero change at each of n - 1 steps with
+            # probability 1/2.
+            expected, runs_sd = 0.5 * (n + 1), 0.5 * np.sqrt(max(n - 1, 1))
             rows.append(
                 {
                     "protocol": protocol.name,
                     "direction": direction,
-                    "readings": len(residual),
+                    "readings": n,
                     "rms": float(np.sqrt(np.mean(residual**2))),
                     "largest": float(residual[worst]),
                     "at": float(stretch[worst, axis]),
                     "peak": float(np.abs(measured[:, axis]).max()),
                     "noise": specimen.noise_sd,
-                    **_randomness(residual),
-                    "inside": float(np.mean((share >= TAILS[0]) & (share <= TAILS[1]))),
+                    "autocorrelation": (
+                        float(centred[:-1] @ centred[1:]) / square if square > 0.0 else np.nan
+                    ),
+                    "runs": runs,
+                    "expected_runs": expected,
+                    "runs_z": (runs - expected) / runs_sd,
+                    "inside": float(inside[axis]),
                 }
             )
     table = pd.DataFrame(rows)
@@ -104,24 +109,6 @@ def predictive_checks(
     within = (table["largest"].abs() <= NOISE * table["noise"]) & (table["runs_z"] >= SMOOTH)
     verdict = np.where(within, "noise", np.where(relative > MISSES, "misses", "small"))
     return table.assign(share=relative, verdict=verdict)
-
-
-def _randomness(residual: np.ndarray) -> dict[str, float]:
-    """Correlation of neighbours, and runs of one sign beside what independence would give."""
-    centred = residual - residual.mean()
-    square = float(centred @ centred)
-    correlation = float(centred[:-1] @ centred[1:]) / square if square > 0.0 else np.nan
-    above = residual > 0.0
-    n = len(residual)
-    runs = 1 + int(np.count_nonzero(above[1:] != above[:-1]))
-    # Signs of independent errors about zero change at each of n - 1 steps with probability 1/2.
-    mean, sd = 0.5 * (n + 1), 0.5 * np.sqrt(max(n - 1, 1))
-    return {
-        "autocorrelation": correlation,
-        "runs": runs,
-        "expected_runs": mean,
-        "runs_z": (runs - mean) / sd,
-    }
 
 
 def misfit_in_words(table: pd.DataFrame) -> list[str]:

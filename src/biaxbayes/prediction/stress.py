@@ -203,7 +203,11 @@ def predict_stress(
     InputError
         If an option does not fit the run, a stretch is not positive, or a stress overflows.
     """
-    path = _checked(np.asarray(path, dtype=float))
+    path = np.asarray(path, dtype=float)
+    if path.ndim != 2 or path.shape[1] != 2 or not len(path):
+        raise InputError("a path needs a stretch in x and one in y in every row")
+    if not (np.isfinite(path).all() and (path > 0.0).all()):
+        raise InputError("stretches must be positive numbers")
     if reference not in ("total", "measured") or stress not in ("cauchy", "piola"):
         raise InputError("reference is total or measured, stress is cauchy or piola")
     tails(probability)
@@ -218,7 +222,13 @@ def predict_stress(
         total = path[None, first : first + rows, :] * factor[:, None, :]
         with np.errstate(over="ignore", invalid="ignore"):
             model = material.piola(total[:, :, 0], total[:, :, 1])
-        _check_finite(model, path[first : first + rows])
+        finite = np.isfinite(model).all(axis=(0, 1))
+        if not finite.all():
+            x, y = path[first + np.argmin(finite)]
+            raise InputError(
+                f"the stress of some draws overflows at stretches of {x:g} and {y:g}",
+                remedy="end the path earlier: nothing was tested near there",
+            )
         columns: dict[str, np.ndarray] = {}
         for axis, name in enumerate("xy"):
             noise = forward.piola_sd(draws, axis, model[axis], lm)
@@ -336,21 +346,3 @@ def prediction_range(
         own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
     lms = [np.median(protocol_mounting(draws, p), axis=0) / own for p in specimen.protocols]
     return covered_stretches(specimen, np.array(lms))
-
-
-def _checked(path: np.ndarray) -> np.ndarray:
-    if path.ndim != 2 or path.shape[1] != 2 or not len(path):
-        raise InputError("a path needs a stretch in x and one in y in every row")
-    if not (np.isfinite(path).all() and (path > 0.0).all()):
-        raise InputError("stretches must be positive numbers")
-    return path
-
-
-def _check_finite(model: tuple[np.ndarray, np.ndarray], path: np.ndarray) -> None:
-    finite = np.isfinite(model[0]).all(axis=0) & np.isfinite(model[1]).all(axis=0)
-    if not finite.all():
-        x, y = path[np.argmin(finite)]
-        raise InputError(
-            f"the stress of some draws overflows at stretches of {x:g} and {y:g}",
-            remedy="end the path earlier: nothing was tested near there",
-        )

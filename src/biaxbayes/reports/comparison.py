@@ -16,7 +16,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.figures.comparisons import forest_figure, matrix_figure
 from biaxbayes.figures.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
-from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
+from biaxbayes.identifiability.mounting_interval import measurement_advice
 from biaxbayes.identifiability.reported import report_rows
 from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.parameters import Quantities

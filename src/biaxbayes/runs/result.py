@@ -17,7 +17,7 @@ import pandas as pd
 from biaxbayes.errors import RunError, listed
 from biaxbayes.identifiability.determined import determined, mounting_measured
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
+from biaxbayes.identifiability.mounting_interval import measurement_advice
 from biaxbayes.identifiability.reported import Reported, ReportRow, report_frame, report_rows
 from biaxbayes.identifiability.sloppiness import sloppiness
 from biaxbayes.identifiability.verdict import (

@@ -97,12 +97,12 @@ def check(
         )
         findings.append(Finding("grips", "note", words))
     if fit:
+        from biaxbayes.fitting.law_fits import quick_better_law
         from biaxbayes.identifiability.fit_quality import (
             misfit_finding,
             quick_fit,
             swapped_columns,
         )
-        from biaxbayes.identifiability.mounting_stretch.law_fits import quick_better_law
 
         best = quick_fit(data)
         swapped = swapped_columns(data, best.residuals, best=best)

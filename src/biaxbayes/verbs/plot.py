@@ -21,7 +21,7 @@ from biaxbayes.figures.profile import profile_figure
 from biaxbayes.figures.style import SIDE_BY_SIDE_MM, Style, picture_suffix, save_figure
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.profile.profile import profiles
+from biaxbayes.identifiability.profile import profiles
 from biaxbayes.laws import all_parameters
 from biaxbayes.options import PICTURES, PLOTS
 from biaxbayes.parameters import mounting_names

@@ -21,7 +21,7 @@ from biaxbayes.verbs.inputs import PathLike, RunLike, SpecimenLike
 if TYPE_CHECKING:
     import pandas as pd
 
-    from biaxbayes.identifiability.profile.profile import Profile
+    from biaxbayes.identifiability.profile import Profile
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def profile(
     """
     from biaxbayes.figures.profile import profile_figure
     from biaxbayes.figures.style import save_figure
-    from biaxbayes.identifiability.profile.profile import profiles
+    from biaxbayes.identifiability.profile import profiles
     from biaxbayes.model.preparation import prepare
 
     if inputs.is_run(source):
@@ -118,7 +118,8 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
     """Write both tables and profile-provenance.json into a folder; ``about``: what was profiled."""
     from pandas import concat
 
-    from biaxbayes.identifiability.profile.profile import FLAT, THRESHOLD
+    from biaxbayes.identifiability.profile import FLAT
+    from biaxbayes.identifiability.profile_curve import THRESHOLD
     from biaxbayes.runs.result import DIGITS
 
     record = {

@@ -12,12 +12,17 @@ last step lowers D at every step until it settles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
+from biaxbayes.fitting.residuals import (
+    BalancedMounting,
+    FreeMounting,
+    LoadResiduals,
+    Readings,
+)
 from biaxbayes.fitting.starting_points import screened_points
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import Settings
@@ -37,72 +42,24 @@ class ConditionalFit:
     error_sd: float  # in the unit of the loads
 
 
-@dataclass(eq=False)
-class ReadMounting(LoadResiduals):
-    """Material and mounting stretches unknown, the mounting load has a reading."""
-
-    reading: np.ndarray = field(default_factory=lambda: np.zeros((2, 1)))  # (2, m)
-    reading_sd: np.ndarray = field(default_factory=lambda: np.ones((2, 1)))
-    # indices into fit coordinates, then lm_x..., lm_y...
-    unknown: np.ndarray = field(default_factory=lambda: np.arange(0))
-
-    def all(self, unknowns: np.ndarray) -> np.ndarray:
-        """Every parameter, the fixed ones filled in."""
-        out = np.concatenate([self.point, self.mounting_stretch.ravel()])
-        out[self.unknown] = unknowns
-        return out
-
-    def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual vector and its derivative."""
-        full = self.all(unknowns)
-        size = self.point.size
-        point, lm = full[:size], full[size:].reshape(self.mounting_stretch.shape)
-        r, by_point, by_lm, state = self._rows(point, lm)
-        by_all = np.hstack([by_point.T, by_lm / lm.ravel()])
-        z = (state.load - self.reading) / self.reading_sd
-        z_point = state.by_coordinate / self.reading_sd[:, None, :]
-        z_point = z_point.transpose(0, 2, 1).reshape(-1, size)
-        slope = state.by_log_mounting / self.reading_sd[:, None, :] / lm
-        groups = self.reading.shape[1]
-        z_lm = np.zeros((2, groups, 2, groups))
-        for g in range(groups):
-            z_lm[:, g, :, g] = slope[:, :, g]
-        z_all = np.hstack([z_point, z_lm.reshape(2 * groups, -1)])
-        return (
-            np.concatenate([r, z.ravel()]),
-            np.vstack([by_all, z_all])[:, self.unknown],
-        )
-
-
 class ConditionalLikelihood:
     """The likelihood as a function of fixed parameters (by index, in fit coordinates)."""
 
     def __init__(
         self, specimen: Specimen, settings: Settings, beta: float, fixed: dict[int, float]
     ) -> None:
-        self.settings = settings
+        self.settings, self.beta, self.fixed = settings, beta, dict(fixed)
         self.law = settings.material_law
-        self.theta = self.law.lower.size  # unknowns before the mounting stretches
-        shared = settings.shared
-        data = Readings.from_specimen(specimen, shared=shared, zeroed=settings.mounting == "zeroed")
+        data = Readings.from_specimen(
+            specimen, shared=settings.shared, zeroed=settings.mounting == "zeroed"
+        )
         self.data: Readings = data.stretched()
-        self.reading = data.mounting_load
-        self.reading_sd = data.mounting_sd
-        self.fixed = dict(fixed)
         self.rows = 2 * self.data.group.size
-        self.beta = beta
-        self.reads = settings.reads_force
-        self.groups = self.reading.shape[1]
-        self.size = self.theta + 2 * self.groups
-        top = np.full(2 * self.groups, BRACKET[1])
-        self.lower = np.concatenate([self.law.lower, np.full(2 * self.groups, BRACKET[0])])
-        self.upper = np.concatenate([self.law.upper, top])
-
-    @property
-    def adjustable(self) -> np.ndarray:
-        """Indices of the unknowns that are free when no parameter is fixed."""
-        count = self.size if self.reads else self.theta
-        return np.array([i for i in range(count) if i not in self.fixed], dtype=int)
+        self.groups = data.mounting_load.shape[1]
+        self.theta = self.law.lower.size  # unknowns before the mounting stretches
+        stretches = 2 * self.groups
+        self.lower = np.concatenate([self.law.lower, np.full(stretches, BRACKET[0])])
+        self.upper = np.concatenate([self.law.upper, np.full(stretches, BRACKET[1])])
 
     def best(
         self,
@@ -114,10 +71,12 @@ class ConditionalLikelihood:
         steps: int = STEPS,
     ) -> ConditionalFit:
         """The lowest deviance with some unknowns fixed; `error_sd` is a first value."""
+        fixed = {**self.fixed, **fixed_values}
         point = np.array(start, dtype=float)
-        for index, value in {**self.fixed, **fixed_values}.items():
+        for index, value in fixed.items():
             point[index] = value
-        free = np.array([i for i in self.adjustable if i not in fixed_values], dtype=int)
+        count = self.lower.size if self.settings.reads_force else self.theta
+        free = np.array([i for i in range(count) if i not in fixed], dtype=int)
         floor = MIN_SD * self.data.peak
         sd, before = max(error_sd, floor), np.inf
         fit = ConditionalFit(point, np.inf, sd)
@@ -132,10 +91,8 @@ class ConditionalLikelihood:
     def extra_starts(self, fixed_values: dict[int, float], count: int) -> list[np.ndarray]:
         """Promising starting points far from any other fit, the best of many random materials."""
         point = np.zeros(self.theta)
-        known = {**self.fixed, **fixed_values}
-        for index in known:
-            if index < self.theta:
-                point[index] = known[index]
+        known = {i: v for i, v in {**self.fixed, **fixed_values}.items() if i < self.theta}
+        point[list(known)] = list(known.values())
         free = np.array([i for i in range(self.theta) if i not in known], dtype=int)
         materials, lm = screened_points(
             self.data,
@@ -153,7 +110,17 @@ class ConditionalLikelihood:
 
     def _step(self, point: np.ndarray, free: np.ndarray, sd: float, steps: int) -> ConditionalFit:
         """Least squares with a given error sd, and the deviance where it ends."""
-        problem = self._problem(point, free, sd / np.sqrt(self.beta))
+        settings, split = self.settings, self.theta
+        lm = point[split:].reshape(2, -1) if settings.infers_mounting else np.ones((2, self.groups))
+        scale = sd / np.sqrt(self.beta)
+        common = (self.data, "load", point[:split], free[free < split], scale, lm, self.law)
+        if settings.reads_force:
+            free_mounting = free[free >= split] - split
+            problem: LoadResiduals = FreeMounting(*common, free_mounting, self.data.mounting_sd)
+        elif settings.mounting == "exact":
+            problem = BalancedMounting(*common)
+        else:
+            problem = LoadResiduals(*common)
         lower, upper = self.lower[free], self.upper[free]
         x = np.clip(point[free], lower, upper)
         if free.size:
@@ -164,30 +131,10 @@ class ConditionalLikelihood:
         solution = point.copy()
         solution[free] = x
         if isinstance(problem, BalancedMounting):
-            solution[self.theta :] = problem.mounting(x).ravel()
+            solution[split:] = problem.mounting(x).ravel()
         # residuals are in units of sd / sqrt(beta)
         squares = float(residual[: self.rows] @ residual[: self.rows]) * sd**2 / self.beta
         new = max(np.sqrt(squares / self.rows), MIN_SD * self.data.peak)
         z = residual[self.rows :]
         deviance = 2.0 * self.beta * self.rows * np.log(new) + float(z @ z)
         return ConditionalFit(solution, deviance, float(new))
-
-    def _problem(self, point: np.ndarray, free: np.ndarray, scale: float) -> LoadResiduals:
-        lm = point[self.theta :].reshape(2, -1)
-        theta = free[free < self.theta]
-        if self.reads:
-            return ReadMounting(
-                self.data,
-                "load",
-                point[: self.theta],
-                theta,
-                scale,
-                lm,
-                self.law,
-                reading=self.reading,
-                reading_sd=self.reading_sd,
-                unknown=free,
-            )
-        kind = BalancedMounting if self.settings.mounting == "exact" else LoadResiduals
-        lm = np.ones_like(lm) if not self.settings.infers_mounting else lm
-        return kind(self.data, "load", point[: self.theta], theta, scale, lm, self.law)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincinv
 
-from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, ConditionalLikelihood
+from biaxbayes.identifiability.conditional_fit import ConditionalFit, ConditionalLikelihood
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import CONTENT
@@ -38,16 +38,6 @@ class Axis:
     least_step: float
     most_step: float
 
-    @property
-    def unit(self) -> str:
-        """Unit of the natural values."""
-        return "" if self.parameter.unit == "1" else self.parameter.unit
-
-    @property
-    def mirrored(self) -> bool:
-        """True if the curve continues as its mirror image at the ends."""
-        return self.parameter.mirror
-
     def from_unknown(self, unknown: float) -> float:
         """Place on the axis of an unknown of the fit."""
         if self.parameter.logarithmic:
@@ -70,10 +60,6 @@ class Axis:
             return 0.0 if at <= self.low else float(np.exp(at))
         return float(at)
 
-    def clipped(self, at: float) -> float:
-        """A place within the range."""
-        return float(min(max(at, self.low), self.high))
-
     def anchors(self, centre: float) -> np.ndarray:
         """Places over the whole range where the profile is fitted from fresh starting points."""
         if self.parameter.logarithmic:
@@ -82,10 +68,6 @@ class Axis:
         if self.parameter.bounded:
             return np.linspace(self.low, self.high, 9)
         return np.clip(centre + np.array([-0.05, -0.02, 0.02, 0.05]), self.low, self.high)
-
-    def at_end(self, at: float, side: int) -> bool:
-        """True if a place is the end of the range on a side."""
-        return at <= self.low if side < 0 else at >= self.high
 
 
 def profile_axis(parameter: Parameter, index: int, law: Law) -> Axis:
@@ -149,7 +131,7 @@ class ProfileCurve:
         """Fit from new starts over the whole range; True if the profile was lower somewhere."""
         is_lower = False
         for at in self.axis.anchors(self.at[self.lowest]):
-            fixed_values = {self.axis.index: self.axis.to_unknown(float(at))}
+            fixed_values = self._fixed(float(at))
             best = self.fits[self.lowest]
             starts = [best.unknowns, *self.likelihood.extra_starts(fixed_values, EXTRA_STARTS)]
             looks = [
@@ -207,7 +189,7 @@ class ProfileCurve:
                 share = (at - a) / (b - a)
                 line = starts[0] + share * (starts[1] - starts[0])
                 starts = [np.clip(line, self.likelihood.lower, self.likelihood.upper), *starts]
-        fixed_values = {self.axis.index: self.axis.to_unknown(at)}
+        fixed_values = self._fixed(at)
         sd = self.fits[neighbours[0]].error_sd
         new_fit = ConditionalFit(starts[0], np.inf, sd)
         for start in starts[: 1 + (len(starts) > 1)]:
@@ -221,9 +203,11 @@ class ProfileCurve:
         for _ in range(MOST_STEPS):
             end = 0 if side < 0 else len(self.at) - 1
             inner = min(max(end - side, 0), len(self.at) - 1)
-            if self.rise(end) > THRESHOLD + BEYOND or self.axis.at_end(self.at[end], side):
+            low, high = self.axis.low, self.axis.high
+            at_end = self.at[end] <= low if side < 0 else self.at[end] >= high
+            if self.rise(end) > THRESHOLD + BEYOND or at_end:
                 return
-            at = self.axis.clipped(self.at[end] + side * step)
+            at = float(min(max(self.at[end] + side * step, low), high))
             new_fit = self.fit(at, end, inner) if inner != end else self.fit(at, end)
             if not np.isfinite(new_fit.deviance):
                 if step < self.axis.least_step:
@@ -238,6 +222,10 @@ class ProfileCurve:
             if change < RISE[0]:
                 step = min(1.7 * step, self.axis.most_step)
 
+    def _fixed(self, at: float) -> dict[int, float]:
+        """The profiled unknown at a place on the axis."""
+        return {self.axis.index: self.axis.to_unknown(at)}
+
     def _add(self, at: float, new_fit: ConditionalFit) -> None:
         k = int(np.searchsorted(self.at, at))
         self.at.insert(k, at)
@@ -248,10 +236,10 @@ class ProfileCurve:
         better = False
         for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
             for k in order:
-                from_k = k - 1 if order.step > 0 else k + 1
-                fixed_values = {self.axis.index: self.axis.to_unknown(self.at[k])}
-                start = self.fits[from_k]
-                tried = self.likelihood.best(fixed_values, start.unknowns, start.error_sd)
+                start = self.fits[k - order.step]
+                tried = self.likelihood.best(
+                    self._fixed(self.at[k]), start.unknowns, start.error_sd
+                )
                 if tried.deviance < self.fits[k].deviance - BETTER:
                     better = True
                 if tried.deviance < self.fits[k].deviance:
@@ -277,19 +265,22 @@ class ProfileCurve:
             pair = self.crossing(side)
             if pair is None:
                 return
-            inside, outside = pair
-            a, b = (np.sqrt(max(self.rise(k), 0.0)) for k in pair)
             if min(abs(self.rise(k) - THRESHOLD) for k in pair) < CLOSE:
                 return
-            # The root of the deviance is nearly linear in the parameter.
-            share = (np.sqrt(THRESHOLD) - a) / (b - a)
-            at = self.at[inside] + share * (self.at[outside] - self.at[inside])
+            at = self.interpolated(*pair)
             if at in self.at:
                 return
-            new_fit = self.fit(at, inside, outside)
+            new_fit = self.fit(at, *pair)
             if not np.isfinite(new_fit.deviance):
                 return
             self._add(at, new_fit)
+
+    def interpolated(self, inside: int, outside: int) -> float:
+        """Where the curve crosses the threshold between two points."""
+        # The root of the deviance is nearly linear in the parameter.
+        a, b = (np.sqrt(max(self.rise(k), 0.0)) for k in (inside, outside))
+        share = (np.sqrt(THRESHOLD) - a) / (b - a)
+        return float(self.at[inside] + share * (self.at[outside] - self.at[inside]))
 
     def crossing(self, side: int) -> tuple[int, int] | None:
         """The outermost neighbours on a side between which the threshold is crossed."""

@@ -19,17 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from biaxbayes.errors import listed
-from biaxbayes.identifiability.mounting_stretch.law_fits import FEWEST, LawFits
-from biaxbayes.parameters import mounting_names
-
-if TYPE_CHECKING:
-    from biaxbayes.identifiability.verdict import Evidence
-    from biaxbayes.model.posterior import Posterior
+from biaxbayes.fitting.law_fits import FEWEST, LawFits
 
 MEASURED = "measured before and after mounting"
 """The reason of a mounting stretch that the specimen's header gives."""
@@ -84,28 +78,6 @@ def prior_ends_message(by_prior: tuple[bool, bool]) -> str:
 def widened(low: float, median: float, high: float, factor: float) -> tuple[float, float]:
     """An interval scaled by a factor about its median."""
     return median - factor * (median - low), median + factor * (high - median)
-
-
-def mounting_intervals(
-    posterior: Posterior, fits: LawFits, evidence: Mapping[str, Evidence]
-) -> dict[str, MountingInterval]:
-    """Reported intervals of the mounting stretches by name, from `evidence` within the law."""
-    law = posterior.law.name
-    own = fits[law]
-    out = {}
-    for i, state in enumerate(posterior.mounts):
-        for axis, name in enumerate(mounting_names("stretch", state)):
-            if name not in evidence:
-                continue
-            e = evidence[name]
-            if posterior.specimen.metadata.get(name) is not None:
-                out[name] = MountingInterval(e.low, e.high, MEASURED)
-                continue
-            factors = None if own is None else own.mounting_widening
-            factor = 1.0 if factors is None else float(factors[i, axis])
-            interval = widened(e.low, e.median, e.high, factor)
-            out[name] = interval_from_laws(fits, i, axis, law, interval, by_prior=e.by_prior)
-    return out
 
 
 def interval_from_laws(

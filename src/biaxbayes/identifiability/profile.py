@@ -1,7 +1,7 @@
 """Profile likelihood of one parameter: everything else re-optimised along the way.
 
 The curve is D(value) - min D, with the deviance of
-:mod:`biaxbayes.identifiability.profile.conditional_fit`; values where it stays below 2.71 (90 % of
+:mod:`biaxbayes.identifiability.conditional_fit`; values where it stays below 2.71 (90 % of
 chi-square with one degree of freedom) make the interval. No prior has a part in it. In words:
 
 - ``finite``: the curve crosses the threshold on both sides;
@@ -22,8 +22,8 @@ import pandas as pd
 
 from biaxbayes.error_model import CONSTANT
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, ConditionalLikelihood
-from biaxbayes.identifiability.profile.curve import THRESHOLD, ProfileCurve, profile_axis
+from biaxbayes.identifiability.conditional_fit import ConditionalLikelihood
+from biaxbayes.identifiability.profile_curve import ProfileCurve, profile_axis
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
@@ -122,37 +122,31 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
 def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     """Profile of one parameter; see :func:`profiles`."""
     index = _index(posterior, parameter)
-    law, fixed = posterior.law, {}
-    for i, name in enumerate(law.names):
-        prior = posterior.priors[name]
-        if isinstance(prior, int | float):
-            fixed[i] = law.coordinate(i, float(prior))
+    law, start = posterior.law, posterior.fit
+    priors = {i: posterior.priors[name] for i, name in enumerate(law.names)}
+    fixed = {
+        i: law.coordinate(i, float(p)) for i, p in priors.items() if isinstance(p, int | float)
+    }
     likelihood = ConditionalLikelihood(
         posterior.specimen, posterior.settings, posterior.beta, fixed
     )
-    axis = profile_axis(posterior.quantities[parameter].parameter, index, law)
-    curve = ProfileCurve(likelihood, axis, _optimum(posterior, likelihood))
-    curve.run()
-    return _profile(curve, posterior, parameter)
-
-
-def _optimum(posterior: Posterior, likelihood: ConditionalLikelihood) -> ConditionalFit:
-    """The overall best fit, from the deterministic one."""
-    start = posterior.fit
+    # The overall best fit, from the deterministic one. Off the edges too: with a parameter at its
+    # bound others may hide a lower point.
     lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
     if not posterior.settings.infers_mounting:
         lm = np.ones((2, likelihood.groups))
-    sd = start.rms
-    law = posterior.law
     theta = law.point(start.material.values)
-    best = likelihood.best({}, np.concatenate([theta, lm.ravel()]), sd)
-    # Off the edges too: with a parameter at its bound others may hide a lower point.
-    inner = law.point(law.clip_inside(start.material.values))
-    other = likelihood.best({}, np.concatenate([inner, lm.ravel()]), sd)
+    best, other = (
+        likelihood.best({}, np.concatenate([point, lm.ravel()]), start.rms)
+        for point in (theta, law.point(law.clip_inside(start.material.values)))
+    )
     best = other if other.deviance < best.deviance else best
     if not np.isfinite(best.deviance):
         raise NotConverged(f"{posterior.specimen.name}: no material fits this specimen")
-    return best
+    axis = profile_axis(posterior.quantities[parameter].parameter, index, law)
+    curve = ProfileCurve(likelihood, axis, best)
+    curve.run()
+    return _profile(curve, posterior, parameter)
 
 
 def _index(posterior: Posterior, parameter: str) -> int:
@@ -186,22 +180,29 @@ def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profi
         pair = curve.crossing(side)
         if pair is None:
             ends.append((value[0 if side < 0 else -1], True))
-            continue
-        a, b = np.sqrt(np.maximum(rise[list(pair)], 0.0))
-        share = (np.sqrt(THRESHOLD) - a) / (b - a)
-        at = curve.at[pair[0]] + share * (curve.at[pair[1]] - curve.at[pair[0]])
-        ends.append((curve.axis.natural(at), False))
+        else:
+            ends.append((curve.axis.natural(curve.interpolated(*pair)), False))
     (low, open_low), (high, open_high) = ends
-    if curve.axis.mirrored and open_low != open_high:
+    if curve.axis.parameter.mirror and open_low != open_high:
         open_low = open_high = False  # the curve goes on as its own image
     flat = open_low and open_high and float(rise.max()) < FLAT
     kind = "structural" if flat else "practical" if open_low or open_high else "finite"
     errors = posterior.settings.error_model
     note = "" if errors is CONSTANT else f"the sd of the errors is constant here, not {errors}"
+
+    law, unknowns = posterior.law, np.array([f.unknowns for f in curve.fits])
+    columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
+    for i, name in enumerate(law.names):
+        columns[name] = np.array([law.natural(i, v) for v in unknowns[:, i]])
+    if posterior.settings.infers_mounting:
+        pairs = [mounting_names("stretch", label) for label in posterior.mounts]
+        for j, name in enumerate(pair[k] for k in (0, 1) for pair in pairs):
+            columns[name] = unknowns[:, len(law.names) + j]
+    columns["error_sd"] = np.array([f.error_sd for f in curve.fits])
     return Profile(
         parameter=parameter,
         known=posterior.quantities,
-        table=_table(curve, posterior, value, rise),
+        table=pd.DataFrame(columns),
         estimate=float(value[curve.lowest]),
         low=float(low),
         high=float(high),
@@ -211,19 +212,3 @@ def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profi
         beta=posterior.beta,
         note=note,
     )
-
-
-def _table(
-    curve: ProfileCurve, posterior: Posterior, value: np.ndarray, rise: np.ndarray
-) -> pd.DataFrame:
-    unknowns = np.array([f.unknowns for f in curve.fits])
-    columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
-    law = posterior.law
-    for i, name in enumerate(law.names):
-        columns[name] = np.array([law.natural(i, v) for v in unknowns[:, i]])
-    if posterior.settings.infers_mounting:
-        pairs = [mounting_names("stretch", label) for label in posterior.mounts]
-        for j, name in enumerate(pair[k] for k in (0, 1) for pair in pairs):
-            columns[name] = unknowns[:, len(law.names) + j]
-    columns["error_sd"] = np.array([f.error_sd for f in curve.fits])
-    return pd.DataFrame(columns)

@@ -1,1 +1,0 @@
-"""Mounting stretch of the tissue, whatever law it follows."""

@@ -1,1 +1,0 @@
-"""Profile likelihoods: one parameter fixed, everything else fitted again."""
