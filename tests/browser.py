@@ -38,7 +38,7 @@ class Page:
     Attributes
     ----------
     events : list of dict
-        Everything the browser told since the start: requests, console, exceptions.
+        Everything the browser sent since the start: requests, console, exceptions.
     """
 
     def __init__(self, profile: Path) -> None:

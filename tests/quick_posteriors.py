@@ -18,7 +18,7 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Dimensions, Machine, virtual_specimen
-from shared import found_once
+from shared import cached
 
 THREE_RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 EQUIBIAXIAL = ((1.0, 1.0),)
@@ -92,16 +92,16 @@ def small_specimen() -> Specimen:
 def sampled(
     data: Specimen, *, ess: float = 150.0, seed: int = 1, walkers: int = FEW_WALKERS, **options: Any
 ) -> Sampled:
-    """Sample a specimen once a test session, errors independent unless said otherwise."""
+    """Sample a specimen once a test session, errors independent unless options say otherwise."""
     options = {"noise": "independent", **options}
 
     def find() -> tuple:
         target = Posterior(data, **options)
         plan = Plan(ess=ess, seed=seed, workers=2, walkers=walkers)
-        found = draw_posterior(target, plan)
-        return target, found.convergence.state, found.quantities
+        result = draw_posterior(target, plan)
+        return target, result.convergence.state, result.quantities
 
-    target, state, chains = found_once((data, ess, seed, walkers, sorted(options.items())), find)
+    target, state, chains = cached((data, ess, seed, walkers, sorted(options.items())), find)
     draws = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
     return Sampled(target, draws, state, chains)
 

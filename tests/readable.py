@@ -40,13 +40,13 @@ def assert_readable(figure, width_mm) -> None:
     assert figure.get_size_inches()[0] * 25.4 == pytest.approx(width_mm)
     assert figure.get_size_inches()[1] * 25.4 < 250.0  # a page
     texts = _texts(figure)
-    found = [(text.get_text(), box) for text, box in texts]
-    assert found
+    result = [(text.get_text(), box) for text, box in texts]
+    assert result
     frame = figure.bbox
-    for text, box in found:
+    for text, box in result:
         assert box.x0 > frame.x0 - 0.5 and box.x1 < frame.x1 + 0.5, text
         assert box.y0 > frame.y0 - 0.5 and box.y1 < frame.y1 + 0.5, text
-    ends = np.array([box.extents for _, box in found])
+    ends = np.array([box.extents for _, box in result])
     over = np.minimum(ends[:, None, 2:], ends[None, :, 2:]) - np.maximum(
         ends[:, None, :2], ends[None, :, :2]
     )
@@ -54,7 +54,7 @@ def assert_readable(figure, width_mm) -> None:
     turned = np.array([text.get_rotation() == 90.0 for text, _ in texts])
     close = np.where((turned[:, None] & turned)[..., None], [2.5, 0.5], [0.5, 2.5])
     meet = np.triu((over > close).all(axis=-1), 1)
-    assert not meet.any(), [(found[i][0], found[j][0]) for i, j in np.argwhere(meet)]
+    assert not meet.any(), [(result[i][0], result[j][0]) for i, j in np.argwhere(meet)]
     for artist in figure.findobj(Text):
         if artist.get_text().strip():
             assert 7.0 <= artist.get_fontsize() <= 9.0

@@ -22,7 +22,7 @@ def use(folder: Path) -> None:
 
 
 def made_once(name: str, make: Callable[[Path], object]) -> Path:
-    """Path that ``make`` is to fill, filled already where another test asked for it."""
+    """Path that ``make`` is to fill, filled already where another test needed it."""
     path, done = _PLACE[0] / name, _PLACE[0] / f"{name}.done"
     with (_PLACE[0] / f"{name}.lock").open("w") as lock:
         while not try_lock(lock.fileno()):
@@ -33,7 +33,7 @@ def made_once(name: str, make: Callable[[Path], object]) -> Path:
     return path
 
 
-def found_once(key: Any, find: Callable[[], Any]) -> Any:
+def cached(key: Any, find: Callable[[], Any]) -> Any:
     """What ``find`` returns for a key that can be pickled; everyone gets a copy of their own."""
     name = hashlib.sha256(pickle.dumps(key)).hexdigest()[:16]
     path = made_once(name, lambda path: path.write_bytes(pickle.dumps(find())))

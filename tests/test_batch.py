@@ -141,9 +141,9 @@ def test_a_repeat_writes_the_same_files_without_sampling_again(result, study):
 def test_other_donors_and_layers_of_the_same_runs_are_compared(result, study, tmp_path):
     folder = shutil.copytree(result.folder, tmp_path / "study")
     other = [replace(s, donor="D2", layer=f"{s.layer} 2") for s in study.specimens]
-    found = Batch(replace(study, specimens=tuple(other)), folder).execute()
-    assert set(found.distances["donor"]) == {"D2"}
-    assert set(found.distances["layer_a"]) == {"media 2"}
+    outcome = Batch(replace(study, specimens=tuple(other)), folder).execute()
+    assert set(outcome.distances["donor"]) == {"D2"}
+    assert set(outcome.distances["layer_a"]) == {"media 2"}
 
 
 def spy(monkeypatch):
@@ -186,10 +186,10 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
             if function is not sample_specimen:
                 return
             [task] = tasks
-            found = function(replace(task, running=_GoneLater()))
+            outcome = function(replace(task, running=_GoneLater()))
             arguments.append(True)
             assert stop()
-            yield Outcome(0, found)
+            yield Outcome(0, outcome)
 
     with pytest.raises(Interrupted, match=r"0 of 1 specimens.*the same command"):
         Batch(first, tmp_path / "study", Stopped()).execute(stop=lambda: bool(arguments))
@@ -205,11 +205,11 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
 class _GoneLater:
     """A file that is there when a task begins, and then is not."""
 
-    asked = 0
+    calls = 0
 
     def exists(self):
-        self.asked += 1
-        return self.asked <= 2
+        self.calls += 1
+        return self.calls <= 2
 
 
 def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
@@ -218,9 +218,9 @@ def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
             for index, _ in enumerate(tasks):
                 yield Outcome(index, None, "its worker process died 3 times")
 
-    found = Batch(study, tmp_path / "study", Losing()).execute()
-    assert found.states == {"failed": 3}
-    assert sum("died 3 times" in reason for reason in found.failures.values()) == 2
+    outcome = Batch(study, tmp_path / "study", Losing()).execute()
+    assert outcome.states == {"failed": 3}
+    assert sum("died 3 times" in reason for reason in outcome.failures.values()) == 2
     assert (tmp_path / "study" / "study.html").is_file()
     assert not (tmp_path / "study" / "study-specimens.png").exists()
 

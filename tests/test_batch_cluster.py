@@ -48,18 +48,18 @@ def study(tmp_path_factory):
 
 
 def contents(folder):
-    """What a study found, byte for byte."""
-    found = sorted(folder.glob("study*.csv")) + sorted(folder.glob("runs/*/summary.csv"))
-    return {str(p.relative_to(folder)): p.read_bytes() for p in found}
+    """What a study wrote, byte for byte."""
+    result = sorted(folder.glob("study*.csv")) + sorted(folder.glob("runs/*/summary.csv"))
+    return {str(p.relative_to(folder)): p.read_bytes() for p in result}
 
 
 @pytest.fixture(scope="module")
 def alone(study, tmp_path_factory):
     folder = tmp_path_factory.mktemp("alone") / "study"
     Batch(study, folder, InThisProcess()).execute()
-    found = contents(folder)
-    assert len(found) == 4 + SPECIMENS
-    return found
+    result = contents(folder)
+    assert len(result) == 4 + SPECIMENS
+    return result
 
 
 def test_processes_find_what_one_process_finds(study, alone, tmp_path):
@@ -85,7 +85,7 @@ def cluster(tmp_path):
     workers = [start("worker", address, "--nthreads", "1", "--no-nanny") for _ in range(2)]
     yield address, workers
     for process in (*workers, scheduler):
-        process.kill()  # a worker may take long to end when it is asked to
+        process.kill()  # a worker may take long to end when it has to
         process.wait(30)
 
 
@@ -115,10 +115,10 @@ def test_a_cluster_ranks_designs_and_replicates_as_one_process_does(cluster):
     run = quick_posteriors.sampled(data, ess=60.0)
     priors = protocol_prior(data, Settings())
     replications = Study(data, {"noise": "independent", "mounting": "noisy"}, priors, ess=200.0)
-    found = []
+    result = []
     for executor in (InThisProcess(), Cluster(address)):
         ranked = design(run.target, run.draws, executor=executor).to_frame()
         ranks = {r.index: r.rank for r in run_replications(replications, [0, 1], executor=executor)}
-        found.append((ranked, ranks))
-    pd.testing.assert_frame_equal(found[0][0], found[1][0], check_exact=True)
-    assert found[0][1] == found[1][1]
+        result.append((ranked, ranks))
+    pd.testing.assert_frame_equal(result[0][0], result[1][0], check_exact=True)
+    assert result[0][1] == result[1][1]

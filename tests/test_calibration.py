@@ -64,8 +64,8 @@ def media(rows: int = 101) -> Specimen:
     """The shipped media, with every so many rows."""
     specimen = read_specimen(DATA / "donor2-media.csv")
     p = specimen.protocols[0]
-    kept = np.linspace(0, p.rows - 1, rows).round().astype(int)
-    columns = {k: getattr(p, k)[kept] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
+    chosen = np.linspace(0, p.rows - 1, rows).round().astype(int)
+    columns = {k: getattr(p, k)[chosen] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
     return replace(specimen, protocols=(replace(p, **columns),))
 
 
@@ -85,11 +85,11 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
 
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_of_many_parameters_is_drawn_as_sample_draws(name):
-    found = make_study(media(21), {"law": name, "priors": {}}, CalibrationPlan())
+    result = make_study(media(21), {"law": name, "priors": {}}, CalibrationPlan())
     plan = Plan() if name == "four-fibre" else study()
     for size in ("ensembles", "walkers"):
-        assert getattr(found, size) == getattr(plan, size)
-    assert found.max_steps == (4_000 if name == "four-fibre" else 2_000)
+        assert getattr(result, size) == getattr(plan, size)
+    assert result.max_steps == (4_000 if name == "four-fibre" else 2_000)
 
 
 # --- ranks and bands ---
@@ -125,10 +125,10 @@ def test_band_holds_uniform_ranks_as_often_as_it_says():
     rng = np.random.default_rng(1)
     ranks = rng.integers(0, draws + 1, (trials, n))
     counts = np.array([rank_counts(r, draws) for r in ranks])
-    held = int(np.all((counts >= low) & (counts <= high), axis=1).sum())
+    within = int(np.all((counts >= low) & (counts <= high), axis=1).sum())
     exact = probability_inside(n, draws, band_level(n, draws))
     assert 0.95 <= exact < 0.97
-    assert binomtest(held, trials, exact).pvalue > 1e-3
+    assert binomtest(within, trials, exact).pvalue > 1e-3
 
 
 def test_p_value_agrees_with_the_band_and_is_uniform():

@@ -242,8 +242,8 @@ def test_abaqus_data_line_holds_C10_D_k1_k2_kappa():
     # cos and sin of 38.4 degrees
     assert lines[first + 3].startswith("7.83693457") and "6.21147780" in lines[first + 3]
     assert "-6.21147780" in lines[first + 4]
-    found = read_abaqus(write_abaqus(card(units="Pa-m", bulk=5e4), "1.0"))
-    assert pytest.approx(2.0 / 5e7, rel=1e-12) == found.D  # two over the bulk modulus
+    result = read_abaqus(write_abaqus(card(units="Pa-m", bulk=5e4), "1.0"))
+    assert pytest.approx(2.0 / 5e7, rel=1e-12) == result.D  # two over the bulk modulus
 
 
 def test_febio_c_is_twice_C1_and_gamma_is_in_degrees():
@@ -279,8 +279,8 @@ def test_table_4_follows_from_the_cards(program, row, r2):
     path = np.linspace(mounting, 1.2, 101)
     truth = stress(program, card(), path, path)
     fitted = stress(program, card(GOH(*row)), path, path)
-    found = 1.0 - ((truth - fitted) ** 2).sum() / ((truth - truth.mean()) ** 2).sum()
-    assert abs(found - r2) < 1e-3
+    result = 1.0 - ((truth - fitted) ** 2).sum() / ((truth - truth.mean()) ** 2).sum()
+    assert abs(result - r2) < 1e-3
 
 
 # --- the check ---
@@ -315,9 +315,9 @@ def test_two_hundred_draws_agree_with_the_closed_form(program, units, tmp_path):
 )
 def test_the_check_sees_a_wrong_number(program, name, change):
     wrong = replace(MEDIA, **{name: getattr(MEDIA, name) * change})
-    found = READ[program](WRITE[program](card(wrong), "1.0"))
+    result = READ[program](WRITE[program](card(wrong), "1.0"))
     path = np.linspace(1.0, 1.2, 9)
-    assert relative_deviation(found.energy, 1.0, MEDIA, path, path) > 1e-5
+    assert relative_deviation(result.energy, 1.0, MEDIA, path, path) > 1e-5
 
 
 def test_a_card_that_fails_its_check_is_removed(tmp_path, monkeypatch):
@@ -368,8 +368,8 @@ def test_edges_are_exported_and_pass_the_check(program, edge, tmp_path):
     assert manifest["check_relative_deviation"][0] < 1e-8
     text = (tmp_path / manifest["file"][0]).read_text()
     assert ("k2 = 0 is written as 1e-09" in text) == ("k2" in edge)
-    found = READ[program](text)
-    assert (found.kappa if program == "abaqus" else found.solids[0].values["kappa"]) <= 1.0 / 3.0
+    result = READ[program](text)
+    assert (result.kappa if program == "abaqus" else result.solids[0].values["kappa"]) <= 1.0 / 3.0
 
 
 def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
@@ -432,8 +432,8 @@ def test_numbers_fit_abaqus_fields_and_read_back(program):
     if program == "abaqus":
         data = [line for line in text.splitlines() if line[0] not in "*"]
         assert max(len(cell.strip()) for line in data for cell in line.split(",")) <= 20
-    found = READ[program](text)
-    k1 = found.k1 if program == "abaqus" else found.solids[0].values["k1"]
+    result = READ[program](text)
+    k1 = result.k1 if program == "abaqus" else result.solids[0].values["k1"]
     assert k1 == pytest.approx(9.87654321e8, rel=1e-12)
 
 
@@ -477,9 +477,9 @@ def test_the_manifest_leads_from_card_to_draw(tmp_path):
     assert manifest["weight"].tolist() == [0.5, 0.5]
     np.testing.assert_allclose(manifest["k1_kPa"], frame["k1"].iloc[[4, 7]], rtol=1e-15)
     for _, row in manifest.iterrows():
-        found = read_abaqus((tmp_path / row["file"]).read_text())
-        assert found.label == row["card"].upper()
-        assert found.k1 == pytest.approx(1000.0 * row["k1_kPa"], rel=1e-12)
+        result = read_abaqus((tmp_path / row["file"]).read_text())
+        assert result.label == row["card"].upper()
+        assert result.k1 == pytest.approx(1000.0 * row["k1_kPa"], rel=1e-12)
 
 
 # --- which draw ---

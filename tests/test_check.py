@@ -69,9 +69,9 @@ def test_tared():
     assert codes(GOOD.zeroed()) >= {"tared"}
     assert "mounting-force-in-noise" not in codes(GOOD.zeroed())
     p = GOOD.protocols[1]
-    (found,) = check_specimen(specimen(replace(p, load_x=p.load_x - p.load_x[0])))
-    assert (found.code, found.protocol) == ("tared", "1:0.5")
-    assert "in x is exactly zero" in found.message
+    (result,) = check_specimen(specimen(replace(p, load_x=p.load_x - p.load_x[0])))
+    assert (result.code, result.protocol) == ("tared", "1:0.5")
+    assert "in x is exactly zero" in result.message
 
 
 def test_negative_and_weak_mounting_force():
@@ -79,15 +79,15 @@ def test_negative_and_weak_mounting_force():
     low = specimen(replace(p, load_x=p.load_x - p.load_x[0] - 0.5))
     assert codes(low) == {"negative-mounting-force"}
     weak = specimen(replace(p, load_y=p.load_y - p.load_y[0] + 0.04))
-    (found,) = check_specimen(weak)
-    assert found.code == "mounting-force-in-noise"
-    assert "0.04 +- 0.05 kPa" in found.message
+    (result,) = check_specimen(weak)
+    assert result.code == "mounting-force-in-noise"
+    assert "0.04 +- 0.05 kPa" in result.message
 
 
 def test_mounting_forces_that_differ():
     p = protocol("1:0.5", (1.0, 0.5), seed=2, prestretch=(1.02, 1.04))
-    found = check_specimen(specimen(GOOD.protocols[0], p))
-    (differs,) = found
+    result = check_specimen(specimen(GOOD.protocols[0], p))
+    (differs,) = result
     assert differs.code == "mounting-forces-differ" and "per-protocol" in differs.message
     assert ", in x by up to " in differs.message and " and in y by up to " in differs.message
 
@@ -115,23 +115,23 @@ def test_unloading():
         load_x=p.load_x[there],
         load_y=p.load_y[there],
     )
-    (found,) = check_specimen(specimen(both))
-    assert found.code == "unloading"
-    assert "row 101 of 161" in found.message
+    (result,) = check_specimen(specimen(both))
+    assert result.code == "unloading"
+    assert "row 101 of 161" in result.message
 
 
 def test_a_jump_and_a_cut_last_number():
     p = GOOD.protocols[1]
     load = p.load_x.copy()
     load[50] += 0.3 * np.ptp(load)
-    (found,) = check_specimen(specimen(replace(p, load_x=load)))
-    assert found.code == "jump"
-    assert "in x" in found.message and "row 51 of 101" in found.message
+    (result,) = check_specimen(specimen(replace(p, load_x=load)))
+    assert result.code == "jump"
+    assert "in x" in result.message and "row 51 of 101" in result.message
     load = p.load_y.copy()
     load[-1] = float(str(load[-1])[:1])
-    found = check_specimen(specimen(replace(p, load_y=load)))
-    assert "jump" in {f.code for f in found}
-    assert any("row 101 of 101" in f.message for f in found)
+    result = check_specimen(specimen(replace(p, load_y=load)))
+    assert "jump" in {f.code for f in result}
+    assert any("row 101 of 101" in f.message for f in result)
 
 
 def test_units():
@@ -158,8 +158,8 @@ def test_units():
 
 def test_noise_that_is_not_that_of_the_rows():
     p = GOOD.protocols[0]
-    found = check_specimen(Specimen("a", (p,), "piola", load_noise=1.0))
-    assert "noise-differs" in {f.code for f in found}
+    result = check_specimen(Specimen("a", (p,), "piola", load_noise=1.0))
+    assert "noise-differs" in {f.code for f in result}
     clean = Specimen("a", (protocol(noise=0.0),), "piola")
     assert "no-noise" not in codes(Specimen("a", (clean.protocols[0],), "piola", load_noise=0.05))
 
@@ -196,10 +196,10 @@ def test_origin():
             "branch": "unloading",
         },
     )
-    found = {f.code: f for f in check_specimen(subject)}
-    assert "up to 0.036" in found["shear"].message and found["shear"].severity == "warning"
-    assert found["cycle"].severity == "note" and "10 of 10" in found["cycle"].message
-    assert found["branch"].severity == "warning"
+    result = {f.code: f for f in check_specimen(subject)}
+    assert "up to 0.036" in result["shear"].message and result["shear"].severity == "warning"
+    assert result["cycle"].severity == "note" and "10 of 10" in result["cycle"].message
+    assert result["branch"].severity == "warning"
 
 
 def test_resampled_loads():
@@ -214,7 +214,7 @@ def test_resampled_loads():
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 @pytest.mark.parametrize("amplitudes", [(1.0,), (0.6, 0.8, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0)])
-def test_cycles_are_found_with_their_rest(noise, amplitudes):
+def test_cycles_are_detected_with_their_rest(noise, amplitudes):
     rng = np.random.default_rng(0)
     rest, rise, fall, gap = 8, 40, 30, 5
     path, starts, peaks = [], [], []
@@ -226,9 +226,9 @@ def test_cycles_are_found_with_their_rest(noise, amplitudes):
         path += list(amplitude * np.linspace(1.0, 0.0, fall + 1)[1:])
         path += [0.0] * gap
     values = np.array(path) + rng.normal(0.0, noise, len(path))
-    found = cycles(values)
-    assert len(found) == len(amplitudes)
-    for number, cycle in enumerate(found):
+    result = cycles(values)
+    assert len(result) == len(amplitudes)
+    for number, cycle in enumerate(result):
         first = 0 if number == 0 else starts[number] - gap
         assert abs(cycle.loading.start - first) <= 3
         assert abs(cycle.loading.stop - 1 - peaks[number]) <= (0 if noise == 0.0 else 2)
@@ -251,8 +251,8 @@ def test_a_record_that_only_rises_keeps_every_row():
 
 
 def test_goh_describes_its_own_specimen_and_not_another_law():
-    found = misfit_finding(GOOD, quick_fit(GOOD))
-    assert found.severity == "note" and found.message.startswith("GOH misses this record by ")
+    result = misfit_finding(GOOD, quick_fit(GOOD))
+    assert result.severity == "note" and result.message.startswith("GOH misses this record by ")
     # Two directions that know nothing of each other: no GOH material does that.
     t = np.linspace(0.0, 1.0, 60)
     odd = [
@@ -261,9 +261,9 @@ def test_goh_describes_its_own_specimen_and_not_another_law():
         )
         for a, b in ((1.0, 1.0), (1.0, 0.3), (0.3, 1.0))
     ]
-    found = misfit_finding(specimen(*odd), quick_fit(specimen(*odd)))
-    assert found.severity == "warning"
-    assert "does not describe this specimen" in found.message
+    result = misfit_finding(specimen(*odd), quick_fit(specimen(*odd)))
+    assert result.severity == "warning"
+    assert "does not describe this specimen" in result.message
 
 
 def test_check_and_a_run_say_the_same_of_a_misfit(small_run):

@@ -30,27 +30,27 @@ SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
 def test_distance_of_normal_draws_is_that_of_the_distributions():
     rng = np.random.default_rng(1)
     a, b = rng.normal(0.0, 1.0, 20_000), rng.normal(2.0, 1.5, 30_000)
-    found = distance(a, b)
+    result = distance(a, b)
     sd = np.hypot(1.0, 1.5)
-    assert found.standardised == pytest.approx(2.0 / sd, abs=0.02)
-    assert found.probability_greater == pytest.approx(norm.cdf(2.0 / sd), abs=0.005)
+    assert result.standardised == pytest.approx(2.0 / sd, abs=0.02)
+    assert result.probability_greater == pytest.approx(norm.cdf(2.0 / sd), abs=0.005)
     expected = norm.ppf([0.05, 0.5, 0.95], 2.0, sd)
-    assert [found.low, found.median, found.high] == pytest.approx(expected, abs=0.05)
+    assert [result.low, result.median, result.high] == pytest.approx(expected, abs=0.05)
 
 
 def test_distance_agrees_with_scipy_ties_included():
     rng = np.random.default_rng(2)
     a, b = rng.integers(0, 9, 300).astype(float), rng.integers(2, 12, 200).astype(float)
-    found = distance(a, b)
-    assert found.kolmogorov == pytest.approx(ks_2samp(a, b).statistic)
-    assert found.probability_greater == pytest.approx(mannwhitneyu(b, a).statistic / 300 / 200)
+    result = distance(a, b)
+    assert result.kolmogorov == pytest.approx(ks_2samp(a, b).statistic)
+    assert result.probability_greater == pytest.approx(mannwhitneyu(b, a).statistic / 300 / 200)
 
 
 def test_distance_to_itself_is_nothing():
     a = np.random.default_rng(3).normal(size=500)
-    found = distance(a, a)
-    assert (found.standardised, found.kolmogorov) == (0.0, 0.0)
-    assert found.probability_greater == pytest.approx(0.5)
+    result = distance(a, a)
+    assert (result.standardised, result.kolmogorov) == (0.0, 0.0)
+    assert result.probability_greater == pytest.approx(0.5)
 
 
 def test_contraction_is_that_of_the_variance_of_a_log_where_there_is_a_unit():
@@ -70,18 +70,18 @@ def test_materials_of_the_priors_are_independent_draws_of_them():
         small_specimen(), noise="independent", priors={"k2": Tie(0.5, "C1"), "kappa": 0.1}
     )
     names = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x")
-    found = prior_material(target, pd.DataFrame({name: [1.0] for name in names}))
-    assert set(found) == set(names[:-1])
+    result = prior_material(target, pd.DataFrame({name: [1.0] for name in names}))
+    assert set(result) == set(names[:-1])
     for name in ("C1", "k1", "alpha"):
         levels = np.array([0.01, 0.25, 0.5, 0.75, 0.99])
         at = target.priors[name].ppf(levels)
-        below = [(found[name] < x).mean() for x in at]
+        below = [(result[name] < x).mean() for x in at]
         assert below == pytest.approx(levels, abs=3e-4)  # evenly spread: no Monte Carlo error
-    np.testing.assert_array_equal(found["kappa"], 0.1)
-    np.testing.assert_allclose(found["k2"], 0.5 * found["C1"])
-    ranks = found[["C1", "k1", "alpha"]].rank().corr().to_numpy()
+    np.testing.assert_array_equal(result["kappa"], 0.1)
+    np.testing.assert_allclose(result["k2"], 0.5 * result["C1"])
+    ranks = result[["C1", "k1", "alpha"]].rank().corr().to_numpy()
     # four standard errors of a correlation of 4,096 pairs
-    assert np.abs(ranks - np.eye(3)).max() < 4.0 / np.sqrt(len(found))
+    assert np.abs(ranks - np.eye(3)).max() < 4.0 / np.sqrt(len(result))
 
 
 # --- derived quantities --------------------------------------------------------------------
@@ -90,14 +90,14 @@ def test_materials_of_the_priors_are_independent_draws_of_them():
 def test_derived_quantities_are_the_materials_own():
     columns = {"C1": 10.0, "k1": 40.0, "k2": 8.0, "alpha": 40.0, "kappa": 0.1}
     draws = pd.DataFrame({k: [v, v] for k, v in columns.items()})
-    found = {d.key: d for d in derived_quantities(draws, GOH_LAW, [1.1], [1.0])}
-    assert found["cauchy_x at 1.1"].values == pytest.approx(SOFT.cauchy(1.1, 1.1)[0])
+    result = {d.key: d for d in derived_quantities(draws, GOH_LAW, [1.1], [1.0])}
+    assert result["cauchy_x at 1.1"].values == pytest.approx(SOFT.cauchy(1.1, 1.1)[0])
     H = SOFT.structure_tensor()
-    assert [found[f"H{k}"].values[0] for k in "xyz"] == pytest.approx(H)
+    assert [result[f"H{k}"].values[0] for k in "xyz"] == pytest.approx(H)
     # d s_x / d ln l_x by central differences
     h = 1e-5
     ahead, behind = (SOFT.cauchy(np.exp(s * h), 1.0)[0] for s in (1.0, -1.0))
-    assert found["stiffness_x at 1"].values[0] == pytest.approx(
+    assert result["stiffness_x at 1"].values[0] == pytest.approx(
         (ahead - behind) / (2 * h), rel=1e-6
     )
 
@@ -114,52 +114,52 @@ def members():
         ("one <ratio>", SOFT, EQUIBIAXIAL),
     ):
         data = specimen(material, increments=10, **({"ratios": ratios} if ratios else {}))
-        found = sampled(data, ess=60.0)
-        out.append(Member(label, found.target, found.draws, found.state))
+        result = sampled(data, ess=60.0)
+        out.append(Member(label, result.target, result.draws, result.state))
     return out
 
 
 @pytest.fixture(scope="module")
-def found(members):
+def result(members):
     return compare(members)
 
 
-def _row(found, a, b, quantity, stretch=None):
-    t = found.distances
+def _row(result, a, b, quantity, stretch=None):
+    t = result.distances
     rows = t[(t.run_a == a) & (t.run_b == b) & (t.quantity == quantity)]
     return rows[rows.total_stretch == stretch].iloc[0] if stretch else rows.iloc[0]
 
 
-def test_a_stiffer_matrix_shows_in_what_is_determined(found):
-    row = _row(found, "soft", "stiff", "C1")
+def test_a_stiffer_matrix_shows_in_what_is_determined(result):
+    row = _row(result, "soft", "stiff", "C1")
     assert row.identified_in_both
     assert row.standardised > 5.0
     assert row.difference_q05 < 15.0 < row.difference_q95
     assert row.kolmogorov > 0.99
-    same = _row(found, "soft", "stiff", "Hx")
+    same = _row(result, "soft", "stiff", "Hx")
     assert abs(same.standardised) < 4.0
 
 
-def test_what_one_run_does_not_determine_is_no_difference(found, members):
+def test_what_one_run_does_not_determine_is_no_difference(result, members):
     """Equibiaxial stretch alone trades kappa with alpha; its stress is known all the same."""
     strict = compare(members, thresholds=Thresholds(traded_width=1.0))
     assert not _row(strict, "soft", "one <ratio>", "kappa").identified_in_both
-    stress = _row(found, "soft", "one <ratio>", "cauchy_x", found.stretches[-1])
+    stress = _row(result, "soft", "one <ratio>", "cauchy_x", result.stretches[-1])
     assert stress.identified_in_both
     assert abs(stress.standardised) < 4.0
 
 
-def test_stiffness_is_compared_at_rest_and_at_the_largest_common_stretch(found):
-    t = found.distances
+def test_stiffness_is_compared_at_rest_and_at_the_largest_common_stretch(result):
+    t = result.distances
     at = set(t[t["quantity"] == "stiffness_x"]["total_stretch"])
-    assert at == {1.0, found.stretches[-1]}
-    assert len(found.stretches) == 5
+    assert at == {1.0, result.stretches[-1]}
+    assert len(result.stretches) == 5
 
 
 def test_common_stretches_were_reached_by_every_run(members):
     short = Posterior(specimen(SOFT, total_stretch=1.1, increments=10), noise="independent")
-    found = compare([members[0], Member("short", short, members[0].draws, "converged")])
-    assert found.stretches[-1] == pytest.approx(1.1, abs=2e-3)
+    result = compare([members[0], Member("short", short, members[0].draws, "converged")])
+    assert result.stretches[-1] == pytest.approx(1.1, abs=2e-3)
 
 
 def test_what_is_reported_is_shown(members):
@@ -169,13 +169,13 @@ def test_what_is_reported_is_shown(members):
         Reported(name, "", 1.0101, 1.0202, "identified", "laws agree"),
     )
     shown = [replace(m, reported=(r,)) for m, r in zip(members, rows, strict=False)]
-    found = compare(shown)
-    table = found.matrix()
+    result = compare(shown)
+    table = result.matrix()
     assert list(table["interval"]) == ["above 1.0123", "1.010 to 1.020"]
-    cells = [text.get_text() for text in matrix_figure(found).axes[0].texts]
+    cells = [text.get_text() for text in matrix_figure(result).axes[0].texts]
     assert any(c.endswith("above 1.0123") for c in cells)
     assert any("1.010 to 1.020" in c for c in cells)
-    figure = forest_figure(found)
+    figure = forest_figure(result)
     assert_readable(figure, 180.0)
     (panel,) = [ax for ax in figure.axes if ax.get_xlabel() == r"$\lambda_{\mathrm{m},x}$"]
     grey = [line.get_xdata() for line in panel.lines if line.get_color() == "0.45"]
@@ -188,10 +188,10 @@ def test_what_is_reported_is_shown(members):
 
 def test_unreliable_runs_determine_nothing(members):
     shaky = Member("shaky", members[0].posterior, members[0].draws, "tentative")
-    found = compare([members[0], shaky])
-    assert not found.converged
-    assert not found.distances["identified_in_b"].any()
-    assert any("same measurements" in note for note in found.notes)
+    result = compare([members[0], shaky])
+    assert not result.converged
+    assert not result.distances["identified_in_b"].any()
+    assert any("same measurements" in note for note in result.notes)
     bad = Member("bad", members[0].posterior, members[0].draws, "unusable")
     with pytest.raises(InputError, match="not converged"):
         compare([members[0], bad])

@@ -60,11 +60,11 @@ def test_stacking_weights_are_those_of_an_optimiser():
 
         z = minimize(loss, np.zeros(models), method="BFGS", options={"gtol": 1e-9}).x
         expected = np.exp(z - np.logaddexp.reduce(z))
-        found = stacking_weights(density, worth)
-        np.testing.assert_allclose(found, expected, atol=2e-6)
-        assert found.sum() == pytest.approx(1.0)
-        # never below what the best single model foretells, less what the prior asks for
-        mixed = worth @ weighted_density(density, found)
+        result = stacking_weights(density, worth)
+        np.testing.assert_allclose(result, expected, atol=2e-6)
+        assert result.sum() == pytest.approx(1.0)
+        # never below what the best single model predicts, less what the prior asks for
+        mixed = worth @ weighted_density(density, result)
         assert mixed > (density @ worth).max() - models * np.log(1e3)
 
 
@@ -89,14 +89,14 @@ def test_levels_of_a_mixture_that_spreads_too_wide_hold_what_they_say():
     half = readings // 2
     c = sharpness(probability[:half], np.ones(half))
 
-    def held(levels):
+    def coverage(levels):
         low, high = mixed_percentiles(model, sd, weight, levels)
         return np.mean(((low <= measured) & (measured <= high))[half:])
 
     assert c > 1.1
-    assert held((0.05, 0.95)) > 0.925
+    assert coverage((0.05, 0.95)) > 0.925
     # 0.015 is two Monte Carlo errors of 2,000 readings
-    assert held(calibrated_levels((0.05, 0.95), c)) == pytest.approx(0.9, abs=0.015)
+    assert coverage(calibrated_levels((0.05, 0.95), c)) == pytest.approx(0.9, abs=0.015)
     # the levels themselves are those of the beta distribution, and one half stays one half
     assert calibrated_levels((0.05, 0.5, 0.95), 1.0) == pytest.approx((0.05, 0.5, 0.95))
     low, middle, high = calibrated_levels((0.05, 0.5, 0.95), c)
@@ -110,18 +110,18 @@ def test_probabilities_of_a_mixture_are_those_of_its_parts_and_of_its_percentile
     model = [rng.normal(m, 0.5, (400, 40)) for m in (-1.0, 2.0)]
     sd = [np.full((400, 40), s) for s in (0.5, 1.5)]
     weight = np.array([0.75, 0.25])
-    found = mixed_probabilities(measured, model, sd, weight)
+    result = mixed_probabilities(measured, model, sd, weight)
     expected = sum(
         w * norm.cdf(measured, m, s).mean(axis=0) for w, m, s in zip(weight, model, sd, strict=True)
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(result, expected, rtol=1e-12)
     (at,) = mixed_percentiles(model, sd, weight, (0.3,))
     # percentiles take draws in proportion to the weights, 400 in all
     np.testing.assert_allclose(mixed_probabilities(at, model, sd, weight), 0.3, atol=0.02)
     # one draw that overflows says nothing, a law of nothing else has no part
     model[0][7, :5], sd[0][7, :5] = np.inf, np.inf
     again = mixed_probabilities(measured, model, sd, weight)
-    np.testing.assert_allclose(again, found, atol=2e-3)
+    np.testing.assert_allclose(again, result, atol=2e-3)
     model[0][:, 0], sd[0][:, 0] = np.inf, np.inf
     alone = norm.cdf(measured[0], model[1][:, 0], sd[1][:, 0]).mean()
     assert mixed_probabilities(measured, model, sd, weight)[0] == pytest.approx(alone)
@@ -159,16 +159,16 @@ def two_laws():
     values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
     common = pd.DataFrame([values] * 2000).assign(C1=np.linspace(10.0, 18.0, 2000))
     drawn = {"goh": common.assign(kappa=0.1), "hgo": common}
-    found = {
+    result = {
         (law, WHOLE): Prediction("converged", "", 0.1, (), table) for law, table in drawn.items()
     }
     posteriors = {law: Posterior(specimen, law=law, noise="independent") for law in drawn}
-    return specimen, found, posteriors
+    return specimen, result, posteriors
 
 
 def test_draws_of_the_mixture_are_those_of_each_law_by_its_weight(two_laws):
-    specimen, found, posteriors = two_laws
-    drawn = mixture_draws(specimen, list(posteriors), np.array([0.7, 0.3]), found, posteriors)
+    specimen, result, posteriors = two_laws
+    drawn = mixture_draws(specimen, list(posteriors), np.array([0.7, 0.3]), result, posteriors)
     assert drawn["law"].value_counts().to_dict() == {"goh": 1400, "hgo": 600}
     assert drawn.index.tolist() == list(range(2000))
     for law, kappa in (("goh", 0.1), ("hgo", 0.0)):
@@ -189,14 +189,14 @@ def test_draws_of_the_mixture_are_those_of_each_law_by_its_weight(two_laws):
             output = [row["stiffness_xx_kPa"], row["stiffness_yy_kPa"]]
             assert output == pytest.approx(np.ravel(slope), rel=1e-3)
         np.testing.assert_allclose(own["mounting_stretch_y"], 1.02)
-    alone = mixture_draws(specimen, list(posteriors), np.array([1.0, 0.0]), found, posteriors)
+    alone = mixture_draws(specimen, list(posteriors), np.array([1.0, 0.0]), result, posteriors)
     assert set(alone["law"]) == {"goh"}
 
 
 def test_bands_of_a_mixture_of_one_law_are_those_of_its_draws(two_laws):
-    specimen, found, posteriors = two_laws
-    table = found["goh", WHOLE].draws
-    middle = {("goh", WHOLE): replace(found["goh", WHOLE], draws=table.assign(C1=14.0))}
+    specimen, result, posteriors = two_laws
+    table = result["goh", WHOLE].draws
+    middle = {("goh", WHOLE): replace(result["goh", WHOLE], draws=table.assign(C1=14.0))}
     one = np.array([1.0])
     bands = mixture_bands(specimen, ["goh"], one, middle, posteriors, 1.0)
     p = specimen.protocols[2]
@@ -215,24 +215,24 @@ def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
     options = {"noise": "independent", "mounting": "exact"}
     for part, kept in ((None, MOST_DRAWS), (left_out_parts(specimen)[0], MOST_DRAWS_OF_PART)):
         task = Task("goh", specimen, part, options, seed=1, ess=20.0, max_steps=64)
-        found = sample_part(task)
-        assert len(found.draws) == kept
+        result = sample_part(task)
+        assert len(result.draws) == kept
         shown = specimen if part is None else without(specimen, part)
         target = Posterior(shown, **options)
         expected = set(target.target().quantities(np.zeros((1, target.dimension))))
-        assert set(found.draws) == expected
-        assert [len(r) for r in found.residuals] == [p.rows - p.rest_rows for p in shown.protocols]
+        assert set(result.draws) == expected
+        assert [len(r) for r in result.residuals] == [p.rows - p.rest_rows for p in shown.protocols]
 
 
 SD = 0.002
 
 
 def predicted(geometry="unloaded", increments=8, **states):
-    """Two laws that foretell three protocols with one material each, the second 5 % too stiff."""
+    """Two laws that predict three protocols with one material each, the second 5 % too stiff."""
     made = specimen_of(GOH(14.0, 60.0, 8.0, 38.0, 0.1), increments=increments)
     specimen = replace(made, geometry=geometry)
     rng = np.random.default_rng(2)
-    found = {}
+    result = {}
     for law, k1, kappa in (("goh", 60.0, {"kappa": 0.1}), ("hgo", 63.0, {})):
         values = {"C1": 14.0, "k1": k1, "k2": 8.0, "alpha": 38.0, "noise_sd": SD, **kappa}
         values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
@@ -244,8 +244,8 @@ def predicted(geometry="unloaded", increments=8, **states):
             reason = "" if state == "converged" else f"{state} for a reason"
             rmse_kPa = 0.1 if law == "goh" else 0.2
             table = pd.DataFrame([values] * 20)
-            found[law, name] = Prediction(state, reason, rmse_kPa, residuals, table)
-    return specimen, found
+            result[law, name] = Prediction(state, reason, rmse_kPa, residuals, table)
+    return specimen, result
 
 
 def misses(specimen, k1, kappa):
@@ -263,8 +263,8 @@ def misses(specimen, k1, kappa):
 
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
 def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(geometry):
-    specimen, found = predicted(geometry)
-    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    specimen, result = predicted(geometry)
+    judged = weigh_laws(specimen, {"noise": "independent"}, result, ["goh", "hgo"])
     table, parts = judged.table.set_index("law"), judged.parts
     assert judged.converged and judged.left_out == {}
     assert list(table.index) == ["goh", "hgo", STACKED]
@@ -314,8 +314,8 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(g
 
 
 def test_weights_of_the_other_parts_alone_and_of_none():
-    specimen, found = predicted()
-    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    specimen, result = predicted()
+    judged = weigh_laws(specimen, {"noise": "independent"}, result, ["goh", "hgo"])
     # of the first part, by the weights that the other two alone give
     others = np.array(
         [
@@ -334,13 +334,13 @@ def test_weights_of_the_other_parts_alone_and_of_none():
 
 def test_levels_of_bands_come_from_the_other_parts_alone():
     """A part that is missed widens the bands of the others and not its own."""
-    specimen, found = predicted()
+    specimen, result = predicted()
     first, *rest = specimen.protocols
     load = first.load_x + np.where(np.arange(first.rows) < first.rest_rows, 0.0, 5.0 * SD)
     missed = replace(specimen, protocols=(replace(first, load_x=load), *rest))
 
-    def levels(measured, found=found, noise="independent"):
-        judged = weigh_laws(measured, {"noise": noise}, found, ["goh", "hgo"])
+    def levels(measured, result=result, noise="independent"):
+        judged = weigh_laws(measured, {"noise": noise}, result, ["goh", "hgo"])
         mixture = judged.parts[judged.parts["law"] == STACKED]
         np.testing.assert_allclose(mixture["band_low_level"] + mixture["band_high_level"], 1.0)
         return mixture["band_low_level"].to_numpy()
@@ -353,40 +353,40 @@ def test_levels_of_bands_come_from_the_other_parts_alone():
         key: replace(
             p, residuals=tuple(SD * np.sin(np.cumsum(0.3 + 0 * r, 0)) for r in p.residuals)
         )
-        for key, p in found.items()
+        for key, p in result.items()
     }
     light = levels(missed, smooth, "effective")
     assert (np.abs(light[1:] - 0.05) < 0.45 * np.abs(after[1:] - 0.05)).all()
 
 
 def test_single_readings_are_predicted_whatever_the_posterior_averages():
-    specimen, found = predicted(increments=40)
-    judged = weigh_laws(specimen, {"noise": "effective", "thin": 10}, found, ["goh", "hgo"])
+    specimen, result = predicted(increments=40)
+    judged = weigh_laws(specimen, {"noise": "effective", "thin": 10}, result, ["goh", "hgo"])
     own = judged.parts[judged.parts["law"] == "goh"]
     assert own["readings"].tolist() == [2 * (p.rows - p.rest_rows) for p in specimen.protocols]
 
 
 def test_laws_that_failed_or_have_not_converged_are_named():
-    specimen, found = predicted(hgo="tentative")
-    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    specimen, result = predicted(hgo="tentative")
+    judged = weigh_laws(specimen, {"noise": "independent"}, result, ["goh", "hgo"])
     assert not judged.converged and judged.left_out == {}
-    specimen, found = predicted(hgo="failed")
-    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    specimen, result = predicted(hgo="failed")
+    judged = weigh_laws(specimen, {"noise": "independent"}, result, ["goh", "hgo"])
     assert not judged.converged
     assert judged.left_out == {"hgo": f"{WHOLE}: failed for a reason"}
     assert judged.table.set_index("law")["weight"]["goh"] == pytest.approx(1.0)
     assert np.isnan(judged.table.set_index("law")["weight"]["hgo"])
-    specimen, found = predicted(hgo="failed", goh="unusable")
+    specimen, result = predicted(hgo="failed", goh="unusable")
     with pytest.raises(NotConverged, match=r"no law could be sampled.*goh.*unusable for a reason"):
-        weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+        weigh_laws(specimen, {"noise": "independent"}, result, ["goh", "hgo"])
 
 
-def test_a_measured_mounting_stretch_is_stated_as_the_mixture_has_it():
-    specimen, found = predicted()
+def test_a_measured_mounting_stretch_is_reported_as_the_mixture_has_it():
+    specimen, result = predicted()
     measured = replace(
         specimen, metadata={**specimen.metadata, "mounting_stretch_x": "1.01 +- 0.01"}
     )
-    judged = weigh_laws(measured, {"noise": "independent"}, found, ["goh", "hgo"])
+    judged = weigh_laws(measured, {"noise": "independent"}, result, ["goh", "hgo"])
     row = judged.reported[0]
     assert row.name == "mounting_stretch_x" and row.reason == MEASURED
     assert [row.low, row.high] == pytest.approx([1.01, 1.01])
@@ -433,7 +433,7 @@ def test_the_law_of_the_truth_predicts_best(compared):
     sums = parts.groupby("law")["left_out_density_nats"].sum()
     for law in table.index:
         assert sums[law] == pytest.approx(table["left_out_density_nats"][law], rel=1e-5)
-    # weights that have seen a part foretell it better, but for what their prior asks for
+    # weights that have seen a part predict it better, but for what their prior asks for
     mixture = parts[parts["law"] == STACKED]
     assert mixture["density_final_weights"].sum() > mixture["left_out_density_nats"].sum() - 0.5
     alone = parts[parts["law"] == "goh"]
@@ -500,16 +500,16 @@ def three(middle, width):
 def test_a_value_needs_the_laws_that_predict_equally_well_to_agree():
     intervals = {"goh": three(1.02, 0.002), "fung": three(1.022, 0.002), "hgo": three(1.3, 0.01)}
     density = {"goh": 10.0, "fung": 8.0, "hgo": 2.0}
-    stated = interval_from_predictions(intervals, density, smooth=False)
-    assert stated.is_value
-    assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
-    assert stated.high == pytest.approx(1.024 + 0.09 * 0.022)
-    assert stated.reason == "the laws that predict best agree (goh and fung)"
-    # a third law that foretells as well and lies elsewhere leaves the low end
-    stated = interval_from_predictions(intervals, density | {"hgo": 9.0}, smooth=False)
-    assert not stated.is_value
-    assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
-    assert stated.reason == (
+    interval = interval_from_predictions(intervals, density, smooth=False)
+    assert interval.is_value
+    assert interval.low == pytest.approx(1.018 - 0.09 * 0.02)
+    assert interval.high == pytest.approx(1.024 + 0.09 * 0.022)
+    assert interval.reason == "the laws that predict best agree (goh and fung)"
+    # a third law that predicts as well and lies elsewhere leaves the low end
+    interval = interval_from_predictions(intervals, density | {"hgo": 9.0}, smooth=False)
+    assert not interval.is_value
+    assert interval.low == pytest.approx(1.018 - 0.09 * 0.02)
+    assert interval.reason == (
         "the laws that predict best with their errors span 0.32; a value needs at most 0.035 "
         "(goh, hgo and fung)"
     )
@@ -518,12 +518,12 @@ def test_a_value_needs_the_laws_that_predict_equally_well_to_agree():
 
 def test_a_low_end_rests_on_two_laws_and_lies_not_too_far_below_the_best():
     intervals = {"goh": three(1.2, 0.04), "fung": three(1.1, 0.02)}
-    stated = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
-    assert stated.low == pytest.approx(1.08 - 0.09 * 0.1)
-    assert "span 0.19; a value needs at most 0.035 (goh and fung)" in stated.reason
+    interval = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
+    assert interval.low == pytest.approx(1.08 - 0.09 * 0.1)
+    assert "span 0.19; a value needs at most 0.035 (goh and fung)" in interval.reason
     intervals["goh"] = three(1.5, 0.04)
-    stated = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
-    assert np.isnan(stated.low) and "below the best estimate (goh and fung)" in stated.reason
+    interval = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
+    assert np.isnan(interval.low) and "below the best estimate (goh and fung)" in interval.reason
 
 
 @pytest.mark.long

@@ -99,11 +99,11 @@ def test_a_prior_that_agrees_is_not(priors, alone):
 
 
 def test_an_angle_in_radians_is_named_in_priors():
-    (found,) = radian_findings(prepare(SPECIMEN, priors={"alpha": normal(0.7, 0.05)}))
-    assert "40.11, 2.865" in found.message
+    (result,) = radian_findings(prepare(SPECIMEN, priors={"alpha": normal(0.7, 0.05)}))
+    assert "40.11, 2.865" in result.message
     uniform = {"distribution": "uniform", "low": 0.6, "high": 0.8}
-    (found,) = radian_findings(prepare(SPECIMEN, priors={"alpha": uniform}))
-    assert "34.38, 45.84" in found.message
+    (result,) = radian_findings(prepare(SPECIMEN, priors={"alpha": uniform}))
+    assert "34.38, 45.84" in result.message
     kappa = {"distribution": "uniform", "low": 0.0, "high": 0.2}
     assert radian_findings(prepare(SPECIMEN, priors={"kappa": kappa})) == []
     assert radian_findings(prepare(SPECIMEN, priors={"alpha": normal(41.0, 3.0)})) == []
@@ -145,9 +145,9 @@ def test_a_tissue_mounted_far_from_one_is_fitted_and_has_a_density(mounting, geo
     )
     values = {**FAR_VALUES, "noise_sd": 0.01 * specimen.peak_load}
     assert np.isfinite(posterior.log_density({name: values[name] for name in posterior.free}))
-    found = fit(specimen, initial=FAR)
-    assert found.mounting_stretch[0] == pytest.approx(mounting, abs=0.02)
-    assert found.material.values[:3] == pytest.approx([12.0, 8.0, 0.4], rel=0.1)
+    result = fit(specimen, initial=FAR)
+    assert result.mounting_stretch[0] == pytest.approx(mounting, abs=0.02)
+    assert result.material.values[:3] == pytest.approx([12.0, 8.0, 0.4], rel=0.1)
 
 
 def test_draws_at_the_limits_of_the_search_are_named():

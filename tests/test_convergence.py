@@ -35,7 +35,7 @@ def published_rhat(x):
     """Vehtari et al. (2021), equations 1 to 4 and section 4, of ensembles cut in halves."""
     half = x.shape[1] // 2
     folded = np.abs(x - np.median(x))
-    found = []
+    result = []
     for values in (x, folded):
         ranks = rankdata(values).reshape(values.shape)
         z = norm.ppf((ranks - 3 / 8) / (x.size + 1 / 4))
@@ -43,8 +43,8 @@ def published_rhat(x):
         within = chains.var(axis=1, ddof=1).mean()
         n = chains.shape[1]
         total = (n - 1) / n * within + chains.mean(axis=1).var(ddof=1)
-        found.append(np.sqrt(total / within))
-    return max(found)
+        result.append(np.sqrt(total / within))
+    return max(result)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, -0.3])
@@ -57,9 +57,9 @@ def test_autocorrelation_time_is_that_of_the_process(rho):
 
 def test_effective_size_of_short_chains_is_that_of_the_process():
     """25 autocorrelation times; ArviZ cuts walkers in halves, which makes the time longer."""
-    found = [assess({"a": ar1(0.905, (4, 512, 64), seed)}, target_ess=1) for seed in range(4)]
+    result = [assess({"a": ar1(0.905, (4, 512, 64), seed)}, target_ess=1) for seed in range(4)]
     tau = 1.905 / 0.095
-    assert np.mean([c.tau[0] for c in found]) == pytest.approx(tau, rel=0.15)
+    assert np.mean([c.tau[0] for c in result]) == pytest.approx(tau, rel=0.15)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
@@ -180,8 +180,8 @@ def test_one_still_walker_in_the_middle_is_noticed(monkeypatch):
     """Where it stands it costs hardly any effective draws: only its standing still tells."""
     draws = np.random.default_rng(5).standard_normal((4, 300, 64))
     draws[0, :150, 0] = draws[0, 0, 0] = 0.1
-    found = assess({"k2": draws}, target_ess=1000.0)
-    assert found.state == "tentative"
-    assert found.reason == "a walker was stuck for 150 of 300 steps"
+    result = assess({"k2": draws}, target_ess=1000.0)
+    assert result.state == "tentative"
+    assert result.reason == "a walker was stuck for 150 of 300 steps"
     monkeypatch.setattr("biaxbayes.sampling.convergence.MAX_STUCK", 1.0)
     assert assess({"k2": draws}, target_ess=1000.0).state == "converged"

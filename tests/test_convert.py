@@ -226,10 +226,10 @@ def test_a_table_of_numpy_savetxt_with_its_names_in_a_comment(tmp_path, capsys, 
     columns = f"stretch_x={names[0]},stretch_y={names[1]},piola_x_kPa=P1_kPa,piola_y_kPa=P2_kPa"
     code, _, err = run([path, "--machine", "generic", "--columns", columns, "--out", out], capsys)
     assert code == 0, err
-    found = read_specimen(out).protocols[0]
-    assert found.rows == len(STRETCH)  # the first row is data
-    np.testing.assert_allclose(found.stretch_x, STRETCH[:, 0], rtol=1e-12)
-    np.testing.assert_allclose(found.load_y, PIOLA[:, 1], rtol=1e-12)
+    result = read_specimen(out).protocols[0]
+    assert result.rows == len(STRETCH)  # the first row is data
+    np.testing.assert_allclose(result.stretch_x, STRETCH[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(result.load_y, PIOLA[:, 1], rtol=1e-12)
 
 
 def test_workbook_without_calamine_names_the_extra(tmp_path, capsys, monkeypatch):
@@ -360,7 +360,7 @@ def test_kinds_of_strain_as_given_or_by_name(x, y, values, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "stated"),
+    ("name", "kind"),
     [
         ("E11 Lagrange %", ""),
         ("true stretch", ""),
@@ -368,9 +368,9 @@ def test_kinds_of_strain_as_given_or_by_name(x, y, values, tmp_path, capsys):
         ("strain_true", ":percent"),
     ],
 )
-def test_an_ambiguous_kind_of_strain_is_refused(name, stated, tmp_path, capsys):
+def test_an_ambiguous_kind_of_strain_is_refused(name, kind, tmp_path, capsys):
     text = generic_text(STRETCH - 1.0, PIOLA, [name, f"{name} y", "P_kPa", "Q_kPa"])
-    columns = f"stretch_x={name}{stated},stretch_y={name} y,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    columns = f"stretch_x={name}{kind},stretch_y={name} y,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     code, printed, _ = generic(tmp_path, text, columns, capsys)
     assert code == 2 and printed.count("\n") == 1
     assert "kind" in printed and "green_percent" in printed and "log" in printed
@@ -405,8 +405,8 @@ def test_a_displacement_refers_to_the_gauge_length(names, unit, tmp_path, capsys
     gauge = EDGE_MM * np.array([1.02, 1.05])
     text = generic_text((STRETCH - 1.0) * gauge * unit, PIOLA, [*names, "P_kPa", "Q_kPa"])
     columns = f"stretch_x={names[0]},stretch_y={names[1]},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-    stated = ["--gauge-x-mm", gauge[0], "--gauge-y-mm", gauge[1]]
-    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS, *stated)
+    given = ["--gauge-x-mm", gauge[0], "--gauge-y-mm", gauge[1]]
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS, *given)
     assert code == 0 and "the stated gauge length" in printed
     (p,) = specimen.protocols
     np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
@@ -438,10 +438,10 @@ def test_a_displacement_that_does_not_start_at_zero_needs_its_origin(tmp_path, c
     text = generic_text(moved, PIOLA, ["dispx_mm", "dispy_mm", "P_kPa", "Q_kPa"])
     columns = "stretch_x=dispx_mm,stretch_y=dispy_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     for at, length in (("zero", 9.5), ("start", 10.0)):
-        stated = ["--gauge-x-mm", length, "--gauge-y-mm", length]
-        code, printed, _ = generic(tmp_path, text, columns, capsys, *stated)
+        given = ["--gauge-x-mm", length, "--gauge-y-mm", length]
+        code, printed, _ = generic(tmp_path, text, columns, capsys, *given)
         assert code == 2 and "starts at 0.5 mm" in printed and "--gauge-at" in printed
-        code, _, specimen = generic(tmp_path, text, columns, capsys, *stated, "--gauge-at", at)
+        code, _, specimen = generic(tmp_path, text, columns, capsys, *given, "--gauge-at", at)
         assert code == 0
         np.testing.assert_allclose(specimen.protocols[0].stretch_x, STRETCH[:, 0], rtol=1e-12)
 
@@ -495,7 +495,7 @@ def test_columns_that_speak_for_themselves(tmp_path, capsys):
     np.testing.assert_allclose(specimen.protocols[0].load_x, PIOLA[:, 0] * 0.012)
 
 
-def test_cycles_found_from_the_curves(tmp_path, capsys):
+def test_cycles_detected_from_the_curves(tmp_path, capsys):
     up = np.r_[np.zeros(10), T, T[::-1][1:]]
     path = np.r_[0.7 * up, 0.8 * up, up]
     stretch = np.column_stack([1.0 + 0.2 * path, 1.0 + 0.1 * path])

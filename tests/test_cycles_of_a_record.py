@@ -1,4 +1,4 @@
-"""Cycles in one record: each ratio becomes a protocol, and whether they repeat is said."""
+"""Cycles in one record: each ratio becomes a protocol, and whether they repeat is reported."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ def record(ratios, softening=None, noise=0.0) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("interleaved", [False, True])
 def test_each_ratio_of_a_record_is_a_protocol(peaks, names, interleaved, tmp_path):
     order = [*peaks, *peaks] if interleaved else [p for p in peaks for _ in range(2)]
-    found = read(tmp_path, *record(order, noise=1e-4))
-    assert [p.name for p in found.specimen.protocols] == names
-    for p, peak in zip(found.specimen.protocols, peaks, strict=True):
+    result = read(tmp_path, *record(order, noise=1e-4))
+    assert [p.name for p in result.specimen.protocols] == names
+    for p, peak in zip(result.specimen.protocols, peaks, strict=True):
         got = np.column_stack([p.stretch_x, p.stretch_y])[-1]
         np.testing.assert_allclose(got / got[0], (1 + np.array(peak)) / (1 + peak[0]), atol=2e-3)
-    assert "the record holds the ratios " + ", ".join(names) in " ".join(found.recordings[0].notes)
-    # A cycle that is asked for by its number is taken alone.
+    assert "the record holds the ratios " + ", ".join(names) in " ".join(result.recordings[0].notes)
+    # A cycle that is chosen by its number is taken alone.
     (only,) = read(tmp_path, *record(order), cycle="1").specimen.protocols
     assert only.stretch_x.max() == pytest.approx(1.0 + peaks[0][0])
 
@@ -72,9 +72,9 @@ def test_a_load_controlled_record_is_split_by_its_loads(tmp_path):
         path = np.column_stack([0.12 * UP_DOWN, 0.12 * creep * UP_DOWN])
         paths.append((1.0 + path, 2.0 + np.outer(UP_DOWN, [25.0, 50.0])))
     stretch, load = (np.concatenate(part) for part in zip(*paths, strict=True))
-    found = read(tmp_path, stretch, load)
-    assert [p.name for p in found.specimen.protocols] == ["1:1", "0.5:1"]
-    assert found.specimen.protocols[0].stretch_x[-1] == pytest.approx(1.0 + 0.15 * 1.35)
+    result = read(tmp_path, stretch, load)
+    assert [p.name for p in result.specimen.protocols] == ["1:1", "0.5:1"]
+    assert result.specimen.protocols[0].stretch_x[-1] == pytest.approx(1.0 + 0.15 * 1.35)
 
 
 @pytest.mark.parametrize(
@@ -82,25 +82,25 @@ def test_a_load_controlled_record_is_split_by_its_loads(tmp_path):
     [([1.5, 1.2, 1.1], False), ([1.5, 1.02, 1.01], True), ([1.4, 1.0], False)],
 )
 def test_whether_preconditioning_has_settled(softening, settled, tmp_path):
-    found = read(tmp_path, *record([(0.2, 0.2)] * len(softening), softening))
-    (recording,) = found.recordings
+    result = read(tmp_path, *record([(0.2, 0.2)] * len(softening), softening))
+    (recording,) = result.recordings
     message = " ".join((*recording.notes, *recording.assumptions))
     assert ("has not settled" in message) is not settled
     change = (softening[-1] - softening[-2]) / softening[-1]
     assert f"peak load changes by {change:+.1%} in x" in message
-    assert ("has not settled" in str(found.specimen.metadata.get("conversion"))) is not settled
+    assert ("has not settled" in str(result.specimen.metadata.get("conversion"))) is not settled
 
 
 def test_preconditioning_of_a_biotester(tmp_path):
     path = tmp_path / "raw.csv"
     size = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
     path.write_text(biotester_export(cycles=3).text())
-    found = convert([path], Choice("biotester"), header=size)
+    result = convert([path], Choice("biotester"), header=size)
     # The export softens by a tenth from cycle to cycle of three.
-    assert "has not settled" in " ".join(found.recordings[0].assumptions)
+    assert "has not settled" in " ".join(result.recordings[0].assumptions)
     path.write_text(biotester_export(cycles=30).text())
-    found = convert([path], Choice("biotester"), header=size)
-    assert "peak load changes by" in " ".join(found.recordings[0].notes)
+    result = convert([path], Choice("biotester"), header=size)
+    assert "peak load changes by" in " ".join(result.recordings[0].notes)
 
 
 @pytest.mark.parametrize(("axes", "wrong"), [("x", "x"), ("y", "y"), ("xy", "x")])
@@ -109,9 +109,9 @@ def test_tension_that_counts_negative(axes, wrong, tmp_path):
     signs = [-1.0 if axis in axes else 1.0 for axis in "xy"]
     with pytest.raises(InputError, match=f"`tension_negative={wrong}`"):
         read(tmp_path, stretch, load * signs)
-    found = read(tmp_path, stretch, load * signs, tension_negative=axes)
-    np.testing.assert_allclose(found.specimen.protocols[0].load_y, load[:31, 1], rtol=1e-9)
-    assert "is reversed" in str(found.specimen.metadata["conversion"])
+    result = read(tmp_path, stretch, load * signs, tension_negative=axes)
+    np.testing.assert_allclose(result.specimen.protocols[0].load_y, load[:31, 1], rtol=1e-9)
+    assert "is reversed" in str(result.specimen.metadata["conversion"])
 
 
 def test_a_strip_is_no_specimen(tmp_path):

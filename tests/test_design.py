@@ -41,18 +41,18 @@ def test_histology_agrees_with_the_exact_gaussian_answer(accuracy):
     draws, covariance = _gaussian()
     quantities = {n: draws[n].to_numpy() for n in draws}
     reading = Reading("histology", ("alpha",), accuracy)
-    found = expect(reading, draws, quantities, np.random.default_rng(1), outcomes=400)
+    result = expect(reading, draws, quantities, np.random.default_rng(1), outcomes=400)
     # var(q | y) = var(q) - cov(q, alpha)^2 / (var(alpha) + s^2)
     total = covariance[0, 0] + accuracy**2
     after = np.diag(covariance) - covariance[:, 0] ** 2 / total
     exact = 1.0 - np.sqrt(after / np.diag(covariance))
-    assert np.all(np.abs(found.reduction - exact) < 4.0 * found.error + 0.005)
-    assert found.error.max() < 0.02
-    assert found.at_least == pytest.approx(exact, abs=0.01)
+    assert np.all(np.abs(result.reduction - exact) < 4.0 * result.error + 0.005)
+    assert result.error.max() < 0.02
+    assert result.at_least == pytest.approx(exact, abs=0.01)
     # EIG = ln(1 + var(alpha) / s^2) / 2
     gain = 0.5 * np.log1p(covariance[0, 0] / accuracy**2)
-    assert abs(found.gain - gain) < 4.0 * found.gain_error
-    assert found.gain_error < 0.1
+    assert abs(result.gain - gain) < 4.0 * result.gain_error
+    assert result.gain_error < 0.1
 
 
 def test_two_readings_agree_with_the_exact_gaussian_answer():
@@ -61,10 +61,10 @@ def test_two_readings_agree_with_the_exact_gaussian_answer():
     covariance = covariance * np.outer([1.0, 100.0], [1.0, 100.0])
     reading = Reading("both", ("alpha", "kappa"), 3.0)
     quantities = {n: scaled[n].to_numpy() for n in scaled}
-    found = expect(reading, scaled, quantities, np.random.default_rng(2), outcomes=400)
+    result = expect(reading, scaled, quantities, np.random.default_rng(2), outcomes=400)
     after = np.linalg.inv(np.linalg.inv(covariance) + np.eye(2) / 9.0)
     exact = 1.0 - np.sqrt(np.diag(after) / np.diag(covariance))
-    assert np.all(np.abs(found.reduction - exact) < 4.0 * found.error + 0.005)
+    assert np.all(np.abs(result.reduction - exact) < 4.0 * result.error + 0.005)
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +91,8 @@ def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
     posterior, after = precise
     angle = float(np.quantile(run.draws["alpha"], 0.3))
     log_weight = after.candidate.log_likelihood(np.array([[angle]]), run.draws)[0]
-    found = after.after(np.array([angle]), log_weight, np.random.default_rng(1))
-    assert found.effective > 400
+    result = after.after(np.array([angle]), log_weight, np.random.default_rng(1))
+    assert result.effective > 400
     fixed = Posterior(posterior.specimen, **{**posterior.options(), "priors": {"alpha": angle}})
     chains = draw_posterior(fixed, Plan(ess=1500.0, seed=3, walkers=32)).quantities
     table = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
@@ -100,7 +100,7 @@ def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
     shared = [n for n in exact if n in after.quantities]
     assert {"C1", "k1", "k2", "kappa", "mounting_stretch_x"} <= set(shared)
     for name in shared:
-        ratio = found.sd[after.quantities.index(name)] / exact[name].std()
+        ratio = result.sd[after.quantities.index(name)] / exact[name].std()
         # sds of a thousand draws each, and tails heavier than a Gaussian's
         assert abs(ratio - 1.0) < 4.0 * np.sqrt(1.0 / 1600 + 1.0 / 3000) * 1.5, name
     # log Z of a normal reading is the log of the angle's density times the normal's volume
@@ -108,7 +108,7 @@ def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
     near = np.abs(alpha - angle) < 0.25 * alpha.std()
     log_density = np.log(near.mean() / (0.5 * alpha.std()))
     expected = log_density + np.log(after.candidate.sd * np.sqrt(2.0 * np.pi))
-    assert found.log_evidence == pytest.approx(expected, abs=0.25)
+    assert result.log_evidence == pytest.approx(expected, abs=0.25)
 
 
 def test_new_draws_agree_with_reweighting_where_both_do(run):
@@ -126,10 +126,10 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
     usable = np.flatnonzero(effective > 300)
     assert len(usable) > 0.8 * len(simulated)
     for j, outcome in [(j, simulated[j]) for j in usable]:
-        found = after.after(outcome, weights[j], rng)
-        np.testing.assert_allclose(found.sd, spread[j], rtol=0.25)
+        result = after.after(outcome, weights[j], rng)
+        np.testing.assert_allclose(result.sd, spread[j], rtol=0.25)
         known = logsumexp(weights[j]) - np.log(len(run.draws))
-        assert found.log_evidence == pytest.approx(known, abs=0.2)
+        assert result.log_evidence == pytest.approx(known, abs=0.2)
 
 
 @pytest.mark.long
@@ -139,7 +139,7 @@ def test_a_precise_reading_is_gone_into(run, precise):
     quantities = design_quantities(posterior, run.draws)
     alone = expect(after.candidate, run.draws, quantities, np.random.default_rng(3), outcomes=20)
     assert not alone.trusted
-    found = expect(
+    result = expect(
         after.candidate,
         run.draws,
         quantities,
@@ -147,11 +147,11 @@ def test_a_precise_reading_is_gone_into(run, precise):
         outcomes=20,
         posterior=posterior,
     )
-    assert found.trusted
-    assert found.effective > 400
+    assert result.trusted
+    assert result.effective > 400
     i = list(quantities).index("alpha")
-    assert found.reduction[i] == pytest.approx(1.0 - 5e-4, abs=1e-4)
-    assert found.at_least[i] <= found.reduction[i] + 0.01
+    assert result.reduction[i] == pytest.approx(1.0 - 5e-4, abs=1e-4)
+    assert result.at_least[i] <= result.reduction[i] + 0.01
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_protocol_likelihood_is_a_normal_density(run, candidates):
     protocol = replace(shared, settings=settings)
     draws = run.draws.iloc[[3, 500, 900]]
     outcomes = protocol.outcomes(draws, np.random.default_rng(5))
-    found = protocol.log_likelihood(outcomes, draws)
+    result = protocol.log_likelihood(outcomes, draws)
     load, variance = protocol.predict(draws)
     exact = np.column_stack(
         [
@@ -174,7 +174,7 @@ def test_protocol_likelihood_is_a_normal_density(run, candidates):
         ]
     )
     # Up to a term common to all draws: differences between draws are what counts.
-    assert found - found[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
+    assert result - result[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
 
 
 @pytest.mark.parametrize("apart", [0.3, 4.0])
@@ -188,8 +188,8 @@ def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates, ap
     added, options = protocol.added_to(posterior, outcome[0])
     joint = Posterior(added, **options, beta=posterior.beta)
     gained = joint.log_density(draws) - posterior.log_density(draws)
-    found = protocol.log_likelihood(outcome, draws)[0]
-    assert found - found[0] == pytest.approx(gained - gained[0], abs=1e-4)
+    result = protocol.log_likelihood(outcome, draws)[0]
+    assert result - result[0] == pytest.approx(gained - gained[0], abs=1e-4)
 
 
 def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):
@@ -214,18 +214,18 @@ def test_other_ratios_tell_more_than_a_repeat(run):
     """Equibiaxial stretch alone trades kappa with alpha: only another ratio settles it."""
     compared = ("1:0", "0:1", "1:0.5", "repeat 1:1")
     chosen = [c for c in standard_candidates(run.posterior()) if c.name in compared]
-    found = design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=30)
-    names = [e.name for e in found.expected]
+    result = design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=30)
+    names = [e.name for e in result.expected]
     rank = {name: i for i, name in enumerate(names)}
     assert rank["1:0"] < rank["repeat 1:1"]
     assert rank["0:1"] < rank["repeat 1:1"]
     assert len(rank) == len(compared)
-    kappa = found.quantities.index("kappa")
-    repeat = found.expected[rank["repeat 1:1"]]
+    kappa = result.quantities.index("kappa")
+    repeat = result.expected[rank["repeat 1:1"]]
     assert 0.0 <= repeat.at_least[kappa] < 0.3
-    table = found.to_frame()
-    assert len(table) == len(chosen) * len(found.quantities)
-    figure = design_figure(found)
+    table = result.to_frame()
+    assert len(table) == len(chosen) * len(result.quantities)
+    figure = design_figure(result)
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
 
 
@@ -236,34 +236,34 @@ def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
     further, repeat = (f"1:1 to {' × '.join(f'{v:.3g}' for v in _further(run))}", "repeat 1:1")
     chosen = [c for c in standard_candidates(run.posterior()) if c.name in (further, repeat, "1:0")]
     chosen.append(Reading("angle", ("alpha",), 5.0))
-    found = design(run.posterior(), run.draws, chosen, outcomes=4)
+    result = design(run.posterior(), run.draws, chosen, outcomes=4)
     tested = run.posterior().specimen.peak_load
-    assert list(found.cautions()) == [further]
-    words = found.cautions()[further]
+    assert list(result.cautions()) == [further]
+    words = result.cautions()[further]
     assert f"where {tested:.3g} N were tested" in words and "rupture" in words
-    table = found.to_frame().groupby("candidate")[["peak_load_q95", "caution"]].first()
+    table = result.to_frame().groupby("candidate")[["peak_load_q95", "caution"]].first()
     assert table.loc[further, "caution"] == words
     assert table.loc[further, "peak_load_q95"] > 1.2 * tested > table.loc[repeat, "peak_load_q95"]
     assert (table.drop(index=further)["caution"] == "").all()
-    figure = design_figure(found)
+    figure = design_figure(result)
     drawn = " ".join(text for text, _ in in_view(figure))
     assert " ".join(words.split()) in " ".join(drawn.split())
     for text, box in in_view(figure):
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1, text
-    print_design(found, "N")
+    print_design(result, "N")
     printed = capsys.readouterr().out
-    assert f"caution: {further} {words}" in printed and printed.rstrip().endswith(found.conclusion)
+    assert f"caution: {further} {words}" in printed and printed.rstrip().endswith(result.conclusion)
 
 
 def test_a_design_ends_with_what_to_measure_next(run):
-    found = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 0.1)], outcomes=20)
-    share = 100.0 * found.expected[0].reduction[found.quantities.index("alpha")]
-    assert found.conclusion.startswith("measure next: angle. Expected reduction of the sd: ")
-    assert f"alpha by {share:.0f} %" in found.conclusion
-    assert "\n" not in repr(found) and len(repr(found)) < 320
+    result = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 0.1)], outcomes=20)
+    share = 100.0 * result.expected[0].reduction[result.quantities.index("alpha")]
+    assert result.conclusion.startswith("measure next: angle. Expected reduction of the sd: ")
+    assert f"alpha by {share:.0f} %" in result.conclusion
+    assert "\n" not in repr(result) and len(repr(result)) < 320
     useless = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 1e4)], outcomes=20)
     assert useless.conclusion.startswith("no candidate narrows a material parameter by 10 %")
-    doubtful = replace(found, expected=(replace(found.expected[0], few=1.0),))
+    doubtful = replace(result, expected=(replace(result.expected[0], few=1.0),))
     assert doubtful.conclusion.startswith("no candidate can be recommended")
 
 

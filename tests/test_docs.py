@@ -120,7 +120,7 @@ def test_rooms_import_from_rooms_above_them_alone():
     table = text_of(DOCS / "layout.md").split("| to add |")[0]
     rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
     order = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
-    found = set()
+    result = set()
     for path in SOURCE.rglob("*.py"):
         room = path.relative_to(SOURCE).with_suffix("").parts[0]
         for node in ast.parse(text_of(path)).body:
@@ -129,8 +129,8 @@ def test_rooms_import_from_rooms_above_them_alone():
                 continue
             other = module.split(".")[1]
             if room in order and order.index(other) > order.index(room):
-                found.add((room, other))
-    assert not found
+                result.add((room, other))
+    assert not result
 
 
 def test_no_imports_go_round_in_a_circle():

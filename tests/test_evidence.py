@@ -102,11 +102,11 @@ def by_quadrature(posterior, grids):
 def test_two_parameters_against_quadrature(mounting):
     fixed = {"k1": 12.0, "k2": 2.0, "kappa": 0.05, "noise_sd": 0.02}
     posterior = Posterior(media(), mounting=mounting, noise="independent", priors=fixed)
-    found = marginal_likelihood(posterior, draw_posterior(posterior, PLAN))
+    result = marginal_likelihood(posterior, draw_posterior(posterior, PLAN))
     grids = {"C1": np.geomspace(0.02, 60, 1500), "alpha": np.linspace(0.01, 89.99, 700)}
     expected = by_quadrature(posterior, grids)
-    assert found.error < 0.05
-    assert found.log_evidence == pytest.approx(expected, abs=4.5 * found.error + 1e-3)
+    assert result.error < 0.05
+    assert result.log_evidence == pytest.approx(expected, abs=4.5 * result.error + 1e-3)
 
 
 @pytest.mark.long
@@ -114,14 +114,14 @@ def test_dispersion_and_angle_in_their_chart_against_quadrature():
     """The chart's Jacobian, its bounds and the prior per radian all count here."""
     fixed = {"C1": 3.0, "k2": 2.0, "noise_sd": 0.05}
     posterior = Posterior(media(), mounting="exact", noise="independent", priors=fixed)
-    found = marginal_likelihood(posterior, draw_posterior(posterior, PLAN))
+    result = marginal_likelihood(posterior, draw_posterior(posterior, PLAN))
     grids = {
         "k1": np.geomspace(4, 60, 160),
         "alpha": np.linspace(0.05, 89.95, 240),
         "kappa": np.linspace(0, 1 / 3, 161),
     }
     expected = by_quadrature(posterior, grids)
-    assert found.log_evidence == pytest.approx(expected, abs=4.5 * found.error + 0.01)
+    assert result.log_evidence == pytest.approx(expected, abs=4.5 * result.error + 0.01)
 
 
 @pytest.mark.long
@@ -163,14 +163,14 @@ def test_a_tempered_likelihood_has_none():
 @pytest.mark.long
 def test_a_run_records_it_and_prestretch_can_be_judged(tmp_path):
     """The specimen was mounted at a stretch: without one, its mounting force is a wonder."""
-    found = {}
+    result = {}
     for mounting in ("noisy", "free", "ignored"):
         with runs_without_figures():
             run = biaxbayes.sample(
                 media(), out=tmp_path / mounting, mounting=mounting, noise="independent", ess=1000
             )
-        found[mounting] = json.loads((run.path / "provenance.json").read_text())["evidence"]
-    noisy, free, ignored = found["noisy"], found["free"], found["ignored"]
+        result[mounting] = json.loads((run.path / "provenance.json").read_text())["evidence"]
+    noisy, free, ignored = result["noisy"], result["free"], result["ignored"]
     error = np.hypot(noisy["error"], free["error"])
     assert abs(noisy["log_evidence"] - free["log_evidence"]) < 4.5 * error
     assert noisy["log_density_of_mounting_reading"] is None

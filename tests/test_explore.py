@@ -29,12 +29,12 @@ from biaxbayes.verbs.report import report_text
 
 def sources(page: str) -> list[dict[str, np.ndarray]]:
     """The numbers of every source of data on a page."""
-    found = []
+    result = []
 
     def walk(node):
         if isinstance(node, dict) and node.get("name") == "ColumnDataSource":
             entries = node["attributes"]["data"]["entries"]
-            found.append({name: array(v) for name, v in entries})
+            result.append({name: array(v) for name, v in entries})
         for child in node.values() if isinstance(node, dict) else node:
             if isinstance(child, dict | list):
                 walk(child)
@@ -47,7 +47,7 @@ def sources(page: str) -> list[dict[str, np.ndarray]]:
 
     for text in re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.S):
         walk(json.loads(text))
-    return found
+    return result
 
 
 def draws_of(page: str) -> dict[str, np.ndarray]:

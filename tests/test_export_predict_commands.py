@@ -71,9 +71,9 @@ def test_export_writes_the_median_draw_by_default(run, capsys):
     folder = run.path / "cards-abaqus-MPa-mm"
     manifest = pd.read_csv(folder / "manifest.csv")
     assert len(manifest) == 1
-    found = read_abaqus((folder / manifest["file"][0]).read_text())
+    result = read_abaqus((folder / manifest["file"][0]).read_text())
     draw = run.draws.iloc[manifest["draw"][0]]
-    assert pytest.approx(draw["C1"] / 1000.0) == found.C10
+    assert pytest.approx(draw["C1"] / 1000.0) == result.C10
     assert "agrees with the draws to" in capsys.readouterr().out
 
 

@@ -223,7 +223,7 @@ def test_separate_mounted_states_appear_as_their_mean():
 
 
 def test_bands_of_certain_draws_are_the_model_and_its_noise():
-    # All draws alike: the credible band has no width, the predictive one is a normal.
+    # All draws equal: the credible band has no width, the predictive one is a normal.
     specimen = specimen_of()
     media = MATERIALS["donor2-media"].material
     values = dict(zip(GOH_LAW.names, media.values, strict=True)) | MOUNTING | {"noise_sd": 0.002}
@@ -408,8 +408,8 @@ def test_trace_figure_is_readable(width):
 
 def test_ranks_show_the_ensemble_that_disagrees():
     figure = trace_figure(chains_of(kappa=0.5), names=["alpha", "kappa"])
-    alike, apart = figure.axes[1], figure.axes[3]
-    for ax, highest in ((alike, 1.5), (apart, 3.9)):
+    similar, apart = figure.axes[1], figure.axes[3]
+    for ax, highest in ((similar, 1.5), (apart, 3.9)):
         heights = [patch.get_data().values for patch in ax.patches]
         assert len(heights) == 4
         assert all(np.mean(h) == pytest.approx(1.0) for h in heights)

@@ -72,7 +72,7 @@ def test_work_at_the_hooks_is_the_energy_in_the_sheet():
     assert work == pytest.approx(4.0 * quarter * THICKNESS * 1e-3, rel=1e-5)
 
 
-def test_directions_are_treated_alike():
+def test_directions_are_treated_equally():
     along = hooked(GOH(5.0, 20.0, 5.0, 20.0, 0.1), elements=6)
     across = hooked(GOH(5.0, 20.0, 5.0, 70.0, 0.1), elements=6)
     a = along.stretch_to(along.mount((1.02, 1.01)), (1.1, 1.06), increments=3)

@@ -109,16 +109,16 @@ def test_prestretch_methods_return_the_truth_from_five_random_starts(name, prest
     material = MATERIALS[name].material
     specimen = specimen_of(material, (prestretch, prestretch))
     for seed in range(5):
-        found = fit(specimen, method, starts=1, seed=seed)
-        assert found.converged
-        np.testing.assert_allclose(values(found.material), values(material), rtol=5e-5)
-        np.testing.assert_allclose(found.mounting_stretch, prestretch, atol=1e-6)
+        result = fit(specimen, method, starts=1, seed=seed)
+        assert result.converged
+        np.testing.assert_allclose(values(result.material), values(material), rtol=5e-5)
+        np.testing.assert_allclose(result.mounting_stretch, prestretch, atol=1e-6)
 
 
 def test_optima_on_bounds_are_named():
-    found = fit(specimen_of(MATERIALS["smoljkic-m55"].material, (1.02, 1.02)), "standard")
-    assert found.at_bound == ("k2", "alpha", "kappa")
-    assert found.material.alpha_deg == 90.0
+    result = fit(specimen_of(MATERIALS["smoljkic-m55"].material, (1.02, 1.02)), "standard")
+    assert result.at_bound == ("k2", "alpha", "kappa")
+    assert result.material.alpha_deg == 90.0
 
 
 # --- stress pairs, geometries, protocols ----------------------------------------------------
@@ -129,29 +129,29 @@ def test_optima_on_bounds_are_named():
 @pytest.mark.parametrize("method", PRESTRETCH_METHODS)
 def test_truth_from_every_stress_pair_and_geometry(pair, geometry, method):
     specimen = specimen_of(MEDIA, (1.02, 1.008), pair=pair, geometry=geometry)
-    found = fit(specimen, method)
-    assert found.converged
-    np.testing.assert_allclose(values(found.material), values(MEDIA), rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(found.mounting_stretch, [[1.02, 1.008]], rtol=1e-6)
+    result = fit(specimen, method)
+    assert result.converged
+    np.testing.assert_allclose(values(result.material), values(MEDIA), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(result.mounting_stretch, [[1.02, 1.008]], rtol=1e-6)
     np.testing.assert_allclose(
-        found.mounting_load, [specimen.mounting_reading(specimen.protocols[0])], rtol=1e-5
+        result.mounting_load, [specimen.mounting_reading(specimen.protocols[0])], rtol=1e-5
     )
-    assert found.r2 == pytest.approx(1.0, abs=1e-9)
-    assert max(np.abs(r).max() for r in found.residuals) < 1e-7 * specimen.peak_load
-    assert found.residuals[0].shape == (100, 2)
+    assert result.r2 == pytest.approx(1.0, abs=1e-9)
+    assert max(np.abs(r).max() for r in result.residuals) < 1e-7 * specimen.peak_load
+    assert result.residuals[0].shape == (100, 2)
 
 
 @pytest.mark.parametrize("method", PRESTRETCH_METHODS)
 def test_each_protocol_may_have_its_own_mounting_stretch(method):
     lms = [(1.01, 1.02), (1.015, 1.012), (1.03, 1.01)]
     specimen = specimen_of(MEDIA, ratios=[(1, 1), (1, 0.5), (0.5, 1)], mountings=lms)
-    found = fit(specimen, method, mounting_stretch="per-protocol")
-    np.testing.assert_allclose(found.mounting_stretch, lms, rtol=1e-5)
-    np.testing.assert_allclose(values(found.material), values(MEDIA), rtol=1e-4, atol=1e-5)
-    assert found.record()["mounting_stretch_x"] == pytest.approx([1.01, 1.015, 1.03], rel=1e-5)
+    result = fit(specimen, method, mounting_stretch="per-protocol")
+    np.testing.assert_allclose(result.mounting_stretch, lms, rtol=1e-5)
+    np.testing.assert_allclose(values(result.material), values(MEDIA), rtol=1e-4, atol=1e-5)
+    assert result.record()["mounting_stretch_x"] == pytest.approx([1.01, 1.015, 1.03], rel=1e-5)
     shared = specimen_of(MEDIA, (1.01, 1.02), ratios=[(1, 1), (1, 0.5)])
-    found = fit(shared, method)
-    np.testing.assert_allclose(found.mounting_stretch, [[1.01, 1.02]], rtol=1e-5)
+    result = fit(shared, method)
+    np.testing.assert_allclose(result.mounting_stretch, [[1.01, 1.02]], rtol=1e-5)
 
 
 def test_fibre_switch_is_part_of_the_model():
@@ -303,11 +303,11 @@ def test_what_is_called_converged_is_stationary():
 @pytest.mark.parametrize("weighted", [False, True])
 def test_fit_minimises_the_objective_of_the_posterior(weighted):
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
-    found = constrained_fit(specimen, weighted=weighted)
-    assert found.converged
-    beta = effective_readings(found.residuals).beta if weighted else 1.0
+    result = constrained_fit(specimen, weighted=weighted)
+    assert result.converged
+    beta = effective_readings(result.residuals).beta if weighted else 1.0
     assert (beta < 0.3) == weighted
-    w = np.sqrt(np.mean(np.concatenate(found.residuals) ** 2))
+    w = np.sqrt(np.mean(np.concatenate(result.residuals) ** 2))
     reading, sd = specimen.mounting_readings(shared=True)
     data = Readings.from_specimen(specimen, shared=True).stretched()
 
@@ -320,7 +320,7 @@ def test_fit_minimises_the_objective_of_the_posterior(weighted):
             + (((reading[0] - p0) / sd[0]) ** 2).sum()
         )
 
-    theta, lm = values(found.material), found.mounting_stretch[0]
+    theta, lm = values(result.material), result.mounting_stretch[0]
     least = objective(theta, lm)
     rng = np.random.default_rng(1)
     for size in (1e-4, 1e-3, 1e-2):
@@ -334,8 +334,8 @@ def test_noisy_tends_to_exact_as_the_load_cell_improves():
     exact = constrained_fit(specimen, mounting="exact")
     gaps = []
     for noise in (6e-4, 6e-5, 6e-6):
-        found = constrained_fit(replace(specimen, load_noise=noise), mounting="noisy")
-        gaps.append(np.abs(found.mounting_load - exact.mounting_load).max())
+        result = constrained_fit(replace(specimen, load_noise=noise), mounting="noisy")
+        gaps.append(np.abs(result.mounting_load - exact.mounting_load).max())
     assert gaps[0] > 10 * gaps[1] > 100 * gaps[2] > 0
     noise_free = constrained_fit(replace(specimen, load_noise=0.0), mounting="noisy")
     assert values(noise_free.material) == pytest.approx(values(exact.material), rel=1e-12)
@@ -344,39 +344,39 @@ def test_noisy_tends_to_exact_as_the_load_cell_improves():
 def test_ignored_and_zeroed_have_no_mounting_state():
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
     for reading in ("ignored", "zeroed"):
-        found = constrained_fit(specimen, mounting=reading)
-        assert np.all(found.mounting_stretch == 1.0)
+        result = constrained_fit(specimen, mounting=reading)
+        assert np.all(result.mounting_stretch == 1.0)
         # What the model carries at a stretch of one is zero but for rounding.
-        assert np.abs(found.mounting_load).max() < 1e-14
+        assert np.abs(result.mounting_load).max() < 1e-14
     ignored = constrained_fit(specimen, mounting="ignored")
     assert ignored.material.C1_kPa > constrained_fit(specimen, mounting="zeroed").material.C1_kPa
 
 
-# --- held parameters ------------------------------------------------------------------------
+# --- fixed parameters ------------------------------------------------------------------------
 
 
-HELD = [{"kappa": 0.1}, {"alpha": 45.0}, {"C1": 3.0, "k2": 2.0}, {"k1": 10.0}, {"alpha": 90.0}]
+FIXED = [{"kappa": 0.1}, {"alpha": 45.0}, {"C1": 3.0, "k2": 2.0}, {"k1": 10.0}, {"alpha": 90.0}]
 
 
 @pytest.mark.parametrize(
     ("method", "fixed"),
-    list(zip(METHODS, HELD, strict=True)),
+    list(zip(METHODS, FIXED, strict=True)),
 )
 def test_fixed_parameters_stay(method, fixed):
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
-    found = fit(specimen, method, fixed=fixed, starts=3)
-    record = found.record()
+    result = fit(specimen, method, fixed=fixed, starts=3)
+    record = result.record()
     keys = {"C1": "C1_kPa", "k1": "k1_kPa", "alpha": "alpha_deg"}
     for name, value in fixed.items():
         assert record[keys.get(name, name)] == pytest.approx(value, abs=1e-10)
-        assert name not in found.at_bound
+        assert name not in result.at_bound
 
 
 def test_all_parameters_fixed_is_an_evaluation():
     fixed = {"C1": 2.98, "k1": 12.47, "k2": 1.88, "alpha": 39.0, "kappa": 0.0}
-    found = fit(specimen_of(MEDIA, (1.009, 1.01)), fixed=fixed)
-    np.testing.assert_allclose(found.mounting_stretch, [[1.009, 1.01]], rtol=1e-9)
-    assert found.converged and found.iterations == 0
+    result = fit(specimen_of(MEDIA, (1.009, 1.01)), fixed=fixed)
+    np.testing.assert_allclose(result.mounting_stretch, [[1.009, 1.01]], rtol=1e-9)
+    assert result.converged and result.iterations == 0
 
 
 @pytest.mark.parametrize(
@@ -422,26 +422,26 @@ HOSTILE = {
 def test_hostile_specimens_end_in_a_result(name):
     specimen = HOSTILE[name]
     for method in METHODS:
-        found = fit(specimen, method, starts=2)
-        assert found.method == method
-        json.dumps(found.record(), allow_nan=False)
-        assert np.isfinite(values(found.material)).all()
-        assert np.isfinite(found.mounting_stretch).all()
+        result = fit(specimen, method, starts=2)
+        assert result.method == method
+        json.dumps(result.record(), allow_nan=False)
+        assert np.isfinite(values(result.material)).all()
+        assert np.isfinite(result.mounting_stretch).all()
     for reading in ("noisy", "ignored", "zeroed"):
-        found = constrained_fit(specimen, mounting=reading, starts=2)
-        assert np.isfinite(values(found.material)).all()
+        result = constrained_fit(specimen, mounting=reading, starts=2)
+        assert np.isfinite(values(result.material)).all()
 
 
-# Held this soft, no material carries 50 kPa within a mounting stretch of two.
+# Fixed at values this soft, no material carries 50 kPa within a mounting stretch of two.
 SOFT = {"C1": 1.0, "k1": 1e-3, "k2": 0.0}
 HEAVY = hostile(np.linspace(50, 90, 30), np.linspace(50, 80, 30))
 
 
 def test_no_mounting_stretch_is_reported_not_raised():
     for method in ("constrained", "fip"):
-        found = fit(HEAVY, method, fixed=SOFT)
-        assert not found.converged
-        assert found.material.C1_kPa == 1.0
+        result = fit(HEAVY, method, fixed=SOFT)
+        assert not result.converged
+        assert result.material.C1_kPa == 1.0
 
 
 def test_start_that_overflows_is_survived():
@@ -456,8 +456,8 @@ def test_start_that_overflows_is_survived():
 
 def test_strongly_stiffening_tissue():
     material = MATERIALS["donor2-intima"].material  # k2 of 268
-    found = fit(specimen_of(material, (1.017, 1.004), measured_stretch=1.05))
-    np.testing.assert_allclose(values(found.material), values(material), rtol=1e-4)
+    result = fit(specimen_of(material, (1.017, 1.004), measured_stretch=1.05))
+    np.testing.assert_allclose(values(result.material), values(material), rtol=1e-4)
 
 
 def test_tared_specimen_allows_two_methods():
@@ -465,7 +465,7 @@ def test_tared_specimen_allows_two_methods():
     for method in PRESTRETCH_METHODS:
         with pytest.raises(TaredSpecimen, match="`mounting_force`"):
             fit(tared, method)
-    assert [found.method for found in fit_all(tared)] == ["standard", "zeroed"]
+    assert [result.method for result in fit_all(tared)] == ["standard", "zeroed"]
 
 
 @pytest.mark.parametrize("method", ["best", "", "ZEROED"])
@@ -567,8 +567,8 @@ def test_tared_file_on_the_command_line(capsys, tmp_path):
 def test_exit_code_of_a_fit_that_did_not_converge(capsys, tmp_path):
     path = tmp_path / "heavy.csv"
     write_specimen(HEAVY, path)
-    held = [word for name, value in SOFT.items() for word in ("--fix", f"{name}={value}")]
-    code, out, err = run(capsys, "fit", path, "--method", "constrained", *held)
+    fixed = [word for name, value in SOFT.items() for word in ("--fix", f"{name}={value}")]
+    code, out, err = run(capsys, "fit", path, "--method", "constrained", *fixed)
     assert code == 3 and "NO" in out and "not converged: constrained" in err
 
 
@@ -627,8 +627,8 @@ def test_what_is_simulated_without_noise_is_sampled(tmp_path, seed):
     for name in mounting_names("stretch"):
         lm = getattr(truth, name)
         assert table.loc[name, "q50"] == pytest.approx(lm, abs=1e-5)
-        stated = judged[name]
-        assert stated.low - 1e-5 <= lm <= stated.high + 1e-5
+        reported = judged[name]
+        assert reported.low - 1e-5 <= lm <= reported.high + 1e-5
 
 
 def rounded(specimen, decimals: int):
@@ -649,7 +649,7 @@ def test_few_digits_are_rounding_too():
         material=material, prestretch=(1.019, 1.02), total_stretch=1.15, increments=40
     )
     for decimals in (8, 5):
-        assert all(found.converged for found in fit_all(rounded(specimen, decimals)))
+        assert all(result.converged for result in fit_all(rounded(specimen, decimals)))
 
 
 def test_a_fit_that_misses_more_than_the_digits_is_not_called_converged(monkeypatch, tmp_path):

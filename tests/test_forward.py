@@ -101,8 +101,8 @@ def test_sd_likelihood_and_simulation_are_those_of_normal_errors(growth):
     # the mean of readings that scatter: what each of them would add, on average
     apart = 0.02
     both = [norm.logpdf(MEASURED + d, LOAD, sd) for d in (apart, -apart)]
-    found = log_likelihood(LOAD, sd, MEASURED, apart**2)
-    np.testing.assert_allclose(found, np.mean(both, axis=0), rtol=1e-12)
+    result = log_likelihood(LOAD, sd, MEASURED, apart**2)
+    np.testing.assert_allclose(result, np.mean(both, axis=0), rtol=1e-12)
     # and the sums that the kernel makes of it
     square = (MEASURED - LOAD) ** 2
     total = sum(misfit(errors, f, s) for f, s in zip(LOAD, square, strict=True))

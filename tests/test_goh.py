@@ -121,8 +121,10 @@ def test_dispersion_in_and_out_of_plane_is_goh_at_another_angle():
                 dispersion_as_goh(kappa_ip, kappa_op, alpha)
             continue
         output += 1
-        found, kappa = dispersion_as_goh(kappa_ip, kappa_op, alpha)
-        np.testing.assert_allclose(structure_tensor(np.radians(found), kappa), expected, atol=1e-12)
+        angle_deg, kappa = dispersion_as_goh(kappa_ip, kappa_op, alpha)
+        np.testing.assert_allclose(
+            structure_tensor(np.radians(angle_deg), kappa), expected, atol=1e-12
+        )
     assert 50 < output < 350
     assert dispersion_as_goh(0.0, 0.5, 41.0) == pytest.approx((41.0, 0.0))
     assert dispersion_as_goh(0.5, 1 / 3, 41.0)[1] == pytest.approx(1 / 3)

@@ -58,19 +58,19 @@ def test_means_and_effects_are_integrated_out(b):
             factor[k] = made
     sd_donors, sd = 0.3 + rng.random((2, b)), 0.3 + rng.random((2, 1, b))
     nothing = Augmented(np.zeros((2, 6)), np.zeros((2, 6, b)), np.zeros((2, 1, b, b)))
-    found = log_marginal(of, block(theta, sd_donors, factor[0], sd, factor[1]), nothing)
+    result = log_marginal(of, block(theta, sd_donors, factor[0], sd, factor[1]), nothing)
     for c in range(2):
         roots = [s[:, None] * f[c] for s, f in ((sd_donors[c], factor[0]), (sd[c, 0], factor[1]))]
         whole = covariance(of, *(r @ r.T for r in roots))
         x = theta[c].ravel()
         known = -0.5 * x @ np.linalg.solve(whole, x) - 0.5 * np.linalg.slogdet(whole)[1]
         known -= 0.5 * x.size * math.log(2 * math.pi)
-        assert found[c] == pytest.approx(known, rel=1e-9)
+        assert result[c] == pytest.approx(known, rel=1e-9)
 
 
 @pytest.mark.long
 def test_donors_of_other_counts_and_groups_of_other_spreads():
-    """Some donors alike, some not, a group that a donor lacks: by the covariance of the whole."""
+    """Equal and unequal counts, a group that a donor lacks: by the covariance of the whole."""
     rng = np.random.default_rng(3)
     group = np.array([0, 0, 1, 0, 0, 1, 1, 0, 0])
     donor = np.array([0, 0, 0, 1, 1, 1, 2, 3, 3])
@@ -83,7 +83,7 @@ def test_donors_of_other_counts_and_groups_of_other_spreads():
     sd_donors, sd = 0.3 + rng.random((1, 2)), 0.3 + rng.random((1, 2, 2))
     nothing = Augmented(np.zeros((1, 9)), np.zeros((1, 9, 2)), np.zeros((1, 2, 2, 2)))
     of_block = block(theta, sd_donors, factors[0][None], sd, factors[1][None])
-    found = log_marginal(of, of_block, nothing)
+    result = log_marginal(of, of_block, nothing)
     root = sd_donors[0][:, None] * factors[0]
     whole = np.zeros((9, 2, 9, 2))
     for i in range(9):
@@ -93,7 +93,7 @@ def test_donors_of_other_counts_and_groups_of_other_spreads():
             whole[i, :, j] += (group[i] == group[j]) * np.eye(2)
     x, whole = theta[0].ravel(), whole.reshape(18, 18)
     known = -0.5 * x @ np.linalg.solve(whole, x) - 0.5 * np.linalg.slogdet(whole)[1]
-    assert found[0] == pytest.approx(known - 9 * math.log(2 * math.pi), rel=1e-9)
+    assert result[0] == pytest.approx(known - 9 * math.log(2 * math.pi), rel=1e-9)
 
 
 @pytest.mark.long
@@ -136,9 +136,9 @@ def test_draws_of_the_whole_model_keep_its_prior():
         seen.append(
             np.column_stack([np.log(sd_donors[:, 0]), np.log(sd[:, 0, 0]), mu[:, 0, 0] ** 2])
         )
-    found = np.mean(seen[10:], axis=0)  # one mean a chain, the chains independent
-    error = np.sqrt(found.var(axis=0) / C + prior.var(axis=0) / len(prior))
-    assert (np.abs(found.mean(axis=0) - prior.mean(axis=0)) < 4.0 * error).all()
+    result = np.mean(seen[10:], axis=0)  # one mean a chain, the chains independent
+    error = np.sqrt(result.var(axis=0) / C + prior.var(axis=0) / len(prior))
+    assert (np.abs(result.mean(axis=0) - prior.mean(axis=0)) < 4.0 * error).all()
 
 
 def test_median_of_a_cut_normal():
@@ -224,10 +224,10 @@ def sampled():
 
 @pytest.mark.long
 def test_sampler_agrees_with_quadrature(sampled):
-    found, y = sampled
+    result, y = sampled
     known = by_quadrature(y)
-    convergence = found.convergence
-    [drawn] = quantities(found.history)
+    convergence = result.convergence
+    [drawn] = quantities(result.history)
     for name, ess in zip(convergence.names, convergence.ess_bulk, strict=True):
         mean, sd = known[name]
         assert abs(drawn[name].mean() - mean) < 4.0 * sd / math.sqrt(ess) + 0.002, name
@@ -238,9 +238,9 @@ def test_sampler_agrees_with_quadrature(sampled):
 def test_dividing_out_the_runs_prior_matters(sampled):
     """A pool under another prior changes nothing; a prior not divided out would."""
     design, y = normal_design(prior_sd=0.3)
-    found = draw_population(design, PopulationPlan(ess=50, seed=3, **QUICK), quantities)
+    result = draw_population(design, PopulationPlan(ess=50, seed=3, **QUICK), quantities)
     mean, sd = by_quadrature(y)["mean"]
-    [drawn] = quantities(found.history)
+    [drawn] = quantities(result.history)
     assert abs(drawn["mean"].mean() - mean) < 0.25 * sd
 
 
@@ -326,7 +326,7 @@ def test_correlations_keep_their_prior():
         theta = theta + np.einsum("cij,cnj->cni", factor[:, 1], z) * sds[:, 1:]
         update(rng, of, Block(theta, mu, effect, sds, partial, factor), augmented)
         seen.append(np.column_stack([partial[:, j, 0] ** k for j in (0, 1) for k in (1, 2)]))
-    found = np.mean(seen[5:], axis=0)
+    result = np.mean(seen[5:], axis=0)
     # (1 + c) / 2 ~ Beta(2, 2): mean of c 0, of its square 1/5
-    error = found.std(axis=0) / math.sqrt(C)
-    assert (np.abs(found.mean(axis=0) - [0.0, 0.2, 0.0, 0.2]) < 4.0 * error).all()
+    error = result.std(axis=0) / math.sqrt(C)
+    assert (np.abs(result.mean(axis=0) - [0.0, 0.2, 0.0, 0.2]) < 4.0 * error).all()

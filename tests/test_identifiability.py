@@ -63,55 +63,55 @@ def case(name: str) -> Sampled:
 
 
 def test_three_ratios_to_high_stretch_determine_all_five():
-    found = identify(case("determined"))
-    assert [found[name].posterior_verdict for name in PARAMETERS] == [IDENTIFIED] * 5
-    assert all(found[name].evidence.contraction > 0.99 for name in PARAMETERS)
+    result = identify(case("determined"))
+    assert [result[name].posterior_verdict for name in PARAMETERS] == [IDENTIFIED] * 5
+    assert all(result[name].evidence.contraction > 0.99 for name in PARAMETERS)
 
 
 @pytest.mark.long
 def test_the_angle_of_an_isotropic_material_is_not_determined():
-    found = identify(case("isotropic"))
-    assert found["kappa"].posterior_verdict == BOUNDED
-    assert found["kappa"].evidence.edges[1].support > 0.147
-    assert "1/3 (isotropic)" in found["kappa"].text
-    assert found["alpha"].posterior_verdict == NOT_IDENTIFIED
-    assert "kappa = 1/3" in found["alpha"].text
+    result = identify(case("isotropic"))
+    assert result["kappa"].posterior_verdict == BOUNDED
+    assert result["kappa"].evidence.edges[1].support > 0.147
+    assert "1/3 (isotropic)" in result["kappa"].text
+    assert result["alpha"].posterior_verdict == NOT_IDENTIFIED
+    assert "kappa = 1/3" in result["alpha"].text
     # what does not depend on the angle is determined all the same
     assert (
-        found["C1"].posterior_verdict
-        == found["k1"].posterior_verdict
-        == found["k2"].posterior_verdict
+        result["C1"].posterior_verdict
+        == result["k1"].posterior_verdict
+        == result["k2"].posterior_verdict
         == IDENTIFIED
     )
 
 
 @pytest.mark.long
 def test_low_stretch_does_not_determine_the_exponent():
-    found = identify(case("low"))["k2"]
-    assert found.posterior_verdict == NOT_IDENTIFIED
-    assert found.evidence.contraction < 0.75
-    assert found.evidence.edges[0].support > 0.147
+    result = identify(case("low"))["k2"]
+    assert result.posterior_verdict == NOT_IDENTIFIED
+    assert result.evidence.contraction < 0.75
+    assert result.evidence.edges[0].support > 0.147
     # the exponent carries prior information only: it moves with the prior more than any other
-    assert found.evidence.prior_sensitivity > 0.05
+    assert result.evidence.prior_sensitivity > 0.05
 
 
 @pytest.mark.long
 def test_one_ratio_trades_dispersion_for_angle():
-    found = identify(case("equibiaxial"))
+    result = identify(case("equibiaxial"))
     for name, other in (("kappa", "alpha"), ("alpha", "kappa")):
-        assert found[name].posterior_verdict == COMBINATION
-        assert other in found[name].partners
-        assert found[name].evidence.partners.spread_given_partners < 0.5
+        assert result[name].posterior_verdict == COMBINATION
+        assert other in result[name].partners
+        assert result[name].evidence.partners.spread_given_partners < 0.5
 
 
 def test_aligned_fibres_are_one_sided_not_undetermined():
-    found = identify(case("aligned"))["kappa"]
-    assert found.posterior_verdict == BOUNDED
-    low, high = found.evidence.edges
+    result = identify(case("aligned"))["kappa"]
+    assert result.posterior_verdict == BOUNDED
+    low, high = result.evidence.edges
     assert low.value == 0.0 and low.kind == "physical"
     assert low.mass > 10 * low.prior_mass and low.prior_mass == pytest.approx(0.06)
     assert high.support < 0.01
-    assert "do not exclude 0 (aligned fibres)" in found.text
+    assert "do not exclude 0 (aligned fibres)" in result.text
 
 
 def test_a_stuck_chain_gives_no_verdict():
@@ -122,17 +122,17 @@ def test_a_stuck_chain_gives_no_verdict():
     state = assess(stuck, target_ess=150.0).state
     draws = pd.DataFrame({name: q.ravel() for name, q in stuck.items()})
     assert state == "unusable"
-    found = identify_draws(good.posterior(), draws, state)
-    assert {p.posterior_verdict for p in found.parameters} == {NO_VERDICT}
-    assert all(p.evidence is None for p in found.parameters)  # no number to be misread either
-    assert "not converged" in found["kappa"].text
+    result = identify_draws(good.posterior(), draws, state)
+    assert {p.posterior_verdict for p in result.parameters} == {NO_VERDICT}
+    assert all(p.evidence is None for p in result.parameters)  # no number to be misread either
+    assert "not converged" in result["kappa"].text
 
 
 def test_tentative_draws_give_evidence_but_no_verdict():
     good = case("determined")
-    found = identify_draws(good.posterior(), good.draws, "tentative")
-    assert {p.posterior_verdict for p in found.parameters} == {NO_VERDICT}
-    assert found["C1"].evidence.contraction > 0.99
+    result = identify_draws(good.posterior(), good.draws, "tentative")
+    assert {p.posterior_verdict for p in result.parameters} == {NO_VERDICT}
+    assert result["C1"].evidence.contraction > 0.99
 
 
 # --- draws made up, so that each rule is met alone ---
@@ -158,9 +158,9 @@ def made_up(priors=None, **columns: np.ndarray) -> Sampled:
 
 
 def test_draws_from_the_prior_are_prior_dominated():
-    found = identify(made_up())
-    assert {p.posterior_verdict for p in found.parameters} == {NOT_IDENTIFIED}
-    for p in found.parameters:
+    result = identify(made_up())
+    assert {p.posterior_verdict for p in result.parameters} == {NOT_IDENTIFIED}
+    for p in result.parameters:
         assert abs(p.evidence.contraction) < 0.06
         assert p.evidence.prior_excluded < 0.03
         for edge in p.evidence.edges:
@@ -168,10 +168,10 @@ def test_draws_from_the_prior_are_prior_dominated():
             if edge.mass > 0.02:
                 assert edge.mass == pytest.approx(edge.prior_mass, rel=0.25)
     # the information is the prior's alone
-    assert found["C1"].evidence.prior_sensitivity > 0.05
-    assert found["C1"].evidence.likelihood_sensitivity < 0.01
+    assert result["C1"].evidence.prior_sensitivity > 0.05
+    assert result["C1"].evidence.likelihood_sensitivity < 0.01
     # a flat prior has no power to scale
-    assert found["kappa"].evidence.prior_sensitivity < 0.01
+    assert result["kappa"].evidence.prior_sensitivity < 0.01
 
 
 @pytest.mark.long
@@ -179,10 +179,10 @@ def test_a_users_bound_is_not_a_physical_edge():
     rng = np.random.default_rng(2)
     piled = 0.1 - np.abs(rng.normal(0.0, 0.005, 8000))
     cut = {"kappa": {"distribution": "uniform", "low": 0.0, "high": 0.1}}
-    found = identify(made_up(priors=cut, kappa=piled))["kappa"]
-    assert found.posterior_verdict == NOT_IDENTIFIED
-    assert [e.kind for e in found.evidence.edges] == ["physical", "user"]
-    assert "limited by the prior bound 0.100" in found.text
+    result = identify(made_up(priors=cut, kappa=piled))["kappa"]
+    assert result.posterior_verdict == NOT_IDENTIFIED
+    assert [e.kind for e in result.evidence.edges] == ["physical", "user"]
+    assert "limited by the prior bound 0.100" in result.text
     # the same draws below a physical edge
     physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
     assert identify(made_up(kappa=physical))["kappa"].posterior_verdict == BOUNDED
@@ -192,23 +192,23 @@ def test_a_users_bound_is_not_a_physical_edge():
 def test_a_narrow_angle_at_a_mirror_is_identified(mirror):
     away = np.abs(np.random.default_rng(8).normal(0.0, 2.0, 8000))
     kappa = np.random.default_rng(9).normal(0.15, 0.01, 8000)
-    found = identify(made_up(alpha=np.abs(mirror - away), kappa=kappa))["alpha"]
-    assert found.posterior_verdict == IDENTIFIED
-    assert found.evidence.edges == ()
-    assert found.evidence.modes == 1
+    result = identify(made_up(alpha=np.abs(mirror - away), kappa=kappa))["alpha"]
+    assert result.posterior_verdict == IDENTIFIED
+    assert result.evidence.edges == ()
+    assert result.evidence.modes == 1
 
 
 def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
     rng = np.random.default_rng(3)
     priors = {"alpha": {"distribution": "normal", "mean": 41.0, "sd": 3.0}}
-    found = identify(made_up(priors=priors, alpha=rng.normal(41.0, 2.9, 8000)))["alpha"]
-    assert found.posterior_verdict == NOT_IDENTIFIED
+    result = identify(made_up(priors=priors, alpha=rng.normal(41.0, 2.9, 8000)))["alpha"]
+    assert result.posterior_verdict == NOT_IDENTIFIED
 
 
 def test_fixed_and_tied_parameters_are_named():
-    found = identify(made_up(priors={"kappa": 0.1}))
-    assert found["kappa"].posterior_verdict == FIXED and "fixed at 0.1" in found["kappa"].text
-    assert "kappa" not in {q for p in found.parameters for q in p.partners}
+    result = identify(made_up(priors={"kappa": 0.1}))
+    assert result["kappa"].posterior_verdict == FIXED and "fixed at 0.1" in result["kappa"].text
+    assert "kappa" not in {q for p in result.parameters for q in p.partners}
 
 
 def test_a_ridge_names_all_who_move_along_it():
@@ -216,10 +216,10 @@ def test_a_ridge_names_all_who_move_along_it():
     kappa = rng.uniform(0.02, 0.3, 8000)
     alpha = 30.0 + 400.0 * kappa**2 + rng.normal(0.0, 0.3, 8000)
     k1 = np.exp(3.0 + 6.0 * kappa + rng.normal(0.0, 0.02, 8000))
-    found = identify(made_up(kappa=kappa, alpha=alpha, k1=k1))
-    assert found["kappa"].posterior_verdict == COMBINATION
-    assert set(found["kappa"].partners) == {"alpha", "k1"}
-    assert "only in combination with" in found["kappa"].text
+    result = identify(made_up(kappa=kappa, alpha=alpha, k1=k1))
+    assert result["kappa"].posterior_verdict == COMBINATION
+    assert set(result["kappa"].partners) == {"alpha", "k1"}
+    assert "only in combination with" in result["kappa"].text
 
 
 # --- pieces of evidence ---
@@ -229,27 +229,27 @@ def test_partners_reproduce_a_known_conditional_spread():
     rng = np.random.default_rng(5)
     x, noise, free = rng.normal(size=(3, 12000))
     y = 0.8 * x + 0.5 * x**2 + 0.3 * noise
-    found = find_partners(np.column_stack([x, y, free]), ("x", "y", "free"))
-    assert found["y"].names == ("x",)
+    result = find_partners(np.column_stack([x, y, free]), ("x", "y", "free"))
+    assert result["y"].names == ("x",)
     # sd of y is sqrt(0.64 + 2 * 0.25 + 0.09)
-    assert found["y"].spread_given_all == pytest.approx(0.3 / np.sqrt(1.23), rel=0.03)
-    assert found["free"].names == () and found["free"].spread_given_all > 0.98
+    assert result["y"].spread_given_all == pytest.approx(0.3 / np.sqrt(1.23), rel=0.03)
+    assert result["free"].names == () and result["free"].spread_given_all > 0.98
 
 
-def test_partners_that_tell_nothing_alone_are_found_together():
+def test_partners_that_tell_nothing_alone_are_named_together():
     rng = np.random.default_rng(6)
     a, b, c, free, noise = rng.normal(size=(5, 12000))
     names = ("y", "a", "b", "c", "free")
     # neither a nor b alone takes a fifth off the spread of a product
     product = a * b + 0.1 * noise
-    found = find_partners(np.column_stack([product, a, b, c, free]), names)["y"]
-    assert set(found.names) == {"a", "b"}
-    assert found.spread_given_partners == pytest.approx(0.1 / np.sqrt(1.01), rel=0.05)
+    result = find_partners(np.column_stack([product, a, b, c, free]), names)["y"]
+    assert set(result.names) == {"a", "b"}
+    assert result.spread_given_partners == pytest.approx(0.1 / np.sqrt(1.01), rel=0.05)
     # each of three leaves 0.82 of the spread, all of them 0.1
     total = a + b + c + 0.17 * noise
-    found = find_partners(np.column_stack([total, a, b, c, free]), names)["y"]
-    assert set(found.names) == {"a", "b", "c"}
-    assert found.spread_given_partners == pytest.approx(0.17 / np.sqrt(3.03), rel=0.05)
+    result = find_partners(np.column_stack([total, a, b, c, free]), names)["y"]
+    assert set(result.names) == {"a", "b", "c"}
+    assert result.spread_given_partners == pytest.approx(0.17 / np.sqrt(3.03), rel=0.05)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -289,8 +289,8 @@ def test_power_scaling_moves_a_normal_as_theory_says():
     expected = np.sqrt(
         np.sum(P * np.log2(P / M) + Q * np.log2(Q / M)) * step / (np.sum(P + Q) * step)
     )
-    found = sensitivity(x[:, None], -0.5 * x * x)[0]
-    assert found == pytest.approx(expected / np.log2(a), rel=0.02)
+    result = sensitivity(x[:, None], -0.5 * x * x)[0]
+    assert result == pytest.approx(expected / np.log2(a), rel=0.02)
 
 
 def test_power_scaling_is_that_of_arviz():
@@ -323,11 +323,11 @@ def test_an_end_that_the_prior_decides_is_named():
 
 
 def test_a_mounting_stretch_says_which_of_its_ends_are_the_priors():
-    found = identify(made_up())
+    result = identify(made_up())
     for axis in "xy":
-        row = found[f"mounting_stretch_{axis}"]
+        row = result[f"mounting_stretch_{axis}"]
         assert row.evidence.by_prior == (True, True)
-    assert not any(any(found[name].evidence.by_prior) for name in PARAMETERS)
+    assert not any(any(result[name].evidence.by_prior) for name in PARAMETERS)
     rng = np.random.default_rng(5)
     half = identify(
         made_up(
@@ -343,8 +343,8 @@ def test_a_mounting_stretch_says_which_of_its_ends_are_the_priors():
 
 
 def result_of(made, state="converged"):
-    found = identify_draws(made.target, made.draws, state)
-    return found, run_result(found, made.target, made.draws, pd.DataFrame(), {})
+    result = identify_draws(made.target, made.draws, state)
+    return result, run_result(result, made.target, made.draws, pd.DataFrame(), {})
 
 
 def test_the_protocols_name_may_hold_anything():
@@ -355,8 +355,8 @@ def test_the_protocols_name_may_hold_anything():
     data = replace(made.target.specimen, protocols=(protocol,))
     options = {**made.target.options(), "mounting_stretch": "per-protocol"}
     relabelled = Posterior(data, **options, beta=made.target.beta)
-    found = identify_draws(relabelled, draws, "converged")
-    assert "mounting_stretch_x[a#1, b]" in {r.name for r in found.reported}
+    result = identify_draws(relabelled, draws, "converged")
+    assert "mounting_stretch_x[a#1, b]" in {r.name for r in result.reported}
 
 
 # --- what is determined, and what moves freely ---
@@ -408,21 +408,21 @@ def loads_along(material: GOH, load: np.ndarray, data) -> np.ndarray:
     def unbalanced(lm):
         return np.array(material.piola(*lm)) - load / area
 
-    found = root(unbalanced, [1.01, 1.01], tol=1e-13)
-    assert found.success
+    result = root(unbalanced, [1.01, 1.01], tol=1e-13)
+    assert result.success
     return np.concatenate(
         [
-            material.piola(p.stretch_x * found.x[0], p.stretch_y * found.x[1])
+            material.piola(p.stretch_x * result.x[0], p.stretch_y * result.x[1])
             for p in data.protocols
         ],
         axis=None,
     )
 
 
-def test_the_sloppy_direction_keeps_the_curves_as_stated():
+def test_the_sloppy_direction_changes_the_curves_by_what_is_reported():
     made = case("equibiaxial")
-    found = sloppiness(made.posterior(), made.draws)
-    path = found.path
+    result = sloppiness(made.posterior(), made.draws)
+    path = result.path
     low, high = np.quantile(made.draws[path.moved], [0.05, 0.95])
     ends = path.materials.iloc[[0, -1]]
     np.testing.assert_allclose(ends[path.moved], [low, high], atol=0.01 * (high - low))
@@ -437,15 +437,15 @@ def test_the_sloppy_direction_keeps_the_curves_as_stated():
     ]
     change = max(np.abs(curve - curves[0]).max() for curve in curves)
     assert change == pytest.approx(path.change_kPa, rel=1e-3)
-    stated = float(re.search(r"by more than ([\d.e-]+) kPa", found.text)[1])
-    assert change <= stated <= 1.12 * change
+    most_kPa = float(re.search(r"by more than ([\d.e-]+) kPa", result.text)[1])
+    assert change <= most_kPa <= 1.12 * change
     # less than one reading errs by
-    assert change < float(re.search(r"errs by ([\d.e-]+) kPa", found.text)[1])
+    assert change < float(re.search(r"errs by ([\d.e-]+) kPa", result.text)[1])
     for name in ("C1", "k1", "k2"):
-        ratio = float(re.search(rf"{name} times ([\d.]+)", found.text)[1])
+        ratio = float(re.search(rf"{name} times ([\d.]+)", result.text)[1])
         assert ratio == pytest.approx(ends[name].iloc[1] / ends[name].iloc[0], rel=0.01)
     for name, unit, digits in (("kappa", "", 1e-3), ("alpha", " degrees", 0.1)):
-        way, step = re.search(rf"{name} (up|down) ([\d.]+){unit}", found.text).groups()
+        way, step = re.search(rf"{name} (up|down) ([\d.]+){unit}", result.text).groups()
         moved = ends[name].iloc[1] - ends[name].iloc[0]
         assert (1.0 if way == "up" else -1.0) * float(step) == pytest.approx(moved, abs=digits)
 
@@ -462,7 +462,7 @@ def test_the_stiff_direction_is_the_known_one():
     assert "to 1.7 % (90 %)" in stiff.text
 
 
-def test_what_was_found_is_written_into_the_run(tmp_path):
+def test_the_result_is_written_into_the_run(tmp_path):
     _, result = result_of(case("aligned"))
     write_result(result, tmp_path)
     for name in ("identifiability.csv", "determined.csv", "same-curves.csv"):
@@ -482,17 +482,17 @@ def test_ties_and_fixed_materials_have_no_sloppy_direction():
     assert not result.directions and len(result.determined)
     assert "k1" not in {r.name for r in result.reported}
     fixed = dict(zip(PARAMETERS, (10.0, 20.0, 5.0, 40.0, 0.15), strict=True))
-    held = made_up(priors=fixed)
-    assert sloppiness(held.target, held.draws) is None
-    assert identify(held)["C1"].posterior_verdict == FIXED
+    fixed_run = made_up(priors=fixed)
+    assert sloppiness(fixed_run.target, fixed_run.draws) is None
+    assert identify(fixed_run)["C1"].posterior_verdict == FIXED
 
 
 @pytest.mark.long
 def test_two_narrow_peaks_are_no_prior():
     rng = np.random.default_rng(11)
     alpha = np.where(rng.random(8000) < 0.5, 15.0, 75.0) + rng.normal(0.0, 2.0, 8000)
-    found = identify(made_up(alpha=alpha, kappa=rng.normal(0.1, 0.01, 8000)))["alpha"]
-    assert found.posterior_verdict == IDENTIFIED and found.evidence.modes == 2
-    assert "loosely" in found.text and "2 separate peaks" in found.text
+    result = identify(made_up(alpha=alpha, kappa=rng.normal(0.1, 0.01, 8000)))["alpha"]
+    assert result.posterior_verdict == IDENTIFIED and result.evidence.modes == 2
+    assert "loosely" in result.text and "2 separate peaks" in result.text
     wide = identify(made_up(alpha=rng.uniform(5.0, 70.0, 8000)))["alpha"]
     assert wide.posterior_verdict == NOT_IDENTIFIED

@@ -1,6 +1,6 @@
 """What a law states beside its stress: coordinates, starting points, priors and nearness to edges.
 
-Each is held against its definition, written here a second time.
+Each is compared with its definition, written here a second time.
 """
 
 from __future__ import annotations
@@ -69,12 +69,12 @@ def goh_exponential(C1, b, k1, k2, alpha, kappa):
 
 
 def four_fibre(c, k1_x, k2_x, k1_y, k2_y, k1_d, k2_d, alpha):
-    found = {"c": of_stress(c * np.sqrt((X - Z) * (Y - Z))), "alpha": alpha}
+    result = {"c": of_stress(c * np.sqrt((X - Z) * (Y - Z))), "alpha": alpha}
     diagonal, _, _ = fibre_strain(alpha)
     for f, k1, k2, E in (("x", k1_x, k2_x, X - 1), ("y", k1_y, k2_y, Y - 1), ("d", k1_d, k2_d, diagonal)):  # fmt: skip  # noqa: E501
-        found[f"k2_{f}"] = of_exponent(k2 * E**2)
-        found[f"k1_{f}"] = of_stress(k1 * E * np.exp(k2 * E**2))
-    return found
+        result[f"k2_{f}"] = of_exponent(k2 * E**2)
+        result[f"k1_{f}"] = of_stress(k1 * E * np.exp(k2 * E**2))
+    return result
 
 
 def fung(c0, c, b_x, b_y, b_xy):
@@ -152,18 +152,18 @@ def test_sampling_coordinates_are_what_the_law_says_of_its_reference_state(name)
             p.name: to_slot(p, np.array([v]))
             for p, v in zip(law.parameters, material.values, strict=True)
         }
-        found = law.to_coordinates(coordinates, slots)
+        result = law.to_coordinates(coordinates, slots)
         expected = DEFINED[name](*(float(np.ravel(v)[0]) for v in material.theta))
         assert len(expected) >= len(law.names) - 2  # the chart of alpha and kappa has its own test
         for parameter, value in expected.items():
-            np.testing.assert_allclose(found[parameter], value, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(result[parameter], value, rtol=1e-9, atol=1e-9)
 
 
 # --- starting points of fits ---------------------------------------------------------------------
 
 
-def readings(name: str, *, with_mounting: bool, held: tuple[int, ...] = ()) -> Screening:
-    """Exact loads of a typical material, mounted at 1, 1; some of its coordinates held."""
+def readings(name: str, *, with_mounting: bool, fixed: tuple[int, ...] = ()) -> Screening:
+    """Exact loads of a typical material, mounted at 1, 1; some of its coordinates fixed."""
     law = law_named(name)
     up = np.linspace(1.02, 1.2, 8)
     stretch = np.array([np.concatenate([up, up, 0.5 * (1 + up)]), np.concatenate([up, 0.5 * (1 + up), up])])  # fmt: skip  # noqa: E501
@@ -174,7 +174,7 @@ def readings(name: str, *, with_mounting: bool, held: tuple[int, ...] = ()) -> S
         return load_per_stress(area[:, None], 1.0, total, mounted=False)
 
     load = np.array(stress_at_point(law, point, *stretch)) * load_factor(stretch)
-    free = np.setdiff1d(np.arange(point.size), held)
+    free = np.setdiff1d(np.arange(point.size), fixed)
     return Screening(stretch, load, area, with_mounting, point, free, 400, load_factor)
 
 
@@ -217,21 +217,21 @@ def test_screened_points_have_the_cost_they_say_and_the_best_amplitudes(name, wi
 @pytest.mark.parametrize("name", LAWS)
 def test_screened_points_keep_what_is_fixed(name):
     law = law_named(name)
-    for held in range(len(law.names)):
-        data = readings(name, with_mounting=False, held=(held,))
+    for fixed in range(len(law.names)):
+        data = readings(name, with_mounting=False, fixed=(fixed,))
         points, _, costs, _ = screen(law, data, np.random.default_rng(4))
-        np.testing.assert_allclose(points[np.isfinite(costs), held], data.point[held])
+        np.testing.assert_allclose(points[np.isfinite(costs), fixed], data.point[fixed])
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_screened_points_with_fixed_amplitudes_have_the_cost_they_report(name):
     law = law_named(name)
-    held = tuple(law.names.index(n) for n in law.amplitudes)
-    data = readings(name, with_mounting=False, held=held)
+    fixed = tuple(law.names.index(n) for n in law.amplitudes)
+    data = readings(name, with_mounting=False, fixed=fixed)
     points, _, costs, _ = screen(law, data, np.random.default_rng(4))
     assert np.isfinite(costs).mean() > 0.3
     for point, message in zip(points[:50], costs[:50], strict=True):
-        np.testing.assert_array_equal(point[list(held)], data.point[list(held)])
+        np.testing.assert_array_equal(point[list(fixed)], data.point[list(fixed)])
         if np.isfinite(message):
             load = np.array(stress_at_point(law, point, *data.stretch))
             load *= data.load_factor(data.stretch[None])[0]
@@ -316,8 +316,8 @@ def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(na
         slots = {
             p.name: to_slot(p, np.array([v])) for p, v in zip(law.parameters, values, strict=True)
         }
-        found = law.to_coordinates(coordinates, slots)
-        return bool(np.all([np.isfinite(v).all() for v in found.values()]))
+        result = law.to_coordinates(coordinates, slots)
+        return bool(np.all([np.isfinite(v).all() for v in result.values()]))
 
     inside = law.material_at(RECOVERED[name]).values
     np.testing.assert_allclose(law.clip_inside(inside), inside, rtol=1e-12)
@@ -419,28 +419,28 @@ def one_draw(name: str):
 @pytest.mark.parametrize("name", NEAR_EXPONENT)
 def test_an_exponent_is_near_to_none_below_a_tenth_at_the_largest_stretch(name):
     law, material, values = one_draw(name)
-    found = law.edge_distances(material, [TOP])
+    result = law.edge_distances(material, [TOP])
     for parameter, per_unit in NEAR_EXPONENT[name].items():
-        assert found[parameter] * per_unit(values, *TOP[0]) == pytest.approx(0.1, rel=1e-9)
+        assert result[parameter] * per_unit(values, *TOP[0]) == pytest.approx(0.1, rel=1e-9)
 
 
 @pytest.mark.parametrize("top", [(1.25, 1.3), (1.05, 1.08)])
 def test_fung_has_an_exponent_near_to_none_below_a_tenth_at_the_largest_stretch(top):
     law, material, values = one_draw("fung")
-    found = law.edge_distances(material, [np.array([[1.02, 1.01]]), np.array([top])])
+    result = law.edge_distances(material, [np.array([[1.02, 1.01]]), np.array([top])])
     x, y = (0.5 * (s**2 - 1.0) for s in top)
     Q = values["b_x"] * x**2 + values["b_y"] * y**2 + 2.0 * values["b_xy"] * x * y
     for name in ("b_x", "b_y"):
-        assert found[name] / values[name] * Q == pytest.approx(0.1, rel=1e-9)
+        assert result[name] / values[name] * Q == pytest.approx(0.1, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", [n for n in LAWS if n not in ("goh", "fung")])
 def test_an_amplitude_is_near_to_none_where_it_carries_a_twentieth_of_the_stress(name):
     law, material, values = one_draw(name)
-    found = law.edge_distances(material, [TOP])
+    result = law.edge_distances(material, [TOP])
     whole = sum(float(np.ravel(s)[0]) for s in material.cauchy(TOP[:, :1], TOP[:, 1:]))
     for amplitude in law.amplitudes:
-        alone = values | dict.fromkeys(law.amplitudes, 0.0) | {amplitude: found[amplitude]}
+        alone = values | dict.fromkeys(law.amplitudes, 0.0) | {amplitude: result[amplitude]}
         at = law.point([np.degrees(v) if n == "alpha" else v for n, v in alone.items()])
         assert sum(stress_at_point(law, at, *TOP[0])) == pytest.approx(LOAD_SHARE * whole, rel=1e-9)
 
@@ -450,7 +450,7 @@ def test_stiffnesses_are_near_to_none_below_a_twentieth_of_the_small_strain_stif
     name, matrix, rest
 ):
     law, material, values = one_draw(name)
-    found = law.edge_distances(material, [TOP])
+    result = law.edge_distances(material, [TOP])
 
     def trace(of: dict[str, float]) -> float:
         """Trace of the Hessian of W by log stretches where unloaded, by central differences."""
@@ -462,5 +462,5 @@ def test_stiffnesses_are_near_to_none_below_a_twentieth_of_the_small_strain_stif
 
     whole = trace(values)
     for kept, left_out in ((matrix, rest), (rest, matrix)):
-        share = trace(values | {kept: found[kept], left_out: 0.0}) / whole
+        share = trace(values | {kept: result[kept], left_out: 0.0}) / whole
         assert share == pytest.approx(0.05, rel=1e-5)

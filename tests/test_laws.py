@@ -109,17 +109,17 @@ def test_derivatives_are_those_of_the_energy(name):
 
         def stress(a, b, c=material.constants):
             # s_k = dW / d ln l_k of the energy as a function of both log stretches
-            found = []
+            result = []
             for k in range(2):
                 u, v = a + (k == 0) * 1j * STEP, b + (k == 1) * 1j * STEP
                 X, Y = np.exp(2.0 * u), np.exp(2.0 * v)
-                found.append(np.imag(energy(c, X, Y, 1.0 / (X * Y))) / STEP)
-            return np.array(found)
+                result.append(np.imag(energy(c, X, Y, 1.0 / (X * Y))) / STEP)
+            return np.array(result)
 
         expected = stress(x, y)
-        found = np.array(material.cauchy(np.exp(x), np.exp(y)))
+        result = np.array(material.cauchy(np.exp(x), np.exp(y)))
         size = np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * size)
+        np.testing.assert_allclose(result, expected, rtol=1e-10, atol=1e-12 * size)
         slope = material.cauchy_by_log_stretch(np.exp(x), np.exp(y))
         for k in range(2):
             u, v = x + (k == 0) * 1j * STEP, y + (k == 1) * 1j * STEP
@@ -151,7 +151,7 @@ def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(nam
         value, log_jacobian = natural(u)
         natural_slots = [slots[n][0] for n in law.names]
         np.testing.assert_allclose(value, natural_slots, rtol=1e-9, atol=1e-9)
-        if not structural:  # the coordinates in which densities are stated: parameters themselves
+        if not structural:  # the coordinates in which densities are defined: parameters themselves
             np.testing.assert_array_equal(u, natural_slots)
         step = 1e-6 * np.maximum(np.abs(u), 1e-2)
         columns = [
@@ -211,11 +211,11 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
         curves = (true.measured_x, true.measured_y, true.piola_x_kPa, true.piola_y_kPa)
         protocols.append(Protocol(label, *curves))
     specimen = Specimen("virtual", tuple(protocols), "piola")
-    found = fit(specimen, law=name)
-    assert found.converged
-    assert found.rmse_kPa < 1e-6 * specimen.peak_load
-    np.testing.assert_allclose(found.material.values, values, rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(found.mounting_stretch, [lm], atol=1e-6)
+    result = fit(specimen, law=name)
+    assert result.converged
+    assert result.rmse_kPa < 1e-6 * specimen.peak_load
+    np.testing.assert_allclose(result.material.values, values, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(result.mounting_stretch, [lm], atol=1e-6)
 
 
 @pytest.mark.parametrize(

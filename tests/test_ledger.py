@@ -38,10 +38,10 @@ def variants(tested):
 
 
 def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(variants):
-    found = ledger(variants, [1.1])
-    assert "\n" not in repr(found) and len(repr(found)) < 320
+    result = ledger(variants, [1.1])
+    assert "\n" not in repr(result) and len(repr(result)) < 320
     truth = MATERIAL.cauchy(1.1, 1.1)
-    for (_, row), true in zip(found.stresses.iterrows(), truth, strict=True):
+    for (_, row), true in zip(result.stresses.iterrows(), truth, strict=True):
         assert abs(row["inferred_median"] - true) < 4.0 * row["inferred_sd"]
         # A mounted state taken as the reference makes every total stretch too small.
         assert row["ignored_q05"] > true
@@ -50,8 +50,8 @@ def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(variants):
 
 
 def test_shift_is_in_standard_deviations_on_the_sampling_scale(variants):
-    found = ledger(variants)
-    rows = found.parameters.set_index("quantity")
+    result = ledger(variants)
+    rows = result.parameters.set_index("quantity")
     inferred, ignored = (np.log(variants[n].draws["C1"]) for n in ("inferred", "ignored"))
     expected = (ignored.median() - inferred.median()) / inferred.std()
     assert rows.loc["C1", "shift_ignored_sd"] == pytest.approx(expected, rel=0.02)
@@ -62,8 +62,8 @@ def test_shift_is_in_standard_deviations_on_the_sampling_scale(variants):
 
 def test_same_draws_three_times_do_not_move(variants):
     same = dict.fromkeys(VARIANTS, variants["inferred"])
-    found = ledger(same)
-    assert np.all(found.table[["shift_ignored_sd", "shift_zeroed_sd"]] == 0.0)
+    result = ledger(same)
+    assert np.all(result.table[["shift_ignored_sd", "shift_zeroed_sd"]] == 0.0)
 
 
 def test_what_does_not_vary_has_no_standard_deviation_to_shift_by(variants):
@@ -77,8 +77,8 @@ def test_what_does_not_vary_has_no_standard_deviation_to_shift_by(variants):
 
 
 def test_default_stretches_end_at_the_largest_tested_one(variants):
-    found = ledger(variants)
-    at = sorted(set(found.stresses["total_stretch"]))
+    result = ledger(variants)
+    at = sorted(set(result.stresses["total_stretch"]))
     assert len(at) == 5
     inferred = variants["inferred"]
     reached = largest_equibiaxial(inferred.draws, inferred.posterior.specimen)
@@ -99,14 +99,14 @@ def test_one_unreliable_treatment_makes_the_ledger_so(variants):
 def test_parameters_are_those_of_every_draw(variants, monkeypatch):
     monkeypatch.setattr(mounting_bias, "MOST_DRAWS", 50)  # stresses are those of some
     table = ledger(variants, [1.1]).parameters.set_index("quantity")
-    for name, found in (("k1", "inferred"), ("k1", "ignored"), ("C1", "zeroed")):
-        expected = np.quantile(variants[found].draws[name], [0.05, 0.5, 0.95])
-        columns = [f"{found}_{at}" for at in ("q05", "median", "q95")]
+    for name, result in (("k1", "inferred"), ("k1", "ignored"), ("C1", "zeroed")):
+        expected = np.quantile(variants[result].draws[name], [0.05, 0.5, 0.95])
+        columns = [f"{result}_{at}" for at in ("q05", "median", "q95")]
         np.testing.assert_allclose(table.loc[name, columns].astype(float), expected, rtol=1e-12)
 
 
-def _parts(found: Variant) -> tuple[Posterior, pd.DataFrame]:
-    return found.posterior, found.draws
+def _parts(result: Variant) -> tuple[Posterior, pd.DataFrame]:
+    return result.posterior, result.draws
 
 
 def test_intervals_are_not_rounded_to_nothing():
@@ -118,8 +118,8 @@ def test_a_logarithmic_part_of_the_axis_is_marked(variants):
     near = ledger(dict.fromkeys(VARIANTS, variants["inferred"]))
     far = near.table.copy()
     far["ignored_q95"] = np.exp(np.log(far["inferred_median"].clip(1e-9)) + 50.0)
-    for found, broken in ((near, False), (replace(near, table=far), True)):
-        figure = ledger_figure(found)
+    for result, broken in ((near, False), (replace(near, table=far), True)):
+        figure = ledger_figure(result)
         assert figure.get_figwidth() * 25.4 == pytest.approx(180.0) and len(figure.axes) == 2
         axis = figure.axes[0]
         assert (axis.get_xscale() == "symlog") == broken

@@ -67,16 +67,16 @@ def test_a_range_shows_the_draws_and_ends_where_physics_does():
     draws = np.linspace(1.0, 2.0, 10_001)
     low, high = np.quantile(draws, [0.0005, 0.9995])
     margin = 0.08 * (high - low)
-    found = span(draws)
-    assert (found.low, found.high) == pytest.approx((low - margin, high + margin))
-    assert not (found.closed_low or found.closed_high)
-    found = span(draws, edges=(0.95, 5.0))
-    assert found.low == 0.95 and found.closed_low and not found.closed_high
-    found = span(draws, draws + 1.0, include=(4.0,), log=True)
-    assert found.log
+    result = span(draws)
+    assert (result.low, result.high) == pytest.approx((low - margin, high + margin))
+    assert not (result.closed_low or result.closed_high)
+    result = span(draws, edges=(0.95, 5.0))
+    assert result.low == 0.95 and result.closed_low and not result.closed_high
+    result = span(draws, draws + 1.0, include=(4.0,), log=True)
+    assert result.log
     moved = np.log(np.quantile(draws, 0.0005))
     margin = 0.08 * (np.log(4.0) - moved)
-    assert (found.low, found.high) == pytest.approx(
+    assert (result.low, result.high) == pytest.approx(
         (np.exp(moved - margin), np.exp(np.log(4.0) + margin)), rel=1e-6
     )
     assert not span(draws - 1.5, log=True).log
@@ -85,11 +85,11 @@ def test_a_range_shows_the_draws_and_ends_where_physics_does():
 
 
 def test_widths_above_a_share_of_the_peak():
-    found = density(norm.ppf(LEVELS), (-np.inf, np.inf))
+    result = density(norm.ppf(LEVELS), (-np.inf, np.inf))
     # exp(-1.92) of the peak lies 1.96 sd away
-    assert found.width_above(0.147) == pytest.approx(2 * 1.96 * 1.02, rel=0.02)
-    assert found.at(found.x[0] - 1.0) == 0.0
-    assert found.at(0.0) == pytest.approx(found.peak, rel=1e-3)
+    assert result.width_above(0.147) == pytest.approx(2 * 1.96 * 1.02, rel=0.02)
+    assert result.at(result.x[0] - 1.0) == 0.0
+    assert result.at(0.0) == pytest.approx(result.peak, rel=1e-3)
 
 
 # --- ends of ranges ------------------------------------------------------------------------------
@@ -159,5 +159,5 @@ def test_sensitivity_to_what_is_not_known_is_not_known():
     values[:, 1] = 3.0
     assert np.isnan(sensitivity(values, None)).all()
     assert sensitivity(values, np.zeros(2000)).tolist() == [0.0, 0.0]
-    found = sensitivity(values, -0.5 * values[:, 0] ** 2)
-    assert found[0] > 0.05 and found[1] == 0.0
+    result = sensitivity(values, -0.5 * values[:, 0] ** 2)
+    assert result[0] > 0.05 and result[1] == 0.0

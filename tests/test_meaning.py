@@ -89,7 +89,7 @@ def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None
     kind = str(rng.choice([*STRAINS, *STRAINS, "moved", "apart", "open"]))
     scale = str(rng.choice(list(SCALES)))
     name = str(rng.choice(NAMED.get(kind, OPEN)))
-    stated = ""
+    given = ""
     if kind in ("moved", "apart"):
         unit, factor = [("mm", 1.0), ("um", 1e3), ("cm", 0.1)][rng.integers(3)]
         scale = f" [{unit}]"
@@ -101,7 +101,7 @@ def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None
         moved = kind == "moved"
         values = (stretch - moved) * GAUGE * factor
         if "Position" in name and rng.random() < 0.5:
-            stated = f":displacement_{unit}" if moved else f":{unit}"
+            given = f":displacement_{unit}" if moved else f":{unit}"
         elif "Position" in name:
             way.refusals.append("displacement or a length")
         if moved and rng.random() < 0.8:
@@ -120,9 +120,9 @@ def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None
         if rng.random() < 0.5:
             way.refusals.append("not clear what kind")
         elif SCALES[scale] == 1000.0:
-            stated = f":{kind}"
+            given = f":{kind}"
         else:
-            stated = f":{kind}{'_percent' if SCALES[scale] == 100.0 else ''}"
+            given = f":{kind}{'_percent' if SCALES[scale] == 100.0 else ''}"
     else:
         values = STRAINS[kind](stretch) * SCALES[scale]
         if kind == "stretch" and SCALES[scale] != 1.0:
@@ -133,7 +133,7 @@ def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None
         full = name.format(*[letters] * 2) + scale
         way.names.append(full)
         way.columns.append(values[:, k])
-        way.mapped[f"stretch_{axis}"] = full + stated
+        way.mapped[f"stretch_{axis}"] = full + given
 
 
 def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.ndarray) -> None:
@@ -160,10 +160,10 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
         way.options["tension_negative"] = "xy"
     elif negative:
         way.refusals.append("tension as negative")
-    stated = ""
+    given = ""
     if "u" not in form.replace("{}", ""):
         if rng.random() < 0.5:
-            stated = f":{unit}"
+            given = f":{unit}"
         else:
             way.refusals.append("is not known, but")
     for k, axis in enumerate("xy"):
@@ -171,7 +171,7 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
         way.names.append(full)
         way.columns.append(-values[:, k] if negative else values[:, k])
         suffix = "N" if pair == "force" else "kPa"
-        way.mapped[f"{pair}_{axis}_{suffix}"] = full + stated
+        way.mapped[f"{pair}_{axis}_{suffix}"] = full + given
 
 
 def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, Way]:
@@ -248,21 +248,21 @@ def read(path: Path, way: Way) -> Conversion:
     return convert([path], Choice("generic", (text,), **options), header=HEADER)
 
 
-def is_the_specimen(found: Conversion, way: Way) -> bool:
-    """Whether the numbers are those of the specimen, or stated to rest on the edges."""
-    protocols = found.specimen.protocols
+def is_the_specimen(result: Conversion, way: Way) -> bool:
+    """Whether the numbers are those of the specimen, or declared to rest on the edges."""
+    protocols = result.specimen.protocols
     if len(protocols) != len(TRUE):
         return False
     for p, (stretch, force) in zip(protocols, TRUE.values(), strict=True):
         measured = np.column_stack([p.stretch_x, p.stretch_y])
         if way.options.get("edges only"):
-            if "no gauge length is stated" not in str(found.specimen.metadata["conversion"]):
+            if "no gauge length is stated" not in str(result.specimen.metadata["conversion"]):
                 return False
             # What it says: strains too large by the mounting stretch.
             measured = 1.0 + (measured - 1.0) * EDGE / GAUGE
         measured = measured / measured[0]
-        load = found.specimen.load(p)
-        if found.specimen.stress_pair != "force":
+        load = result.specimen.load(p)
+        if result.specimen.stress_pair != "force":
             load = load * EDGE * THICKNESS * 1e-3
         if len(load) != len(force) or not np.allclose(measured, stretch, rtol=0, atol=1e-9):
             return False
@@ -277,7 +277,7 @@ def test_one_specimen_written_in_many_ways(tmp_path):
     for number in range(WAYS):
         path, way = written(np.random.default_rng([7, number]), tmp_path, number)
         try:
-            found = read(path, way)
+            result = read(path, way)
         except InputError as refusal:
             message = str(refusal)
             outcomes["refused"] += 1
@@ -286,7 +286,7 @@ def test_one_specimen_written_in_many_ways(tmp_path):
             assert message.isprintable()
             continue
         outcomes["read"] += 1
-        if way.refusals or not is_the_specimen(found, way):
+        if way.refusals or not is_the_specimen(result, way):
             wrong.append(f"{number}: read to another, {way.mapped} {way.options} {way.refusals}")
     assert wrong == []
     assert outcomes["read"] > WAYS // 3 and outcomes["refused"] > WAYS // 6

@@ -26,8 +26,8 @@ def test_shuffled_rows(capsys, tmp_path):
     rng = np.random.default_rng(1)
     path = tmp_path / "shuffled.csv"
     path.write_text("\n".join([*head, *rng.permutation(rows)]) + "\n")
-    (found,) = (f for f in check_specimen(read_specimen(path)) if f.severity == "error")
-    assert "out of order" in found.message
+    (result,) = (f for f in check_specimen(read_specimen(path)) if f.severity == "error")
+    assert "out of order" in result.message
     named = [f"{row},{'a' if i < 20 else 'b'}" for i, row in enumerate(rows)]
     shuffled = [*head[:-1], f"{head[-1]},protocol", *rng.permutation(named)]
     path.write_text("\n".join(shuffled) + "\n")
@@ -47,7 +47,7 @@ def test_metres_instead_of_millimetres(capsys, tmp_path, keys):
     assert "are in metres, multiply them by 1000" in refused(capsys, "check", path)
 
 
-def test_a_strain_where_a_stretch_is_asked(capsys, small_run):
+def test_a_strain_where_a_stretch_is_needed(capsys, small_run):
     code, _, err = run(capsys, "predict", small_run.path, "--stretch", 0.2, "--anyway")
     assert code == 2 and "for a strain of 0.2 write 1.2" in err
 

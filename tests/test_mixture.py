@@ -97,9 +97,9 @@ def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(
     proposal = MixtureProposal(np.ones(1), (part,))
     spread = 1.5 * rng.standard_normal((1000, 2))
     spread[:100, 0] += 12.0 * (far > 0.0)
-    found = warm_up(ensembles, proposal, spread, spread)
+    result = warm_up(ensembles, proposal, spread, spread)
     assert (ensembles.proposal.parts[0] is part) == (far == 0.0)
-    assert found.acceptance > 0.5 and found.rounds == 2
+    assert result.acceptance > 0.5 and result.rounds == 2
     with pytest.raises(RuntimeError, match="frozen"):
         ensembles.adapt(spread)
 

@@ -79,21 +79,21 @@ def test_all_starts_on_one_peak_find_one_mode_and_its_mass():
 def test_separate_peaks_are_modes_by_their_mass():
     left, right = np.zeros(3), np.array([9.0, 4.0, -3.0])
     parts = (0.3, left, COVARIANCE), (0.7, right, 0.04 * np.eye(3))
-    found = find_modes(mixture(*parts), scattered(left, right), WIDE, FREE)
-    assert [np.round(m.location).tolist() for m in found] == [right.tolist(), left.tolist()]
-    assert [m.log_mass for m in found] == pytest.approx(np.log([0.7, 0.3]), abs=0.03)
+    result = find_modes(mixture(*parts), scattered(left, right), WIDE, FREE)
+    assert [np.round(m.location).tolist() for m in result] == [right.tolist(), left.tolist()]
+    assert [m.log_mass for m in result] == pytest.approx(np.log([0.7, 0.3]), abs=0.03)
 
 
 def test_a_peak_of_little_mass_counts_where_it_is_high():
     main, far = np.zeros(3), np.array([9.0, 0.0, 0.0])
     for mass, width, count in ((np.exp(-8.0), 1.0, 2), (np.exp(-11.0), 1.0, 1)):
-        found = find_modes(
+        result = find_modes(
             mixture((1.0, main, np.eye(3)), (mass, far, width * np.eye(3))),
             scattered(main, far),
             WIDE,
             FREE,
         )
-        assert len(found) == count
+        assert len(result) == count
     # of a mass e^-11 in a peak that is narrow: its height is within e^-9 of the main one
     narrow = mixture((1.0, main, np.eye(3)), (np.exp(-11.0), far, 0.01 * np.eye(3)))
     starts = np.vstack([scattered(main), far + 0.05])
@@ -104,9 +104,9 @@ def test_the_heaviest_modes_are_kept_and_no_start_of_positive_density_gives_none
     masses = np.array([0.05, 0.2, 0.1, 0.15, 0.12, 0.13, 0.17, 0.08])
     means = [np.array([12.0 * k, 0.0, 0.0]) for k in range(len(masses))]
     parts = [(m, at, 0.25 * np.eye(3)) for m, at in zip(masses, means, strict=True)]
-    found = find_modes(mixture(*parts), np.vstack(means) + 0.1, WIDE, FREE)
+    result = find_modes(mixture(*parts), np.vstack(means) + 0.1, WIDE, FREE)
     heaviest = np.argsort(-masses)[:MOST_MODES]
-    assert [round(m.location[0] / 12.0) for m in found] == heaviest.tolist()
+    assert [round(m.location[0] / 12.0) for m in result] == heaviest.tolist()
 
     def nowhere(x):
         return np.full(len(x), -np.inf)
@@ -125,8 +125,8 @@ def test_modes_nearer_than_two_local_widths_are_one(apart, count):
         return -0.5 * near / width**2
 
     means = np.array([[0.0, 0.0], [apart * width] * 2])
-    found = find_modes(log_density, means, np.full(2, 20.0), bounds_array({}, 2))
-    assert len(found) == count
+    result = find_modes(log_density, means, np.full(2, 20.0), bounds_array({}, 2))
+    assert len(result) == count
 
 
 def mode_at(log_density, at):

@@ -49,23 +49,23 @@ SIZES = st.floats() | st.floats(-1e6, 1e6) | st.floats(-0.05, 0.05)
 
 @given(st.tuples(SIZES, SIZES), st.sampled_from([1e-3, 1.0, 20.0]))
 @settings(max_examples=60, deadline=None)
-def test_whatever_force_is_stated_the_sampled_specimen_can_be_read_again(force, scale):
+def test_whatever_force_is_given_the_sampled_specimen_can_be_read_again(force, scale):
     """Or it is refused, naming the option, before anything is sampled."""
     specimen = biaxbayes.simulate(
         material="donor2-media", noise_N=0.0006, thickness=scale, increments=12
     )[0].zeroed()
     try:
-        found = prepared(specimen, force, Path("unused")).specimen
+        result = prepared(specimen, force, Path("unused")).specimen
     except InputError as error:
         assert "`mounting_force`" in str(error) or "stress" in str(error) or "load" in str(error)
         return
-    lines = specimen_text(found).split("\n")
-    assert parse_specimen(lines, Path("specimen.csv")).protocols == found.protocols
+    lines = specimen_text(result).split("\n")
+    assert parse_specimen(lines, Path("specimen.csv")).protocols == result.protocols
 
 
 def test_a_sound_force_is_taken():
-    found = prepared(TARED, FORCE, Path("unused")).specimen
-    assert tuple(found.mounting_readings(shared=True)[0][0]) == pytest.approx(FORCE, abs=2e-3)
+    result = prepared(TARED, FORCE, Path("unused")).specimen
+    assert tuple(result.mounting_readings(shared=True)[0][0]) == pytest.approx(FORCE, abs=2e-3)
 
 
 def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
@@ -89,5 +89,5 @@ def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
         assert manifest(folder) == before
         code, out, err = run(capsys, *arguments, *right)
     assert code in (0, 3) and "mounting_stretch_x" in out, err
-    found = biaxbayes.open_run(folder).specimen
-    assert tuple(found.mounting_readings(shared=True)[0][0]) == pytest.approx(right)
+    result = biaxbayes.open_run(folder).specimen
+    assert tuple(result.mounting_readings(shared=True)[0][0]) == pytest.approx(right)

@@ -1,4 +1,4 @@
-"""What is stated of the mounting stretch of the tissue, by fits of all laws."""
+"""What is reported of the mounting stretch of the tissue, by fits of all laws."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ def law_fit(law="goh", rms=1.0, stretch=1.02, sd=0.001, smooth=False) -> LawFit:
 
 
 def state(*fits: LawFit, noise: float = 1.0, interval=(1.018, 1.022), measured: bool = False):
-    """What is stated of both directions where these laws were fitted."""
+    """What is reported of both directions where these laws were fitted."""
     posterior = SimpleNamespace(
         mounts=("",),
         law=SimpleNamespace(name="goh"),
         specimen=SimpleNamespace(metadata=dict.fromkeys(NAMES, "1.02") if measured else {}),
     )
-    found = LawFits(tuple(sorted(fits, key=lambda f: f.rms)), noise, 100.0)
+    result = LawFits(tuple(sorted(fits, key=lambda f: f.rms)), noise, 100.0)
     low, high = interval
     evidence = SimpleNamespace(
         low=low, median=0.5 * (low + high), high=high, by_prior=(False, False)
     )
-    out = mounting_intervals(posterior, found, dict.fromkeys(NAMES, evidence))
+    out = mounting_intervals(posterior, result, dict.fromkeys(NAMES, evidence))
     assert out[NAMES[0]] == out[NAMES[1]] or np.isnan(out[NAMES[0]].high)
     return out[NAMES[0]]
 
 
 def test_laws_that_agree_state_a_value():
-    found = state(law_fit(), law_fit("fung", 1.1, 1.021), law_fit("hgo", 9.0, 1.3))
-    assert found.is_value and "goh and fung" in found.reason
+    result = state(law_fit(), law_fit("fung", 1.1, 1.021), law_fit("hgo", 9.0, 1.3))
+    assert result.is_value and "goh and fung" in result.reason
     # own errors of every law, and of their strains what a further law may add
-    assert found.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.020)
-    assert found.high == pytest.approx(1.021 + 1.645 * 0.001 + 0.09 * 0.021)
+    assert result.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.020)
+    assert result.high == pytest.approx(1.021 + 1.645 * 0.001 + 0.09 * 0.021)
     # the interval within the run's own law counts where that law describes the record
     wider = state(law_fit(), law_fit("fung", 1.1, 1.021), interval=(1.01, 1.03))
     assert (wider.low, wider.high) == (1.01, 1.03)
@@ -62,9 +62,9 @@ def test_laws_that_agree_state_a_value():
 
 
 def test_laws_that_differ_state_the_low_end_alone():
-    found = state(law_fit(), law_fit("fung", 1.1, 1.09), law_fit("hgo", 9.0, 0.9))
-    assert found.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.02) and np.isnan(found.high)
-    assert "at most 0.035 (goh and fung)" in found.reason and not found.is_value
+    result = state(law_fit(), law_fit("fung", 1.1, 1.09), law_fit("hgo", 9.0, 0.9))
+    assert result.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.02) and np.isnan(result.high)
+    assert "at most 0.035 (goh and fung)" in result.reason and not result.is_value
     # a law without the low end of the others, but as good, moves it
     lower = state(law_fit(), law_fit("fung", 1.1, 1.0, 0.01))
     assert lower.low == pytest.approx(1.0 - 1.645 * 0.01)
@@ -96,37 +96,37 @@ def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():
     assert [f.law for f in LawFits((few, fung), 0.1, 100.0).fitting] == ["goh", "fung"]
     assert [f.law for f in LawFits((many, fung), 0.1, 100.0).fitting] == ["goh"]
     # the interval of a law that fits is never cut by the others
-    found = LawFits((few, fung), 0.1, 100.0)
+    result = LawFits((few, fung), 0.1, 100.0)
     low, high = 1.005, 1.032
-    stated = interval_from_laws(found, 0, 0, "goh", (low, high))
-    assert stated.low <= low and stated.high >= high
+    interval = interval_from_laws(result, 0, 0, "goh", (low, high))
+    assert interval.low <= low and interval.high >= high
 
 
 def test_the_interval_of_the_run_is_widened_by_its_smooth_misfit():
     own = replace(law_fit(), mounting_widening=np.full((1, 2), 2.0))
-    found = state(own, law_fit("fung", 1.1, 1.02), interval=(1.015, 1.025))
-    assert (found.low, found.high) == (pytest.approx(1.01), pytest.approx(1.03))
+    result = state(own, law_fit("fung", 1.1, 1.02), interval=(1.015, 1.025))
+    assert (result.low, result.high) == (pytest.approx(1.01), pytest.approx(1.03))
 
 
 def test_an_end_that_the_prior_decides_is_open():
-    found = LawFits((law_fit(), law_fit("fung", 1.1, 1.021)), 1.0, 100.0)
+    result = LawFits((law_fit(), law_fit("fung", 1.1, 1.021)), 1.0, 100.0)
 
-    def stated(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> MountingInterval:
-        return interval_from_laws(found, 0, 0, "goh", interval, by_prior=by_prior)
+    def interval_of(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> MountingInterval:
+        return interval_from_laws(result, 0, 0, "goh", interval, by_prior=by_prior)
 
-    low = stated((1.010, 1.022), (True, False))
+    low = interval_of((1.010, 1.022), (True, False))
     assert np.isnan(low.low) and low.reason == "the prior determines the lower end"
-    high = stated((1.019, 1.030), (False, True))
+    high = interval_of((1.019, 1.030), (False, True))
     assert np.isfinite(high.low) and np.isnan(high.high)
     assert high.reason == "the prior determines the upper end"
-    assert stated((1.010, 1.030), (True, True)).reason == "the prior determines both ends"
+    assert interval_of((1.010, 1.030), (True, True)).reason == "the prior determines both ends"
     # ends of the laws are the data's
-    assert stated((1.019, 1.022), (True, True)).is_value
+    assert interval_of((1.019, 1.022), (True, True)).is_value
 
 
-def test_a_measured_mounting_stretch_is_stated_as_it_is():
-    found = state(law_fit(), law_fit("fung", 1.0, 1.3), measured=True)
-    assert (found.low, found.high) == (1.018, 1.022) and "measured" in found.reason
+def test_a_measured_mounting_stretch_is_reported_as_it_is():
+    result = state(law_fit(), law_fit("fung", 1.0, 1.3), measured=True)
+    assert (result.low, result.high) == (1.018, 1.022) and "measured" in result.reason
 
 
 def test_statements_are_weaker_with_a_worse_load_cell():
@@ -170,29 +170,29 @@ def test_the_error_of_a_mounting_stretch_is_that_of_repeated_specimens():
     """Its sd against the scatter of fits to specimens with other noise, the mounting's included."""
     made = small_specimen()
     rng = np.random.default_rng(5)
-    found, sds = [], []
+    result, sds = [], []
     for _ in range(24):
         protocols = []
         for p in made.protocols:
             noise = 0.002 * rng.standard_normal((2, p.rows))
             protocols.append(replace(p, load_x=p.load_x + noise[0], load_y=p.load_y + noise[1]))
         fit = fit_law(replace(made, protocols=tuple(protocols), load_noise=None), "goh")
-        found.append(fit.mounting_stretch[0])
+        result.append(fit.mounting_stretch[0])
         sds.append(fit.sd[0])
     # of 24 specimens a sd is known to 15 %; a smooth misfit that is not excluded adds to it
-    ratio = np.std(found, axis=0, ddof=1) / np.median(sds, axis=0)
+    ratio = np.std(result, axis=0, ddof=1) / np.median(sds, axis=0)
     assert np.all((ratio > 0.45) & (ratio < 1.4)), ratio
 
 
 def test_laws_are_fitted_to_a_goh_specimen():
-    found = fit_laws(small_specimen(), ("goh", "hgo", "fung"), rows=20, starts=2)
-    assert found is not None
-    assert found.fits[0].law == "goh" and not found.fits[0].smooth
-    assert found.fitting[0].law == "goh"
-    assert all(f.rms <= CLOSE_RMS * max(found.fits[0].rms, found.noise) for f in found.fitting)
-    table = found.to_frame()
-    assert list(table["law"]) == [f.law for f in found.fits]
-    assert table["mounting_stretch_x"][0] == found.fits[0].mounting_stretch[0, 0]
+    result = fit_laws(small_specimen(), ("goh", "hgo", "fung"), rows=20, starts=2)
+    assert result is not None
+    assert result.fits[0].law == "goh" and not result.fits[0].smooth
+    assert result.fitting[0].law == "goh"
+    assert all(f.rms <= CLOSE_RMS * max(result.fits[0].rms, result.noise) for f in result.fitting)
+    table = result.to_frame()
+    assert list(table["law"]) == [f.law for f in result.fits]
+    assert table["mounting_stretch_x"][0] == result.fits[0].mounting_stretch[0, 0]
     assert quick_better_law(small_specimen()) == ""
 
 
@@ -211,9 +211,9 @@ def test_no_end_is_wrong_where_the_mounting_reading_is_two_sigma_off():
         thickness=1.2,
         seed=10,
     )
-    found = fit_laws(specimen)
-    assert found is not None and "fung" in [f.law for f in found.fitting]
+    result = fit_laws(specimen)
+    assert result is not None and "fung" in [f.law for f in result.fitting]
     for axis, true in enumerate((1.02, 1.03)):
-        stated = interval_from_laws(found, 0, axis)
-        assert np.isfinite(stated.low)
-        assert not stated.low > true and not stated.high < true
+        interval = interval_from_laws(result, 0, axis)
+        assert np.isfinite(interval.low)
+        assert not interval.low > true and not interval.high < true

@@ -69,17 +69,17 @@ def test_a_described_specimen_is_not_refitted(seed):
     assert mounting_refits(prepare(data)) is None
 
 
-def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
+def test_the_range_of_the_refits_is_reported_and_holds_the_truth():
     posterior = prepare(missed())
-    found = identify_draws(posterior, narrow_draws(posterior), "converged")
+    result = identify_draws(posterior, narrow_draws(posterior), "converged")
     for name, true in zip(NAMES, MOUNTING, strict=True):
-        row = found[name]
+        row = result[name]
         assert row.posterior_verdict == NOT_IDENTIFIED
         assert (
             not row.evidence.low <= true <= row.evidence.high
         )  # what the narrow interval is worth
         assert row.evidence.refits[0] < true < row.evidence.refits[1]
-    assert found["C1"].posterior_verdict != NOT_IDENTIFIED
+    assert result["C1"].posterior_verdict != NOT_IDENTIFIED
 
 
 def test_fits_made_beforehand_are_those_that_would_be_made():
@@ -112,16 +112,16 @@ def test_a_stretch_known_from_an_image_stands():
     draws = narrow_draws(posterior)
     for name, m in zip(NAMES, MOUNTING, strict=True):
         draws[name] += m - draws[name].mean()
-    found = identify_draws(posterior, draws, "converged")
-    assert found.mounting_ranges() == {}
+    result = identify_draws(posterior, draws, "converged")
+    assert result.mounting_ranges() == {}
 
 
 def test_every_mounted_state_has_its_own_refits():
     posterior = prepare(missed(), mounting_stretch="per-protocol")
-    found = identify_draws(posterior, narrow_draws(posterior), "converged")
+    result = identify_draws(posterior, narrow_draws(posterior), "converged")
     names = [f"{name}[{p.name}]" for p in missed().protocols for name in NAMES]
-    assert {found[name].posterior_verdict for name in names} == {NOT_IDENTIFIED}
-    back = found.to_frame().set_index("parameter")
+    assert {result[name].posterior_verdict for name in names} == {NOT_IDENTIFIED}
+    back = result.to_frame().set_index("parameter")
     assert (back.loc[names, "refit_low"] < back.loc[names, "posterior_q05"]).all()
     assert back.loc[["C1", "kappa"], "refit_low"].isna().all()
 

@@ -57,12 +57,12 @@ class WrongRatio(AdaptedIndependenceMove):
     """The proposal density left out of the acceptance ratio."""
 
     def propose(self, model, state):
-        kept = self.proposal
-        self.proposal = _Flat(kept)
+        own = self.proposal
+        self.proposal = _Flat(own)
         try:
             return super().propose(model, state)
         finally:
-            self.proposal = kept
+            self.proposal = own
 
 
 class _Flat:
@@ -148,7 +148,7 @@ def test_a_later_sweep_judged_against_the_first_state_is_caught(monkeypatch):
 
 
 def chain_of(target, *, seed=7, steps=160):
-    """Chains of four ensembles that adapt to their pooled history, freeze, and are kept."""
+    """Chains of four ensembles that adapt to their pooled history, freeze, and are recorded."""
     rng = np.random.default_rng(seed)
     d = target.dimension
     starts = []
@@ -262,7 +262,7 @@ def test_same_seed_same_steps():
 
 
 def test_proposals_beyond_an_edge_are_never_accepted():
-    """Where the density is positive beyond a stated edge, the folded move does not go."""
+    """Where the density is positive beyond a given edge, the folded move does not go."""
     target = gaussian(2)
     rng = np.random.default_rng(1)
     move = AdaptedIndependenceMove(rng, bounds=bounds_array({0: (-2.3, -1.7)}, 2))
@@ -399,7 +399,7 @@ def test_folding_at_two_coordinates_adds_up_every_combination(d):
     np.testing.assert_allclose(q.log_density(x), np.log(total), rtol=1e-9)
 
 
-def test_first_proposal_is_the_stated_mixture_and_needs_no_triangle():
+def test_first_proposal_is_the_given_mixture_and_needs_no_triangle():
     rng = np.random.default_rng(5)
     factor = rng.standard_normal((3, 3))  # any square root
     q = first_proposal(np.zeros((1, 3)), [factor], np.ones(1), bounds_array({}, 3))

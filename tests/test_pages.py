@@ -26,7 +26,7 @@ from test_compare import SOFT, STIFF
 from test_study_page import distances, table
 
 LEVELS = ("q05", "q50", "q95")
-REASON = "laws that describe the record alike differ above it: goh, fung"
+REASON = "laws that describe the record equally well differ above it: goh, fung"
 
 
 def write_a_study(folder) -> None:
@@ -225,6 +225,6 @@ def test_keyboard_reaches_the_results(shown):
 def test_accessible(shown, page, scheme):
     if page.name == "explore.html":
         shown.call("Page.setBypassCSP", enabled=True)
-    found = shown.audit(scheme)
-    assert found["passes"] > 20
-    assert found["violations"] == []
+    result = shown.audit(scheme)
+    assert result["passes"] > 20
+    assert result["violations"] == []

@@ -17,8 +17,8 @@ MISPRINTS = {
 
 @pytest.fixture(scope="module")
 def comparisons():
-    found = [c for material in printed.VIRTUAL for c in tables.compare(material)]
-    return {(c.material, c.printed.method, c.prestretch): c for c in found}
+    result = [c for material in printed.VIRTUAL for c in tables.compare(material)]
+    return {(c.material, c.printed.method, c.prestretch): c for c in result}
 
 
 def test_tables_3_and_4_agree_but_for_two_cells(comparisons):

@@ -22,8 +22,8 @@ from biaxbayes.parallel import InThisProcess, Processes, executor_for
 def test_every_task_is_done_once_and_in_several_processes():
     numbers = list(range(8))
     for executor in (InThisProcess(), Processes(2)):
-        found = {o.index: o.value for o in executor.run(tasks.square, numbers)}
-        assert found == {n: n * n for n in numbers}
+        result = {o.index: o.value for o in executor.run(tasks.square, numbers)}
+        assert result == {n: n * n for n in numbers}
     with Processes(2) as executor:
         seen = [[o.value for o in executor.run(tasks.where, numbers)] for _ in range(2)]
     processes = [{process for process, _ in once} for once in seen]
@@ -84,12 +84,12 @@ from biaxbayes.progress_bar import graceful_stop
 if __name__ == "__main__":
     with graceful_stop() as stop, Processes(2) as workers:
         def stopped():
-            asked = stop()
-            if asked and sys.argv[2] == "finish":
+            stopping = stop()
+            if stopping and sys.argv[2] == "finish":
                 (Path(sys.argv[1]) / "stop").touch()
-            if asked:
-                print("asked", flush=True)
-            return asked
+            if stopping:
+                print("stopping", flush=True)
+            return stopping
         for o in workers.run(tasks.until_stopped, [sys.argv[1]] * 9, stop=stopped):
             print(o.value, flush=True)
 """
@@ -106,7 +106,7 @@ def test_signals_reach_the_workers_through_us_and_leave_none_behind(tmp_path, ho
         run.kill()
     else:
         os.killpg(run.pid, signal.SIGINT)
-        assert run.stdout.readline() == "asked\n"
+        assert run.stdout.readline() == "stopping\n"
         if how == "at once":
             os.killpg(run.pid, signal.SIGINT)
     with run:  # communicate() would miss what readline() has read ahead

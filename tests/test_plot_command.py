@@ -49,9 +49,9 @@ def test_the_corner_says_within_which_law(run):
 
 @pytest.mark.long
 def test_profiles_are_readable(run):
-    found = profiles(open_run(run).posterior(), ["kappa", "C1"])
+    result = profiles(open_run(run).posterior(), ["kappa", "C1"])
     for width in (85.0, 180.0):
-        assert_readable(profile_figure(found, width_mm=width), width)
+        assert_readable(profile_figure(result, width_mm=width), width)
 
 
 def test_profile_and_trace_of_named_parameters(run, tmp_path):

@@ -90,7 +90,7 @@ def made_population(study):
             patch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | QUICK)))
             return quick_job(study, study.parent / "population").execute()
 
-    return shared.found_once("population", execute)
+    return shared.cached("population", execute)
 
 
 def test_likelihood_is_the_runs_without_its_prior_of_the_pooled_values(study):

@@ -121,15 +121,15 @@ def test_a_search_finds_every_peak_with_its_mass():
         return np.logaddexp(np.log(0.3) + left, np.log(0.7) + right)
 
     starts = np.array([[1.0, 1.0], [19.0, 4.0], [10.0, 0.0]])
-    found = search(
+    result = search(
         Target(log_density, FREE), starts, np.full(2, 15.0), np.random.default_rng(2), 2048
     )
-    assert len(found.proposal.parts) == 2
-    right = found.points[:, 0] > 10.0
-    w = np.exp(found.log_weight - found.log_weight.max())
+    assert len(result.proposal.parts) == 2
+    right = result.points[:, 0] > 10.0
+    w = np.exp(result.log_weight - result.log_weight.max())
     share = w[right].sum() / w.sum()
     assert share == pytest.approx(0.7, abs=0.03)
     # normalised densities: the mean weight is the evidence, one
-    mean = np.logaddexp.reduce(found.log_weight) - np.log(len(found.log_weight))
+    mean = np.logaddexp.reduce(result.log_weight) - np.log(len(result.log_weight))
     assert mean == pytest.approx(0.0, abs=0.06)
-    assert effective_share(found.log_weight) > 0.4
+    assert effective_share(result.log_weight) > 0.4

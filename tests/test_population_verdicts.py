@@ -88,7 +88,7 @@ def known(values, rng, **at) -> np.ndarray:
 # --- the priors that values have ------------------------------------------------------------------
 
 
-def test_prior_of_values_without_edges_is_the_one_stated(values, prior):
+def test_prior_of_values_without_edges_is_the_given_one(values, prior):
     hyper, location = prior
     v = values[0]
     assert ks_1samp(hyper.mu[:, 0, 0], norm(v.mean, v.mean_sd).cdf).pvalue > 1e-3
@@ -115,12 +115,12 @@ def test_prior_leaves_out_what_the_sampler_excludes(values, prior):
         ]
     )
     assert 0.5 < ok.mean() < 0.99
-    for found, expected in (
+    for result, expected in (
         (hyper.mu[:, 0, 4], mu[ok, 0] + v.mean),
         (hyper.sd_donors[:, 4], sd_donors[ok]),
         (hyper.sd[:, 0, 4], sd[ok]),
     ):
-        assert ks_2samp(found, expected).pvalue > 1e-3
+        assert ks_2samp(result, expected).pvalue > 1e-3
     typical = hyper.typical(0)[:, 4]
     assert (typical >= 0.0).all() and (typical <= 1.0 / 3.0).all()
 
@@ -151,10 +151,10 @@ def test_one_rule_for_runs_and_populations():
 
 
 def test_a_group_that_is_known_is_identified(values, prior):
-    found = judged(hyper_of(values, known(values, np.random.default_rng(3))), prior)
-    assert [found[n].posterior_verdict for n in NAMES] == [IDENTIFIED] * 5
+    result = judged(hyper_of(values, known(values, np.random.default_rng(3))), prior)
+    assert [result[n].posterior_verdict for n in NAMES] == [IDENTIFIED] * 5
     low, high = 14.0 * np.exp(np.array([-1.645, 1.645]) * 0.05)
-    assert found["C1"].text == f"C1: identified, {low:.3g} to {high:.3g} kPa (90 %)"
+    assert result["C1"].text == f"C1: identified, {low:.3g} to {high:.3g} kPa (90 %)"
 
 
 def test_a_value_known_to_a_factor_of_more_than_ten_is_not_identified(values, prior):
@@ -179,9 +179,9 @@ def test_a_value_known_to_a_factor_of_more_than_ten_is_not_identified(values, pr
 
 def test_a_group_nobody_looked_at_is_that_of_the_prior(values, prior):
     other, _ = Hyper.from_prior(values, layout(values), DRAWS, np.random.default_rng(4))
-    found = judged(other, prior)
-    assert {found[n].posterior_verdict for n in NAMES} == {NOT_IDENTIFIED}
-    assert all(abs(found[n].evidence.contraction) < 0.1 for n in NAMES)
+    result = judged(other, prior)
+    assert {result[n].posterior_verdict for n in NAMES} == {NOT_IDENTIFIED}
+    assert all(abs(result[n].evidence.contraction) < 0.1 for n in NAMES)
 
 
 def test_an_open_edge_and_a_ridge_are_named(values, prior):
@@ -191,11 +191,11 @@ def test_an_open_edge_and_a_ridge_are_named(values, prior):
     ridge = 1.5 * rng.standard_normal(DRAWS)
     mu[:, 1] += ridge
     mu[:, 2] -= ridge
-    found = judged(hyper_of(values, mu), prior)
-    assert found["kappa"].posterior_verdict == BOUNDED and "aligned fibres" in found["kappa"].text
-    assert reported_text(found["kappa"]).startswith("below 0.0")
-    assert found["k1"].posterior_verdict == COMBINATION and found["k1"].partners == ("k2",)
-    assert found["C1"].posterior_verdict == IDENTIFIED
+    result = judged(hyper_of(values, mu), prior)
+    assert result["kappa"].posterior_verdict == BOUNDED and "aligned fibres" in result["kappa"].text
+    assert reported_text(result["kappa"]).startswith("below 0.0")
+    assert result["k1"].posterior_verdict == COMBINATION and result["k1"].partners == ("k2",)
+    assert result["C1"].posterior_verdict == IDENTIFIED
 
 
 @pytest.mark.parametrize("state", ["tentative", "unusable"])
@@ -215,20 +215,20 @@ def test_no_verdict_of_chains_that_have_not_converged(values, prior, state):
 
 def spread(values, sd_donors, sd):
     mu = known(values, np.random.default_rng(8))
-    found = spread_verdicts(
+    result = spread_verdicts(
         hyper_of(values, mu, sd_donors=sd_donors, sd=sd), 0, GOH_LAW, "converged"
     )
-    return found["C1"]
+    return result["C1"]
 
 
 def test_spreads_are_judged_by_the_same_rule(values):
     rng = np.random.default_rng(9)
     same, near = (np.abs(rng.standard_normal(DRAWS)) for _ in range(2))
-    found = spread(values, same, 0.1 * near)
-    assert found["sd_donors"].posterior_verdict == NOT_IDENTIFIED
-    assert found["sd_donors"].evidence.contraction == pytest.approx(0.0, abs=0.1)
-    assert found["sd_specimens"].posterior_verdict == BOUNDED
-    assert "0 (no spread)" in found["sd_specimens"].text
+    result = spread(values, same, 0.1 * near)
+    assert result["sd_donors"].posterior_verdict == NOT_IDENTIFIED
+    assert result["sd_donors"].evidence.contraction == pytest.approx(0.0, abs=0.1)
+    assert result["sd_specimens"].posterior_verdict == BOUNDED
+    assert "0 (no spread)" in result["sd_specimens"].text
     known = 0.6 + 0.05 * rng.standard_normal(DRAWS)
     assert spread(values, known, same)["sd_donors"].posterior_verdict == IDENTIFIED
 
@@ -237,10 +237,10 @@ def test_spreads_of_which_only_the_sum_is_known_are_a_combination(values):
     """One specimen per donor: sd_donors^2 + sd_specimens^2 is what the specimens show."""
     rng = np.random.default_rng(10)
     whole, angle = 1.5 + 0.05 * rng.standard_normal(DRAWS), 0.5 * np.pi * rng.random(DRAWS)
-    found = spread(values, whole * np.sin(angle), whole * np.cos(angle))
-    assert found["sd_donors"].posterior_verdict == COMBINATION
-    assert found["sd_donors"].partners == ("sd_specimens of C1",)
-    total = found["sd_total"]
+    result = spread(values, whole * np.sin(angle), whole * np.cos(angle))
+    assert result["sd_donors"].posterior_verdict == COMBINATION
+    assert result["sd_donors"].partners == ("sd_specimens of C1",)
+    total = result["sd_total"]
     assert total.posterior_verdict == IDENTIFIED
     # 1.5 times the scale 0.5 of a log
     assert total.evidence.median == pytest.approx(0.75, abs=0.01)

@@ -136,15 +136,15 @@ def product(plain: PlainPosterior, **options) -> Posterior:
 
 def met(plain: PlainPosterior, posterior: Posterior, points) -> list[str]:
     """Both densities must be one at every point; says which points are inside the support."""
-    found = []
+    result = []
     for values, (want, remote) in zip(points, densities(plain, points), strict=True):
         got = posterior.log_density({n: values[n] for n in posterior.free})
         if remote and math.isfinite(want) and got == -math.inf:
-            found.append(remote)  # Newton from the unloaded state need not find it
+            result.append(remote)  # Newton from the unloaded state need not find it
             continue
         assert got == pytest.approx(want, rel=1e-7, abs=1e-5), values
-        found.append("inside" if math.isfinite(want) else "outside")
-    return found
+        result.append("inside" if math.isfinite(want) else "outside")
+    return result
 
 
 def compare(specimen, mounting="noisy", *, near=6, far=24, **options):
@@ -155,9 +155,9 @@ def compare(specimen, mounting="noisy", *, near=6, far=24, **options):
     rng = np.random.default_rng(17)
     points = [random_values(specimen, rng, plain.labels) for _ in range(near)]
     points += [scattered_values(specimen, rng, plain.labels) for _ in range(far)]
-    found = met(plain, posterior, points)
-    assert found[:near].count("inside") >= near // 2
-    assert found.count("near the edge") <= 1
+    result = met(plain, posterior, points)
+    assert result[:near].count("inside") >= near // 2
+    assert result.count("near the edge") <= 1
     return posterior
 
 
@@ -326,12 +326,12 @@ def test_support_where_fibres_are_pushed_together(geometry, switch, mounting):
             values[f"mounting_stretch_{axis}"] = rng.uniform(0.7, 1.1)
             values[f"mounting_force_{axis}"] = rng.uniform(-0.1, 0.1)
         points.append(values)
-    found = met(plain, posterior, points)
-    assert found.count("inside") >= 5 and found.count("near the edge") <= 2
+    result = met(plain, posterior, points)
+    assert result.count("inside") >= 5 and result.count("near the edge") <= 2
     # With the switch, fibres that are pushed together do not push back; the small force that was
     # read balances somewhere in the wide bracket where it acts on the mounted section.
     if not switch and (geometry, mounting) != ("mounted", "exact"):
-        assert found.count("outside") + found.count("no load path") >= 3
+        assert result.count("outside") + result.count("no load path") >= 3
 
 
 def test_free_and_noisy_differ_by_the_change_of_variables_alone():
@@ -539,13 +539,13 @@ def test_the_width_of_the_mounting_prior_is_an_option():
     for name in ("mounting_stretch_x", "mounting_stretch_y"):
         assert wide.priors[name].scale == 0.3 and usual.priors[name].scale == 0.1
     assert wide.options()["mounting_sd"] == 0.3
-    stated = Posterior(
+    given = Posterior(
         specimen,
         noise="independent",
         mounting_sd=0.3,
         priors={"mounting_stretch": {"distribution": "normal", "mean": 1.02, "sd": 0.01}},
     )
-    assert stated.priors["mounting_stretch_x"].scale == 0.01
+    assert given.priors["mounting_stretch_x"].scale == 0.01
     with pytest.raises(InputError, match="mounting_sd"):
         Posterior(specimen, noise="independent", mounting_sd=0.0)
 
@@ -575,8 +575,8 @@ def test_density_of_every_law_is_that_of_its_stress_and_its_priors(name):
             total += log_prior(kind, row, math.log(value) if parameter.logarithmic else value)
         return values, total
 
-    found, wanted = zip(
+    result, wanted = zip(
         *((posterior.log_density(values), total) for values, total in map(expected, (one, other))),
         strict=True,
     )
-    assert found[1] - found[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-9, abs=1e-7)
+    assert result[1] - result[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-9, abs=1e-7)

@@ -62,7 +62,7 @@ def draws(n=500, *, spread=0.1, noise=0.02, seed=1) -> pd.DataFrame:
 # --- percentiles ---
 
 
-def test_mixture_percentile_has_the_stated_mass():
+def test_mixture_percentile_has_the_given_mass():
     rng = np.random.default_rng(0)
     mean, sd = rng.normal(size=(300, 4)), rng.uniform(0.1, 2.0, size=(300, 4))
     for level, q in zip((0.05, 0.95), mixture_percentiles(mean, sd, (0.05, 0.95)), strict=True):
@@ -273,16 +273,16 @@ def test_readings_are_those_of_the_protocols_along_the_path():
     lm = one[["mounting_stretch_x", "mounting_stretch_y"]].to_numpy()[0]
     for p in tested.protocols:
         stretch = np.column_stack([p.stretch_x, p.stretch_y])
-        found = measured_stress(
+        result = measured_stress(
             one, tested, Settings(), stretch, reference="measured", stress="piola"
         )
-        assert set(found["protocol"]) == {p.name}
-        np.testing.assert_allclose(found[["stretch_x", "stretch_y"]], stretch)
+        assert set(result["protocol"]) == {p.name}
+        np.testing.assert_allclose(result[["stretch_x", "stretch_y"]], stretch)
         model = MEDIA.piola(*(stretch * lm).T)
         for axis, name in enumerate("xy"):
             stress = tested.load(p)[:, axis] / tested.area[axis]
-            np.testing.assert_allclose(found[f"piola_{name}_kPa"], stress, rtol=1e-12)
-            missed = found[f"piola_{name}_kPa_residual"]
+            np.testing.assert_allclose(result[f"piola_{name}_kPa"], stress, rtol=1e-12)
+            missed = result[f"piola_{name}_kPa_residual"]
             np.testing.assert_allclose(missed, stress - model[axis], atol=1e-9)
     aside = 1.0 + np.linspace(0.0, 0.2, 9)[:, None] * np.array([-0.5, 1.0])
     assert measured_stress(one, tested, Settings(), aside).empty
@@ -356,8 +356,8 @@ def test_unloaded_tube_rests_at_its_own_radius():
     assert inflation_stretch(at(*MEDIA.theta), Tube(9.0, 1.0), [0.0])[0, 0] == pytest.approx(
         1.0, abs=1e-12
     )
-    held = inflation_stretch(at(*MEDIA.theta), Tube(9.0, 1.0, 1.2), [0.0])[0, 0]
-    assert held < 1.0  # pulled along, it narrows
+    pulled = inflation_stretch(at(*MEDIA.theta), Tube(9.0, 1.0, 1.2), [0.0])[0, 0]
+    assert pulled < 1.0  # it narrows
 
 
 def test_a_soft_tube_has_no_state_at_a_high_pressure():

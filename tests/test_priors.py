@@ -80,12 +80,12 @@ def test_the_row_of_the_kernel_is_the_normalised_density(prior, log_scale):
     for x in (-2.0, 0.3, 0.9, 1.7, 2.2, 3.5, 25.0):
         if log_scale and x <= 0.0:
             continue
-        found = log_prior(kind, np.array(row), math.log(x) if log_scale else x)
+        result = log_prior(kind, np.array(row), math.log(x) if log_scale else x)
         density = plain_density(prior, x) / positive * (x if log_scale else 1.0)
         if density == 0.0:
-            assert found == -math.inf
+            assert result == -math.inf
         else:
-            assert found == pytest.approx(math.log(density), abs=1e-7)
+            assert result == pytest.approx(math.log(density), abs=1e-7)
 
 
 @pytest.mark.parametrize("prior", PRIORS, ids=str)
@@ -139,9 +139,9 @@ def test_a_table_reads_back_to_the_prior(prior):
         for key, value in prior.as_table().items()
     ]
     table = {"C1": tomllib.loads("\n".join(lines))}
-    found = parse_priors(table, law=law_named("goh"))["C1"]
-    assert isinstance(found, Prior)
-    np.testing.assert_allclose(found.ppf(np.array([0.2, 0.7])), prior.within(0.0, math.inf).ppf(np.array([0.2, 0.7])))  # fmt: skip  # noqa: E501
+    result = parse_priors(table, law=law_named("goh"))["C1"]
+    assert isinstance(result, Prior)
+    np.testing.assert_allclose(result.ppf(np.array([0.2, 0.7])), prior.within(0.0, math.inf).ppf(np.array([0.2, 0.7])))  # fmt: skip  # noqa: E501
 
 
 def test_a_prior_of_draws_has_their_quantiles_and_no_bounds():

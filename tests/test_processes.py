@@ -131,20 +131,20 @@ def test_the_help_imports_no_numbers():
 
 
 def test_a_look_at_a_file_imports_nothing_of_runs():
-    found = imported(called("check", str(DATA)))
-    assert "numpy" in found
-    assert not found & (HEAVY | {"pandas", "h5py", "emcee", "matplotlib", "biaxbayes.runs.run"})
+    result = imported(called("check", str(DATA)))
+    assert "numpy" in result
+    assert not result & (HEAVY | {"pandas", "h5py", "emcee", "matplotlib", "biaxbayes.runs.run"})
 
 
-@pytest.mark.parametrize(("stated", "expected"), [({}, "1 {1}"), ({"OMP_NUM_THREADS": "4"}, "4")])
-def test_a_command_takes_one_thread_for_its_matrices_unless_told_otherwise(stated, expected):
+@pytest.mark.parametrize(("given", "expected"), [({}, "1 {1}"), ({"OMP_NUM_THREADS": "4"}, "4")])
+def test_a_command_takes_one_thread_for_its_matrices_by_default(given, expected):
     code = called("check", str(DATA)) + (
         "\nimport os, numpy, threadpoolctl\nfound = threadpoolctl.threadpool_info()\n"
         "print('threads', os.environ['OMP_NUM_THREADS'], {f['num_threads'] for f in found})"
     )
     rest = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=rest | stated
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=rest | given
     )
     assert done.stdout.rsplit("threads ", 1)[1].startswith(expected)
 
@@ -254,7 +254,7 @@ def small_program(folder: Path, cache: Path | str) -> tuple[list[str], str]:
     return done.stdout.split(), done.stderr
 
 
-def test_compiled_code_is_kept_and_the_setting_of_numba_stays_the_users(tmp_path):
+def test_compiled_code_is_cached_and_the_setting_of_numba_stays_the_users(tmp_path):
     assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "0"], "")
     assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "1"], "")
 

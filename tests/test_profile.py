@@ -83,8 +83,8 @@ def deviance(data, row) -> float:
 def test_the_deviance_is_that_of_the_likelihood():
     table = profiled("kappa").table
     data = determined().specimen
-    found = np.array([deviance(data, row) for _, row in table.iterrows()])
-    np.testing.assert_allclose(found - found.min(), table["deviance"], atol=1e-5)
+    result = np.array([deviance(data, row) for _, row in table.iterrows()])
+    np.testing.assert_allclose(result - result.min(), table["deviance"], atol=1e-5)
 
 
 @pytest.mark.parametrize("end", ["first", "last"])
@@ -132,9 +132,9 @@ def test_a_sharp_profile_is_the_parabola_of_the_fisher_information():
     )
     sd = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
     for name in PARAMETERS:
-        found = profiled(name)
-        assert found.kind == "finite"
-        half = 0.5 * (found.high - found.low)
+        result = profiled(name)
+        assert result.kind == "finite"
+        half = 0.5 * (result.high - result.low)
         assert half == pytest.approx(np.sqrt(THRESHOLD) * sd[names.index(name)], rel=0.05)
 
 
@@ -147,13 +147,13 @@ def test_profile_and_flat_prior_posterior_agree():
     made = sampled(determined().specimen, ess=400.0, priors=flat)
     assert made.state == "converged"
     for name in PARAMETERS:
-        found = profiled(name)
+        result = profiled(name)
         low, high = np.quantile(made.draws[name], [0.05, 0.95])
-        width = found.high - found.low
-        assert abs(found.low - low) < 0.08 * width
-        assert abs(found.high - high) < 0.08 * width
+        width = result.high - result.low
+        assert abs(result.low - low) < 0.08 * width
+        assert abs(result.high - high) < 0.08 * width
         truth = dict(zip(PARAMETERS, (10.0, 40.0, 5.0, 40.0, 0.15), strict=True))[name]
-        assert found.low - 0.5 * width < truth < found.high + 0.5 * width
+        assert result.low - 0.5 * width < truth < result.high + 0.5 * width
 
 
 def test_tempering_widens_the_interval_by_the_root_of_the_weight():
@@ -166,35 +166,35 @@ def test_tempering_widens_the_interval_by_the_root_of_the_weight():
 
 def test_the_angle_of_an_isotropic_material_is_structurally_unidentifiable():
     posterior = Posterior(determined().specimen, noise="independent", priors={"kappa": 1.0 / 3.0})
-    found = profile_likelihood(posterior, "alpha")
-    assert found.kind == "structural"
-    assert (found.low, found.high) == (0.0, 90.0)
-    assert found.table["deviance"].max() < 1e-6
-    assert "structurally" in found.in_words()
+    result = profile_likelihood(posterior, "alpha")
+    assert result.kind == "structural"
+    assert (result.low, result.high) == (0.0, 90.0)
+    assert result.table["deviance"].max() < 1e-6
+    assert "structurally" in result.in_words()
 
 
 def test_one_ratio_leaves_the_dispersion_open():
-    found = traded_kappa()
-    assert found.kind == "practical" and found.open_low
-    assert found.low == 0.0
-    alpha = found.table["alpha"].to_numpy()
-    inside = (found.table["deviance"] < THRESHOLD).to_numpy()
+    result = traded_kappa()
+    assert result.kind == "practical" and result.open_low
+    assert result.low == 0.0
+    alpha = result.table["alpha"].to_numpy()
+    inside = (result.table["deviance"] < THRESHOLD).to_numpy()
     assert np.ptp(alpha[inside]) > 20.0  # the angle follows
 
 
 def test_aligned_fibres_are_open_towards_zero_only():
     data = specimen(GOH(10.0, 20.0, 5.0, 40.0, 0.0))
-    found = profile_likelihood(Posterior(data, noise="independent"), "kappa")
-    assert found.kind == "practical" and found.open_low and not found.open_high
-    assert found.high < 0.05
-    assert "open towards 0" in found.in_words()
+    result = profile_likelihood(Posterior(data, noise="independent"), "kappa")
+    assert result.kind == "practical" and result.open_low and not result.open_high
+    assert result.high < 0.05
+    assert "open towards 0" in result.in_words()
 
 
 def test_an_angle_at_a_mirror_is_closed():
     data = specimen(GOH(10.0, 20.0, 5.0, 90.0, 0.15), total_stretch=1.25)
-    found = profile_likelihood(Posterior(data, noise="independent"), "alpha")
-    assert found.kind == "finite"
-    assert found.high == 90.0 and 70.0 < found.low < 90.0
+    result = profile_likelihood(Posterior(data, noise="independent"), "alpha")
+    assert result.kind == "finite"
+    assert result.high == 90.0 and 70.0 < result.low < 90.0
 
 
 @cache
@@ -204,13 +204,13 @@ def low_stretch():
 
 
 def test_the_exponent_goes_to_zero_exactly():
-    found = low_stretch()
-    assert found.open_low and found.low == 0.0
-    assert found.table["k2"].iloc[0] == 0.0
-    assert (np.diff(found.table["value"]) > 0.0).all()
+    result = low_stretch()
+    assert result.open_low and result.low == 0.0
+    assert result.table["k2"].iloc[0] == 0.0
+    assert (np.diff(result.table["value"]) > 0.0).all()
 
 
-def test_a_branch_that_continuation_would_miss_is_found():
+def test_a_branch_that_continuation_would_miss_is_followed():
     # With kappa on its bound the fit at low k2 is bad, with kappa inside it is good.
     table = low_stretch().table
     low = table[table["value"] < 10.0]
@@ -222,9 +222,9 @@ def test_a_branch_that_continuation_would_miss_is_found():
 
 
 def test_mounting_stretches_have_profiles():
-    found = profiled("mounting_stretch_y")
-    assert found.kind == "finite"
-    assert found.low < 1.02 < found.high
+    result = profiled("mounting_stretch_y")
+    assert result.kind == "finite"
+    assert result.low < 1.02 < result.high
     exact = Posterior(determined().specimen, mounting="exact", noise="independent")
     with pytest.raises(InputError, match="follows from the material"):
         profile_likelihood(exact, "mounting_stretch_y")
@@ -232,9 +232,9 @@ def test_mounting_stretches_have_profiles():
 
 def test_an_exact_mounting_force_is_balanced_at_every_point():
     data = traded().specimen
-    found = profile_likelihood(Posterior(data, mounting="exact", noise="independent"), "kappa")
+    result = profile_likelihood(Posterior(data, mounting="exact", noise="independent"), "kappa")
     load = data.mounting_readings(shared=True)[0][0]
-    for _, row in found.table.iterrows():
+    for _, row in result.table.iterrows():
         lm = (row["mounting_stretch_x"], row["mounting_stretch_y"])
         P = np.array(GOH(*(row[n] for n in PARAMETERS)).piola(*lm))
         np.testing.assert_allclose(P * data.area, load, rtol=1e-8)
@@ -247,7 +247,7 @@ def test_fixed_and_unknown_parameters_are_refused():
             profiles(fixed, [name])
 
 
-def test_errors_that_grow_are_said_to_be_constant_in_a_profile():
+def test_errors_that_grow_are_reported_as_constant_in_a_profile():
     data = determined().specimen
     for growth in (False, True):
         posterior = Posterior(data, noise="independent", noise_growth=growth)

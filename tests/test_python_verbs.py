@@ -58,10 +58,10 @@ def test_the_summary_of_a_run_is_indexed_by_parameter(run):
     assert list(run.summary.index) == list(run.summary["parameter"])
 
 
-def test_what_is_found_shows_itself(run, tmp_path):
+def test_results_show_themselves(run, tmp_path):
     assert run.state in shown(run) and "<td>C1</td>" in shown(run)
-    found = biaxbayes.identify(run)
-    assert found["C1"].verdict in shown(found)
+    result = biaxbayes.identify(run)
+    assert result["C1"].verdict in shown(result)
     fitted = biaxbayes.fit(run.specimen, "standard")
     assert "standard" in shown(fitted)
     checked = biaxbayes.check(run.specimen, fit=False)
@@ -103,9 +103,9 @@ def test_a_study_of_files(tmp_path):
     (tmp_path / "broken.csv").write_text("nothing\n1\n")
     with pytest.raises(InputError, match="no option 'nois'"):
         biaxbayes.batch([tmp_path / "broken.csv"], out=tmp_path / "s", nois="x")
-    found = biaxbayes.batch([tmp_path / "broken.csv"], out=tmp_path / "study", workers=1)
-    assert found.states == {"failed": 1}
-    assert "1 failed" in shown(found)
+    result = biaxbayes.batch([tmp_path / "broken.csv"], out=tmp_path / "study", workers=1)
+    assert result.states == {"failed": 1}
+    assert "1 failed" in shown(result)
 
 
 # --- both ways in: the command line and Python ---------------------------------------------------
@@ -216,8 +216,8 @@ def test_both_ways_simulate_and_fit_the_same(tissue, tmp_path, capsys):
 
     assert json.loads(capsys.readouterr().out) == biaxbayes.check(tissue, fit=False).record()
     assert exit_code("fit", tissue, "--method", "linden", "--json", "--starts", "2") == 0
-    found = biaxbayes.fit(tissue, "linden", starts=2).record()
-    assert json.loads(capsys.readouterr().out) == [found]
+    result = biaxbayes.fit(tissue, "linden", starts=2).record()
+    assert json.loads(capsys.readouterr().out) == [result]
 
 
 SAMPLED = {
@@ -303,7 +303,7 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
         ("report", {"kind": "doc"}, "unknown report"),
     ],
 )
-def test_what_a_run_cannot_be_asked(run, verb, arguments, message):
+def test_what_a_run_cannot_do(run, verb, arguments, message):
     with pytest.raises(InputError, match=message):
         getattr(biaxbayes, verb)(run, **arguments)
 
@@ -348,8 +348,8 @@ def test_verbs_take_a_path_as_sample_does(path):
 
 
 def test_fit_all(path):
-    found = biaxbayes.fit(path, "all", starts=2)
-    assert [f.method for f in found] == ["standard", "zeroed", "fip", "linden", "constrained"]
+    result = biaxbayes.fit(path, "all", starts=2)
+    assert [f.method for f in result] == ["standard", "zeroed", "fip", "linden", "constrained"]
 
 
 def test_convert_by_keywords(tmp_path):
@@ -358,10 +358,10 @@ def test_convert_by_keywords(tmp_path):
     rows = [f"{1 + t},{1 + t / 2},{1 + 50 * t},{1 + 30 * t}" for t in steps]
     raw.write_text("a,b,P_kPa,Q_kPa\n" + "\n".join(rows))
     columns = "stretch_x=a:stretch,stretch_y=b:stretch,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-    found = biaxbayes.convert(raw, machine="generic", columns=columns, out=tmp_path / "made.csv")
+    result = biaxbayes.convert(raw, machine="generic", columns=columns, out=tmp_path / "made.csv")
     same = biaxbayes.convert([raw], biaxbayes.Choice("generic", columns=(columns,)))
-    assert found.specimen.protocols == same.specimen.protocols
-    assert "made.csv" not in repr(found) and "raw.csv" in repr(found)
+    assert result.specimen.protocols == same.specimen.protocols
+    assert "made.csv" not in repr(result) and "raw.csv" in repr(result)
     for wrong, message in (({}, "no machine"), ({"machine": "generic", "sheet": "A"}, "sheets")):
         with pytest.raises(InputError, match=message):
             biaxbayes.convert(raw, **wrong)

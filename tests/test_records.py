@@ -190,8 +190,8 @@ def test_one_protocol_cannot_carry_four_families():
         made = replace(GOOD, protocols=GOOD.protocols[:protocols])
         options = {"law": law}
         plan = {"seed": 0, "ess": 100.0, "max_steps": 128, "workers": 1}
-        found = Sampling.prepare(made, out="unused", options=options, **plan).findings
-        return [str(f) for f in found]
+        result = Sampling.prepare(made, out="unused", options=options, **plan).findings
+        return [str(f) for f in result]
 
     assert any(
         "1 protocol is too few for the law four-fibre" in f for f in findings(1, "four-fibre")

@@ -73,9 +73,9 @@ def in_memory(rows, pair, keys):
 
 
 def assert_true(specimen):
-    found = fit(specimen, starts=4)
-    assert found.material.values == pytest.approx([12.0, 60.0, 6.0, 41.0, 0.12], rel=1e-4)
-    assert found.mounting_stretch[0] == pytest.approx(MOUNTING, abs=1e-5)
+    result = fit(specimen, starts=4)
+    assert result.material.values == pytest.approx([12.0, 60.0, 6.0, 41.0, 0.12], rel=1e-4)
+    assert result.mounting_stretch[0] == pytest.approx(MOUNTING, abs=1e-5)
 
 
 APART = [(1.0, 1.0), (1.03, 1.0), (1.0, 1.03)]
@@ -105,7 +105,7 @@ def test_protocols_of_one_common_reference_keep_it(pair, geometry, ends, source,
 
 
 @pytest.mark.parametrize(("pair", "geometry"), [("force", "mounted"), ("cauchy", "mounted")])
-def test_the_mounted_state_is_stated_apart(pair, geometry, tmp_path):
+def test_the_mounted_state_is_given_apart(pair, geometry, tmp_path):
     rows = record(APART, pair=pair, geometry=geometry, state=(1.02, 0.99))
     keys = header(pair, geometry, reference="common", mounted_state_x=1.02, mounted_state_y=0.99)
     specimen = read_specimen(written(tmp_path / "s.csv", rows, pair, keys))
@@ -124,16 +124,16 @@ def test_first_rows_that_differ_are_named_until_the_header_says_what_they_are(so
     rows = record(APART)
     path = written(tmp_path / "s.csv", rows, "force", header("force", "unloaded"))
     specimen = path if source == "file" else in_memory(rows, "force", header("force", "unloaded"))
-    (found,) = (f for f in check_specimen(specimen) if f.code == "stretch-drift")
-    assert found.severity == "error" and found.protocol is None
-    assert "from 1.0000 (equal) to 1.0300" in found.message
+    (result,) = (f for f in check_specimen(specimen) if f.code == "stretch-drift")
+    assert result.severity == "error" and result.protocol is None
+    assert "from 1.0000 (equal) to 1.0300" in result.message
     with pytest.raises(InputError, match=r"# reference: common.*# reference: each protocol"):
         sample(specimen, out=tmp_path / "run")
-    stated = header("force", "unloaded", reference="each protocol")
-    (found,) = (
-        f for f in check_specimen(in_memory(rows, "force", stated)) if f.code == "stretch-drift"
+    keys = header("force", "unloaded", reference="each protocol")
+    (result,) = (
+        f for f in check_specimen(in_memory(rows, "force", keys)) if f.code == "stretch-drift"
     )
-    assert found.severity == "warning"
+    assert result.severity == "warning"
 
 
 def test_a_common_reference_goes_through_all_fits_and_parts():
@@ -220,8 +220,8 @@ def test_rows_in_which_the_load_rises_are_not_at_rest(late, rest, noise):
     assert rest_rows(p.stretch_x, p.stretch_y) >= rest + late
     assert p.rest_rows <= rest + 6
     specimen = Specimen("s", [p], "force", **header("force", "unloaded"))
-    (found,) = (f for f in check_specimen(specimen) if f.code == "camera-lag")
-    assert "the camera lags behind the load cell" in found.message and " s) while" in found.message
+    (lag,) = (f for f in check_specimen(specimen) if f.code == "camera-lag")
+    assert "the camera lags behind the load cell" in lag.message and " s) while" in lag.message
 
 
 def test_a_synchronous_record_has_no_lag():
@@ -249,15 +249,15 @@ def noisy(seed=0, noise=0.004, ends=ENDS):
 
 
 def codes(rows):
-    found = check_specimen(in_memory(rows, "force", header("force", "unloaded")))
-    return {f.code: f for f in found}
+    result = check_specimen(in_memory(rows, "force", header("force", "unloaded")))
+    return {f.code: f for f in result}
 
 
 @pytest.mark.parametrize("shift", [0.078, 0.1, 0.3])
 def test_forces_clipped_at_zero_are_named(shift):
     clipped = {n: (s, np.maximum(f - shift, 0.0)) for n, (s, f) in noisy().items()}
-    found = codes(clipped)["clipped"]
-    assert "clipped before export" in found.message and "exactly 0 N" in found.message
+    result = codes(clipped)["clipped"]
+    assert "clipped before export" in result.message and "exactly 0 N" in result.message
     assert "clipped" not in codes(noisy())
     coarse = {n: (s, np.round(f, 2)) for n, (s, f) in noisy(noise=0.01).items()}
     assert "clipped" not in codes(coarse)
@@ -282,8 +282,8 @@ def test_forces_tared_before_export_are_recognised(digits, rest, by, tmp_path):
         rows[name] = s, f if digits is None else np.round(f, digits)
     specimen = in_memory(rows, "force", header("force", "unloaded"))
     assert specimen.is_tared
-    (found,) = (f for f in check_specimen(specimen) if f.code == "tared")
-    assert "before it was exported" in found.message
+    (result,) = (f for f in check_specimen(specimen) if f.code == "tared")
+    assert "before it was exported" in result.message
     with pytest.raises(InputError, match="tared"):
         sample(specimen, out=tmp_path / "run")
     assert not in_memory(noisy(), "force", header("force", "unloaded")).is_tared
@@ -292,8 +292,8 @@ def test_forces_tared_before_export_are_recognised(digits, rest, by, tmp_path):
 @pytest.mark.parametrize("turned", [(-1, 1), (1, -1), (-1, -1)])
 def test_a_load_cell_that_counts_tension_negative_is_named_with_its_column(turned):
     rows = {n: (s, f * turned) for n, (s, f) in noisy().items()}
-    found = check_specimen(in_memory(rows, "force", header("force", "unloaded")))
-    signs = [f for f in found if f.code == "sign"]
+    result = check_specimen(in_memory(rows, "force", header("force", "unloaded")))
+    signs = [f for f in result if f.code == "sign"]
     columns = [c for c, sign in zip(STRESS_PAIRS["force"], turned, strict=True) if sign < 0]
     assert len(signs) == len(columns)
     for finding, column in zip(signs, columns, strict=True):

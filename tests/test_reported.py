@@ -38,31 +38,31 @@ def clean() -> Identifiability:
     return identify_draws(posterior, draws, "converged", fits=run_law_fits(posterior))
 
 
-def rows(found: Identifiability):
-    return {row.name: row for row in found.reported}
+def rows(result: Identifiability):
+    return {row.name: row for row in result.reported}
 
 
-def with_fit(found: Identifiability, **changes) -> Identifiability:
+def with_fit(result: Identifiability, **changes) -> Identifiability:
     """The same evidence where the run's own law fits in another way."""
-    assert found.fits is not None
-    fits = tuple(replace(f, **changes) if f.law == "goh" else f for f in found.fits.fits)
-    return replace(found, fits=replace(found.fits, fits=fits))
+    assert result.fits is not None
+    fits = tuple(replace(f, **changes) if f.law == "goh" else f for f in result.fits.fits)
+    return replace(result, fits=replace(result.fits, fits=fits))
 
 
 def test_a_clean_record_identifies_and_holds_the_truth(clean):
-    found = rows(clean)
-    assert list(found) == [*TRUTH, *STRETCHES]
-    assert {row.verdict for row in found.values()} <= VERDICTS
+    result = rows(clean)
+    assert list(result) == [*TRUTH, *STRETCHES]
+    assert {row.verdict for row in result.values()} <= VERDICTS
     truth = TRUTH | dict(zip(STRETCHES, (1.02, 1.03), strict=True))
-    for name, row in found.items():
+    for name, row in result.items():
         assert row.reason and "\n" not in row.reason
         if row.verdict == "identified":
             assert row.low < row.high and not row.partners
         if row.verdict == "only in combination":
             assert row.partners
         assert not truth[name] < row.low and not truth[name] > row.high
-    assert sum(row.verdict == "identified" for row in found.values()) >= 4
-    assert all(found[name].verdict == "identified" for name in STRETCHES)
+    assert sum(row.verdict == "identified" for row in result.values()) >= 4
+    assert all(result[name].verdict == "identified" for name in STRETCHES)
 
 
 def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
@@ -121,15 +121,15 @@ def test_a_law_that_another_beats_has_no_parameters(clean):
         clean.fits.peak,
     )
     ordered = replace(worse, fits=tuple(sorted(worse.fits, key=lambda f: f.rms)))
-    found = rows(replace(clean, fits=ordered))
-    assert all(found[name].verdict == "not identified" for name in TRUTH)
-    assert "fits better than goh" in found["C1"].reason and " and 9 kPa" in found["C1"].reason
+    result = rows(replace(clean, fits=ordered))
+    assert all(result[name].verdict == "not identified" for name in TRUTH)
+    assert "fits better than goh" in result["C1"].reason and " and 9 kPa" in result["C1"].reason
 
 
 def test_draws_that_have_not_converged_identify_nothing(clean):
     parameters = tuple(replace(p, posterior_verdict="no verdict") for p in clean.parameters)
-    found = replace(clean, parameters=parameters, state="tentative")
-    assert {(r.verdict, r.reason) for r in found.reported} == {
+    result = replace(clean, parameters=parameters, state="tentative")
+    assert {(r.verdict, r.reason) for r in result.reported} == {
         ("no verdict", "chains have not converged")
     }
 
@@ -137,8 +137,8 @@ def test_draws_that_have_not_converged_identify_nothing(clean):
 def test_stretches_are_those_of_the_laws_that_fit(clean):
     """Whatever the posterior says, an end that another law moves is moved in the one row."""
     for name in STRETCHES:
-        stated, row = clean[name].mounting, rows(clean)[name]
-        np.testing.assert_equal((row.low, row.high), (stated.low, stated.high))
+        interval, row = clean[name].mounting, rows(clean)[name]
+        np.testing.assert_equal((row.low, row.high), (interval.low, interval.high))
         assert row.low <= clean[name].evidence.low and row.high >= clean[name].evidence.high
 
 

@@ -64,11 +64,11 @@ def test_page(media_run, rows):
     page = report_page(media_run)
     assert page.index("What to report") < page.index("<table")
     first = page.partition("<tbody>")[2].partition("</tbody>")[0]
-    found = []
+    result = []
     for line in first.strip().splitlines():
         cells = [html.unescape(re.sub(r"<[^>]+>", "", c)) for c in line.split("</t")][1:5]
-        found.append([c.split(">", 1)[-1] for c in cells])
-    for cells, row in zip(found, rows, strict=True):
+        result.append([c.split(">", 1)[-1] for c in cells])
+    for cells, row in zip(result, rows, strict=True):
         assert cells == [row[k] for k in ("interval", "unit", "verdict", "reason")]
 
 
@@ -173,8 +173,8 @@ def test_comparison_and_study(media_run, rows, tmp_path):
         assert f"<td>{row['interval']}</td>" in page
     study = {r["quantity"]: r for r in rows_of_run(media_run)}
     for row in rows:
-        found = study[row["parameter"]]
-        assert (found["reported"], found["verdict"]) == (row["interval"], row["verdict"])
+        result = study[row["parameter"]]
+        assert (result["reported"], result["verdict"]) == (row["interval"], row["verdict"])
 
 
 def test_evidence_and_summary_have_the_same_quantiles(media_run):

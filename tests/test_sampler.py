@@ -128,14 +128,14 @@ def advanced(workers, blocks=(5, 3)):
 @pytest.mark.parametrize("workers", [2, 3])
 def test_ensembles_do_not_depend_on_the_number_of_threads(workers):
     alone, expected = advanced(1)
-    made, found = advanced(workers)
-    assert len(found.proposal.parts) == 2
+    made, result = advanced(workers)
+    assert len(result.proposal.parts) == 2
     for block, same in zip(made, alone, strict=True):
         np.testing.assert_array_equal(block[0], same[0])
         np.testing.assert_array_equal(block[1], same[1])
-    assert found.evaluations == expected.evaluations
-    assert found.acceptance == expected.acceptance > 0.0
-    np.testing.assert_array_equal(found.run(4)[0], expected.run(4)[0])
+    assert result.evaluations == expected.evaluations
+    assert result.acceptance == expected.acceptance > 0.0
+    np.testing.assert_array_equal(result.run(4)[0], expected.run(4)[0])
 
 
 def test_an_error_in_one_thread_ends_the_block():
@@ -292,8 +292,8 @@ def test_loo_counts_parameters_not_readings(run, opened):
     whole = opened(run)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = az.loo(whole)
-    assert 0.0 < float(getattr(found, "p_loo", getattr(found, "p", None))) < 10.0
+        result = az.loo(whole)
+    assert 0.0 < float(getattr(result, "p_loo", getattr(result, "p", None))) < 10.0
 
 
 def test_provenance_says_what_was_run_and_how_long_each_part_took(run):

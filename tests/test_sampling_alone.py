@@ -59,14 +59,14 @@ def test_its_integral(banana):
 
 
 @pytest.mark.parametrize("start", [0, 1])
-def test_both_modes_are_found_from_starts_near_each_and_weigh_what_they_should(start):
+def test_both_modes_are_reached_from_starts_near_each_and_weigh_what_they_should(start):
     """Ten standard deviations apart, weights 0.3 and 0.7, whichever is the best guess."""
     target = two_modes(6)
     starts = np.zeros((2, 6))
     starts[start, 0], starts[1 - start, 0] = -4.0, 4.0
-    found = sampled(Target(target.log_density, target.bounds), starts, np.ones(6))
-    assert found.convergence.state == "converged"
-    low = (found.quantities["x0"] < 0.0).astype(float)
+    result = sampled(Target(target.log_density, target.bounds), starts, np.ones(6))
+    assert result.convergence.state == "converged"
+    low = (result.quantities["x0"] < 0.0).astype(float)
     assert within_error(low, 0.3)
     assert (low.mean(axis=(1, 2)) > 0.1).all()  # in every ensemble
 
@@ -90,9 +90,9 @@ def test_two_ridges_that_one_map_cannot_hold_weigh_what_they_should(target):
     w = np.exp(start.log_weight - start.log_weight.max())
     of_search = (w * on_second_ridge(start.points)).sum() / w.sum()
     assert abs(of_search - exact) < 0.1 * exact + 0.03
-    found = draw(Target(target.log_density, target.bounds), start, QUICK)
-    assert found.convergence.state == "converged"
-    second = on_second_ridge(found.chain).astype(float)
+    result = draw(Target(target.log_density, target.bounds), start, QUICK)
+    assert result.convergence.state == "converged"
+    second = on_second_ridge(result.chain).astype(float)
     assert within_error(second, exact)
     assert (second.mean(axis=(1, 2)) > 0.5 * exact).all()  # in every ensemble
 
@@ -131,11 +131,11 @@ def test_quantities_and_reasons_are_those_of_the_target():
         counts=counts,
         reasons=("beyond",),
     )
-    found = sampled(target, np.array([[1.0, 0.0]]), np.ones(2), replace(QUICK, ess=300))
-    assert found.convergence.names == ("ratio",)
-    assert set(found.quantities) == {"ratio", "noise"}
-    assert found.rejected["evaluated"] == counts.sum() >= found.evaluations
-    assert found.rejected["beyond"] == counts[1]
+    result = sampled(target, np.array([[1.0, 0.0]]), np.ones(2), replace(QUICK, ess=300))
+    assert result.convergence.names == ("ratio",)
+    assert set(result.quantities) == {"ratio", "noise"}
+    assert result.rejected["evaluated"] == counts.sum() >= result.evaluations
+    assert result.rejected["beyond"] == counts[1]
 
 
 def test_a_run_continued_from_any_of_its_states_is_the_same_run():

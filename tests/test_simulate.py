@@ -85,8 +85,8 @@ def test_a_specimen_of_another_law(tmp_path):
         step[k] = 1e-30j
         piola = energy(*(total + step)).imag / 1e-30
         np.testing.assert_allclose(load, piola * 20 * 2 * 1e-3, rtol=1e-10)
-    stated = json.loads((tmp_path / "x.truth.json").read_text())["x"]["material"]
-    assert stated == {"law": "fung", "c0_kPa": 10, "c_kPa": 5, "b_x": 8, "b_y": 5, "b_xy": 2}
+    written = json.loads((tmp_path / "x.truth.json").read_text())["x"]["material"]
+    assert written == {"law": "fung", "c0_kPa": 10, "c_kPa": 5, "b_x": 8, "b_y": 5, "b_xy": 2}
     material = biaxbayes.law("fung", c0_kPa=10, c_kPa=5, b_x=8, b_y=5, b_xy=2)
     same, truth = biaxbayes.simulate(
         material=material, prestretch=(1.02, 1.01), measured_stretch=1.15, thickness=2

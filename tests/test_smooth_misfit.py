@@ -36,8 +36,8 @@ def test_an_error_that_grows_is_judged_in_its_own_unit():
     rng = np.random.default_rng(6)
     sd = np.column_stack([np.geomspace(0.01, 1.0, 60)] * 2)
     residuals = [sd * rng.standard_normal(sd.shape) for _ in range(3)]
-    found = effective_readings(residuals, [sd] * 3)
-    assert found.total > 0.5 * found.count.sum()
+    result = effective_readings(residuals, [sd] * 3)
+    assert result.total > 0.5 * result.count.sum()
 
 
 # --- the misfit of a law, and how far it moves a least-squares fit ---
@@ -78,7 +78,7 @@ def test_the_size_of_the_misfit_is_that_of_the_truth():
 
 
 def test_the_errors_are_the_scatter_of_fits_to_other_misfits():
-    """Mounting stretches over specimens with other misfits and noise, over their stated sd."""
+    """Mounting stretches over specimens with other misfits and noise, over their reported sd."""
     peak = specimen(0.0, 1e-9, 0).peak_load
     off = []
     for seed in range(16):

@@ -139,7 +139,7 @@ def test_writer_refuses_what_the_reader_would(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_rest_rows_of_the_object_are_written_where_they_cannot_be_found(tmp_path):
+def test_rest_rows_of_the_object_are_written_where_they_cannot_be_detected(tmp_path):
     stretch = np.linspace(1.0, 1.1, 11)
     one = Protocol("a", stretch, stretch, stretch, 2 * stretch, None, 1)
     write_specimen(Specimen("x", (one,), "piola"), tmp_path / "a.csv")
@@ -174,7 +174,7 @@ def test_referencing_twice_changes_nothing(seed, scale, rest, noise):
     assert Specimen("s", (again,), "cauchy") == once
 
 
-def test_rest_rows_found_in_a_noisy_record():
+def test_rest_rows_detected_in_a_noisy_record():
     rng = np.random.default_rng(0)
     path = np.concatenate([np.zeros(25), np.linspace(0.0, 0.2, 100)[1:]])
     for noise in (0.0, 1e-6, 1e-5, 1e-4):

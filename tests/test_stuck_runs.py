@@ -106,14 +106,14 @@ def test_a_walker_that_never_moves_is_noticed(tmp_path, capsys, monkeypatch):
 
     def run(self, steps):
         walkers = self.members[0].state
-        if not hasattr(self, "held"):
+        if not hasattr(self, "frozen"):
             z = walkers.coords - np.median(walkers.coords, axis=0)
             far = np.argmax(np.abs(z / z.std(axis=0)).max(axis=1))
-            self.held = walkers.coords[far].copy(), float(walkers.log_prob[far])
+            self.frozen = walkers.coords[far].copy(), float(walkers.log_prob[far])
         chain, log_prob = real(self, steps)
         walkers = self.members[0].state
-        chain[0, :, 0], log_prob[0, :, 0] = self.held
-        walkers.coords[0], walkers.log_prob[0] = self.held
+        chain[0, :, 0], log_prob[0, :, 0] = self.frozen
+        walkers.coords[0], walkers.log_prob[0] = self.frozen
         return chain, log_prob
 
     monkeypatch.setattr(Ensembles, "run", run)

@@ -44,12 +44,12 @@ def asked_for(text: str) -> Iterator[tuple[str, str | None]]:
     """Modules of ours, and names in them, that any line of a module imports."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            found: list[tuple[str, str | None]] = [(alias.name, None) for alias in node.names]
+            result: list[tuple[str, str | None]] = [(alias.name, None) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            found = [(node.module or "", alias.name) for alias in node.names]
+            result = [(node.module or "", alias.name) for alias in node.names]
         else:
             continue
-        yield from ((module, name) for module, name in found if module.split(".")[0] in OWN)
+        yield from ((module, name) for module, name in result if module.split(".")[0] in OWN)
 
 
 def imported(module: str) -> str:
@@ -65,14 +65,14 @@ def imported(module: str) -> str:
 
 def problems(module: str, text: str) -> list[str]:
     """Imports of a module that fail, those inside functions as well."""
-    found = [imported(module)]
+    result = [imported(module)]
     for place, name in asked_for(text):
-        found.append(wrong := imported(place))
+        result.append(wrong := imported(place))
         if wrong or name is None or hasattr(importlib.import_module(place), name):
             continue
         if imported(f"{place}.{name}"):
-            found.append(f"{place} has no {name}")
-    return [f"{module}: {wrong}" for wrong in found if wrong]
+            result.append(f"{place} has no {name}")
+    return [f"{module}: {wrong}" for wrong in result if wrong]
 
 
 def test_every_study_finds_what_it_imports():
@@ -141,8 +141,8 @@ def test_the_angles_of_the_structural_coordinates_are_those_of_the_chart(numpy_a
     structural._softening = softening
     for alpha, kappa in zip(rng.uniform(0.1, 1.4, 20), rng.uniform(0.02, 0.3, 20), strict=True):
         d, v = chart_from_angles(alpha, kappa, softening)
-        found = structural._angles(np.array([d, scipy.special.ndtri(v)]))
-        np.testing.assert_allclose(found, [alpha, kappa], rtol=1e-9)
+        result = structural._angles(np.array([d, scipy.special.ndtri(v)]))
+        np.testing.assert_allclose(result, [alpha, kappa], rtol=1e-9)
 
 
 # --- the studies of populations ---

@@ -76,15 +76,15 @@ def distances(count: int) -> pd.DataFrame:
 @pytest.fixture(scope="module", params=[9, 40])
 def result(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    found = StudyResult(
+    outcome = StudyResult(
         "Study <script>document.title='broken'</script>",
         folder,
         table(request.param),
         distances(request.param),
         ["D1: different priors of kappa: <i>fixed</i>"],
     )
-    write_study(found)
-    return found
+    write_study(outcome)
+    return outcome
 
 
 def test_donors_with_several_layers_are_groups():
@@ -147,8 +147,8 @@ TABLE = rows(
 
 
 def test_only_specimens_that_determine_a_quantity_give_numbers():
-    found = group_summaries(TABLE).set_index(["group_by", "group"])
-    media = found.loc[("layer", "media")]
+    outcome = group_summaries(TABLE).set_index(["group_by", "group"])
+    media = outcome.loc[("layer", "media")]
     assert (media.specimens, media.converged, media.identified) == (4, 3, 2)
     # geometric mean of 10 and 40
     assert media.centre == pytest.approx(20.0)
@@ -157,12 +157,12 @@ def test_only_specimens_that_determine_a_quantity_give_numbers():
     assert media.sd_of_medians == pytest.approx(math.log(4.0) / math.sqrt(2.0))
     assert media.sd_within == pytest.approx(math.sqrt((0.01 + 0.04) / 2.0))
     assert media.sd_between == pytest.approx(math.sqrt(media.sd_of_medians**2 - 0.025))
-    intima = found.loc[("layer", "intima")]
+    intima = outcome.loc[("layer", "intima")]
     assert intima.centre == pytest.approx(3.0) and math.isnan(intima.sd_between)
-    donor = found.loc[("donor", "D1")]
+    donor = outcome.loc[("donor", "D1")]
     assert (donor.specimens, donor.identified) == (2, 2)
-    assert found.loc[("all", "all")].specimens == 6
-    assert ("layer", "") not in found.index
+    assert outcome.loc[("all", "all")].specimens == 6
+    assert ("layer", "") not in outcome.index
 
 
 def test_a_spread_that_the_posteriors_explain_is_none_between_specimens():
@@ -190,7 +190,7 @@ def distance(donor, a, b, low, middle, high, *, known=True, kind="parameter", st
 
 
 def test_layers_are_counted_pair_by_pair_in_one_order():
-    found = layer_contrasts(
+    outcome = layer_contrasts(
         pd.DataFrame(
             [
                 distance("D1", "intima", "media", 1.0, 2.0, 3.0),
@@ -205,13 +205,13 @@ def test_layers_are_counted_pair_by_pair_in_one_order():
             ]
         )
     ).set_index("quantity")
-    assert list(found.index) == ["C1", "stiffness"]
-    C1 = found.loc["C1"]
+    assert list(outcome.index) == ["C1", "stiffness"]
+    C1 = outcome.loc["C1"]
     assert (C1.layer_a, C1.layer_b) == ("intima", "media")
     assert (C1.pairs, C1.identified, C1.b_greater, C1.b_less) == (4, 3, 2, 0)
     assert C1.mean_difference == pytest.approx((2.0 + 4.0 + 0.5) / 3.0)
     assert (C1.lowest_difference, C1.highest_difference) == (0.5, 4.0)
-    assert found.loc["stiffness"].b_less == 1
+    assert outcome.loc["stiffness"].b_less == 1
 
 
 def test_without_pairs_there_is_nothing():

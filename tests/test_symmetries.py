@@ -107,9 +107,9 @@ def test_units_of_load_may_be_changed(case, factor):
     )
     priors = {}
     for name in ("C1", "k1"):
-        stated = posterior.priors[name]
-        assert isinstance(stated, Prior)
-        table = stated.as_table()
+        own = posterior.priors[name]
+        assert isinstance(own, Prior)
+        table = own.as_table()
         priors[name] = table | {"median": factor * table["median"]}
     scales = ("C1", "k1", "noise_sd", "mounting_force")
     there = {k: factor * v if k.startswith(scales) else v for k, v in values.items()}

@@ -228,9 +228,9 @@ def test_workbooks_of_all_kinds(kind, tmp_path):
     assert holds(path)
     # An info sheet is named and left out; a sheet with a table is a protocol.
     path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS, "b": ROWS}))
-    found = read(path, sheets=("all",))
-    assert [p.name for p in found.specimen.protocols] == ["a", "b"]
-    assert "sheets left out: Info" in found.recordings[0].notes[-1]
+    result = read(path, sheets=("all",))
+    assert [p.name for p in result.specimen.protocols] == ["a", "b"]
+    assert "sheets left out: Info" in result.recordings[0].notes[-1]
     path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS}))
     assert holds(path)
 

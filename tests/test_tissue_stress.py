@@ -50,11 +50,11 @@ def test_the_interval_is_that_of_simulated_stresses(geometry, growth):
     rng = np.random.default_rng(1)
     data = stress_specimen(geometry)
     table = draws(rng, **({"noise_growth": np.full(4000, 0.1)} if growth else {}))
-    found = determined(table, data, Settings(noise_growth=growth)).set_index("quantity")
+    result = determined(table, data, Settings(noise_growth=growth)).set_index("quantity")
     C1 = table["C1"].to_numpy()
     area_ratio = MOUNTING[0] if geometry == "mounted" else 1.0
     for name in ("Cauchy stress x", f"nominal stress x{MEASURED} of two"):
-        row = found.loc[name].iloc[1]
+        row = result.loc[name].iloc[1]
         measured = MEASURED in name
         total = np.array([row.stretch_x, row.stretch_y]) * (MOUNTING if measured else (1.0, 1.0))
         cauchy = np.array([GOH(c, 20.0, 4.0, 42.0, 0.15).cauchy(*total)[0] for c in C1])
@@ -69,10 +69,10 @@ def test_the_interval_is_that_of_simulated_stresses(geometry, growth):
 
 
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
-def test_a_measured_stretch_is_stated_with_the_load_that_was_measured_there(geometry):
+def test_a_measured_stretch_is_reported_with_the_load_that_was_measured_there(geometry):
     data = stress_specimen(geometry)
-    found = determined(draws(np.random.default_rng(2)), data, Settings())
-    ends = found[found["quantity"].str.endswith(" of one")]
+    result = determined(draws(np.random.default_rng(2)), data, Settings())
+    ends = result[result["quantity"].str.endswith(" of one")]
     assert len(ends) == 4
     last = data.protocols[0]
     for axis in (0, 1):
@@ -89,7 +89,7 @@ def test_a_mounting_stretch_that_is_not_identified_moves_the_curve(geometry):
     table["noise_sd"] = 1e-6
     table["C1"] = TRUTH.C1_kPa
     span = {"mounting_stretch_x": (0.99, 1.07), "mounting_stretch_y": (1.05, 1.05)}
-    found, wide = (
+    result, wide = (
         determined(table, data, Settings(), refits=r).set_index("quantity") for r in (None, span)
     )
     row = wide.loc["Cauchy stress x"].iloc[1]
@@ -101,19 +101,19 @@ def test_a_mounting_stretch_that_is_not_identified_moves_the_curve(geometry):
         force = TRUTH.cauchy(*total)[0] / (total if geometry == "unloaded" else measured)[0]
         ends.append(force * (row.stretch_x if geometry == "unloaded" else measured[0]))
     assert [row.tissue_low_90, row.tissue_high_90] == pytest.approx(ends, rel=0.02)
-    assert row.low_90 == found.loc["Cauchy stress x"].iloc[1].low_90
+    assert row.low_90 == result.loc["Cauchy stress x"].iloc[1].low_90
     for kind in ("low", "high"):  # a load at a measured stretch does not care
         name = f"nominal stress x{MEASURED} of one"
-        assert (wide.loc[name, f"tissue_{kind}_90"] == found.loc[name, f"tissue_{kind}_90"]).all()
+        assert (wide.loc[name, f"tissue_{kind}_90"] == result.loc[name, f"tissue_{kind}_90"]).all()
 
 
-def test_nothing_is_stated_where_a_tenth_of_the_stretch_may_be_unmeasured():
+def test_nothing_is_reported_where_a_tenth_of_the_stretch_may_be_unmeasured():
     """By the refits or by the draws, unless the mounting stretch was measured."""
     data, table = stress_specimen(), draws(np.random.default_rng(5))
     near = {"mounting_stretch_x": (0.99, 1.09)}
     far = {"mounting_stretch_x": (0.99, 1.11)}
     strong = table.assign(mounting_stretch_y=table["mounting_stretch_y"] + 0.07)
-    for of, refits, known, stated in (
+    for of, refits, known, reported in (
         (table, None, False, True),
         (table, near, False, True),
         (table, far, False, False),
@@ -121,46 +121,46 @@ def test_nothing_is_stated_where_a_tenth_of_the_stretch_may_be_unmeasured():
         (strong, None, False, False),
         (strong, None, True, True),
     ):
-        found = determined(of, data, Settings(), refits=refits, mounting_known=known)
-        cauchy = found["quantity"].str.startswith("Cauchy stress")
-        assert found.loc[cauchy, "tissue_low_90"].notna().all() == stated
-        assert found.loc[cauchy, "tissue_high_90"].isna().all() != stated
-        assert found.loc[cauchy, "low_90"].notna().all()
-        nominal = found["quantity"].str.contains(MEASURED, regex=False)
-        assert found.loc[nominal, "tissue_low_90"].notna().all()
+        result = determined(of, data, Settings(), refits=refits, mounting_known=known)
+        cauchy = result["quantity"].str.startswith("Cauchy stress")
+        assert result.loc[cauchy, "tissue_low_90"].notna().all() == reported
+        assert result.loc[cauchy, "tissue_high_90"].isna().all() != reported
+        assert result.loc[cauchy, "low_90"].notna().all()
+        nominal = result["quantity"].str.contains(MEASURED, regex=False)
+        assert result.loc[nominal, "tissue_low_90"].notna().all()
     assert mounting_measured({"mounting_stretch_x": 1.12})
     assert not mounting_measured({"kappa": 0.1})
 
 
-def test_stresses_hold_with_the_mounting_stretch_that_is_stated_as_a_value():
+def test_stresses_hold_with_the_mounting_stretch_that_is_reported_as_a_value():
     """Its ends stand in the place of the refits and of the draws' own, however far they are."""
     data, table = stress_specimen(), draws(np.random.default_rng(5))
     cauchy = "Cauchy stress x"
     value, refits = {"mounting_stretch_x": (1.11, 1.13)}, {"mounting_stretch_x": (0.9, 1.3)}
 
     def ends(**ranges):
-        found = determined(table, data, Settings(), **ranges)
-        rows = found[found["quantity"] == cauchy].iloc[-1]
+        result = determined(table, data, Settings(), **ranges)
+        rows = result[result["quantity"] == cauchy].iloc[-1]
         return rows["tissue_low_90"], rows["tissue_high_90"]
 
     assert ends(values=value) == ends(values=value, refits=refits)
     assert ends(values=value) == ends(refits=value, mounting_known=True)
     assert np.isnan(ends(refits=refits)).all()
-    # of the other direction nothing is stated as a value, and it may lie far
+    # of the other direction nothing is reported as a value, and it may lie far
     far = {"mounting_stretch_y": (1.0, 1.2)}
     assert np.isnan(ends(values=value, refits=far)).all()
     strong = table.assign(mounting_stretch_y=table["mounting_stretch_y"] + 0.07)
-    found = determined(strong, data, Settings(), values=value)
-    assert found.loc[found["quantity"] == cauchy, "tissue_low_90"].isna().all()
+    result = determined(strong, data, Settings(), values=value)
+    assert result.loc[result["quantity"] == cauchy, "tissue_low_90"].isna().all()
 
 
 def test_what_is_no_stress_has_no_such_interval():
-    found = determined(draws(np.random.default_rng(3)), stress_specimen(), Settings())
-    stress = found["quantity"].str.contains("Cauchy stress|nominal stress")
-    assert found.loc[stress, "tissue_low_90"].notna().all()
-    assert (found.loc[stress, "tissue_low_90"] < found.loc[stress, "low_90"]).all()
-    assert (found.loc[stress, "tissue_high_90"] > found.loc[stress, "high_90"]).all()
-    assert found.loc[~stress, "tissue_low_90"].isna().all()
+    result = determined(draws(np.random.default_rng(3)), stress_specimen(), Settings())
+    stress = result["quantity"].str.contains("Cauchy stress|nominal stress")
+    assert result.loc[stress, "tissue_low_90"].notna().all()
+    assert (result.loc[stress, "tissue_low_90"] < result.loc[stress, "low_90"]).all()
+    assert (result.loc[stress, "tissue_high_90"] > result.loc[stress, "high_90"]).all()
+    assert result.loc[~stress, "tissue_low_90"].isna().all()
 
 
 @pytest.mark.parametrize(("low", "high"), [(1.00, 1.08), (1.04, 1.10), (1.0395, 1.0405)])

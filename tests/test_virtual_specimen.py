@@ -51,7 +51,7 @@ def test_cauchy_and_piola_files_of_the_mounted_geometry_are_what_a_lab_computes(
     np.testing.assert_allclose(p.load_x, expected, rtol=1e-12)
 
 
-def test_errors_have_the_stated_size():
+def test_errors_have_the_given_size():
     residuals, first = [], []
     for seed in range(40):
         machine = Machine(noise_N=0.0006, misfit=0.02)
