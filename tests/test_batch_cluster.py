@@ -1,4 +1,4 @@
-"""Studies on worker processes and on a Dask cluster that loses a worker: equal results."""
+"""A study on a Dask cluster that loses a worker: the results of one process."""
 
 from __future__ import annotations
 
@@ -12,17 +12,12 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 import quick_posteriors
-from biaxbayes.calibration.calibration import Study, run_replications
-from biaxbayes.calibration.simulated_specimen import protocol_prior
 from biaxbayes.cluster import Cluster
 from biaxbayes.laws.goh import GOH
-from biaxbayes.optimal_design.design import design
-from biaxbayes.options import Settings
-from biaxbayes.parallel import InThisProcess, Processes
+from biaxbayes.parallel import InThisProcess
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs.batch import Batch
@@ -60,11 +55,6 @@ def alone(study, tmp_path_factory):
     result = contents(folder)
     assert len(result) == 4 + SPECIMENS
     return result
-
-
-def test_processes_find_what_one_process_finds(study, alone, tmp_path):
-    Batch(study, tmp_path / "study", Processes(2)).execute()
-    assert contents(tmp_path / "study") == alone
 
 
 @pytest.fixture
@@ -106,19 +96,3 @@ def test_a_cluster_that_loses_a_worker_finds_the_same(study, alone, cluster, tmp
     assert workers[0].wait(10) == -signal.SIGKILL
     assert sum(result.states.values()) == SPECIMENS and not result.failures
     assert contents(folder) == alone
-
-
-def test_a_cluster_ranks_designs_and_replicates_as_one_process_does(cluster):
-    address, _ = cluster
-    material = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=40.0, kappa=0.1)
-    data = quick_posteriors.specimen(material, increments=10)
-    run = quick_posteriors.sampled(data, ess=60.0)
-    priors = protocol_prior(data, Settings())
-    replications = Study(data, {"noise": "independent", "mounting": "noisy"}, priors, ess=200.0)
-    result = []
-    for executor in (InThisProcess(), Cluster(address)):
-        ranked = design(run.target, run.draws, executor=executor).to_frame()
-        ranks = {r.index: r.rank for r in run_replications(replications, [0, 1], executor=executor)}
-        result.append((ranked, ranks))
-    pd.testing.assert_frame_equal(result[0][0], result[1][0], check_exact=True)
-    assert result[0][1] == result[1][1]

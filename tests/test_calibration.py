@@ -34,17 +34,15 @@ from biaxbayes.laws import LAWS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.priors import Prior, Tie, read_priors
-from biaxbayes.options import CalibrationPlan, Settings
+from biaxbayes.options import Settings
 from biaxbayes.parallel import Processes
 from biaxbayes.parameters import Quantities
-from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.verbs.calibrate import (
     CalibrationStudy,
     Outcome,
     closing_message,
-    make_study,
     read_ranks,
 )
 from commands import run
@@ -81,15 +79,6 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
         population=1024,
         broken=broken,
     )
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_a_law_of_many_parameters_is_drawn_as_sample_draws(name):
-    result = make_study(media(21), {"law": name, "priors": {}}, CalibrationPlan())
-    plan = Plan() if name == "four-fibre" else study()
-    for size in ("ensembles", "walkers"):
-        assert getattr(result, size) == getattr(plan, size)
-    assert result.max_steps == (4_000 if name == "four-fibre" else 2_000)
 
 
 # --- ranks and bands ---

@@ -412,11 +412,12 @@ def compared(tmp_path_factory):
     """Two laws on a specimen of three protocols whose truth is dispersed GOH."""
     folder = tmp_path_factory.mktemp("laws")
     write_specimen(small_specimen(), folder / "small.csv")
-    code = exit_code(
-        *("laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")),
-        *("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"),
-    )
-    return folder, code
+    return folder, exit_code(*command(folder))
+
+
+def command(folder):
+    options = ("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1")
+    return ("laws", folder / "small.csv", "--laws", LAWS, "--out", folder / "out", *options)
 
 
 @pytest.mark.long
@@ -483,11 +484,7 @@ def test_what_is_reported_is_the_same_in_table_page_and_terminal(compared, capsy
     assert f"goh predicts left-out parts best: its rms error is {rms_kPa} kPa" in page
     assert "src=" in page and "http://" not in page and "<script" not in page
     # the terminal: the same command with --resume says it again
-    assert exit_code(
-        *("laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")),
-        *("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"),
-        "--resume",
-    ) in (0, 3)
+    assert exit_code(*command(folder), "--resume") in (0, 3)
     output = capsys.readouterr().out
     row = reported.loc["mounting_stretch_x"]
     assert f"mounting_stretch_x  {row['interval']}" in output and row["reason"] in output
@@ -529,8 +526,7 @@ def test_a_low_end_rests_on_two_laws_and_lies_not_too_far_below_the_best():
 @pytest.mark.long
 def test_a_comparison_is_resumed_and_never_overwritten(compared, capsys):
     folder, code = compared
-    common = ["laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")]
-    common += ["--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"]
+    common = command(folder)
     before = (folder / "out" / "laws.csv").read_bytes()
     assert exit_code(*common) == 2
     assert "continue it with --resume" in capsys.readouterr().err

@@ -168,23 +168,6 @@ def test_points_tracked_in_some_rows_only(tmp_path, capsys):
     assert read_specimen(out).protocols[0].rows == 30
 
 
-@pytest.mark.parametrize(
-    ("separator", "decimal", "encoding"),
-    [("\t", ".", "utf-16"), (";", ",", "cp1252")],
-)
-def test_dialects(separator, decimal, encoding, tmp_path, capsys):
-    export = biotester_export(cycles=2)
-    export.header[3:5] = ["XSize_µm", "YSize_µm"]
-    reference, out = tmp_path / "a.csv", tmp_path / "b.csv"
-    biotester(written(tmp_path, export.text(), "plain.csv"), reference, capsys)
-    text = "Preamble of the software\n\n" + export.text(separator, decimal).replace("\n", "\r\n")
-    code, _, _ = biotester(written(tmp_path, text, "raw.txt", encoding), out, capsys)
-    assert code == 0
-    assert read_specimen(out).protocols[0].load_x.tolist() == (
-        read_specimen(reference).protocols[0].load_x.tolist()
-    )
-
-
 def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):
     sheets = {
         name: [["F11", "F22", "P11_kPa", "P22_kPa"]]

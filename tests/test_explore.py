@@ -6,9 +6,6 @@ import base64
 import gzip
 import json
 import re
-import shutil
-import time
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -157,31 +154,22 @@ def test_the_report_points_to_it_where_it_is(copied, small_run, tmp_path):
 MEDIANS = "explore.curves.map(c => [[...c.data.median], [...c.data.low], [...c.data.high]])"
 
 
-def shown_page(run, folder: Path):
-    if not browser.CHROMIUM:
-        pytest.skip("no Chromium here")
-    page = browser.Page(folder)
-    page.resize(1280, 1400)
-    page.open(run.path / "explore.html")
-    try:
-        for _ in range(300):
-            if page.evaluate("Boolean(window.explore?.ready)"):
-                break
-            time.sleep(0.1)
-        yield page
-    finally:
-        page.close()
-        shutil.rmtree(folder, ignore_errors=True)
+def ready(chromium, run):
+    page, *_ = browser.opened(
+        chromium, run.path / "explore.html", viewport={"width": 1280, "height": 1400}
+    )
+    page.wait_for_function("Boolean(window.explore?.ready)")
+    return page
 
 
 @pytest.fixture(scope="module")
-def media(media_run, tmp_path_factory):
-    yield from shown_page(media_run, tmp_path_factory.mktemp("media"))
+def media(chromium, media_run):
+    return ready(chromium, media_run)
 
 
 @pytest.fixture(scope="module")
-def hostile(hostile_run, tmp_path_factory):
-    yield from shown_page(hostile_run, tmp_path_factory.mktemp("hostile"))
+def hostile(chromium, hostile_run):
+    return ready(chromium, hostile_run)
 
 
 @pytest.fixture(autouse=True)
@@ -190,7 +178,7 @@ def everything_shown_again(request):
     yield
     for name in {"media", "hostile"} & set(request.fixturenames):
         request.getfixturevalue(name).evaluate(
-            "document.getElementById('clear').click();document.getElementById('reset').click(); 1"
+            "document.getElementById('clear').click(); document.getElementById('reset').click()"
         )
 
 
@@ -219,16 +207,11 @@ def drag_first_pair(page) -> None:
         walk(document.querySelector('.plots')); const b = boxes[1];
         return [b.top, b.right, b.bottom]; })()"""
     )
-    first = (right - 100.0, top + 8.0)
-    last = (right - 45.0, bottom - 8.0)
-    middle = (0.5 * (first[0] + last[0]), 0.5 * (first[1] + last[1]))
-    steps = (("mouseMoved", 0, first), ("mousePressed", 1, first), ("mouseMoved", 1, middle),
-             ("mouseMoved", 1, last), ("mouseReleased", 0, last))  # fmt: skip
-    for kind, buttons, (x, y) in steps:
-        button = "none" if kind == "mouseMoved" and not buttons else "left"
-        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=buttons,
-                  clickCount=1)  # fmt: skip
-        time.sleep(0.1)
+    page.mouse.move(right - 100.0, top + 8.0)
+    page.mouse.down()
+    page.mouse.move(right - 45.0, bottom - 8.0, steps=2)
+    page.mouse.up()
+    page.wait_for_function("explore.draws.selected.indices.length > 0")
 
 
 def test_a_box_selects_its_draws_everywhere(media, media_run):

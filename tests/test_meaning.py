@@ -177,7 +177,7 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
 def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, Way]:
     """A file, and the way in which it was written."""
     way = Way()
-    how = str(rng.choice(["column", "record", "sheets"]))
+    how = str(rng.choice(["column", "record"]))
     curves = list(TRUE.values())
     if how == "record":  # two cycles of each ratio in one record, up and down
         curves = [(two_cycles(s, s), two_cycles(f, f[0] + 0.9 * (f - f[0]))) for s, f in curves]
@@ -186,7 +186,6 @@ def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, 
     deformation(rng, way, stretch)
     loads(rng, way, stretch, force)
     labels = np.repeat(list(TRUE), counts)
-    way.options["names"] = how != "record"
     cells: list[list[object]] = [c.tolist() for c in way.columns]
     names = list(way.names)
     for extra, values in (
@@ -201,32 +200,12 @@ def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, 
         names.append("Path")
         cells.append(labels.tolist())
         way.mapped["protocol"] = "Path"
-    lost = rng.random() < 0.1
-    if lost:
-        middle = counts[0] // 4  # one reading of the first loading branch
-        cells[0][middle] = "NaN"
-        way.refusals.append("drop_missing")
     order = rng.permutation(len(names))
     names = [names[i] for i in order]
     rows = [list(row) for row in zip(*[cells[i] for i in order], strict=True)]
     preamble = [[], [["Specimen", "A-12"], ["Thickness", "1.2"]], [["made by hand"]]][
         rng.integers(3)
     ]
-    if how == "sheets":
-        path = folder / f"way{number}.xlsx"
-        import openpyxl
-
-        book = openpyxl.Workbook()
-        book.remove(book.active)
-        book.create_sheet("Info").append(["Specimen", "A-12"])
-        starts = np.cumsum([0, *counts])
-        for label, a, b in zip(("a", "b", "c"), starts[:-1], starts[1:], strict=True):
-            sheet = book.create_sheet(label)
-            for row in [*preamble, names, *rows[a:b]]:
-                sheet.append(row)
-        book.save(path)
-        way.options["sheets"] = ("all",)
-        return path, way
     path = folder / f"way{number}.csv"
     separator, decimal = [(",", "."), (";", ","), ("\t", "."), ("\t", ","), (";", ".")][
         rng.integers(5)
@@ -243,7 +222,7 @@ def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, 
 
 
 def read(path: Path, way: Way) -> Conversion:
-    options = {k: v for k, v in way.options.items() if k not in ("names", "edges only")}
+    options = {k: v for k, v in way.options.items() if k != "edges only"}
     text = ",".join(f"{target}={column}" for target, column in way.mapped.items())
     return convert([path], Choice("generic", (text,), **options), header=HEADER)
 

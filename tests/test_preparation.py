@@ -15,7 +15,7 @@ from biaxbayes.model.preparation import prepare, start_parameters, with_sampling
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Protocol, Specimen
-from biaxbayes.specimens.thinning import rows_to_keep, thinned_specimen
+from biaxbayes.specimens.thinning import thinned_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 DATA = Path(__file__).parents[1] / "data"
@@ -179,12 +179,6 @@ def test_automatic_only_where_it_is_long_and_noise_is_effective():
     assert Posterior(long, noise="independent").settings.thin == 0
     assert prepare(short).settings.thin == 0
     assert prepare(long, thin="none").settings.thin == 0
-
-
-@pytest.mark.parametrize("thin", [3, "some", -5])
-def test_other_numbers_are_refused(thin):
-    with pytest.raises(InputError):
-        rows_to_keep(long_specimen(increments=150), thin, automatic=True)
 
 
 def test_mounting_reading_and_weight_do_not_change():

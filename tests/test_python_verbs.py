@@ -336,22 +336,6 @@ def test_a_run_with_a_noise_option_that_is_gone_opens_with_its_stored_weight(sma
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=30)[0]
 
 
-@pytest.fixture
-def path(tmp_path):
-    write_specimen(MADE, tmp_path / "media.csv")
-    return tmp_path / "media.csv"
-
-
-def test_verbs_take_a_path_as_sample_does(path):
-    assert biaxbayes.check_specimen(path) == biaxbayes.check_specimen(MADE)
-    assert biaxbayes.fit(str(path), "zeroed").record() == biaxbayes.fit(MADE, "zeroed").record()
-
-
-def test_fit_all(path):
-    result = biaxbayes.fit(path, "all", starts=2)
-    assert [f.method for f in result] == ["standard", "zeroed", "fip", "linden", "constrained"]
-
-
 def test_convert_by_keywords(tmp_path):
     raw = tmp_path / "raw.csv"
     steps = np.linspace(0.0, 0.2, 21)

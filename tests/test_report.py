@@ -18,7 +18,6 @@ from biaxbayes.errors import RunError
 from biaxbayes.reports import page as report
 from biaxbayes.reports.closing_message import closing_message
 from biaxbayes.reports.page import write_report
-from biaxbayes.reports.text import latex_text
 from biaxbayes.runs.run import open_run
 from commands import exit_code
 
@@ -198,14 +197,6 @@ def test_latex_keeps_its_cells(run, tmp_path):
 def test_report_is_the_same_twice(run, html, copied):
     assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
     assert open_run(run.path).state == "converged"
-
-
-def test_text_from_files_is_escaped():
-    assert latex_text("50 % & a_b {x} \\end{table} #1 $y$ ~^") == (
-        r"50 \% \& a\_b \{x\} \textbackslash{}end\{table\} \#1 \$y\$ "
-        r"\textasciitilde{}\textasciicircum{}"
-    )
-    assert latex_text("line\nbreak\u202ereversed") == "line break reversed"
 
 
 def test_a_protocol_with_a_slash_comes_back_by_its_name(run):

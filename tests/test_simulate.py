@@ -51,19 +51,6 @@ def test_five_numbers_several_protocols_and_the_seed(tmp_path):
     assert a.protocols[0].stretch_y[-1] * 1.01 == pytest.approx(1.2)
 
 
-def test_hooks(tmp_path):
-    pytest.importorskip("skfem")
-    out = tmp_path / "hooked.csv"
-    base = ("--material", "donor2-media", "--increments", 4)
-    assert simulate(*base, "--hooks", "--out", out) == 0
-    assert simulate(*base, "--out", tmp_path / "plain.csv") == 0
-    hooked = read_specimen(out).protocols[0]
-    plain = read_specimen(tmp_path / "plain.csv").protocols[0]
-    np.testing.assert_allclose(hooked.stretch_x, plain.stretch_x, rtol=1e-9)
-    assert np.all(hooked.load_x < 0.95 * plain.load_x)
-    assert json.loads((tmp_path / "hooked.truth.json").read_text())["hooked"]["grips"]["count"] == 5
-
-
 FUNG = ("--law", "fung", "--values", "c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2")
 TEST = ("--prestretch", 1.02, 1.01, "--measured-stretch", 1.15)
 

@@ -105,23 +105,6 @@ def test_no_truth_in_the_specimen_file(tmp_path):
         assert secret not in text
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"total_stretch": 1.2},
-        {"measured_stretch": None},
-        {"ratios": ((1.0, 1.0), (1.0, 1.0))},
-        {"ratios": ((0.0, 0.0),)},
-        {"ratios": ((1.0, -1.0),)},
-        {"ratios": ()},
-        {"increments": 0},
-    ],
-)
-def test_a_test_that_is_none_is_refused(change):
-    with pytest.raises(ValueError):
-        virtual_specimen(MEDIA, **(TEST | change), seed=1)
-
-
 def test_hooked_specimen_reports_the_central_stretch_and_the_hook_force():
     pytest.importorskip("skfem")
     specimen, truth = hooked_specimen(
