@@ -67,19 +67,19 @@ def test_contraction_is_that_of_the_variance_of_a_log_where_there_is_a_unit():
 
 def test_materials_of_the_priors_are_independent_draws_of_them():
     target = Posterior(
-        small_specimen(), noise="independent", priors={"k2": Tie(0.5, "C1"), "kappa": 0.1}
+        small_specimen(), noise="independent", priors={"k1": Tie(0.5, "C1"), "kappa": 0.1}
     )
     names = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x")
     result = prior_material(target, pd.DataFrame({name: [1.0] for name in names}))
     assert set(result) == set(names[:-1])
-    for name in ("C1", "k1", "alpha"):
+    for name in ("C1", "k2", "alpha"):
         levels = np.array([0.01, 0.25, 0.5, 0.75, 0.99])
         at = target.priors[name].ppf(levels)
         below = [(result[name] < x).mean() for x in at]
         assert below == pytest.approx(levels, abs=3e-4)  # evenly spread: no Monte Carlo error
     np.testing.assert_array_equal(result["kappa"], 0.1)
-    np.testing.assert_allclose(result["k2"], 0.5 * result["C1"])
-    ranks = result[["C1", "k1", "alpha"]].rank().corr().to_numpy()
+    np.testing.assert_allclose(result["k1"], 0.5 * result["C1"])
+    ranks = result[["C1", "k2", "alpha"]].rank().corr().to_numpy()
     # four standard errors of a correlation of 4,096 pairs
     assert np.abs(ranks - np.eye(3)).max() < 4.0 / np.sqrt(len(result))
 

@@ -150,6 +150,9 @@ def test_modes_are_of_one_ridge_where_the_density_between_them_hardly_falls():
     # one that joins two groups makes them one, the first mode first
     (group,) = separate_ridges(bent, [first, far, near, next_])
     assert group[0] is first and len(group) == 4
+    # also where the joining mode comes last
+    (group,) = separate_ridges(bent, [first, next_, near])
+    assert group[0] is first and group[1] is next_ and group[2] is near
     # below the lower of two modes of unlike height
     low = Mode(far.location, far.factor, 0.0, -12.0)
     assert len(separate_ridges(bent, [first, low])) == 1

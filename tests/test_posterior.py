@@ -19,6 +19,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model.density import log_prior
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import NOISE_SD
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from plain_posterior import (
@@ -278,6 +279,20 @@ def test_density_with_tied_mounting_stretches(geometry, per_protocol):
     tie = {"mounting_stretch_y": "mounting_stretch_x"}
     posterior = compare(specimen, "free", per_protocol=per_protocol, priors=tie)
     assert not any(n.startswith("mounting_stretch_y") for n in posterior.free)
+
+
+@pytest.mark.parametrize(
+    ("name", "tie"),
+    [
+        ("mounting_stretch_x", Tie(1.0, "mounting_stretch_y")),
+        ("mounting_stretch_y", Tie(2.0, "mounting_stretch_x")),
+        ("k2", Tie(1.0, "C1")),
+        ("k1", Tie(1.0, "k3")),
+    ],
+)
+def test_a_tie_that_a_priors_file_cannot_state_is_refused_as_an_object(name, tie):
+    with pytest.raises(InputError, match=f"{name} cannot be tied"):
+        Posterior(specimen_of(noise=0.005), mounting="free", beta=1.0, priors={name: tie})
 
 
 @pytest.mark.parametrize("mounting", ["noisy", "exact", "free", "ignored", "zeroed"])

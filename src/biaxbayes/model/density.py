@@ -32,12 +32,12 @@ from biaxbayes.mechanics.mounting import (
 from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, UNIFORM
 from biaxbayes.parameters import DIMENSIONS
 
-# Slots after those of the law and the errors; natural values have the same order.
-MOUNTING = len(DIMENSIONS)
-EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(MOUNTING)  # then two per mounted state
+# Slots after those of the law and the errors, then two per mounted state.
+DIMENSION_SLOTS = len(DIMENSIONS)
+EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(DIMENSION_SLOTS)
 
-# How the mounted state enters.
-REFERENCE, FORCE, STRETCH = 0, 1, 2  # lm = 1 | sample p0, root-find lm | sample lm
+# What the slots of a mounted state hold: nothing (lm = 1), forces p0 (lm is their root), or lm.
+MODE_UNSTRETCHED, MODE_FORCE, MODE_STRETCH = 0, 1, 2
 
 # Why a density is zero; counted for the diagnostics.
 INSIDE, OUT_OF_RANGE, NO_ROOT, OVERFLOW = range(4)
@@ -118,47 +118,56 @@ class Problem(NamedTuple):
     beta: np.ndarray
 
 
+# In the decorators below ``error_model`` is numba's: x / 0 is infinite, as in NumPy.
+
+
 @inlined
 def log_prior(kind, row, x):
     """Log prior density of one slot at x, or -inf outside its range."""
+    location, scale, low, high, log_norm = row[0], row[1], row[2], row[3], row[4]
     if kind == FIXED:
         return 0.0
-    if not (row[2] <= x <= row[3]):
+    if not (low <= x <= high):
         return -np.inf
     if kind == NORMAL:
-        z = (x - row[0]) / row[1]
-        return row[4] - 0.5 * z * z
+        # ln N(x | location, scale)
+        z = (x - location) / scale
+        return log_norm - 0.5 * z * z
     if kind == UNIFORM:
-        return row[4]
+        return log_norm
     if kind == NORMAL_NATURAL:
-        z = (np.exp(x) - row[0]) / row[1]
-        return row[4] - 0.5 * z * z + x  # d exp(x) / dx = exp(x)
-    return row[4] + x
+        # ln N(exp(x) | location, scale) + x,  as d exp(x) / dx = exp(x)
+        z = (np.exp(x) - location) / scale
+        return log_norm - 0.5 * z * z + x
+    # UNIFORM_NATURAL: exp(x) is uniform
+    return log_norm + x
 
 
 @inlined
-def _mounted_state(problem, value, constants, m, sx, sy):
-    """(ln lm_x, ln lm_y, log density, reason) of mounted state m; sx, sy its sections.
+def _mounted_state(problem, value, constants, m, area_x, area_y):
+    """(ln lm_x, ln lm_y, log density, reason) of mounted state m; area_x, area_y its sections.
 
-    The two slots of a mounted state hold its forces in mode ``FORCE`` and its stretches in mode
-    ``STRETCH``; their prior is that of the stretches in both, and they end as stretches.
+    The two slots of a mounted state hold its forces in mode ``MODE_FORCE`` and its stretches in
+    mode ``MODE_STRETCH``; their prior is that of the stretches in both, and they end as stretches.
     """
-    if problem.mounting_mode == REFERENCE:
+    if problem.mounting_mode == MODE_UNSTRETCHED:
         return 0.0, 0.0, 0.0, INSIDE
     o = problem.size + len(problem.errors)
-    i = o + MOUNTING + 2 * m
-    if problem.mounting_mode == FORCE:
+    i = o + DIMENSION_SLOTS + 2 * m
+    if problem.mounting_mode == MODE_FORCE:
         px, py = value[i], value[i + 1]
         if problem.slot[i] < 0:  # exact: the reading less the offset of the cell
             px, py = px - value[o + OFFSET_X], py - value[o + OFFSET_Y]
-        ok, x, y, jxx, jxy, jyy = solve_balance(constants, px / sx, py / sy, problem.mounted)
+        ok, x, y, jxx, jxy, jyy = solve_balance(
+            constants, px / area_x, py / area_y, problem.mounted
+        )
         if not ok:
             return x, y, -np.inf, NO_ROOT
         logp = 0.0
         if problem.determinant:
             # ln |det d p0 / d lm|, p0 in the unit of the file
             change = log_change_of_variables(x, y, jxx, jxy, jyy, problem.mounted)
-            logp -= change + np.log(sx * sy)
+            logp -= change + np.log(area_x * area_y)
     else:
         if not (value[i] > 0.0 and value[i + 1] > 0.0):
             return 0.0, 0.0, -np.inf, OUT_OF_RANGE
@@ -166,10 +175,11 @@ def _mounted_state(problem, value, constants, m, sx, sy):
         if not (LOG_LOW < x < LOG_HIGH and LOG_LOW < y < LOG_HIGH):
             return x, y, -np.inf, NO_ROOT
         rx, ry, jxx, jxy, jyy = balance(constants, 0.0, 0.0, problem.mounted, x, y)
-        px = rx * load_per_stress(sx, 1.0, np.exp(x), problem.mounted)
-        py = ry * load_per_stress(sy, 1.0, np.exp(y), problem.mounted)
+        px = rx * load_per_stress(area_x, 1.0, np.exp(x), problem.mounted)
+        py = ry * load_per_stress(area_y, 1.0, np.exp(y), problem.mounted)
         if not problem.mounted:
-            jxx, jyy = jxx - rx, jyy - ry  # the work of the dead load p0 = s / lm
+            # d(s - p0 lm) / d ln lm at fixed p0 = s / lm: the dead load takes s off the diagonal
+            jxx, jyy = jxx - rx, jyy - ry
         if not (jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0):
             return x, y, -np.inf, NO_ROOT
         logp = 0.0
@@ -192,7 +202,7 @@ def _mounted_state(problem, value, constants, m, sx, sy):
     fastmath={"reassoc", "contract", "arcp", "nsz"},
     **WITHIN,
 )
-def _curves(problem, value, constants, p, x, y, sx, sy):
+def _curves(problem, value, constants, p, x, y, area_x, area_y):
     """Log likelihood of protocol p, weighted, given its mounted state."""
     first, last = problem.start[p], problem.start[p + 1]
     n = last - first
@@ -202,18 +212,19 @@ def _curves(problem, value, constants, p, x, y, sx, sy):
     X, Y, Z = problem.X[first:last], problem.Y[first:last], problem.Z[first:last]
     ilx, ily = problem.ilx[first:last], problem.ily[first:last]
     fx, fy = problem.fx[first:last], problem.fy[first:last]
-    ux, uy = problem.vx[first:last], problem.vy[first:last]
-    cx = load_per_stress(sx, 1.0, np.exp(x), problem.mounted)
-    cy = load_per_stress(sy, 1.0, np.exp(y), problem.mounted)
+    scatter_x, scatter_y = problem.vx[first:last], problem.vy[first:last]
+    per_stress_x = load_per_stress(area_x, 1.0, np.exp(x), problem.mounted)
+    per_stress_y = load_per_stress(area_y, 1.0, np.exp(y), problem.mounted)
     ox, oy = value[o + OFFSET_X], value[o + OFFSET_Y]
     errors = from_slots(problem.errors, value, problem.size)
     total_x = total_y = 0.0
+    # q = A s / (l lm) or A s / l, as in biaxbayes.forward; l lm squared is m X
     for j in range(n):
-        s_x, s_y = cauchy_stress(constants, mx * X[j], my * Y[j], mz * Z[j])
-        qx, qy = cx * ilx[j] * s_x, cy * ily[j] * s_y
+        stress_x, stress_y = cauchy_stress(constants, mx * X[j], my * Y[j], mz * Z[j])
+        qx, qy = per_stress_x * ilx[j] * stress_x, per_stress_y * ily[j] * stress_y
         rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
-        total_x += misfit(errors, qx, rx * rx + ux[j])
-        total_y += misfit(errors, qy, ry * ry + uy[j])
+        total_x += misfit(errors, qx, rx * rx + scatter_x[j])
+        total_y += misfit(errors, qy, ry * ry + scatter_y[j])
     bx, by = problem.beta[p, 0], problem.beta[p, 1]
     log_x = curve_log_likelihood(errors, total_x, n)
     log_y = curve_log_likelihood(errors, total_y, n)
@@ -236,20 +247,22 @@ def _density(problem, u, value):
             value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]
     if not np.isfinite(total):
         return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
-    for i in range(o + MOUNTING):
+    for i in range(o + DIMENSION_SLOTS):
         x = value[i] * problem.per_unit[i]
         total += log_prior(problem.prior_kind[i], problem.prior[i], x)
     if not np.isfinite(total):
         return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
-    for i in range(o + MOUNTING):
+    for i in range(o + DIMENSION_SLOTS):
         if problem.logarithmic[i]:
             value[i] = np.exp(value[i])
     for i in range(size):
         if not np.isfinite(value[i]):
             return -np.inf, -np.inf, jacobian, OVERFLOW
     constants = constants_at(problem.coordinates, value)
-    sx, sy = sections(problem.area, value[o + EDGE_X], value[o + EDGE_Y], value[o + THICKNESS])
-    if not (sx > 0.0 and sy > 0.0):
+    area_x, area_y = sections(
+        problem.area, value[o + EDGE_X], value[o + EDGE_Y], value[o + THICKNESS]
+    )
+    if not (area_x > 0.0 and area_y > 0.0):
         return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
     likelihood = 0.0
     done = -1
@@ -257,11 +270,11 @@ def _density(problem, u, value):
     for p in range(problem.mount.size):
         if problem.mount[p] != done:
             done = problem.mount[p]
-            x, y, logp, reason = _mounted_state(problem, value, constants, done, sx, sy)
+            x, y, logp, reason = _mounted_state(problem, value, constants, done, area_x, area_y)
             total += logp
             if not np.isfinite(total):
                 return -np.inf, -np.inf, jacobian, reason if reason != INSIDE else OUT_OF_RANGE
-        likelihood += _curves(problem, value, constants, p, x, y, sx, sy)
+        likelihood += _curves(problem, value, constants, p, x, y, area_x, area_y)
     total += likelihood
     if not np.isfinite(total):
         return -np.inf, -np.inf, jacobian, OVERFLOW

@@ -18,7 +18,13 @@ from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem
+from biaxbayes.model.density import (
+    DIMENSION_SLOTS,
+    MODE_FORCE,
+    MODE_STRETCH,
+    MODE_UNSTRETCHED,
+    Problem,
+)
 from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
@@ -75,7 +81,9 @@ class Assembly:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
-        mounted = () if self.problem.mounting_mode == REFERENCE else self.quantities.mounted()
+        mounted = (
+            () if self.problem.mounting_mode == MODE_UNSTRETCHED else self.quantities.mounted()
+        )
         errors = self.problem.errors._fields
         measured = (n for n in self.free if self.quantities[n].parameter.kind == DIMENSION)
         return (*self.law.names, *(q.name for q in mounted), *errors, *measured)
@@ -107,7 +115,7 @@ def assemble(
         *(n for state in states for n in mounting_names("stretch", state)),
     )
     of_slot = [quantities[name].parameter for name in slots]
-    first = len(law.names) + len(errors) + MOUNTING
+    first = len(law.names) + len(errors) + DIMENSION_SLOTS
     fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
     if settings.mounting == "exact":
         fixed[first:] = reading.ravel()
@@ -174,11 +182,11 @@ def assemble(
 
 
 _MODES = {
-    "noisy": FORCE,
-    "exact": FORCE,
-    "free": STRETCH,
-    "ignored": REFERENCE,
-    "zeroed": REFERENCE,
+    "noisy": MODE_FORCE,
+    "exact": MODE_FORCE,
+    "free": MODE_STRETCH,
+    "ignored": MODE_UNSTRETCHED,
+    "zeroed": MODE_UNSTRETCHED,
 }
 
 
@@ -293,17 +301,17 @@ def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> di
     """Natural values of slots and mounting forces by name, from an ``Evaluation`` at ``u``."""
     problem = assembly.problem
     out = {name: natural[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
-    if problem.mounting_mode == REFERENCE:
+    if problem.mounting_mode == MODE_UNSTRETCHED:
         return out
     forward = assembly.forward
     for m, state in enumerate(assembly.mounts):
         names = mounting_names("force", state)
-        if problem.mounting_mode != FORCE:
+        if problem.mounting_mode != MODE_FORCE:
             out.update(zip(names, forward.mounting_load(out, state).T, strict=True))
             continue
         for k, name in enumerate(names):
             # sampled, or read from the file: not computed from the mounting stretch
-            place = problem.size + len(problem.errors) + MOUNTING + 2 * m + k
+            place = problem.size + len(problem.errors) + DIMENSION_SLOTS + 2 * m + k
             i = problem.slot[place]
             reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
             out[name] = u[:, i].copy() if i >= 0 else reading

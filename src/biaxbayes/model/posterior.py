@@ -1,8 +1,8 @@
 """The joint posterior of the material parameters, the mounted state and the noise.
 
-Posteriors are immutable: the constructor runs no fit, and evaluation has no side effects. The
-weight of the likelihood and the constants of the sampling coordinates are arguments;
-:func:`.preparation.prepare` estimates both from the least-squares fit.
+Evaluation has no side effects, and the constructor runs no fit: the weight of the likelihood and
+the constants of the sampling coordinates are arguments, and :func:`.preparation.prepare` estimates
+both from the least-squares fit. Where no fit is given, :attr:`Posterior.fit` runs it on first use.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from biaxbayes.model.layout import (
     sampling_coordinates,
     to_slot,
 )
-from biaxbayes.model.priors import Prior, Tie, parse_priors
+from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.options import ModelOptions, Settings, takes_options
-from biaxbayes.parameters import Quantities, Quantity
+from biaxbayes.parameters import Quantities, Quantity, mounting_names
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
@@ -54,7 +54,7 @@ class Posterior:
     readings : EffectiveReadings, optional
         Effective number of readings; used for ``beta`` if ``beta`` is not given.
     determinant : bool
-        Include the Jacobian of the mounted state. False only in tests that show its effect.
+        Include the Jacobian of the mounted state. False only to show its effect.
     thin : int, "none" or "auto"
         Maximum number of rows per protocol; longer protocols are averaged down to it. See
         :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
@@ -265,17 +265,19 @@ class Posterior:
     def log_density(self, parameters: Mapping[str, Any]) -> Any:
         """Log posterior density of natural parameters, up to a constant.
 
-        It is a density in ln C1, ln k1, ln k2, alpha, kappa, the mounting forces (for ``free``
-        the mounting stretches; none for ``exact``, ``ignored`` and ``zeroed``), ln of the noise
-        sd (and of its growth) and whatever measured dimensions are unknowns.
+        It is a density in the parameters of the law (in ln of stiffnesses and exponents, in angles
+        in radians), the mounting forces (for ``free`` the mounting stretches; none for ``exact``,
+        ``ignored`` and ``zeroed``), ln of the noise sd (and of its growth) and whatever measured
+        dimensions are unknowns.
 
         Parameters
         ----------
         parameters : mapping of str to array_like
-            Names as in ``summary.csv``: C1, k1 (kPa), k2, alpha (degrees), kappa, noise_sd; for
-            ``noisy`` mounting_force_x and mounting_force_y, for ``free`` mounting_stretch_x and
-            mounting_stretch_y. Forces and noise are in the unit of the file's stress pair
-            (N or kPa). Arrays broadcast. Fixed and tied parameters are not read.
+            Names and units as in ``summary.csv``, for the law ``goh`` C1, k1 (kPa), k2, alpha
+            (degrees), kappa; noise_sd; for ``noisy`` mounting_force_x and mounting_force_y, for
+            ``free`` mounting_stretch_x and mounting_stretch_y. Forces and noise are in the unit of
+            the file's stress pair (N or kPa). Arrays broadcast. Fixed and tied parameters are not
+            read.
 
         Returns
         -------
@@ -337,10 +339,11 @@ class Posterior:
 def _objects(priors: Mapping[str, Any], law: Law) -> dict[str, Prior | float | Tie]:
     """Priors as objects, those of both mounting stretches separately."""
     out: dict[str, Prior | float | Tie] = {}
+    others = {}
     for name, value in priors.items():
-        if isinstance(value, Prior | Tie):
-            names = [f"{name}_x", f"{name}_y"] if name == "mounting_stretch" else [name]
+        if isinstance(value, Prior):
+            names = mounting_names("stretch") if name == "mounting_stretch" else (name,)
             out.update(dict.fromkeys(names, value))
         else:
-            out.update(parse_priors({name: value}, law=law))
-    return out
+            others[name] = prior_value(value) if isinstance(value, Tie) else value
+    return out | parse_priors(others, law=law)

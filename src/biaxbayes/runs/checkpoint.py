@@ -56,7 +56,6 @@ def run_state(record: Mapping[str, Any]) -> State:
         warmup=WarmUp(**record["warmup"]),
         evaluations=int(record["evaluations"]),
         rejected=record["rejected"],
-        finished=bool(record["finished"]),
     )
     _check(state)
     return state

@@ -95,7 +95,7 @@ class Convergence:
         return float(self.rhat.max())
 
 
-def not_assessed(reason: str) -> Convergence:
+def unassessed(reason: str) -> Convergence:
     """Draws too few to be assessed."""
     none = np.array([])
     return Convergence((), none, none, none, none, 0, "unusable", reason)

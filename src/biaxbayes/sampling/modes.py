@@ -8,8 +8,10 @@ from very different points lead to.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from biaxbayes.sampling.target import LogDensity
 
@@ -141,28 +143,19 @@ BETWEEN = 33
 
 
 def separate_ridges(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
-    """Modes by the ridge that they lie on; on each ridge the first mode first.
+    """Modes by the ridge that they lie on, in their order.
 
     Two modes are on one ridge if the density along the straight line between them, or between
     others of the ridge, does not fall much below the lower one. A ridge that bends away from the
     line may count as two.
     """
-    ridges: list[list[Mode]] = []
-    for mode in modes:
-        apart, joined = [], [mode]
-        for ridge in ridges:
-            if any(_on_one_ridge(log_density, mode, m) for m in ridge):
-                joined = [*ridge, *joined]
-            else:
-                apart.append(ridge)
-        ridges = [*apart, joined]
-    return ridges
-
-
-def _on_one_ridge(log_density: LogDensity, one: Mode, other: Mode) -> bool:
     t = np.linspace(0.0, 1.0, BETWEEN)[:, None]
-    between = log_density((1.0 - t) * one.location + t * other.location)
-    return bool(between.min() > min(one.height, other.height) - SADDLE)
+    connected = np.eye(len(modes))
+    for i, j in combinations(range(len(modes)), 2):
+        between = log_density((1.0 - t) * modes[i].location + t * modes[j].location)
+        connected[i, j] = between.min() > min(modes[i].height, modes[j].height) - SADDLE
+    count, label = connected_components(connected, directed=False)
+    return [[m for m, k in zip(modes, label, strict=True) if k == ridge] for ridge in range(count)]
 
 
 def _same(one: Mode, other: Mode) -> bool:

@@ -21,7 +21,7 @@ from biaxbayes.sampling.convergence import (
     Convergence,
     assess,
     longest_stuck,
-    not_assessed,
+    unassessed,
 )
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.population_monte_carlo import (
@@ -100,8 +100,6 @@ class State:
         Steps of each ensemble so far, of which every ``thin``-th is stored.
     evaluations, rejected
         Numbers of density evaluations so far, warm-up included; zero densities by reason.
-    finished : bool
-        Whether the draws have converged.
     """
 
     frame: Mapping[str, float]
@@ -113,7 +111,6 @@ class State:
     warmup: WarmUp
     evaluations: int
     rejected: np.ndarray
-    finished: bool = False
 
 
 @dataclass(frozen=True)
@@ -184,7 +181,7 @@ def draw(
             on_block(state)
     clock = time.perf_counter()
     due = _next_assessment(state.steps, plan)
-    convergence = not_assessed("stopped")
+    convergence = unassessed("stopped")
     quantities: dict[str, np.ndarray] = {}  # those of the chain; empty until it is assessed
     if state.steps == due:
         quantities, convergence = _assess(target, state.chain, plan)
@@ -202,7 +199,6 @@ def draw(
         moving = longest_stuck(state.chain) <= MAX_STUCK * state.chain.shape[1]
         if state.steps == due and (moving or state.steps == plan.max_steps):
             quantities, convergence = _assess(target, state.chain, plan)
-            state.finished = convergence.state == "converged"
             rate = convergence.worst_ess / plan.ess / state.steps
         progress(Progress("sampling", min(rate * state.steps, 0.99)))
         if on_block:
