@@ -14,8 +14,7 @@ from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.reports.closing_message import closing_message
-from biaxbayes.reports.methods import latex_table
+from biaxbayes.reports.methods import closing_message, latex_table
 from biaxbayes.reports.page import report_page
 from biaxbayes.specimens.specimen import Specimen
 from quick_posteriors import runs_without_figures, specimen

@@ -15,8 +15,7 @@ from biaxbayes.prediction.predictive_checks import (
     path_warnings,
     predictive_checks,
 )
-from biaxbayes.reports.closing_message import closing_message
-from biaxbayes.reports.methods import latex_table
+from biaxbayes.reports.methods import closing_message, latex_table
 from biaxbayes.reports.page import report_page
 from quick_posteriors import bent, runs_without_figures, specimen
 

@@ -16,7 +16,7 @@ import quick_posteriors as quick
 import reported
 from biaxbayes.errors import RunError
 from biaxbayes.reports import page as report
-from biaxbayes.reports.closing_message import closing_message
+from biaxbayes.reports.methods import closing_message
 from biaxbayes.reports.page import write_report
 from biaxbayes.runs.run import open_run
 from commands import exit_code

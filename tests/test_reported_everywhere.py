@@ -19,9 +19,14 @@ from biaxbayes.identifiability.reported import DASH, interval_text
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
 from biaxbayes.parameters import MOUNTED
-from biaxbayes.reports.closing_message import MOST_LINES, closing_message
 from biaxbayes.reports.comparison import write_comparison
-from biaxbayes.reports.methods import latex_table, methods, results_paragraph
+from biaxbayes.reports.methods import (
+    MOST_LINES,
+    closing_message,
+    latex_table,
+    methods,
+    results_paragraph,
+)
 from biaxbayes.reports.page import report_page
 from biaxbayes.runs.result import as_record, result_from_record
 from biaxbayes.studies.rows import rows_of_run

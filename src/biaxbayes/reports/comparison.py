@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-import biaxbayes
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.errors import InputError
@@ -22,30 +21,11 @@ from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.parameters import Quantities
 from biaxbayes.reports.study_page import with_unit
 from biaxbayes.reports.templates import Row, embedded, page_template
-from biaxbayes.reports.text import VERDICT_TERMS, chosen_terms
 from biaxbayes.text_files import atomic_write_text, write_csv
 
 # --- a comparison of runs ------------------------------------------------------------------------
 
 MOST_OVERLAID = 6
-TERMS = (
-    "posterior",
-    "prior",
-    "median, 90 % interval",
-    *VERDICT_TERMS,
-    "mounting stretch",
-    "within the law",
-    "structure tensor",
-    "tangent stiffness, small-strain stiffness",
-    "Cauchy stress, nominal stress",
-    "difference in sd",
-    "P(larger)",
-    "Kolmogorov",
-    "overlay",
-    "corner plot",
-    "converged, tentative, unusable",
-)
-"""Terms of the glossary on the page."""
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
@@ -70,11 +50,12 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     for stem, figure in figures.items():
         written += save_pictures(figure, folder, f"compare-{stem}")
     page = folder / "compare.html"
-    atomic_write_text(page, _page(comparison, figures))
+    atomic_write_text(page, comparison_page(comparison, figures))
     return [*written, page]
 
 
-def _page(comparison: Comparison, figures: dict[str, Figure]) -> str:
+def comparison_page(comparison: Comparison, figures: Mapping[str, Figure]) -> str:
+    """The page of a comparison of runs, with its figures by the stems of their files."""
     reported = [
         (
             member.label,
@@ -93,57 +74,36 @@ def _page(comparison: Comparison, figures: dict[str, Figure]) -> str:
         notes=comparison.notes,
         reported=reported,
         warning=WARNING,
-        glossary=chosen_terms(*TERMS),
         pairs=_pairs(comparison.distances),
-        version=biaxbayes.__version__,
         figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
     )
 
 
 def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows of every pair of runs, split by whether both runs identify the quantity."""
-    out = []
-    for (a, b), rows in distances.groupby(["run_a", "run_b"], sort=False):
-        known = rows["identified_in_both"].astype(bool)
+    numbers = ("median_a", "median_b", "difference_q50", "difference_q05", "difference_q95")
+    pairs = []
+    for (a, b), table in distances.groupby(["run_a", "run_b"], sort=False):
+        known: list[Row] = []
+        unknown: list[Row] = []
+        for row in table.to_dict("records"):
+            name = str(row["quantity"])
+            if pd.notna(row["total_stretch"]):
+                name += f" at {row['total_stretch']:.4g}"
+            cells = [f"{row[key]:.4g}" for key in numbers]
+            cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
+            cells.append(f"{row['kolmogorov']:.2f}")
+            part = known if row["identified_in_both"] else unknown
+            part.append((with_unit(name, row["unit"]), *cells))
         parts = {
-            "Identified or bounded in both runs": _rows(rows[known]),
-            "Not identified in both: differences are not of the tissue": _rows(rows[~known]),
+            "Identified or bounded in both runs": known,
+            "Not identified in both: differences are not of the tissue": unknown,
         }
-        out.append({"a": a, "b": b, "parts": parts})
-    return out
-
-
-def _rows(table: pd.DataFrame) -> list[Row]:
-    rows: list[Row] = []
-    for row in table.to_dict("records"):
-        name = str(row["quantity"])
-        if pd.notna(row["total_stretch"]):
-            name += f" at {row['total_stretch']:.4g}"
-        numbers = ("median_a", "median_b", "difference_q50", "difference_q05", "difference_q95")
-        cells = [f"{row[key]:.4g}" for key in numbers]
-        cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
-        cells.append(f"{row['kolmogorov']:.2f}")
-        rows.append((with_unit(name, row["unit"]), *cells))
-    return rows
+        pairs.append({"a": a, "b": b, "parts": parts})
+    return pairs
 
 
 # --- laws compared on a specimen -----------------------------------------------------------------
-
-LAW_TERMS = (
-    "material laws",
-    "residual, misfit",
-    "weight of a law",
-    "density of what was left out",
-    "nats",
-    "effective readings",
-    "mounting stretch",
-    "reported",
-    "median, 90 % interval",
-    "credible band",
-    "predictive band",
-    "converged, tentative, unusable",
-)
-"""Terms of the glossary on the page."""
 
 
 def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
@@ -172,8 +132,6 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
         reported=rows,
         advice=f"To know it, {measurement_advice(lost)}" if lost else "",
         parts=_part_rows(compared.parts),
-        glossary=chosen_terms(*LAW_TERMS),
-        version=biaxbayes.__version__,
         figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
     )
 

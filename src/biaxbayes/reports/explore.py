@@ -78,25 +78,28 @@ def explore_page(
     with print_style():
         hues = {"x": colour("x"), "y": colour("y"), "selected": colour("third")}
     axes, priors = _axes(posterior.quantities, draws, few, rows), _prior_controls(posterior, few)
-    source = _source(axes, priors, few)
+    # draws for all panels: axes of the corner, quantities with a prior, weights
+    columns: dict[str, Any] = {f"axis {a.name}": a.values for a in axes}
+    columns |= {n: few[n].to_numpy(dtype=float) for p in priors for n in p["data"]["columns"]}
+    source = ColumnDataSource(columns | {"opacity": np.full(len(few), 0.5)}, name="draws")
     corner, histograms = _corner(axes, source, hues)
-    panels, curves = _curve_panels(posterior, few, source, hues)
+    panels, curves, factor = _curve_panels(posterior, few, source, hues)
     script = CustomJS(
         args={
             "draws": source,
             "histograms": histograms,
-            "curves": [band for band, _, _ in curves],
+            "curves": list(curves.values()),
             "axes": [{"column": f"axis {a.name}", "unit": a.unit, "log": a.ratio} for a in axes],
-            "loads": [{"column": column, "factor": factor} for _, column, factor in curves],
-            "priors": [p.data for p in priors],
+            "loads": [{"column": column, "factor": factor} for column in curves],
+            "priors": [p["data"] for p in priors],
             "levels": [0.5, *tails(CONTENT)],
             "least": LEAST_EFFECTIVE,
         },
         code=(Path(__file__).parent / "explore.js").read_text(encoding="utf-8"),
     )
     document = Document()
-    for root in (corner, panels):
-        document.add_root(root)
+    document.add_root(corner)
+    document.add_root(panels)
     document.js_on_event("document_ready", script)
     page = file_html(
         document,
@@ -179,15 +182,6 @@ def _axes(
     return axes
 
 
-def _source(axes: list[Axis], priors: list[PriorControl], few: pd.DataFrame) -> Any:
-    """Draws for all panels: axes of the corner, quantities with a prior, weights."""
-    columns: dict[str, Any] = {f"axis {a.name}": a.values for a in axes}
-    for prior in priors:
-        columns |= {n: few[n].to_numpy(dtype=float) for n in prior.data["columns"]}
-    columns["opacity"] = np.full(len(few), 0.5)
-    return ColumnDataSource(columns, name="draws")
-
-
 def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, list[Any]]:
     """Panels of pairs and histograms, and the sources of the histograms."""
     ranges = [Range1d(a.span.low, a.span.high) for a in axes]
@@ -252,14 +246,15 @@ def _histogram(panel: Any, axis: Axis, hue: str) -> Any:
 
 # --- the curves ----------------------------------------------------------------------------------
 
-Curve = tuple[Any, str, float]
-"""Source of a band, the column of its loads among the draws, and the factor of its residuals."""
-
 
 def _curve_panels(
     posterior: Posterior, few: pd.DataFrame, source: Any, hues: dict[str, str]
-) -> tuple[Any, list[Curve]]:
-    """Loads of each protocol, and the residuals about the median of all draws."""
+) -> tuple[Any, dict[str, Any], float]:
+    """Loads of each protocol, and the residuals about the median of all draws.
+
+    Returns the panels, the source of each band by the column of its loads among the draws, and the
+    factor of the residuals.
+    """
     specimen = posterior.specimen
     count = shown_protocols(specimen, PAGE_MM)
     drawn = curves_of_draws(
@@ -267,7 +262,7 @@ def _curve_panels(
     )[:count]
     tables = [_table(curves) for curves in drawn]
     factor, finer = residual_unit(pd.concat(tables), specimen.unit)
-    curves: list[Curve] = []
+    curves: dict[str, Any] = {}
     panels: list[list[Any]] = []
     for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
         test = {str(axis): part for axis, part in table.groupby("direction")}
@@ -286,13 +281,12 @@ def _curve_panels(
             order = np.argsort(places[axis], kind="stable")
             column, loads = f"load {p} {axis}", protocol.load[:, order, k]
             source.data[column] = loads.astype(np.float32)
-            band = _band(places[axis][order], loads, factor)
-            _draw_curve(
-                (load, residual), band, protocol.measured[order, k], axis, hues[axis], factor
+            x, measured = places[axis][order], protocol.measured[order, k]
+            curves[column] = _draw_curve(
+                (load, residual), x, loads, measured, axis, hues[axis], factor
             )
-            curves.append((band, column, factor))
         panels += [[load], [residual]]
-    return gridplot(panels, toolbar_location=None, sizing_mode="stretch_width"), curves
+    return gridplot(panels, toolbar_location=None, sizing_mode="stretch_width"), curves, factor
 
 
 def _table(curves: DrawnCurves) -> pd.DataFrame:
@@ -312,19 +306,20 @@ def _table(curves: DrawnCurves) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def _band(x: np.ndarray, loads: np.ndarray, factor: float) -> Any:
-    """Source of a band: median and ends of all draws, and the same as residuals."""
-    low, median, high = np.quantile(loads, [tails(CONTENT)[0], 0.5, tails(CONTENT)[1]], axis=0)
-    band = {"x": x, "all": median, "low": low, "median": median, "high": high}
-    band |= {f"{n}_residual": factor * (band[n] - median) for n in ("low", "median", "high")}
-    return ColumnDataSource(band)
-
-
 def _draw_curve(
-    panels: tuple[Any, Any], band: Any, measured: np.ndarray, axis: str, hue: str, factor: float
-) -> None:
-    """Band, median and readings of one direction as loads and as residuals."""
-    x, median = band.data["x"], band.data["all"]
+    panels: tuple[Any, Any],
+    x: np.ndarray,
+    loads: np.ndarray,
+    measured: np.ndarray,
+    axis: str,
+    hue: str,
+    factor: float,
+) -> Any:
+    """Band, median and readings as loads and as residuals; return the source of the band."""
+    low, median, high = np.quantile(loads, [tails(CONTENT)[0], 0.5, tails(CONTENT)[1]], axis=0)
+    columns = {"x": x, "all": median, "low": low, "median": median, "high": high}
+    columns |= {f"{n}_residual": factor * (columns[n] - median) for n in ("low", "median", "high")}
+    band = ColumnDataSource(columns)
     readings = (measured, factor * (measured - median))
     for panel, end, y in zip(panels, ("", "_residual"), readings, strict=True):
         panel.varea("x", f"low{end}", f"high{end}", source=band, color=hue, alpha=CREDIBLE)
@@ -332,24 +327,17 @@ def _draw_curve(
         marker = "circle" if axis == "x" else "square"
         panel.scatter(x, y, marker=marker, size=4, line_color=hue, fill_color="white")
     panels[0].line("x", "all", source=band, color="black", line_dash="dashed", line_width=0.8)
+    return band
 
 
 # --- other priors --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class PriorControl:
-    """A prior with sliders: symbols, names, its two numbers, and the values for the script."""
+def _prior_controls(posterior: Posterior, draws: pd.DataFrame) -> list[dict[str, Any]]:
+    """Text and sliders of the priors of varying quantities, and ``data`` for the script.
 
-    symbol: Markup
-    words: str
-    run: str
-    numbers: list[str]
-    data: dict[str, Any]
-
-
-def _prior_controls(posterior: Posterior, draws: pd.DataFrame) -> list[PriorControl]:
-    """Priors of varying quantities; equal ones of mounting stretches are merged and come first."""
+    Equal priors of mounting stretches are merged and come first.
+    """
     groups: dict[tuple[Any, ...], list[Quantity]] = {}
     for name, prior in posterior.priors.items():
         if isinstance(prior, Prior) and name in draws and np.ptp(draws[name]) > 0.0:
@@ -357,22 +345,20 @@ def _prior_controls(posterior: Posterior, draws: pd.DataFrame) -> list[PriorCont
             shared = "" if q.parameter.kind == STRETCH else name
             groups.setdefault((prior, shared), []).append(q)
     controls = []
-    for (prior, _), members in sorted(
-        groups.items(), key=lambda g: g[1][0].parameter.kind != STRETCH
-    ):
-        flat = prior.family in ("uniform", "loguniform")
-        controls.append(
-            PriorControl(
-                Markup(", ").join(dict.fromkeys(as_html(Quantity(q.parameter)) for q in members)),
-                " and ".join(dict.fromkeys(q.parameter.words for q in members)),
-                prior_text(prior, members[0].unit),
-                [PRIOR_NUMBERS.get(k, k) for k in FAMILIES[prior.family]],
-                {
-                    "columns": [q.name for q in members],
-                    "unit": members[0].parameter.unit_symbol(members[0].load_unit),
-                    "family": prior.family,
-                    "run": [prior.low, prior.high] if flat else [prior.location, prior.scale],
-                },
-            )
-        )
-    return controls
+    for (prior, _), members in groups.items():
+        first, flat = members[0], prior.family in ("uniform", "loguniform")
+        symbols = dict.fromkeys(as_html(Quantity(q.parameter)) for q in members)
+        control = {
+            "symbol": Markup(", ").join(symbols),
+            "words": " and ".join(dict.fromkeys(q.parameter.words for q in members)),
+            "run": prior_text(prior, first.unit),
+            "numbers": [PRIOR_NUMBERS.get(k, k) for k in FAMILIES[prior.family]],
+            "data": {
+                "columns": [q.name for q in members],
+                "unit": first.parameter.unit_symbol(first.load_unit),
+                "family": prior.family,
+                "run": [prior.low, prior.high] if flat else [prior.location, prior.scale],
+            },
+        }
+        controls.append((first.parameter.kind != STRETCH, control))
+    return [control for _, control in sorted(controls, key=lambda c: c[0])]

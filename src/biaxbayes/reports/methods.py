@@ -1,9 +1,10 @@
-"""Text of a run for a paper: methods paragraph, results paragraph and LaTeX table."""
+"""Text of a run: paragraphs of methods and results, LaTeX table, and its closing message."""
 
 from __future__ import annotations
 
 from biaxbayes.error_model import CONSTANT
-from biaxbayes.errors import listed
+from biaxbayes.errors import listed, printable
+from biaxbayes.identifiability.reported import row_lines
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
@@ -217,3 +218,36 @@ def latex_table(run: Run) -> str:
             "",
         ]
     )
+
+
+# --- in the terminal -----------------------------------------------------------------------------
+
+MOST_LINES = 12
+"""Of the closing message."""
+
+
+def closing_message(run: Run) -> str:
+    """The result of a run as plain text of at most twelve lines."""
+    record, result = run.provenance, run.result
+    name = str(record["specimen"])
+    if record.get("layer"):
+        name += f" ({record['layer']})"
+    convergence = record["convergence"]
+    state = "TENTATIVE" if run.state == "tentative" else "NOT USABLE"
+    verdict = f"{state}, not converged: {convergence['reason']}"
+    if run.state == "converged":
+        verdict = (
+            f"converged (R-hat {convergence['worst_rhat']:.4f}, at least "
+            f"{convergence['worst_ess']:.0f} effective draws of every quantity)"
+        )
+    lines = [f"{printable(cut(name, 80))}: {verdict}"]
+    if isinstance(grips := record.get("grips"), dict):
+        lines.append(printable(cut(grips.get("in_words", ""), 200)))
+    serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
+    lines += [printable(cut(f["message"], 400)) for f in serious[:1]]
+    advice = "; ".join(filter(None, (result.little_determined, result.advice)))
+    rest = [printable(text) for text in (result.fit, advice) if text]
+    rest += [printable(text) for text in result.warnings[:1]]
+    rest.append(f"report: {run.path}/report.html")
+    lines += row_lines(result.rows, MOST_LINES - len(lines) - len(rest))
+    return "\n".join([*lines, *rest])

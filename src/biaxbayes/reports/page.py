@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from biaxbayes.figures.quantities import number
@@ -15,7 +16,7 @@ from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
 from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
-from biaxbayes.reports.text import GLOSSARY, STATES, cut
+from biaxbayes.reports.text import STATES, cut
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
@@ -61,31 +62,21 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     ``explore``: add a link to explore.html beside it.
     """
     result, record = run.result, run.provenance
-    sampler, convergence = record["sampler"], record["convergence"]
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
     sentences: list[str] = []
     if len(checks):
         sentences = checks_in_words(checks, run.specimen.unit, run.law.name)
         sentences += misfit_in_words(checks)
-    directions = []
-    if result.directions:
-        directions = [result.directions[0]["in_words"], result.same_curves_in_words]
     version = cut(record.get("biaxbayes", ""), 30)
     return page_template("report.html.jinja").render(
+        run=run,
+        result=result,
         name=cut(run.specimen.name),
-        law=run.law.title,
-        state=run.state,
         explore=EXPLORE if explore else "",
         verdict=STATES[run.state],
-        reason=cut(convergence["reason"], 400),
-        findings=result.findings,
-        warnings=result.warnings,
-        fit=result.fit,
-        little_determined=result.little_determined,
-        advice=result.advice,
+        reason=cut(record["convergence"]["reason"], 400),
         facts=_specimen_facts(run),
         tests=_test_rows(run),
-        unit=run.specimen.unit,
         load="force" if run.specimen.stress_pair == "force" else "nominal stress",
         rows=[
             (r.quantity, r.interval, r.unit, r.verdict, r.reason, r.quantity.parameter.words)
@@ -93,18 +84,16 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         ],
         convergence_rows=_convergence_rows(run),
         contractions=_contraction_rows(run),
-        directions=directions,
         figures=pictures(run.path, FIGURES),
         stresses=stress_rows(run),
         determined=determined_rows(run),
         grips=_grip_rows(run),
         noise=record["noise"],
-        beta=run.beta,
-        sampler=sampler,
-        convergence=convergence,
+        sampler=record["sampler"],
+        convergence=record["convergence"],
         misfit_sentences=[cut(text, 400) for text in dict.fromkeys(sentences)],
         misfit=_misfit_rows(checks),
-        notes=[cut(n, 400) for n in (*record["notes"], sampler["message"]) if n],
+        notes=[cut(n, 400) for n in (*record["notes"], record["sampler"]["message"]) if n],
         settings_facts=_settings_facts(run),
         version_facts=_version_facts(run),
         citations=[
@@ -116,8 +105,6 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         methods=methods(run),
         results=results_paragraph(run),
         laws=_law_rows(run),
-        better_law=result.better_law,
-        glossary=list(GLOSSARY.items()),
     )
 
 
@@ -128,17 +115,13 @@ def _grip_rows(run: Run) -> list[tuple[str, ...]]:
     fits = [record.get(f"fit_{key}") for key in ("as_measured", "corrected", "on_coarser_mesh")]
     values = [fit if isinstance(fit, dict) else {} for fit in fits]
     labels = [*(p.label for p in run.law.parameters), "mounting_stretch_x", "mounting_stretch_y"]
-    return [
-        (label, *(_numbers(fit.get(label, "")) for fit in values))
-        for label in labels
-        if label in values[0]
-    ]
-
-
-def _numbers(value: object) -> str:
-    """A number, or those of the first six mounted states."""
-    values = value if isinstance(value, list) else [value]
-    return ", ".join(f"{v:.5g}" for v in values[:6] if isinstance(v, int | float))
+    rows = []
+    for label in labels:
+        if label in values[0]:
+            # a number, or those of the first six mounted states
+            cells = [np.ravel(fit.get(label, []))[:6] for fit in values]
+            rows.append((label, *(", ".join(f"{v:.5g}" for v in cell) for cell in cells)))
+    return rows
 
 
 # --- lists of facts: specimen, settings, versions ------------------------------------------------
@@ -169,14 +152,13 @@ def _specimen_facts(run: Run) -> list[tuple[str, str]]:
 def _settings_facts(run: Run) -> list[tuple[str, str]]:
     """Settings of the model and the priors."""
     settings = run.provenance["settings"]
-    yes = {True: "yes"}
     facts = [
         ("Material law", run.law.title),
         ("Mounting force", cut(settings.get("mounting", ""), 30)),
         ("Mounted states", cut(settings.get("mounting_stretch", ""), 30)),
         ("Errors", cut(settings.get("noise", ""), 30)),
         ("Sd of the errors", str(run.settings.error_model)),
-        ("Fibres in extension only", yes.get(settings.get("fibre_switch"), "no")),
+        ("Fibres in extension only", "yes" if settings.get("fibre_switch") is True else "no"),
     ]
     if settings.get("thin"):
         facts.append(("Longer protocols averaged to", f"{settings['thin']} rows"))
@@ -313,6 +295,8 @@ def determined_rows(run: Run) -> list[Row]:
             number(v, low, high, log=wide) for v in (low, median, high)
         )
         x, y = float(r["stretch_x"]), float(r["stretch_y"])
+        percent = 100.0 * float(r["relative_width"])
+        width = f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
         name = cut(r["quantity"], 90)
         rows.append(
             (
@@ -321,16 +305,10 @@ def determined_rows(run: Run) -> list[Row]:
                 median_text,
                 f"{low_text} to {high_text}",
                 str(r["unit"] or ""),
-                _percent(100.0 * float(r["relative_width"])),
+                width if percent < 1e4 else "over 10,000 %",
             )
         )
     return rows
-
-
-def _percent(value: float) -> str:
-    if value < 10.0:
-        return f"{value:.2g} %"
-    return f"{value:.0f} %" if value < 1e4 else "over 10,000 %"
 
 
 def _largest_states(table: pd.DataFrame) -> pd.Series:

@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-import biaxbayes
 from biaxbayes.errors import listed
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import unit_words
@@ -23,7 +22,7 @@ from biaxbayes.populations.text import (
 )
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.text import VERDICT_TERMS, chosen_terms, counted, cut
+from biaxbayes.reports.text import counted, cut
 from biaxbayes.studies.groups import KNOWN
 
 PAGE = "population.html"
@@ -32,54 +31,25 @@ FIGURES = {
         "Specimens alone and pooled",
         "Medians and 90 % intervals. Grey: the specimen by its own test alone; coloured: together "
         "with the others (pooled); diamond: the centre of the group; thin line: a new specimen.",
+        "Medians and 90 % intervals of every specimen alone and pooled, with those of its group; "
+        "the numbers are in the tables.",
     ),
     "population-pairs": (
         "New specimens",
         "Every parameter (diagonal) and every pair. The contours contain 50 and 90 % of new "
         "specimens; points are the tested ones, pooled.",
+        "Contours of new specimens for every pair of parameters, with the tested specimens as "
+        "points.",
     ),
     "new-specimen-bands": (
         "Stress of a new specimen",
         "Equibiaxial Cauchy stress: the band contains 90 % of new specimens; thin lines are the "
         "records of the tested ones.",
+        "Equibiaxial Cauchy stress of new specimens over total stretch, with the equibiaxial "
+        "records; the numbers are in new-specimen-bands.csv.",
     ),
 }
-ALTERNATIVES = {
-    "population-forest": "Medians and 90 % intervals of every specimen alone and pooled, with "
-    "those of its group; the numbers are in the tables.",
-    "population-pairs": "Contours of new specimens for every pair of parameters, with the tested "
-    "specimens as points.",
-    "new-specimen-bands": "Equibiaxial Cauchy stress of new specimens over total stretch, with the "
-    "equibiaxial records; the numbers are in new-specimen-bands.csv.",
-}
-TERMS = (
-    "population, group",
-    "posterior",
-    "prior",
-    "median, 90 % interval",
-    "alone, pooled",
-    "typical donor",
-    "sd of donors, sd of specimens",
-    "sd (standard deviation)",
-    "factor",
-    "donor effect",
-    "new specimen",
-    "new donor",
-    *VERDICT_TERMS,
-    "predictive p",
-    "mounting stretch",
-    "within the law",
-    "structure tensor",
-    "tangent stiffness, small-strain stiffness",
-    "Cauchy stress, nominal stress",
-    "ratio",
-    "P(larger)",
-    "likelihood",
-    "converged, tentative, unusable",
-    "effective draws (ESS), bulk and tail",
-    "R-hat",
-)
-"""Terms of the glossary on the page."""
+"""Title, caption and alternative text of each figure."""
 
 
 def population_page(
@@ -103,15 +73,13 @@ def population_page(
         left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
         notes=[cut(n, 500) for n in record["notes"]],
         figure_titles={stem: FIGURES[stem][0] for stem in drawn},
-        figures=[(k, *FIGURES[k], ALTERNATIVES[k], picture) for k, picture in drawn.items()],
+        figures=[(k, *FIGURES[k], picture) for k, picture in drawn.items()],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
         columns=["Specimen, group, donor", ">#Fit", *heads],
         own=_specimens(tables["specimens"], shown),
         more=len(shown) < len(names),
         contrasts=_contrasts(tables["contrasts"]),
         methods=population_methods(tables, record),
-        glossary=chosen_terms(*TERMS),
-        version=biaxbayes.__version__,
     )
 
 

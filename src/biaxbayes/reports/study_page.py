@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -12,7 +13,6 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-import biaxbayes
 from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.population import study_figure
 from biaxbayes.figures.quantities import number
@@ -22,26 +22,11 @@ from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.text import VERDICT_TERMS, as_html, chosen_terms, cut, derived_text
+from biaxbayes.reports.text import as_html, cut, derived_text
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 FIGURE = "study-specimens"
-TERMS = (
-    "posterior",
-    "prior",
-    "median, 90 % interval",
-    "mounting stretch",
-    *VERDICT_TERMS,
-    "converged, tentative, unusable",
-    "structure tensor",
-    "tangent stiffness, small-strain stiffness",
-    "mean",
-    "sd between",
-    "factor",
-    "above zero, below zero",
-)
-"""Terms of the glossary on the page."""
 KNOWN_QUANTITIES = Quantities(all_parameters())
 """Symbol, unit and range by the names in the tables of a study."""
 
@@ -69,8 +54,6 @@ def study_page(result: StudyResult) -> str:
         contrasts=_contrasts(result.contrasts),
         warning=WARNING,
         notes=[cut(n, 400) for n in result.notes],
-        glossary=chosen_terms(*TERMS),
-        version=biaxbayes.__version__,
     )
 
 
@@ -201,10 +184,11 @@ def write_study(result: StudyResult) -> list[Path]:
             continue
         write_csv(path, table, digits=8)
         written.append(path)
-    parquet = _parquet(result.table)
-    if parquet is not None:
+    if find_spec("pyarrow"):
+        buffer = io.BytesIO()
+        result.table.convert_dtypes().to_parquet(buffer, engine="pyarrow", index=False)
         path = folder / f"{TABLE}.parquet"
-        atomic_write_bytes(path, parquet)
+        atomic_write_bytes(path, buffer.getvalue())
         written.append(path)
     has_numbers = bool(np.isfinite(result.table["q50"].astype(float)).any())
     figure = study_figure(result.table) if has_numbers else None
@@ -212,15 +196,3 @@ def write_study(result: StudyResult) -> list[Path]:
     page = folder / PAGE
     atomic_write_text(page, study_page(result))
     return [*written, page]
-
-
-def _parquet(table: pd.DataFrame) -> bytes | None:
-    """The table with typed columns; None without pyarrow."""
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        return None
-    typed = table.convert_dtypes()
-    buffer = io.BytesIO()
-    typed.to_parquet(buffer, engine="pyarrow", index=False)
-    return buffer.getvalue()

@@ -14,8 +14,9 @@ from typing import NamedTuple, TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+import biaxbayes
 from biaxbayes.parameters import Quantity
-from biaxbayes.reports.text import as_html
+from biaxbayes.reports.text import GLOSSARY, SEVERAL, as_html
 
 Cell: TypeAlias = str | Quantity | Markup | tuple[str | Markup, ...]
 """A text, a quantity (its symbol), or a text with further ones in small print below."""
@@ -34,6 +35,13 @@ def page_template(name: str) -> Template:
         lstrip_blocks=True,
     )
     environment.filters |= {"symbol": as_html, "cell": _cell}
+    terms = list(GLOSSARY)
+    environment.globals |= {
+        "version": biaxbayes.__version__,
+        "glossary": lambda terms: [(term, (GLOSSARY | SEVERAL)[term]) for term in terms],
+        "run_terms": terms,
+        "verdict_terms": terms[terms.index("verdict") : terms.index("fixed") + 1],
+    }
     return environment.get_template(name)
 
 

@@ -187,19 +187,3 @@ SEVERAL = {
     "better",
 }
 """Further terms of pages on several specimens, or laws."""
-VERDICT_TERMS = (
-    "verdict",
-    "identified",
-    "bounded",
-    "only in combination",
-    "not identified",
-    "no verdict",
-    "fixed",
-)
-"""Terms of the verdicts."""
-
-
-def chosen_terms(*terms: str) -> list[tuple[str, str]]:
-    """Terms of a page with their definitions, in the order given."""
-    known = GLOSSARY | SEVERAL
-    return [(term, known[term]) for term in terms]

@@ -440,7 +440,7 @@ def command(specimen: Path, quiet: bool, **given: Any) -> int:
     Writes a run folder with the draws, tables, figures and verdicts. Exit code 0 when the
     posterior has converged, 3 when the chains did not converge, 2 when the input cannot be used.
     """
-    from biaxbayes.reports.closing_message import closing_message
+    from biaxbayes.reports.methods import closing_message
 
     given = opt.with_priors(**given)
     with opt.shown_work(quiet) as work:
