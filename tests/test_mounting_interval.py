@@ -102,6 +102,16 @@ def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():
     assert interval.low <= low and interval.high >= high
 
 
+def test_a_law_that_does_not_fit_does_not_count_between_two_that_do():
+    """The second misses the loads less than the third, but it misses the mounting reading."""
+    between = replace(law_fit("fung", 1.2, 1.2), reading_chi2=50.0)
+    best = replace(law_fit(), independent=4.0)
+    result = LawFits((best, between, law_fit("hgo", 1.25, 1.021)), 0.1, 100.0)
+    assert [f.law for f in result.compared] == ["goh", "hgo"]
+    interval = interval_from_laws(result, 0, 0, "goh", (1.018, 1.022))
+    assert interval.is_value and interval.high < 1.03
+
+
 def test_the_interval_of_the_run_is_widened_by_its_smooth_misfit():
     own = replace(law_fit(), mounting_widening=np.full((1, 2), 2.0))
     result = state(own, law_fit("fung", 1.1, 1.02), interval=(1.015, 1.025))

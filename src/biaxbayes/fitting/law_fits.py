@@ -195,8 +195,8 @@ CLOSE_RMS = 1.15
 CLOSE_CHI2 = 6.0
 """So does a law whose chi-square lies within this of the best: 2 ln 20, odds of one to twenty."""
 FEWEST = 2
-"""Mounting stretches are compared over the laws that fit, and over this many of the best at least:
-one law alone does not show how far laws differ."""
+"""Mounting stretches are compared over the laws that fit, or over this many of the best where fewer
+do: one law alone does not show how far laws differ."""
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
 LEAST_SHARE = 2e-3
@@ -229,10 +229,8 @@ class LawFits:
 
     @property
     def compared(self) -> tuple[LawFit, ...]:
-        """Fits whose mounting stretches count: all that fit, the two best at least."""
-        return self.fits[
-            : max(FEWEST, *(i + 1 for i, f in enumerate(self.fits) if f in self.fitting))
-        ]
+        """Fits whose mounting stretches count: all that fit; the two best where only one does."""
+        return self.fitting if len(self.fitting) >= FEWEST else self.fits[:FEWEST]
 
     @property
     def least_difference(self) -> float:
