@@ -33,7 +33,7 @@ from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel
 from biaxbayes.grips.geometry import edges_mm, in_words, stated_hooks
 from biaxbayes.laws.goh import GOH
-from biaxbayes.specimens.findings import Finding
+from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 

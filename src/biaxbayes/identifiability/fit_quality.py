@@ -11,7 +11,7 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.result import FitResult, misfit_sentence, root_mean_square
 from biaxbayes.options import FitOptions
-from biaxbayes.specimens.findings import Finding
+from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 
 POOR = 0.07

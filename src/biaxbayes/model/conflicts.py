@@ -13,7 +13,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import modal_residuals, user_priors
 from biaxbayes.model.priors import Prior, prior_text
 from biaxbayes.parameters import DEGREE, ERRORS
-from biaxbayes.specimens.findings import Finding
+from biaxbayes.specimens.check import Finding
 
 NEAR_EDGE = 0.05
 """Draws within this fraction of a limit of the mounting stretch count as lying at it."""

@@ -31,7 +31,7 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import parse_options, stored_law
 from biaxbayes.sampling.convergence import Convergence, assess
-from biaxbayes.specimens.findings import Finding
+from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.text_files import one_line

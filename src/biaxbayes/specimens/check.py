@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -11,12 +12,18 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.branches import CYCLE_SHARE, path_progress, path_scatter, reversal
-from biaxbayes.specimens.findings import Finding, serious, sorted_findings
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
 
+SEVERITIES = ("error", "warning", "note")
+"""An error cannot be a loading curve; a warning can change what a fit means; a note explains."""
+SERIOUS = (
+    "units", "sign", "unloading", "jump", "time", "swapped", "stretch-drift", "camera-lag",
+    "clipped",
+)  # fmt: skip
+"""Warnings that are repeated in the output of ``sample``; errors always are."""
 DRIFT = 0.002
 """Difference of the first stretches of protocols from which a warning is given."""
 LARGE_DRIFT = 0.02
@@ -38,6 +45,45 @@ USUAL_STRETCH = (1.01, 2.0)
 USUAL_EDGE_MM = (2.0, 100.0)
 USUAL_THICKNESS_MM = (0.05, 10.0)
 LARGE_NOISE = 0.1
+FORCE_LIMIT = 3.0
+"""Largest ratio of a mounting force to the peak load; beyond it the unit is probably wrong."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One result of a check."""
+
+    code: str  # stable short name, such as tared
+    severity: str  # one of SEVERITIES
+    message: str  # one sentence with its numbers
+    protocol: str | None = None  # None: the specimen
+
+    def record(self) -> dict[str, str | None]:
+        """The finding as plain values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        where = f"protocol {self.protocol}: " if self.protocol else ""
+        return f"{self.severity}: {where}{self.message}"
+
+
+def warning(code: str, message: str, protocol: str | None = None) -> Finding:
+    """A finding of the most frequent severity."""
+    return Finding(code, "warning", message, protocol)
+
+
+def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The most severe first, otherwise in their order."""
+    return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
+
+
+def serious(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Errors, and the warnings of a wrong file rather than of a difficult specimen."""
+    return tuple(
+        f
+        for f in sorted_findings(findings)
+        if f.severity == "error" or (f.severity == "warning" and f.code in SERIOUS)
+    )
 
 
 def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
@@ -54,7 +100,7 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     checks = (
         _tared, _clipped, _weak_or_negative, _unequal, _references,
         _paths, _resampled, _stiff_start, _one_direction,
-        _stress, _sign, _stretch, _dimensions, _noise, _origin,
+        _stress, _sign, _dimensions, _noise, _origin,
     )  # fmt: skip
     return sorted_findings(finding for check in checks for finding in check(specimen))
 
@@ -68,29 +114,20 @@ def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, 
         message = str(errors[0]).removeprefix("error: ")
         if errors[0].code != "stretch-drift":
             message = f"cannot be a loading curve: {message}"
-        raise InputError(
-            f"{message}{more}",
-            file=file,
-            remedy="or add `anyway=True` to sample it nevertheless",
-        )
+        remedy = "or add `anyway=True` to sample it nevertheless"
+        raise InputError(f"{message}{more}", file=file, remedy=remedy)
     return findings
 
 
 # --- a specimen that is changed or made by the program --------------------------------------------
-
-FORCE_LIMIT = 3.0
-"""Largest ratio of a mounting force to the peak load; beyond it the unit is probably wrong."""
 
 
 def with_force(specimen: Specimen, mounting_force: Sequence[float], file: object) -> Specimen:
     """A tared specimen with its mounting force added back; refuses one that cannot be right."""
     unit, largest = specimen.unit, specimen.peak_load
     if not specimen.is_tared:
-        raise InputError(
-            "already has a mounting force",
-            file=file,
-            remedy="`mounting_force` is for files whose force was zeroed after mounting",
-        )
+        remedy = "`mounting_force` is for files whose force was zeroed after mounting"
+        raise InputError("already has a mounting force", file=file, remedy=remedy)
     try:
         x, y = (float(v) for v in mounting_force)
     except (TypeError, ValueError):
@@ -106,11 +143,8 @@ def with_force(specimen: Specimen, mounting_force: Sequence[float], file: object
     elif (changed := specimen.with_mounting_force(x, y)).is_tared:
         problem = "negligible beside the largest recorded load"
     if problem:
-        raise InputError(
-            f"`mounting_force` {x:g} {y:g} is {problem}, {largest:.3g} {unit}",
-            file=file,
-            remedy=f"give it in {unit}",
-        )
+        problem = f"`mounting_force` {x:g} {y:g} is {problem}, {largest:.3g} {unit}"
+        raise InputError(problem, file=file, remedy=f"give it in {unit}")
     check_round_trip(changed, file)
     return changed
 
@@ -131,9 +165,8 @@ def check_round_trip(specimen: Specimen, file: object) -> None:
 def _tared(specimen: Specimen) -> Iterator[Finding]:
     """Mounting forces that are zero, in all protocols or in a direction of one."""
     if specimen.is_tared:
-        yield Finding(
+        yield warning(
             "tared",
-            "warning",
             "the force at the mounted state is zero in every protocol: the load cell was "
             "tared after mounting, or the record was shifted to start at zero before it was "
             "exported. The mounting stretch cannot be inferred from this file; give the force with "
@@ -147,14 +180,24 @@ def _tared(specimen: Specimen) -> Iterator[Finding]:
             # A direction without any load is the free direction of a uniaxial strip.
             if abs(value) <= limit and np.any(curve != 0.0):
                 message = f"the mounting force in {axis} is exactly zero, as after a tare in this "
-                yield Finding("tared", "warning", f"{message}direction", p.name)
+                yield warning("tared", f"{message}direction", p.name)
 
 
 def _clipped(specimen: Specimen) -> Iterator[Finding]:
     """Loads clipped at zero, or at the limit of the load cell."""
+
+    def repeats(curve: np.ndarray, value: float, resting: int) -> int:
+        """Rows of exactly this load; 0 if coarse digits or the rest explain them."""
+        same = curve == value
+        others = curve[~same]
+        # Coarse digits repeat every value, and not only the lowest or the highest one.
+        fine = np.unique(others).size > 0.8 * others.size
+        enough = same.sum() >= CLIPPED_ROWS and others.size >= CLIPPED_ROWS
+        return int(same.sum()) if enough and fine and same[resting:].any() else 0
+
     for p in specimen.protocols:
         for axis, curve in zip("xy", (p.load_x, p.load_y), strict=True):
-            zeros = _repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
+            zeros = repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
             if zeros:
                 yield Finding(
                     "clipped",
@@ -164,27 +207,14 @@ def _clipped(specimen: Specimen) -> Iterator[Finding]:
                     "the curve is lost with them. Export the raw readings",
                     p.name,
                 )
-            tops = _repeats(curve, float(curve.max()), p.rest_rows)
+            tops = repeats(curve, float(curve.max()), p.rest_rows)
             if tops:
-                yield Finding(
-                    "clipped",
-                    "warning",
+                message = (
                     f"{tops} of {p.rows} loads in {axis} are exactly {curve.max():g} "
                     f"{specimen.unit}, the largest: the load cell or the amplifier was at its "
-                    "limit. Remove these rows",
-                    p.name,
+                    "limit. Remove these rows"
                 )
-
-
-def _repeats(curve: np.ndarray, value: float, resting: int) -> int:
-    """Rows of exactly this load; 0 if coarse digits or the rest explain them."""
-    same = curve == value
-    others = curve[~same]
-    # Coarse digits repeat every value, and not only the lowest or the highest one.
-    fine = np.unique(others).size > 0.8 * others.size
-    count = int(same.sum())
-    enough = count >= CLIPPED_ROWS and others.size >= CLIPPED_ROWS
-    return count if enough and fine and bool(same[resting:].any()) else 0
+                yield warning("clipped", message, p.name)
 
 
 def _weak_or_negative(specimen: Specimen) -> Iterator[Finding]:
@@ -196,21 +226,17 @@ def _weak_or_negative(specimen: Specimen) -> Iterator[Finding]:
         for axis, value, error in zip("xy", reading, sd, strict=True):
             force = f"the mounting force in {axis}, {value:.3g} +- {error:.2g} {specimen.unit}"
             if value < -2.0 * error and value < 0.0:
-                yield Finding(
-                    "negative-mounting-force",
-                    "warning",
+                message = (
                     f"{force}, is compressive: a thin specimen buckles before it carries that, "
-                    "so the load cell's zero is probably off",
-                    p.name,
+                    "so the load cell's zero is probably off"
                 )
+                yield warning("negative-mounting-force", message, p.name)
             elif 1e-9 * specimen.peak_load < abs(value) < 2.0 * error:
-                yield Finding(
-                    "mounting-force-in-noise",
-                    "warning",
+                message = (
                     f"{force}, cannot be distinguished from zero: expect a wide interval of the "
-                    f"mounting stretch in {axis}",
-                    p.name,
+                    f"mounting stretch in {axis}"
                 )
+                yield warning("mounting-force-in-noise", message, p.name)
 
 
 def _unequal(specimen: Specimen) -> Iterator[Finding]:
@@ -234,9 +260,8 @@ def _unequal(specimen: Specimen) -> Iterator[Finding]:
                 f"{readings[i, k]:.3g}, {names[j]}: {readings[j, k]:.3g}{noise})"
             )
     if differing:
-        yield Finding(
+        yield warning(
             "mounting-forces-differ",
-            "warning",
             f"the mounting force differs between protocols, {' and '.join(differing)}: the mounted "
             "state is not the same in all of them; compare --mounting-stretch per-protocol",
         )
@@ -244,45 +269,39 @@ def _unequal(specimen: Specimen) -> Iterator[Finding]:
 
 def _references(specimen: Specimen) -> Iterator[Finding]:
     """First rows that differ in stretch, and the state that stretches are relative to."""
+    names = [p.name for p in specimen.protocols]
     if specimen.reference == "common":
         away = [p.name for p in specimen.protocols if p.rest_rows == 0]
         if away:
-            yield Finding(
-                "common-reference",
-                "note",
-                f"{len(away)} of {len(specimen.protocols)} protocols do not start at the mounted "
-                f"state ({', '.join(away[:4])}{' ...' if len(away) > 4 else ''}): the mounting "
-                "force is taken from the others",
+            message = (
+                f"{len(away)} of {len(names)} protocols do not start at the mounted state "
+                f"({', '.join(away[:4])}{' ...' if len(away) > 4 else ''}): the mounting "
+                "force is taken from the others"
             )
+            yield Finding("common-reference", "note", message)
         return
     starts = np.array([p.reference for p in specimen.protocols])
     span = np.ptp(starts, axis=0)
-    k = int(span.argmax())
     off = float(np.abs(starts - 1.0).max())
-    if span[k] > DRIFT:
+    if span.max() > DRIFT:
+        k = int(span.argmax())
         low, high = int(starts[:, k].argmin()), int(starts[:, k].argmax())
-        names = [p.name for p in specimen.protocols]
-        stated = specimen.reference is not None
         remedy = (
             ", as stated by '# reference: each protocol' in the header"
-            if stated
+            if specimen.reference
             else ". Add '# reference: common' to the header if the stretches share one reference, "
             "'# reference: each protocol' if each protocol starts at the mounted state"
         )
         yield Finding(
             "stretch-drift",
-            "error" if span[k] > LARGE_DRIFT and not stated else "warning",
+            "error" if span[k] > LARGE_DRIFT and not specimen.reference else "warning",
             f"the protocols start at different stretches, from {starts[low, k]:.4f} "
             f"({names[low]}) to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}, and each "
             f"was divided by its own start{remedy}",
         )
     elif off > 1e-9:
-        yield Finding(
-            "re-referenced",
-            "note",
-            f"the file's stretches do not start at 1 (off by up to {off:.2g}); they were divided "
-            "by their value at rest",
-        )
+        message = f"the file's stretches do not start at 1 (off by up to {off:.2g}); they were "
+        yield Finding("re-referenced", "note", f"{message}divided by their value at rest")
 
 
 # --- the curves -----------------------------------------------------------------------------------
@@ -293,65 +312,55 @@ def _paths(specimen: Specimen) -> Iterator[Finding]:
     for p in specimen.protocols:
         load = specimen.load(p)
         if p.rows < FEW_ROWS:
-            yield Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
-        order = _order(p, load, specimen.noise_sd)
-        if order is not None:
-            yield order
+            yield warning("few-rows", f"only {p.rows} rows in this protocol", p.name)
+        yield from _order(p, load, specimen.noise_sd)
         yield from _jumps(p, load)
         back = np.flatnonzero(np.diff(p.time_s if p.time_s is not None else [0.0]) < 0.0)
         if back.size:
-            yield Finding("time", "warning", f"time_s runs backwards at row {back[0] + 2}", p.name)
+            yield warning("time", f"time_s runs backwards at row {back[0] + 2}", p.name)
         yield from _camera_lag(p)
 
 
-def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Finding | None:
+def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Iterator[Finding]:
     """Rows that are shuffled, that turn back, or that are in reverse order."""
-
-    def disordered(path: np.ndarray) -> bool:
-        return path_scatter(path) > DISORDER * float(np.ptp(path))
-
     path = path_progress(p.stretch, load)
-    # Loads that are mostly noise scatter as much; shuffled rows shuffle the stretches, too.
-    if p.rows >= FEW_ROWS and disordered(path) and disordered(path_progress(p.stretch, p.stretch)):
-        return Finding(
-            "shuffled",
-            "error",
-            f"neighbouring rows lie {100 * path_scatter(path) / float(np.ptp(path)):.0f} % of the "
-            "whole range apart: the rows are out of order. Sort them by time",
-            p.name,
-        )
     peak = reversal(path)
-    if peak is not None:
+    # Loads that are mostly noise scatter as much; shuffled rows shuffle the stretches, too.
+    disorder = [
+        path_scatter(along) / max(float(np.ptp(along)), 1e-300)
+        for along in (path, path_progress(p.stretch, p.stretch))
+    ]
+    change, loss = (curve[-1] - curve[0] for curve in (p.stretch, load))
+    if p.rows >= FEW_ROWS and min(disorder) > DISORDER:
+        message = (
+            f"neighbouring rows lie {100 * disorder[0]:.0f} % of the whole range apart: the rows "
+            "are out of order. Sort them by time"
+        )
+        yield Finding("shuffled", "error", message, p.name)
+    elif peak is not None:
         dropped = float(path[peak] - path[peak:].min())
-        return Finding(
+        yield Finding(
             "unloading",
             "error" if dropped >= CYCLE_SHARE * float(np.ptp(path)) else "warning",
             f"the path turns back at row {peak + 1} of {p.rows}: unloading (or several cycles) "
             "mixed in. An elastic model has one curve; convert with --branch loading",
             p.name,
         )
-    end = p.stretch[-1]
-    change, loss = (curve[-1] - curve[0] for curve in (p.stretch, load))
-    if change.sum() < 0.0 and loss.sum() < -3.0 * noise_sd:
-        return Finding(
-            "backwards",
-            "error",
-            f"stretch and load fall from row to row, to {end[0]:.4g} and {end[1]:.4g} of the "
-            "first stretches: the rows are in reverse order, or belong to unloading. The first row "
-            "must be the mounted state; reverse the rows",
-            p.name,
+    elif change.sum() < 0.0 and loss.sum() < -3.0 * noise_sd:
+        message = (
+            f"stretch and load fall from row to row, to {p.stretch_x[-1]:.4g} and "
+            f"{p.stretch_y[-1]:.4g} of the first stretches: the rows are in reverse order, or "
+            "belong to unloading. The first row must be the mounted state; reverse the rows"
         )
-    return None
+        yield Finding("backwards", "error", message, p.name)
 
 
 def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
     """Single readings off the curve: a wrong digit, a lost marker, a truncated line."""
     if p.rows < 12:
         return
-    curves = (*p.stretch.T, *load.T)
-    for kind, axis, curve in zip(
-        ("stretch", "stretch", "load", "load"), "xyxy", curves, strict=True
-    ):
+    names = ("stretch in x", "stretch in y", "load in x", "load in y")
+    for name, curve in zip(names, (*p.stretch.T, *load.T), strict=True):
         limit = max(JUMP * float(np.ptp(curve)), 30.0 * float(np.median(np.abs(np.diff(curve, 2)))))
         left, middle, right = curve[:-2], curve[1:-1], curve[2:]
         beside = np.maximum(middle - np.maximum(left, right), np.minimum(left, right) - middle)
@@ -361,13 +370,11 @@ def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
             row = p.rows - 1
             if abs(curve[-1] - 2.0 * curve[-2] + curve[-3]) <= 4.0 * limit:
                 continue
-        yield Finding(
-            "jump",
-            "warning",
-            f"the {kind} in {axis} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
-            f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off",
-            p.name,
+        message = (
+            f"the {name} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
+            f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off"
         )
+        yield warning("jump", message, p.name)
 
 
 def _camera_lag(p: Protocol) -> Iterator[Finding]:
@@ -389,14 +396,12 @@ def _camera_lag(p: Protocol) -> Iterator[Finding]:
     time = p.time_s
     duration = f" ({time[still - 1] - time[rest - 1]:.2g} s)" if time is not None else ""
     counted = "row 1 counts" if rest == 1 else f"rows 1 to {rest} count"
-    yield Finding(
-        "camera-lag",
-        "warning",
+    message = (
         f"the load in {'xy'[k]} rises by {rise[k]:.3g} over rows {rest} to {still}{duration} while "
         f"the stretch rests: the camera lags behind the load cell, or the grips slip. Only "
-        f"{counted} as at rest; shift the stretches back in time by that delay",
-        p.name,
+        f"{counted} as at rest; shift the stretches back in time by that delay"
     )
+    yield warning("camera-lag", message, p.name)
 
 
 def _resampled(specimen: Specimen) -> Iterator[Finding]:
@@ -411,9 +416,8 @@ def _resampled(specimen: Specimen) -> Iterator[Finding]:
             names.append(p.name)
     if names:
         where = "" if len(names) == len(specimen.protocols) else f" of {', '.join(names)}"
-        yield Finding(
+        yield warning(
             "resampled",
-            "warning",
             f"the loads{where} lie on an evenly spaced grid: the record was resampled or "
             "smoothed, so its rows are not independent and its noise cannot be estimated",
         )
@@ -443,9 +447,8 @@ def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
                 names.append(f"{p.name} {axis}")
     if ratios:
         shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
-        yield Finding(
+        yield warning(
             "stiff-start",
-            "warning",
             f"{len(ratios)} of {2 * len(specimen.protocols)} curves are concave at their start: up "
             f"to {max(ratios):.1f} times as stiff there as at about {np.median(ends):.2g} "
             f"{specimen.unit} ({shown}). GOH predicts a convex start, from which the mounting "
@@ -460,10 +463,9 @@ def _bins(curve: np.ndarray) -> list[slice]:
     low, high = float(smooth[0]), float(smooth.max())
     if high <= low:
         return [slice(0, 0)] * (len(START_BINS) - 1)
-    ends = [
-        int(np.argmax(smooth >= low + share * (high - low))) + width // 2 for share in START_BINS
-    ]
-    ends[0] = 0
+    ends = [0]
+    for share in START_BINS[1:]:
+        ends.append(int(np.argmax(smooth >= low + share * (high - low))) + width // 2)
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
@@ -497,9 +499,8 @@ def _one_direction(specimen: Specimen) -> Iterator[Finding]:
         values = np.linalg.svd(curves / scale, compute_uv=False)
         misses.append(float(values[1] / values[0]))
     if max(misses) <= PROPORTIONAL:
-        yield Finding(
+        yield warning(
             "one-direction",
-            "warning",
             "x and y are proportional to each other within "
             f"{100 * max(misses):.1f} %, in stretch and in load: the file holds one effective "
             "direction; stiffness, fibre angle and dispersion may be correlated, as 'sample' shows",
@@ -517,17 +518,13 @@ def _stress(specimen: Specimen) -> Iterator[Finding]:
     low, high = USUAL_PEAK_KPA
     if peak > high:
         message = f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: "
-        yield Finding("units", "warning", f"{message}is the file in {'mN' if forces else 'Pa'}?")
+        yield warning("units", f"{message}is the file in {'mN' if forces else 'Pa'}?")
     elif peak < low:
         message = f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in"
-        yield Finding("units", "warning", f"{message} {'kN or gf' if forces else 'MPa'}?")
+        yield warning("units", f"{message} {'kN or gf' if forces else 'MPa'}?")
     if peaks.min() > 0.0 and peaks.max() / peaks.min() > 100.0:
-        yield Finding(
-            "units",
-            "warning",
-            f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
-            "are both columns in the same unit?",
-        )
+        message = f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
+        yield warning("units", f"{message}are both columns in the same unit?")
 
 
 def _sign(specimen: Specimen) -> Iterator[Finding]:
@@ -548,34 +545,24 @@ def _sign(specimen: Specimen) -> Iterator[Finding]:
             )
 
 
-def _stretch(specimen: Specimen) -> Iterator[Finding]:
-    """Stretches that hardly change, or are far beyond those of soft tissue."""
-    top = max(float(p.stretch.max()) for p in specimen.protocols)
-    low, high = USUAL_STRETCH
-    if top < low:
-        message = f"the largest stretch is {top:.4f}: is the column a stretch, not a strain?"
-        yield Finding("units", "warning", message)
-    if top > high:
-        yield Finding("units", "warning", f"the largest stretch is {top:.3g}, much for soft tissue")
-
-
 def _dimensions(specimen: Specimen) -> Iterator[Finding]:
-    """Unusual edges and thickness, or a specimen too thick for a membrane."""
+    """Unusual stretches, edges and thickness, or a specimen too thick for a membrane."""
+    top = max(float(p.stretch.max()) for p in specimen.protocols)
+    if top < USUAL_STRETCH[0]:
+        message = f"the largest stretch is {top:.4f}: is the column a stretch, not a strain?"
+        yield warning("units", message)
+    if top > USUAL_STRETCH[1]:
+        yield warning("units", f"the largest stretch is {top:.3g}, much for soft tissue")
     edges = {key: getattr(specimen, key) for key in ("edge_x_mm", "edge_y_mm")}
-    thickness = {"thickness_mm": specimen.thickness_mm}
-    for values, (low, high) in ((edges, USUAL_EDGE_MM), (thickness, USUAL_THICKNESS_MM)):
-        for key, value in values.items():
-            if value is not None and not low <= value <= high:
-                message = f"{key} of {value:g} is unusual: is it in mm?"
-                yield Finding("units", "warning", message)
-    widths = [edge for edge in edges.values() if edge is not None]
-    if widths and specimen.thickness_mm is not None and specimen.thickness_mm > 0.5 * min(widths):
-        yield Finding(
-            "units",
-            "warning",
-            f"the specimen is {specimen.thickness_mm:g} mm thick and only {min(widths):g} mm wide: "
-            "a membrane model does not hold",
-        )
+    thickness = specimen.thickness_mm
+    for key, value in (edges | {"thickness_mm": thickness}).items():
+        low, high = USUAL_EDGE_MM if key in edges else USUAL_THICKNESS_MM
+        if value is not None and not low <= value <= high:
+            yield warning("units", f"{key} of {value:g} is unusual: is it in mm?")
+    width = min((edge for edge in edges.values() if edge is not None), default=math.inf)
+    if thickness is not None and thickness > 0.5 * width:
+        message = f"the specimen is {thickness:g} mm thick and only {width:g} mm wide: "
+        yield warning("units", f"{message}a membrane model does not hold")
 
 
 def _noise(specimen: Specimen) -> Iterator[Finding]:
@@ -584,26 +571,20 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
     noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
     if noise > LARGE_NOISE * peak:
         share = f"{100 * noise / peak:.0f} % of the largest load"
-        yield Finding("units", "warning", f"the load noise of {noise:.2g} {unit} is {share}")
+        yield warning("units", f"the load noise of {noise:.2g} {unit} is {share}")
     if stated is not None and seen > 0.0 and not 0.2 < seen / stated < 5.0:
-        yield Finding(
+        smoothed = ": the record was smoothed or averaged" if seen < stated else ""
+        yield warning(
             "noise-differs",
-            "warning",
             f"the header states a load noise of {stated:.2g} {unit}; neighbouring rows "
-            f"scatter by {seen:.2g} {unit}"
-            + (": the record was smoothed or averaged" if seen < stated else ""),
+            f"scatter by {seen:.2g} {unit}{smoothed}",
         )
     if noise == 0.0:
-        yield Finding(
+        yield warning(
             "no-noise",
-            "warning",
             "the file states no load noise and its rows show none (a resampled or virtual "
-            f"record): state load_noise_{unit}, or the mounting force can only be taken as "
-            "exact",
+            f"record): state load_noise_{unit}, or the mounting force can only be taken as exact",
         )
-
-
-# --- origin ---------------------------------------------------------------------------------------
 
 
 def _origin(specimen: Specimen) -> Iterator[Finding]:
@@ -612,20 +593,15 @@ def _origin(specimen: Specimen) -> Iterator[Finding]:
     if shear is not None:
         angle = specimen.metadata.get("largest_shear_angle_deg")
         turned = "" if angle is None else f"; the right angle changes by up to {angle:.2g} degrees"
-        yield Finding(
-            "shear",
-            "warning" if float(shear) > 0.02 else "note",
-            f"the record contains shear: |F12|, |F21| up to {float(shear):.2g}{turned}. "
-            "The model ignores it",
-        )
+        message = f"the record contains shear: |F12|, |F21| up to {float(shear):.2g}{turned}. "
+        severity = "warning" if float(shear) > 0.02 else "note"
+        yield Finding("shear", severity, f"{message}The model ignores it")
     cycle, branch = specimen.metadata.get("cycle"), specimen.metadata.get("branch")
     if cycle is not None:
         yield Finding("cycle", "note", f"converted from cycle {cycle}")
     if branch is not None:
-        loading = set(str(branch).replace(",", " ").split()) == {"loading"}
-        yield Finding(
-            "branch",
-            "note" if loading else "warning",
-            f"converted from the {branch} branch"
-            + ("" if loading else ": parameters of unloading are not those of loading"),
-        )
+        message = f"converted from the {branch} branch"
+        if set(str(branch).replace(",", " ").split()) == {"loading"}:
+            yield Finding("branch", "note", message)
+        else:
+            yield warning("branch", f"{message}: parameters of unloading are not those of loading")

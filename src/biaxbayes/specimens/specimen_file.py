@@ -3,49 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import GRIP_DETAILS, KEYS, METADATA_KEYS, NO_GRIPS, checked_value
 from biaxbayes.specimens.plausibility import check_readings
-from biaxbayes.specimens.protocol import AUTOMATIC, Protocol, ReadingError
+from biaxbayes.specimens.protocol import AUTOMATIC, CURVES, Protocol, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.table import STRETCHES, Table, read_table
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import atomic_write_text, cells_of, one_line, read_lines, rows_text
 
+DIMENSIONS = ("edge_x_mm", "edge_y_mm", "thickness_mm")
 MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
 """Measured stretch of the mounted state, in a record with one common reference."""
 
 
-# --- the header ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Header:
-    """Values by key, and their lines in the file."""
-
-    values: Mapping[str, float | str]
-    rows: Mapping[str, int]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.values
-
-    def number(self, key: str) -> float | None:
-        """A number, or None without the key."""
-        value = self.values.get(key)
-        return None if value is None else float(value)
-
-    def text(self, key: str) -> str | None:
-        """A text, or None without the key or if it is empty."""
-        return str(self.values.get(key) or "") or None
-
-
-def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
-    """Header of a file, and the index of the line with the column names."""
-    values: dict[str, float | str] = {}
+def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[str, int], int]:
+    """Values of the header and their lines, by key; index of the line with the column names."""
+    values: dict[str, Any] = {}
     rows: dict[str, int] = {}
     for row, line in enumerate(lines, start=1):
         stripped = line.strip()
@@ -57,15 +36,14 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
         if not stripped:
             continue
         if not stripped.startswith("#"):
-            return Header(values, rows), row - 1
+            return values, rows, row - 1
         key, colon, value = stripped.lstrip("#").partition(":")
         if not colon:
             continue  # a plain comment
         key, value = key.strip(), one_line(value)
         if key in values:
-            raise InputError(
-                f"header key {key!r} appears twice", file=path, row=row, remedy="keep one"
-            )
+            problem = f"header key {key!r} appears twice"
+            raise InputError(problem, file=path, row=row, remedy="keep one")
         if key not in KEYS:
             _, hint = likely_name(key, KEYS)
             raise InputError(
@@ -112,31 +90,32 @@ def read_specimen(path: str | os.PathLike) -> Specimen:
 
 def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     """A specimen from the lines of its file; ``path`` serves messages and the default name."""
-    header, first = read_header(lines, path)
-    table = read_table(lines, first, path, drop_missing=header.text("missing_rows") == "drop")
+    values, rows, first = read_header(lines, path)
+    table = read_table(lines, first, path, drop_missing=values.get("missing_rows") == "drop")
     stress_pair = _stress_pair(table, path)
     unit = "N" if stress_pair == "force" else "kPa"
-    _check_keys(header, stress_pair, path)
+    _check_keys(values, rows, stress_pair, path)
+    arguments = (*DIMENSIONS, "layer", "axis_x", "axis_y", "reference")
     try:
-        protocols = _protocols(table, header, stress_pair, path)
         specimen = Specimen(
-            name=one_line(header.text("specimen") or path.stem),
-            protocols=tuple(protocols),
+            name=values.get("specimen") or one_line(path.stem),
+            protocols=_protocols(table, values, rows, stress_pair, path),
             stress_pair=stress_pair,
-            geometry=header.text("geometry") or "unloaded",
-            edge_x_mm=header.number("edge_x_mm"),
-            edge_y_mm=header.number("edge_y_mm"),
-            thickness_mm=header.number("thickness_mm"),
-            load_noise=header.number(f"load_noise_{unit}"),
-            layer=header.text("layer"),
-            axis_x=header.text("axis_x"),
-            axis_y=header.text("axis_y"),
-            reference=header.text("reference"),
-            metadata={key: header.values[key] for key in METADATA_KEYS if key in header},
+            geometry=values.get("geometry", "unloaded"),
+            load_noise=values.get(f"load_noise_{unit}"),
+            metadata={key: values[key] for key in METADATA_KEYS if key in values},
+            **{key: values.get(key) for key in arguments},
         )
         check_readings(specimen)
     except ReadingError as error:
-        raise _in_file(error, table, header, stress_pair, path) from None
+        # by line of the header, or by row and column of the table
+        key = f"load_noise_{unit}" if error.argument == "load_noise" else error.argument
+        if error.index is None and key in values:
+            raise InputError(error.fault, file=path, row=rows[key], remedy=error.remedy) from None
+        columns = dict(zip(CURVES, (*STRETCHES, *STRESS_PAIRS[stress_pair]), strict=True))
+        of_protocol = dict(table.groups).get(error.protocol or "", slice(None))
+        where = columns | {"time_s": "time_s"}
+        raise error.at(path, table.lines[of_protocol], where) from None
     notes = [
         f"protocol {p.name}: stretches divided by their value at rest "
         f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
@@ -148,77 +127,69 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
 
 def _stress_pair(table: Table, path: Path) -> str:
     """The one stress pair of a table, with both its columns."""
-
-    def refusal(problem: str, remedy: str, column: str | None = None) -> InputError:
-        row = table.names_line
-        return InputError(problem, file=path, row=row, column=column, remedy=remedy)
-
     present = [
         pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
     ]
+    problem, remedy, column = "", "", None
     if not present:
         pairs = ", or ".join(" and ".join(columns) for columns in STRESS_PAIRS.values())
-        raise refusal("no stress pair", f"give {pairs}")
-    if len(present) > 1:
-        raise refusal(f"more than one stress pair ({', '.join(present)})", "keep the measured one")
-    for column in STRESS_PAIRS[present[0]]:
-        if column not in table.columns:
-            raise refusal("missing column", "give both directions", column)
+        problem, remedy = "no stress pair", f"give {pairs}"
+    elif len(present) > 1:
+        problem = f"more than one stress pair ({', '.join(present)})"
+        remedy = "keep the measured one"
+    else:
+        column = next((c for c in STRESS_PAIRS[present[0]] if c not in table.columns), None)
+        if column:
+            problem, remedy = "missing column", "give both directions"
+    if problem:
+        raise InputError(problem, file=path, row=table.names_line, column=column, remedy=remedy)
     return present[0]
 
 
-def _check_keys(header: Header, stress_pair: str, path: Path) -> None:
+def _check_keys(
+    values: Mapping[str, Any], rows: Mapping[str, int], stress_pair: str, path: Path
+) -> None:
     """Refuse keys that are missing with forces, or do not fit the others or the columns."""
-    if stress_pair == "force":
-        for key in ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry"):
-            if key not in header:
-                values = "unloaded|mounted" if key == "geometry" else "..."
-                state = ", the state that dimensions refer to" if key == "geometry" else ""
-                raise InputError(
-                    f"a force file must state {key}",
-                    file=path,
-                    remedy=f"add a line '# {key}: {values}' at the top{state}",
-                )
+    for key in (*DIMENSIONS, "geometry") if stress_pair == "force" else ():
+        if key not in values:
+            line = f"'# {key}: ...' at the top"
+            if key == "geometry":
+                line = f"'# {key}: unloaded|mounted' at the top, the state that dimensions refer to"
+            raise InputError(
+                f"a force file must state {key}", file=path, remedy=f"add a line {line}"
+            )
     wrong, right = ("kPa", "N") if stress_pair == "force" else ("N", "kPa")
-    for key in (f"load_noise_{wrong}", f"load_offset_sd_{wrong}"):
-        if key in header:
-            raise InputError(
-                f"{key} does not fit the file's columns",
-                file=path,
-                row=header.rows[key],
-                remedy=f"give it in {right}",
-            )
-    for key in MOUNTED_STATE:
-        if key in header and header.text("reference") != "common":
-            raise InputError(
-                f"{key} needs one common reference",
-                file=path,
-                row=header.rows[key],
-                remedy="add a line '# reference: common', or leave it out",
-            )
-    for key in GRIP_DETAILS:
-        if key in header and header.text("grips") in (None, NO_GRIPS):
-            raise InputError(
-                f"{key} needs the key grips",
-                file=path,
-                row=header.rows[key],
-                remedy="add a line such as '# grips: hooks 5', or leave it out",
-            )
+    unit = ("does not fit the file's columns", f"give it in {right}")
+    unfit = {f"load_noise_{wrong}": unit, f"load_offset_sd_{wrong}": unit}
+    if values.get("reference") != "common":
+        line = "add a line '# reference: common', or leave it out"
+        unfit |= dict.fromkeys(MOUNTED_STATE, ("needs one common reference", line))
+    if values.get("grips", NO_GRIPS) == NO_GRIPS:
+        line = "add a line such as '# grips: hooks 5', or leave it out"
+        unfit |= dict.fromkeys(GRIP_DETAILS, ("needs the key grips", line))
+    for key, (problem, remedy) in unfit.items():
+        if key in values:
+            raise InputError(f"{key} {problem}", file=path, row=rows[key], remedy=remedy)
 
 
-def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> list[Protocol]:
+def _protocols(
+    table: Table,
+    values: Mapping[str, Any],
+    lines: Mapping[str, int],
+    stress_pair: str,
+    path: Path,
+) -> tuple[Protocol, ...]:
     """The protocols of a table, relative to the mounted state if the header gives one."""
-    given, count = header.text("rest_rows"), len(table.groups)
-    resting = [AUTOMATIC] if given is None else [int(part) for part in given.split(",")]
+    resting = [int(part) for part in values.get("rest_rows", str(AUTOMATIC)).split(",")]
+    count = len(table.groups)
     if len(resting) not in (1, count):
         raise InputError(
             f"rest_rows has {len(resting)} values for {count} protocol{'s' * (count != 1)}",
             file=path,
-            row=header.rows["rest_rows"],
+            row=lines["rest_rows"],
             remedy="give one for all protocols, or one per protocol",
         )
-    mounted = [header.number(key) or 1.0 for key in MOUNTED_STATE]
-    names = (*STRETCHES, *STRESS_PAIRS[stress_pair])
+    mounted = [values.get(key, 1.0) for key in MOUNTED_STATE]
     protocols = []
     for index, (name, rows) in enumerate(table.groups):
         at_rest = resting[index % len(resting)]
@@ -226,28 +197,14 @@ def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> li
             raise InputError(
                 f"rest_rows of {at_rest} leaves no stretched row in protocol {name[:40]!r}",
                 file=path,
-                row=header.rows["rest_rows"],
+                row=lines["rest_rows"],
                 remedy="rest_rows counts the leading rows recorded before the test starts",
             )
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
-        x, y, load_x, load_y = (table.columns[column][rows] for column in names)
-        protocol = Protocol(name, x, y, load_x, load_y, time, at_rest)
+        curves = [table.columns[c][rows] for c in (*STRETCHES, *STRESS_PAIRS[stress_pair])]
+        protocol = Protocol(name, *curves, time, at_rest)
         protocols.append(protocol.divided_by(mounted, stress_pair))
-    return protocols
-
-
-def _in_file(
-    error: ReadingError, table: Table, header: Header, stress_pair: str, path: Path
-) -> InputError:
-    """An error about an array, by row and column of the file."""
-    unit = "N" if stress_pair == "force" else "kPa"
-    key = f"load_noise_{unit}" if error.argument == "load_noise" else error.argument
-    if error.index is None and key in header:
-        return InputError(error.fault, file=path, row=header.rows[key], remedy=error.remedy)
-    load_x, load_y = STRESS_PAIRS[stress_pair]
-    columns = {key: key for key in (*STRETCHES, "time_s")} | {"load_x": load_x, "load_y": load_y}
-    rows = dict(table.groups).get(error.protocol or "", slice(None))
-    return error.at(path, table.lines[rows], columns)
+    return tuple(protocols)
 
 
 # --- writing -------------------------------------------------------------------------------------
@@ -277,7 +234,13 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
     ``recorded``: protocols before their stretches were divided, to be written in place of those
     of the specimen, so that a reader sees where each started.
     """
-    _check_writable(specimen)
+    names = [one_line(p.name) for p in specimen.protocols]
+    for name in names:
+        if not name or names.count(name) > 1:
+            raise InputError(
+                f"protocol name {name[:40]!r} is empty or duplicated",
+                remedy="give each protocol a name of its own",
+            )
     protocols = specimen.protocols if recorded is None else recorded
     keys: dict[str, object] = {
         "specimen": specimen.name,
@@ -299,42 +262,17 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
     )
     if given != automatic:
         keys["rest_rows"] = ", ".join(map(str, given))
-    lines = []
+    header = ""
     for key, value in keys.items():
         if value is not None and value != "":
             text = repr(float(value)) if isinstance(value, float) else one_line(str(value))
-            lines.append(f"# {key}: {text}\n")
-    return "".join(lines) + rows_text(_rows(specimen.stress_pair, protocols))
-
-
-def _check_writable(specimen: Specimen) -> None:
-    for key in specimen.metadata:
-        if key not in METADATA_KEYS:
-            raise InputError(
-                f"metadata key {key[:40]!r} has no place in a specimen file",
-                remedy=f"known keys are {', '.join(METADATA_KEYS)}",
-            )
-    names = [one_line(p.name) for p in specimen.protocols]
-    for name in names:
-        if not name or names.count(name) > 1:
-            raise InputError(
-                f"protocol name {name[:40]!r} is empty or duplicated",
-                remedy="give each protocol a name of its own",
-            )
-
-
-def _rows(stress_pair: str, protocols: Sequence[Protocol]) -> Iterator[Sequence]:
-    """Column names, and the rows of all protocols."""
+            header += f"# {key}: {text}\n"
     named = len(protocols) > 1 or protocols[0].name != "1"
-    timed = protocols[0].time_s is not None
-    yield [
-        *(["protocol"] if named else []),
-        *(["time_s"] if timed else []),
-        *STRETCHES,
-        *STRESS_PAIRS[stress_pair],
-    ]
+    timed = ["time_s"] if protocols[0].time_s is not None else []
+    columns = [*timed, *STRETCHES, *STRESS_PAIRS[specimen.stress_pair]]
+    rows: list[Sequence] = [["protocol", *columns] if named else columns]
     for p in protocols:
-        columns: list[Sequence] = [[one_line(p.name)] * p.rows] if named else []
         curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
-        columns += [curve.tolist() for curve in curves if curve is not None]
-        yield from zip(*columns, strict=True)
+        numbers = zip(*(curve.tolist() for curve in curves if curve is not None), strict=True)
+        rows += [[one_line(p.name), *row] for row in numbers] if named else numbers
+    return header + rows_text(rows)

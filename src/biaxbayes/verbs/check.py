@@ -18,7 +18,7 @@ from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
 from biaxbayes.verbs.options import argument, file_option, json_option
 
 if TYPE_CHECKING:
-    from biaxbayes.specimens.findings import Finding
+    from biaxbayes.specimens.check import Finding
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,7 @@ def check(
     InputError
         For a sketch of a specimen whose header states no hooks.
     """
-    from biaxbayes.specimens.check import check_specimen
-    from biaxbayes.specimens.findings import Finding, sorted_findings
+    from biaxbayes.specimens.check import Finding, check_specimen, sorted_findings
 
     data = open_specimen(specimen)
     findings = list(check_specimen(data))

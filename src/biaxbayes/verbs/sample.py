@@ -48,8 +48,7 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise
 from biaxbayes.sampling.sampler import Draws, Plan
-from biaxbayes.specimens.check import refuse_no_loading_curve
-from biaxbayes.specimens.findings import Finding
+from biaxbayes.specimens.check import Finding, refuse_no_loading_curve
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.tasks import one_call
