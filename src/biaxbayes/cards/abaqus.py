@@ -11,11 +11,10 @@ an ``*ORIENTATION``, in its local system. C10 is our C1; each family counts once
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from biaxbayes.cards.card import Card, header_lines
+from biaxbayes.cards.check import HGO, Solid, WrittenCard
 from biaxbayes.errors import InputError
 
 SUFFIX = ".inp"
@@ -38,41 +37,6 @@ USE = [
 ]
 
 
-@dataclass(frozen=True)
-class AbaqusCard:
-    """A card read back, in its own units."""
-
-    label: str
-    C10: float
-    D: float
-    k1: float
-    k2: float
-    kappa: float
-    directions: np.ndarray  # (2, 3), mean fibre directions in the global system
-
-    def energy(self, F: np.ndarray) -> np.ndarray:
-        """Strain energy of deformation gradients of shape (..., 3, 3), real or complex."""
-        U = self.isochoric_energy(F)
-        if self.D == 0.0:
-            return U
-        J = np.linalg.det(F)
-        return U + ((J**2 - 1.0) / 2.0 - np.log(J)) / self.D
-
-    def isochoric_energy(self, F: np.ndarray) -> np.ndarray:
-        """The energy without its volumetric term, which does no work while J = 1."""
-        J = np.linalg.det(F)
-        C = np.swapaxes(F, -1, -2) @ F * J[..., None, None] ** (-2.0 / 3.0)
-        I1 = np.trace(C, axis1=-2, axis2=-1)
-        U = self.C10 * (I1 - 3.0)
-        for direction in self.directions:
-            A = direction / np.linalg.norm(direction)
-            I4 = np.einsum("i,...ij,j->...", A, C, A)
-            E = self.kappa * (I1 - 3.0) + (1.0 - 3.0 * self.kappa) * (I4 - 1.0)
-            E = np.where(E.real > 0.0, E, 0.0)
-            U = U + self.k1 / (2.0 * self.k2) * (np.exp(self.k2 * E**2) - 1.0)
-        return U
-
-
 def write_abaqus(card: Card, version: str) -> str:
     """Text of the card, ready for ``*INCLUDE``."""
     material = card.material
@@ -90,27 +54,25 @@ def write_abaqus(card: Card, version: str) -> str:
         ]
     use = [line.format(label=card.label) for line in USE]
     alpha = np.radians(material.alpha_deg)
-    numbers = (card.stress(material.C1_kPa), D, card.stress(material.k1_kPa))
+    stresses = (card.stress(material.C1_kPa), D, card.stress(material.k1_kPa))
+    # at most 20 characters, the width that Abaqus reads
+    cos, sin = f"{np.cos(alpha):.12E}", f"{np.sin(alpha):.12E}"
+    constants = [f"{value:.12E}" for value in (*stresses, material.k2, material.kappa)]
     lines = [
         *(f"** {line}" for line in header_lines(card, version, [*CONVENTIONS, *bulk, *use])),
         f"*ORIENTATION, NAME={card.label}_ORI, SYSTEM=RECTANGULAR, LOCAL DIRECTIONS=2",
         "1., 0., 0., 0., 1., 0.",
         "3, 0.",
-        f"{_number(np.cos(alpha))}, {_number(np.sin(alpha))}, 0.",
-        f"{_number(np.cos(alpha))}, {_number(-np.sin(alpha))}, 0.",
+        f"{cos}, {sin}, 0.",
+        f"{cos}, -{sin}, 0.",
         f"*MATERIAL, NAME={card.label}",
         "*ANISOTROPIC HYPERELASTIC, HOLZAPFEL, LOCAL DIRECTIONS=2",
-        ", ".join(_number(v) for v in (*numbers, material.k2, material.kappa)),
+        ", ".join(constants),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _number(value: float) -> str:
-    """A number of at most 20 characters, the width that Abaqus reads."""
-    return f"{value:.12E}"
-
-
-def read_abaqus(text: str) -> AbaqusCard:
+def read_abaqus(text: str) -> WrittenCard:
     """Read a card as Abaqus would, without comments; InputError if it is not of this kind."""
     blocks: dict[str, tuple[dict[str, str], list[list[str]]]] = {}
     rows: list[list[str]] = []
@@ -142,4 +104,8 @@ def read_abaqus(text: str) -> AbaqusCard:
         label = blocks["*MATERIAL"][0]["NAME"]
     except (KeyError, ValueError, IndexError) as error:
         raise InputError(f"not a material card of this kind ({error})") from None
-    return AbaqusCard(label, C10, D, k1, k2, kappa, local @ base)
+    families = local @ base
+    families /= np.linalg.norm(families, axis=1, keepdims=True)
+    # c = 2 C10 and K = 2 / D in FEBio's terms
+    values = {"c": 2.0 * C10, "k1": k1, "k2": k2, "kappa": kappa}
+    return WrittenCard(label, (Solid(HGO, values, families),), 2.0 / D if D else 0.0)

@@ -6,7 +6,7 @@ import re
 import textwrap
 import unicodedata
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
@@ -14,8 +14,7 @@ from biaxbayes.laws.goh import GOH
 # --- consistent unit systems of finite-element input ---------------------------------------------
 
 
-@dataclass(frozen=True)
-class UnitSystem:
+class UnitSystem(NamedTuple):
     """Units that belong together: force = mass length / time^2, stress = force / length^2."""
 
     name: str
@@ -43,18 +42,7 @@ UNIT_SYSTEMS = {
 }
 
 
-def unit_system(name: str) -> UnitSystem:
-    """Unit system by name; InputError for an unknown one."""
-    try:
-        return UNIT_SYSTEMS[name]
-    except KeyError:
-        raise InputError(
-            f"no unit system {name[:40]!r}", remedy=f"choose {', '.join(UNIT_SYSTEMS)}"
-        ) from None
-
-
-# --- A material card: one draw, in one unit system, with what a reader of the file must know -----
-
+# --- the card ---
 
 K2_FLOOR = 1e-9
 """Smallest exponent written. The programs divide by k2; at 1e-9 the stress differs from its

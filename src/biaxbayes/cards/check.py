@@ -1,21 +1,91 @@
-"""Check that a written card gives the stress of the draw it was made from.
+"""What a program makes of a card, and whether it is the stress of the draw behind the card.
 
-The card is read back from its text and the program's own strain energy is evaluated in three
+A card is read back from its text, and the program's own strain energy is evaluated in three
 dimensions, differentiated by complex steps, with the pressure from plane stress: a route that
-shares nothing with :mod:`biaxbayes.laws.goh`.
+shares nothing with :mod:`biaxbayes.laws.goh`. With C, I1, I2, I4, In and E of the isochoric part:
+
+    Holzapfel-Gasser-Ogden    c/2 (I1 - 3) + k1/(2 k2) sum_a (exp(k2 <E_a>^2) - 1)
+                              E_a = kappa (I1 - 3) + (1 - 3 kappa) (I4_a - 1)
+    Mooney-Rivlin             c1 (I1 - 3) + c2 (I2 - 3)
+    fiber-exp-pow-uncoupled   ksi / (alpha beta) (exp(alpha (In - 1)^beta) - 1) where In > 1
+    Fung orthotropic          c/2 (exp(Q) - 1)
+                              Q = (1/c) sum_a [2 mu_a M_a:E^2 + sum_b lambda_ab (M_a:E) (M_b:E)]
+
+with mu and lambda from Young's moduli, shear moduli and Poisson's ratios.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
 
+HGO = "Holzapfel-Gasser-Ogden"
+MATRIX, FIBRE, FUNG = "Mooney-Rivlin", "fiber-exp-pow-uncoupled", "Fung orthotropic"
 STEP = 1e-30
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One elastic material: the whole card, or a part of a mixture."""
+
+    type: str  # FEBio's name
+    values: Mapping[str, float]  # in the units of the card
+    axes: np.ndarray  # unit vectors as rows: directions of the fibres, or the material axes
+
+    def energy(self, C: np.ndarray) -> np.ndarray:
+        """Isochoric strain energy at isochoric right Cauchy-Green tensors (..., 3, 3)."""
+        p = self.values
+        I1 = np.trace(C, axis1=-2, axis2=-1)
+        I4 = np.einsum("ai,...ij,aj->a...", self.axes, C, self.axes)
+        if self.type == HGO:
+            E = p["kappa"] * (I1 - 3.0) + (1.0 - 3.0 * p["kappa"]) * (I4 - 1.0)
+            E = np.where(E.real > 0.0, E, 0.0)
+            fibres = (np.exp(p["k2"] * E**2) - 1.0).sum(axis=0)
+            return p["c"] / 2.0 * (I1 - 3.0) + p["k1"] / (2.0 * p["k2"]) * fibres
+        if self.type == MATRIX:
+            I2 = 0.5 * (I1**2 - np.trace(C @ C, axis1=-2, axis2=-1))
+            return p["c1"] * (I1 - 3.0) + p["c2"] * (I2 - 3.0)
+        if self.type == FIBRE:
+            E = np.where(I4[0].real > 1.0, I4[0] - 1.0, 0.0)
+            return p["ksi"] / (p["alpha"] * p["beta"]) * (np.exp(p["alpha"] * E ** p["beta"]) - 1.0)
+        G12, G23, G31 = p["G12"], p["G23"], p["G31"]
+        mu = np.array([G12 + G31 - G23, G12 - G31 + G23, -G12 + G31 + G23])
+        compliance = np.diag([1.0 / p["E1"], 1.0 / p["E2"], 1.0 / p["E3"]])
+        for i, j, ratio in ((0, 1, "v12"), (1, 2, "v23"), (2, 0, "v31")):
+            compliance[i, j] = compliance[j, i] = -p[ratio] / p[f"E{i + 1}"]
+        lam = np.linalg.inv(compliance) - 2.0 * np.diag(mu)
+        strain = 0.5 * (C - np.eye(3))
+        first = np.einsum("ai,...ij,aj->...a", self.axes, strain, self.axes)
+        second = np.einsum("ai,...ij,aj->...a", self.axes, strain @ strain, self.axes)
+        # Q = (1/c) sum_a [2 mu_a M_a:E^2 + sum_b lambda_ab (M_a:E) (M_b:E)]
+        Q = 2.0 * second @ mu + np.einsum("...a,ab,...b->...", first, lam, first)
+        return 0.5 * p["c"] * (np.exp(Q / p["c"]) - 1.0)
+
+
+@dataclass(frozen=True)
+class WrittenCard:
+    """A card read back, in its own units."""
+
+    label: str
+    solids: tuple[Solid, ...]  # their isochoric energies add up; axes in the global system
+    bulk: float  # bulk modulus; 0 without a volumetric term
+
+    def energy(self, F: np.ndarray) -> np.ndarray:
+        """Strain energy of deformation gradients of shape (..., 3, 3), real or complex."""
+        J = np.linalg.det(F)
+        hgo = any(solid.type == HGO for solid in self.solids)
+        U = (J**2 - 1.0) / 2.0 - np.log(J) if hgo else np.log(J) ** 2
+        return self.isochoric_energy(F) + self.bulk / 2.0 * U
+
+    def isochoric_energy(self, F: np.ndarray) -> np.ndarray:
+        """The energy without its volumetric term, which does no work while J = 1."""
+        C = np.swapaxes(F, -1, -2) @ F * np.linalg.det(F)[..., None, None] ** (-2.0 / 3.0)
+        return sum((solid.energy(C) for solid in self.solids), np.zeros(F.shape[:-2]))
 
 
 def biaxial_stress(

@@ -13,12 +13,11 @@ import pandas as pd
 
 from biaxbayes import __version__
 from biaxbayes.cards import abaqus, febio
-from biaxbayes.cards.card import Card, exportable, safe_label, unit_system
-from biaxbayes.cards.check import relative_deviation
+from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, safe_label
+from biaxbayes.cards.check import WrittenCard, relative_deviation
 from biaxbayes.cards.febio import MIXTURES
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
-from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.prediction.bands import evenly_chosen
@@ -26,19 +25,11 @@ from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, write_csv
 
-Writer = Callable[[Card, str], str]
-Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard]
-
-PROGRAMS: dict[str, tuple[Writer, Reader, str]] = {
+PROGRAMS: dict[str, tuple[Callable[[Card, str], str], Callable[[str], WrittenCard], str]] = {
     "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
     "febio": (febio.write_febio, febio.read_febio, febio.SUFFIX),
 }
 """Writer, reader and file ending of each program."""
-NO_CARD = {
-    ("fung", "abaqus"): "Abaqus' Fung form has no neo-Hookean part, and c0 is above zero here",
-}
-"""Reasons for a missing card other than that the program does not have the law."""
-
 AGREEMENT = 1e-8
 """Largest relative deviation of a card's stress from the draw's."""
 
@@ -74,16 +65,23 @@ def export_cards(
         raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")
     if bulk_ratio is None and program == "febio":
         bulk_ratio = BULK_RATIO
-    system = unit_system(units)
+    if units not in UNIT_SYSTEMS:
+        remedy = f"choose {', '.join(UNIT_SYSTEMS)}"
+        raise InputError(f"no unit system {units[:40]!r}", remedy=remedy)
     _prepare(out, overwrite=overwrite)
     stem, digits = safe_label(specimen.name), max(4, len(str(len(draws))))
-    suffix = PROGRAMS[program][2]
+    weight = 1.0 / len(rows)
     records = []
     for row in rows:
         draw = draws.iloc[[int(row)]]
-        states = _states(draw, specimen)
-        values = [float(draw.iloc[0][name]) for name in law.names]
-        material = _exported(law, values, states)
+        # total stretches (m, 2) of the tested states
+        states = np.vstack(
+            [
+                p.stretch[evenly_chosen(p.rows, STATES)] * protocol_mounting(draw, p)
+                for p in specimen.protocols
+            ]
+        )
+        material = _exported(law, [float(draw.iloc[0][name]) for name in law.names], states)
         bulk_kPa = None
         if bulk_ratio is not None:
             peak = float(np.abs(material.fitted.cauchy(*states.T)).max())
@@ -91,21 +89,21 @@ def export_cards(
         card = Card(
             f"{stem}_{row:0{digits}d}",
             material.written,
-            system,
+            UNIT_SYSTEMS[units],
             bulk_kPa,
             specimen.name,
-            f"{origin}; row {row} of {len(draws)} draws, weight {1.0 / len(rows):.6g}",
+            f"{origin}; row {row} of {len(draws)} draws, weight {weight:.6g}",
             bool(mounting_labels(draws, specimen)),
             material.notes,
         )
-        file = f"{stem}-{row:0{digits}d}{suffix}"
+        file = f"{stem}-{row:0{digits}d}{PROGRAMS[program][2]}"
         deviation = _write_and_check(card, out / file, program, material.fitted, states)
         labels = [p.label for p in material.written.law.parameters]
         records.append(
-            {"card": card.label, "file": file, "draw": int(row), "weight": 1.0 / len(rows)}
+            {"card": card.label, "file": file, "draw": int(row), "weight": weight}
             | dict(zip(labels, material.written.values, strict=True))
             | {"bulk_modulus_kPa": np.nan if bulk_kPa is None else bulk_kPa}
-            | {"program": program, "units": system.name}
+            | {"program": program, "units": units}
             | material.columns
             | {"check_relative_deviation": deviation}
         )
@@ -122,8 +120,8 @@ def _check_law(law: Law, program: str) -> None:
     if is_goh or (law.name in MIXTURES and program == "febio"):
         return
     message = f"there is no card of the law {law.name} for {program}"
-    if (law.name, program) in NO_CARD:
-        message += f": {NO_CARD[law.name, program]}"
+    if law.name == "fung":
+        message += ": Abaqus' Fung form has no neo-Hookean part, and c0 is above zero here"
     elsewhere = "export it to febio" if law.name in MIXTURES else "export a run of `law` goh or hgo"
     raise InputError(message, remedy=elsewhere)
 
@@ -139,71 +137,53 @@ class Exported(NamedTuple):
 
 
 def _exported(law: Law, values: Sequence[float], states: np.ndarray) -> Exported:
+    """The material of a draw as the programs take it, and what their fibre switch changes."""
     goh = law.as_goh(values)
     if goh is None:
         material = law.material_at(values)
         shear = MIXTURES[law.name].matrix_shear_kPa(dict(zip(law.names, values, strict=True)))
         return Exported(material, material, shear, (), {"switch_changes_stress_kPa": 0.0})
     written, changed = exportable(goh)
-    smallest, change, notes = _fibre_switch(goh, states)
+    X, Y = np.square(states.T)
+    smallest = float(fibre_strain(goh.constants, X, Y, 1.0 / (X * Y)).min())
+    switch = (
+        "Fibre switch: fibres carry no load at E < 0, neither in this program nor in the fit."
+        if goh.fibre_switch
+        else "Fibre switch: this program drops the fibre term at E < 0; the fit does not "
+        "(Eq. 5 of its paper has no switch)."
+    )
+    change, notes = 0.0, (*changed, switch)
+    if smallest >= 0.0:
+        notes = (*changed, f"{switch} Over the tested states E >= 0, so the two agree there.")
+    elif not goh.fibre_switch:
+        switched = replace(goh, fibre_switch=True).cauchy(*states.T)
+        change = float(np.abs(np.subtract(switched, goh.cauchy(*states.T))).max())
+        warning = (
+            f"WARNING: E falls to {smallest:.3g} in the tested states, where the switch changes "
+            f"the stress by up to {change:.3g} kPa; sample with --fibre-switch for a consistent "
+            "material."
+        )
+        notes = (*notes, warning)
     columns = {"smallest_fibre_strain": smallest, "switch_changes_stress_kPa": change}
-    return Exported(goh, written, 2.0 * goh.C1_kPa, (*changed, *notes), columns)
+    return Exported(goh, written, 2.0 * goh.C1_kPa, notes, columns)
 
 
 def _write_and_check(
-    card: Card,
-    path: Path,
-    program: str,
-    fitted: MaterialResponse,
-    states: np.ndarray,
+    card: Card, path: Path, program: str, fitted: MaterialResponse, states: np.ndarray
 ) -> float:
     """Write a card, read the file back and compare its stress with the draw's."""
     write, read, _ = PROGRAMS[program]
     atomic_write_text(path, write(card, __version__))
     # What counts is the file, not what was meant to be in it. In the incompressible limit the
     # volumetric term vanishes; evaluating it would only add its rounding, K times 1e-16.
-    card_read = read(path.read_text(encoding="utf-8"))
-    deviation = relative_deviation(
-        card_read.isochoric_energy, card.units.per_kPa, fitted, *states.T
-    )
+    energy = read(path.read_text(encoding="utf-8")).isochoric_energy
+    deviation = relative_deviation(energy, card.units.per_kPa, fitted, *states.T)
     if not deviation <= AGREEMENT:
         path.unlink()
         raise BiaxbayesError(
             f"{path.name}: its stress differs from the draw's by {deviation:.1e} of itself"
         )
     return deviation
-
-
-def _fibre_switch(fitted: GOH, states: np.ndarray) -> tuple[float, float, tuple[str, ...]]:
-    """Smallest fibre strain in the tested states, stress change by the switch (kPa), notes."""
-    X, Y = np.square(states.T)
-    E = fibre_strain(fitted.constants, X, Y, 1.0 / (X * Y))
-    smallest = float(E.min())
-    switch = (
-        "Fibre switch: fibres carry no load at E < 0, neither in this program nor in the fit."
-        if fitted.fibre_switch
-        else "Fibre switch: this program drops the fibre term at E < 0; the fit does not "
-        "(Eq. 5 of its paper has no switch)."
-    )
-    if smallest >= 0.0 or fitted.fibre_switch:
-        where = "Over the tested states E >= 0, so the two agree there." if smallest >= 0.0 else ""
-        return smallest, 0.0, (f"{switch} {where}".strip(),)
-    switched = replace(fitted, fibre_switch=True)
-    change = float(np.abs(np.subtract(switched.cauchy(*states.T), fitted.cauchy(*states.T))).max())
-    note = (
-        f"WARNING: E falls to {smallest:.3g} in the tested states, where the switch changes the "
-        f"stress by up to {change:.3g} kPa; sample with --fibre-switch for a consistent material."
-    )
-    return smallest, change, (switch, note)
-
-
-def _states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
-    """Total stretches (m, 2) of the tested states for one draw."""
-    out = []
-    for protocol in specimen.protocols:
-        measured = protocol.stretch[evenly_chosen(protocol.rows, STATES)]
-        out.append(measured * protocol_mounting(draw, protocol))
-    return np.vstack(out)
 
 
 def _prepare(out: Path, *, overwrite: bool) -> None:
