@@ -169,7 +169,7 @@ def _add_numbers(
     numbers: Mapping[str, float],
 ) -> None:
     """Elements of the stresses (kPa), in the units of the card, and of other numbers."""
-    for name, value in ({n: card.stress(v) for n, v in stresses.items()} | numbers).items():
+    for name, value in {**{n: card.stress(v) for n, v in stresses.items()}, **numbers}.items():
         ElementTree.SubElement(node, name).text = repr(float(value))
 
 

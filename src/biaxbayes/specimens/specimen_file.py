@@ -95,7 +95,8 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     stress_pair = _stress_pair(table, path)
     unit = "N" if stress_pair == "force" else "kPa"
     _check_keys(values, rows, stress_pair, path)
-    arguments = (*DIMENSIONS, "layer", "axis_x", "axis_y", "reference")
+    names = (*DIMENSIONS, "layer", "axis_x", "axis_y", "reference")
+    arguments: dict[str, Any] = {key: values.get(key) for key in names}
     try:
         specimen = Specimen(
             name=values.get("specimen") or one_line(path.stem),
@@ -104,7 +105,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
             geometry=values.get("geometry", "unloaded"),
             load_noise=values.get(f"load_noise_{unit}"),
             metadata={key: values[key] for key in METADATA_KEYS if key in values},
-            **{key: values.get(key) for key in arguments},
+            **arguments,
         )
         check_readings(specimen)
     except ReadingError as error:
@@ -201,8 +202,9 @@ def _protocols(
                 remedy="rest_rows counts the leading rows recorded before the test starts",
             )
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
-        curves = [table.columns[c][rows] for c in (*STRETCHES, *STRESS_PAIRS[stress_pair])]
-        protocol = Protocol(name, *curves, time, at_rest)
+        columns = (*STRETCHES, *STRESS_PAIRS[stress_pair])
+        x, y, load_x, load_y = (table.columns[column][rows] for column in columns)
+        protocol = Protocol(name, x, y, load_x, load_y, time, at_rest)
         protocols.append(protocol.divided_by(mounted, stress_pair))
     return tuple(protocols)
 
