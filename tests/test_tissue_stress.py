@@ -7,7 +7,6 @@ import pytest
 from biaxbayes.identifiability.determined import (
     MEASURED,
     determined,
-    mounting_measured,
     mounting_ratio,
 )
 from biaxbayes.laws.goh import GOH
@@ -108,28 +107,24 @@ def test_a_mounting_stretch_that_is_not_identified_moves_the_curve(geometry):
 
 
 def test_nothing_is_reported_where_a_tenth_of_the_stretch_may_be_unmeasured():
-    """By the refits or by the draws, unless the mounting stretch was measured."""
+    """By the refits or by the draws."""
     data, table = stress_specimen(), draws(np.random.default_rng(5))
     near = {"mounting_stretch_x": (0.99, 1.09)}
     far = {"mounting_stretch_x": (0.99, 1.11)}
     strong = table.assign(mounting_stretch_y=table["mounting_stretch_y"] + 0.07)
-    for of, refits, known, reported in (
-        (table, None, False, True),
-        (table, near, False, True),
-        (table, far, False, False),
-        (table, far, True, True),
-        (strong, None, False, False),
-        (strong, None, True, True),
+    for of, refits, reported in (
+        (table, None, True),
+        (table, near, True),
+        (table, far, False),
+        (strong, None, False),
     ):
-        result = determined(of, data, Settings(), refits=refits, mounting_known=known)
+        result = determined(of, data, Settings(), refits=refits)
         cauchy = result["quantity"].str.startswith("Cauchy stress")
         assert result.loc[cauchy, "tissue_low_90"].notna().all() == reported
         assert result.loc[cauchy, "tissue_high_90"].isna().all() != reported
         assert result.loc[cauchy, "low_90"].notna().all()
         nominal = result["quantity"].str.contains(MEASURED, regex=False)
         assert result.loc[nominal, "tissue_low_90"].notna().all()
-    assert mounting_measured({"mounting_stretch_x": 1.12})
-    assert not mounting_measured({"kappa": 0.1})
 
 
 def test_stresses_hold_with_the_mounting_stretch_that_is_reported_as_a_value():
@@ -144,7 +139,8 @@ def test_stresses_hold_with_the_mounting_stretch_that_is_reported_as_a_value():
         return rows["tissue_low_90"], rows["tissue_high_90"]
 
     assert ends(values=value) == ends(values=value, refits=refits)
-    assert ends(values=value) == ends(refits=value, mounting_known=True)
+    near = {"mounting_stretch_x": (1.07, 1.09)}
+    assert ends(values=near) == ends(refits=near)
     assert np.isnan(ends(refits=refits)).all()
     # of the other direction nothing is reported as a value, and it may lie far
     far = {"mounting_stretch_y": (1.0, 1.2)}

@@ -137,11 +137,6 @@ NORMAL_90 = 3.29
 """Width of a normal's central 90 % over its sd."""
 
 
-def mounting_measured(priors: Mapping[str, object]) -> bool:
-    """True if a user has set a prior of the mounting stretch, which was measured then."""
-    return not {"mounting_stretch", *mounting_names("stretch")}.isdisjoint(priors)
-
-
 def determined(
     draws: pd.DataFrame,
     specimen: Specimen,
@@ -150,7 +145,6 @@ def determined(
     stretches: Sequence[tuple[float, float]] | None = None,
     refits: Mapping[str, tuple[float, float]] | None = None,
     values: Mapping[str, tuple[float, float]] | None = None,
-    mounting_known: bool = False,
 ) -> pd.DataFrame:
     """Quantities that do not depend on how the parameters are split, with 90 % intervals.
 
@@ -168,11 +162,8 @@ def determined(
         total stretches are those of a mounted state that lies anywhere in the range.
     values : mapping of str to (float, float), optional
         Both ends of the mounting stretches that are identified, by name: they replace ``refits``
-        and the interval of the draws.
-    mounting_known : bool
-        Whether the mounting stretch was measured and its prior holds it. Else the tissue has no
-        stresses at total stretches where a mounting stretch that is not identified may be 1.1 or
-        more.
+        and the interval of the draws. The tissue has no stresses at total stretches where a
+        mounting stretch that is not identified may be 1.1 or more.
 
     Returns
     -------
@@ -209,8 +200,7 @@ def determined(
         ends[name] = max(high, ends.get(name, high))
     farthest = max((end for name, end in ends.items() if name not in identified), default=1.0)
     with np.errstate(over="ignore", invalid="ignore"):
-        near = mounting_known or farthest < FARTHEST
-        rows = list(_rows(few, specimen, states, forward, ranges, near))
+        rows = list(_rows(few, specimen, states, forward, ranges, farthest < FARTHEST))
         if stretches is None:
             rows += _measured_rows(few, specimen, forward)
     return pd.DataFrame(rows)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import RunError, listed
-from biaxbayes.identifiability.determined import determined, mounting_measured
+from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.mounting_interval import measurement_advice
 from biaxbayes.identifiability.reported import Reported, ReportRow, report_frame, report_rows
@@ -165,7 +165,6 @@ def run_result(
             settings,
             refits=verdicts.mounting_ranges(),
             values=verdicts.mounting_values(),
-            mounting_known=mounting_measured(settings.priors),
         )
     return RunResult(
         law=law.name,
