@@ -5,12 +5,12 @@ r"""The forward model: from material, mounted state and dimensions to readings o
     f_k ~ N(q_k + z_k, v(q_k)),  k = x, y
 
 with the Cauchy stress s at the measured stretch l times the mounting stretch lm, the section A
-(that of the file times the true factors of its dimensions), the zero z of the load cell, and the
-variance v of :mod:`.error_model`. The compiled density has the same equations, from the same
-functions.
+(that of the file times factors near one for the errors of its dimensions), the offset z of the load
+cell, and the variance v of :mod:`.error_model`. The compiled density has the same equations, from
+the same functions.
 
 *Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``: a dictionary or a
-table of draws. Missing quantities take the values of the file: lm = 1, factors of one, z = 0.
+table of draws. Missing quantities default to lm = 1, factors of one, z = 0.
 Results have the shape (draws, rows, 2), x and y last.
 
 Least squares use the fit coordinates of the law (:meth:`.Law.point`) and need derivatives:
@@ -84,12 +84,12 @@ class LoadResponse:
 
     @property
     def by_coordinate(self) -> np.ndarray:
-        """Derivatives by the fit coordinates, shape (2, p, n)."""
+        """Derivatives with respect to the fit coordinates, shape (2, p, n)."""
         return self.per_stress[:, None] * self.stress.by_coordinate
 
     @property
     def by_log_mounting(self) -> np.ndarray:
-        """Derivatives by the log mounting stretches (second axis), shape (2, 2, n)."""
+        """Derivatives with respect to the log mounting stretches, shape (load, stretch, n)."""
         slope = self.stress.by_log_stretch.copy()
         if not self.mounted:  # f = A0 s / (l lm)
             slope[0, 0] -= self.stress.stress[0]

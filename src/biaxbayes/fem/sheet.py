@@ -265,7 +265,7 @@ class Sheet:
         force : ndarray, shape (n,)
             Per unit of thickness, kPa mm.
         stiffness : csc_matrix, shape (n, n)
-            Its derivative by the free unknowns, kPa.
+            Its derivative with respect to the free unknowns, kPa.
         area_ratio : float
             Smallest det F over the Gauss points; the step is unusable if not positive.
         """

@@ -61,7 +61,7 @@ def unloaded_section(section, mounting, mounted):
 
 @inlined
 def sections(area, edge_x, edge_y, thickness):
-    """Load per kPa in (x, y): stated sections times the true factors of the dimensions."""
+    """Load per kPa in (x, y): sections of the file times the factors of its dimensions."""
     # the section in x is edge_y * thickness
     return area[0] * edge_y * thickness, area[1] * edge_x * thickness
 
@@ -109,7 +109,7 @@ def solve_balance(constants, px, py, mounted):
     x, y : float
         Log mounting stretches.
     jxx, jxy, jyy : float
-        Jacobian of the balance by the log stretches, at the root.
+        Jacobian of the balance with respect to the log stretches, at the root.
     """
     x = y = 0.0
     for _ in range(MAX_STEPS):

@@ -95,7 +95,7 @@ class Posterior:
         self.settings = replace(
             chosen,
             thin=rows_to_keep(specimen, thin, automatic=tempered),
-            priors=_objects(chosen.priors, chosen.material_law),
+            priors=_prior_objects(chosen.priors, chosen.material_law),
         )
         if beta is None and readings is not None:
             beta = readings.beta
@@ -336,7 +336,7 @@ class Posterior:
         return self.settings.keywords()
 
 
-def _objects(priors: Mapping[str, Any], law: Law) -> dict[str, Prior | float | Tie]:
+def _prior_objects(priors: Mapping[str, Any], law: Law) -> dict[str, Prior | float | Tie]:
     """Priors as objects, those of both mounting stretches separately."""
     out: dict[str, Prior | float | Tie] = {}
     others = {}

@@ -87,7 +87,7 @@ def find_start(
     known = np.array([q.parameter.kind == FORCE for q in posterior.sampled])
     target = posterior.target()
     try:
-        start = search(target, starts, _spread(posterior), rng, population, known=known)
+        start = search(target, starts, _start_widths(posterior), rng, population, known=known)
     except NotConverged:
         raise NotConverged("no region of positive density around the deterministic fit") from None
     return _rescaled(posterior, target, start)
@@ -155,8 +155,8 @@ def _extra_starts(
     return np.array(starts)
 
 
-def _spread(posterior: Posterior) -> np.ndarray:
-    """Width of the dispersed starts in each sampling coordinate."""
+def _start_widths(posterior: Posterior) -> np.ndarray:
+    """How far from a start to look, in each sampling coordinate."""
     _, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
     widths = posterior.law.coordinate_widths(posterior.coordinate_constants)
     out = []
