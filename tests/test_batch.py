@@ -355,7 +355,7 @@ BAD = {
     "x =": "not valid TOML",
     "specimen = [3]": "specimen 1: is not a table",
     "sede = 3\n" + A: "'sede' is not a key of a study",
-    "seed = -1\n" + A: "seed must be a whole number, at least 0",
+    "seed = -1\n" + A: "seed must be a whole number from 0",
     "ess = true\n" + A: "ess must be a number",
     'options = "x"\n' + A: "options must be a table",
     "[options]\nnoise = 'efective'\n" + A: "options: noise must be one of effective,",
@@ -392,5 +392,5 @@ def test_files_make_a_study_of_their_own(folder):
         study_of_files([folder / "none.csv"], {})
     with pytest.raises(InputError, match="label 'a'"):
         study_of_files([files[0], files[0]], {})
-    with pytest.raises(InputError, match="`ess` must be a number, at least 50"):
+    with pytest.raises(InputError, match="`ess` must be a number from 50"):
         study_of_files(files, {}, ess=3.0)

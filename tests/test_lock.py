@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from biaxbayes.errors import InputError, RunError
+from biaxbayes.file_lock import NAME, folder_lock
 from biaxbayes.runs.folder import (
     PROVENANCE,
     READY,
@@ -22,12 +23,11 @@ from biaxbayes.runs.folder import (
     manifest,
     staged,
 )
-from biaxbayes.runs.lock import NAME, folder_lock
 
 OWNER = """
 import sys, time
 from pathlib import Path
-from biaxbayes.runs.lock import folder_lock
+from biaxbayes.file_lock import folder_lock
 with folder_lock(Path(sys.argv[1])):
     print("locked", flush=True)
     time.sleep(60)

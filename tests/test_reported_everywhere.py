@@ -29,7 +29,7 @@ from biaxbayes.reports.methods import (
 )
 from biaxbayes.reports.page import report_page
 from biaxbayes.runs.result import as_record, result_from_record
-from biaxbayes.studies.rows import rows_of_run
+from biaxbayes.studies.result import rows_of_run
 
 
 @pytest.fixture(scope="module")

@@ -398,7 +398,7 @@ def limited(call, *arguments, size, code):
 
 
 def test_a_folder_that_is_being_written_is_left_alone(halfway, capsys):
-    from biaxbayes.runs.lock import folder_lock
+    from biaxbayes.file_lock import folder_lock
 
     before = files(halfway)
     with folder_lock(halfway):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import biaxbayes
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.tasks import Outcome, Result, Task, no_stop, with_one_blas_thread
+from biaxbayes.tasks import Executor, Outcome, no_stop, with_one_blas_thread
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -27,7 +27,7 @@ SAME_VERSIONS = ("numpy", "scipy", "numba", "pandas")
 """Packages that change draws in the last digit, so that their versions must be equal."""
 
 
-class Cluster:
+class Cluster(Executor):
     """Workers of a Dask scheduler. TLS settings are those of Dask's own configuration."""
 
     def __init__(self, address: str) -> None:
@@ -56,12 +56,12 @@ class Cluster:
 
     def run(
         self,
-        function: Callable[[Task], Result],
-        tasks: Sequence[Task],
+        function: Callable[[Any], Any],
+        tasks: Sequence[Any],
         *,
         stop: Callable[[], object] = no_stop,
-    ) -> Iterator[Outcome[Result]]:
-        """Run the tasks on the cluster; see ``Executor.run``."""
+    ) -> Iterator[Outcome]:
+        """Run the tasks on the cluster; see :meth:`Executor.run`."""
         if self._client is None:
             with self:
                 yield from self.run(function, tasks, stop=stop)
@@ -112,7 +112,7 @@ class Cluster:
                 remedy="start one with 'dask scheduler' and give the address that it prints",
             ) from None
 
-    def _outcome(self, index: int, future: Any) -> Outcome[Any]:
+    def _outcome(self, index: int, future: Any) -> Outcome:
         from distributed import CancelledError, KilledWorker
 
         try:

@@ -17,38 +17,16 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.tasks import Outcome, Result, Task, no_stop, with_one_blas_thread
+from biaxbayes.tasks import Executor, Outcome, no_stop, with_one_blas_thread
 
 MOST_LOCAL = 4
 MOST_ATTEMPTS = 3
 """Number of worker deaths after which a task is given up (probably out of memory)."""
 STOP_SECONDS = 0.5
-
-
-class Executor(Protocol):
-    """Applies a function to tasks and yields the outcomes as they come, in any order.
-
-    In a ``with`` block its workers stay between runs. Once ``stop()`` is true, nothing further
-    starts, and running tasks are still yielded.
-    """
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *error: object) -> None: ...
-
-    def run(
-        self,
-        function: Callable[[Task], Result],
-        tasks: Sequence[Task],
-        *,
-        stop: Callable[[], object] = no_stop,
-    ) -> Iterator[Outcome[Result]]:
-        """Yield the outcome of each task."""
-        ...
 
 
 def executor_for(
@@ -78,22 +56,16 @@ def executor_for(
     return Processes(count) if may_start and (count > 1 or isolated) else InThisProcess()
 
 
-class InThisProcess:
+class InThisProcess(Executor):
     """One task after the other, here."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
 
     def run(
         self,
-        function: Callable[[Task], Result],
-        tasks: Sequence[Task],
+        function: Callable[[Any], Any],
+        tasks: Sequence[Any],
         *,
         stop: Callable[[], object] = no_stop,
-    ) -> Iterator[Outcome[Result]]:
+    ) -> Iterator[Outcome]:
         """Run the tasks one after the other; see :meth:`Executor.run`."""
         for index, task in enumerate(tasks):
             if stop():
@@ -101,13 +73,13 @@ class InThisProcess:
             yield Outcome(index, with_one_blas_thread(function, task))
 
 
-class Processes:
+class Processes(Executor):
     """Spawned processes, each a pool of its own: if one breaks, its task is known."""
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._stay = False
-        self._workers: list[_Worker] = []
+        self._idle: list[_Worker] = []
 
     def __enter__(self) -> Self:
         self._stay = True
@@ -115,73 +87,52 @@ class Processes:
 
     def __exit__(self, *error: object) -> None:
         self._stay = False
-        self._end()
+        while self._idle:
+            self._idle.pop().end()
 
     def run(
         self,
-        function: Callable[[Task], Result],
-        tasks: Sequence[Task],
+        function: Callable[[Any], Any],
+        tasks: Sequence[Any],
         *,
         stop: Callable[[], object] = no_stop,
-    ) -> Iterator[Outcome[Result]]:
+    ) -> Iterator[Outcome]:
         """Run the tasks in processes; see :meth:`Executor.run`."""
         waiting, deaths = deque(range(len(tasks))), Counter[int]()
-        running: dict[Future[Result], tuple[int, _Worker]] = {}
-        finished = stopped = False
+        running: dict[Future[Any], tuple[int, _Worker]] = {}
+        stopped = False
         try:
             while running or (waiting and not stopped):
                 stopped = stopped or bool(stop())
                 while waiting and not stopped and len(running) < self.count:
-                    # The second attempt gets a new process, as an earlier task may be the cause.
-                    worker = self._idle(running, new=deaths[waiting[0]] > 0)
+                    if self._idle and deaths[waiting[0]]:
+                        # The next attempt gets a new process, as an earlier task may be the cause.
+                        self._idle.pop().end()
+                    worker = self._idle.pop() if self._idle else _Worker()
                     try:
                         future = worker.submit(function, tasks[waiting[0]])
                     except BrokenProcessPool:  # it died while idle
-                        self._remove(worker)
+                        worker.remove()
                         continue
                     running[future] = waiting.popleft(), worker
                 for future in wait(running, STOP_SECONDS, FIRST_COMPLETED).done:
                     index, worker = running.pop(future)
-                    try:
-                        outcome = Outcome(index, future.result())
-                    except BrokenProcessPool:
-                        self._remove(worker)
-                        deaths[index] += 1
-                        if deaths[index] < MOST_ATTEMPTS:
-                            waiting.append(index)
-                            continue
+                    if not isinstance(future.exception(), BrokenProcessPool):
+                        self._idle.append(worker)
+                        yield Outcome(index, future.result())
+                        continue
+                    worker.remove()
+                    deaths[index] += 1
+                    if deaths[index] < MOST_ATTEMPTS:
+                        waiting.append(index)
+                    else:
                         lost = f"its worker process died {MOST_ATTEMPTS} times (out of memory?)"
-                        outcome = Outcome[Any](index, None, lost)
-                    yield outcome
-            finished = True
+                        yield Outcome(index, None, lost)
         finally:
-            if not (finished and self._stay):
-                self._end()
-
-    def _idle(self, running: dict[Future[Any], tuple[int, _Worker]], *, new: bool) -> _Worker:
-        """An idle worker, or a new one in its place."""
-        busy = [worker for _, worker in running.values()]
-        idle = [worker for worker in self._workers if worker not in busy]
-        if idle and not new:
-            return idle[-1]
-        if idle:
-            self._remove(idle[-1])
-        self._workers.append(_Worker())
-        return self._workers[-1]
-
-    def _remove(self, worker: _Worker) -> None:
-        self._workers.remove(worker)
-        worker.end()
-        if not worker.has_started:
-            raise RunError(
-                "worker processes fail to start; in a script put the call below "
-                'if __name__ == "__main__":, or use `workers=1`'
-            )
-
-    def _end(self) -> None:
-        workers, self._workers = self._workers, []
-        for worker in workers:
-            worker.end()
+            for _, worker in running.values():
+                worker.end()
+            if not self._stay:
+                self.__exit__()
 
 
 class _Worker:
@@ -196,19 +147,25 @@ class _Worker:
         # Spawning fixes Python's default method; leave the choice to the calling program.
         multiprocessing.set_start_method(chosen, force=True)
 
-    @property
-    def has_started(self) -> bool:
-        return self._pid.done() and self._pid.exception() is None
-
-    def submit(self, function: Callable[[Task], Result], task: Task) -> Future[Result]:
+    def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Any]:
         return self._pool.submit(with_one_blas_thread, function, task)
 
-    def end(self) -> None:
-        """Kill the process."""
-        if self.has_started:
+    def end(self) -> bool:
+        """Kill the process; False if it never started."""
+        started = self._pid.done() and self._pid.exception() is None
+        if started:
             with contextlib.suppress(OSError):
                 os.kill(self._pid.result(), getattr(signal, "SIGKILL", signal.SIGTERM))
         self._pool.shutdown(cancel_futures=True)
+        return started
+
+    def remove(self) -> None:
+        """Clean up after a process that died; RunError if it never started."""
+        if not self.end():
+            raise RunError(
+                "worker processes fail to start; in a script put the call below "
+                'if __name__ == "__main__":, or use `workers=1`'
+            )
 
 
 @contextlib.contextmanager

@@ -1,29 +1,49 @@
-"""Outcomes of tasks, and settings that belong to a whole process."""
+"""Many tasks and their outcomes, and settings that belong to a whole process."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
+from typing import Any, Self
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[Result]):
+class Outcome:
     """The result of a task by its index; ``lost`` is the reason if there is none."""
 
     index: int
-    value: Result
+    value: Any
     lost: str = ""
 
 
 def no_stop() -> bool:
     """Never stop."""
     return False
+
+
+class Executor:
+    """Applies a function to tasks; in a ``with`` block its workers stay between runs."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def run(
+        self,
+        function: Callable[[Any], Any],
+        tasks: Sequence[Any],
+        *,
+        stop: Callable[[], object] = no_stop,
+    ) -> Iterator[Outcome]:
+        """Yield the outcome of each task as it comes, in any order.
+
+        Once ``stop()`` is true, nothing further starts, and running tasks are still yielded.
+        """
+        raise NotImplementedError
 
 
 one_call = threading.RLock()
@@ -67,7 +87,7 @@ def _in_short_thread(function: Callable[[], None]) -> None:
     thread.join()
 
 
-def with_one_blas_thread(function: Callable[[Task], Result], task: Task) -> Result:
+def with_one_blas_thread(function: Callable[[Any], Any], task: Any) -> Any:
     """Call a function with one thread for linear algebra."""
     with one_blas_thread():
         return function(task)

@@ -25,10 +25,11 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, CalibrationPlan, ModelOptions
-from biaxbayes.parallel import Executor, InThisProcess
+from biaxbayes.parallel import InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tasks import Executor
 
 RANKED_DRAWS = 127
 """Number of draws among which a true value is ranked; 128 possible ranks."""

@@ -15,10 +15,11 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.optimal_design.candidates import Candidate, FurtherProtocol, standard_candidates
 from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, design_quantities, expect
-from biaxbayes.parallel import Executor, InThisProcess
+from biaxbayes.parallel import InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Progress
+from biaxbayes.tasks import Executor
 
 BEYOND_TESTED = 1.2
 """Ratio of a planned load to the largest tested one above which a caution is given."""

@@ -16,6 +16,7 @@ Nothing here knows what a specimen is: an :class:`Individual` is a density, a po
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -230,6 +231,19 @@ class Ensemble:
             logs.append(log)
             thetas.append(np.where(np.isfinite(theta), theta, 0.0))
         return Values(padded, np.array(thetas), np.array(logs), np.array(weights))
+
+    def snapshot(self) -> dict[str, Any]:
+        """Copy of all that later sweeps depend on, and of the counts."""
+        plain = {name: getattr(self, name) for name in ("u", "theta", "log", "moves")}
+        plain["blocks"] = [block._asdict() for block in self.blocks]
+        return copy.deepcopy(plain | {"rng": self.rng.bit_generator.state})
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        stored = copy.deepcopy(snapshot)
+        self.u, self.theta, self.log = stored["u"], stored["theta"], stored["log"]
+        self.blocks = [Block(**block) for block in stored["blocks"]]
+        self.moves, self.rng.bit_generator.state = stored["moves"], stored["rng"]
 
     @property
     def mu(self) -> np.ndarray:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -93,9 +93,17 @@ class PooledValue:
 
     @classmethod
     def from_parameter(cls, parameter: Parameter) -> PooledValue:
-        """The value with its default priors."""
-        mean, sd = _default_mean(parameter)
+        """The value with its default priors: its mean has the prior of a single run."""
         low, high = parameter.range
+        family, first, second = parameter.prior or ("uniform", low, high)
+        if parameter.kind == STRETCH:
+            mean, sd = 1.0, 0.1
+        elif family in ("uniform", "loguniform"):
+            if family == "loguniform":
+                first, second = math.log(first), math.log(second)
+            mean, sd = 0.5 * (first + second), 0.25 * (second - first)
+        else:
+            mean, sd = math.log(first) if family == "lognormal" else first, second
         if parameter.logarithmic:
             scale = SD_LOG
         elif math.isfinite(high - low):
@@ -103,18 +111,6 @@ class PooledValue:
         else:
             scale = SD_STRETCH if parameter.kind == STRETCH else 0.5 * sd
         return cls(parameter, mean, sd, scale, scale)
-
-
-def _default_mean(parameter: Parameter) -> tuple[float, float]:
-    """Mean and sd of a group's mean: as wide as the prior of a single run."""
-    if parameter.kind == STRETCH:
-        return 1.0, 0.1
-    low, high = parameter.range
-    family, first, second = parameter.prior or ("uniform", low, high)
-    if family in ("uniform", "loguniform"):
-        ends = (math.log(first), math.log(second)) if family == "loguniform" else (first, second)
-        return 0.5 * (ends[0] + ends[1]), 0.25 * (ends[1] - ends[0])
-    return (math.log(first) if family == "lognormal" else first), second
 
 
 def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> list[PooledValue]:
@@ -139,12 +135,8 @@ class PopulationPriors:
     def applied(self, values: Sequence[PooledValue]) -> list[PooledValue]:
         """The values with these priors; InputError for a prior of what is not pooled."""
         names = [v.name for v in values]
-        for table, of in (
-            ("mean", self.mean),
-            ("sd_donors", self.sd_donors),
-            ("sd_specimens", self.sd_specimens),
-        ):
-            for name in of:
+        for table in ("mean", "sd_donors", "sd_specimens"):
+            for name in getattr(self, table):
                 if name not in names:
                     raise InputError(
                         f"[{table}] {name[:60]!r} is no pooled parameter of this study",
@@ -153,15 +145,9 @@ class PopulationPriors:
         out = []
         for v in values:
             mean, sd = self.mean.get(v.name, (v.mean, v.mean_sd))
-            out.append(
-                replace(
-                    v,
-                    mean=mean,
-                    mean_sd=sd,
-                    donor_scale=self.sd_donors.get(v.name, v.donor_scale),
-                    specimen_scale=self.sd_specimens.get(v.name, v.specimen_scale),
-                )
-            )
+            donors = self.sd_donors.get(v.name, v.donor_scale)
+            specimens = self.sd_specimens.get(v.name, v.specimen_scale)
+            out.append(PooledValue(v.parameter, mean, sd, donors, specimens))
         return out
 
     @classmethod
@@ -176,47 +162,39 @@ class PopulationPriors:
                     file=path,
                     remedy=f"tables are {', '.join(f'[{k}]' for k in known)}",
                 )
-        eta = {
-            k: _positive(v, f"[correlations] {k}", path)
-            for k, v in table.get("correlations", {}).items()
+        means = {
+            k: _read_mean(f"[mean] {k[:60]}", v, path) for k, v in table.get("mean", {}).items()
         }
+        donors, specimens, eta = (
+            {k: _read_number(f"[{t}] {k[:60]}", v, path) for k, v in table.get(t, {}).items()}
+            for t in known[1:]
+        )
         for key in eta:
             if key not in ("donors", "specimens"):
                 raise InputError(f"[correlations] has no {key[:60]!r}", file=path)
-        sds = {
-            t: {k: _positive(v, f"[{t}] {k}", path) for k, v in table.get(t, {}).items()}
-            for t in ("sd_donors", "sd_specimens")
-        }
-        return cls(
-            {k: _stated_mean(k, v, path) for k, v in table.get("mean", {}).items()},
-            sds["sd_donors"],
-            sds["sd_specimens"],
-            eta.get("donors", ETA),
-            eta.get("specimens", ETA),
-        )
+        return cls(means, donors, specimens, eta.get("donors", ETA), eta.get("specimens", ETA))
 
 
-def _positive(value: Any, where: str, path: Path) -> float:
+def _read_number(where: str, value: Any, path: Path, *, least: float = 0.0) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (number and 0.0 < float(value) < math.inf):
-        raise InputError(f"{where} must be a number above zero", file=path)
+    if not (number and least < float(value) < math.inf):
+        above = " above zero" if least == 0.0 else ""
+        raise InputError(f"{where} must be a number{above}", file=path)
     return float(value)
 
 
-def _stated_mean(name: str, value: Any, path: Path) -> tuple[float, float]:
-    where = f"[mean] {name[:60]}"
+def _read_mean(where: str, value: Any, path: Path) -> tuple[float, float]:
+    """Mean and sd on the scale of the model."""
     family = value.get("distribution") if isinstance(value, dict) else None
     if family not in ("normal", "lognormal"):
         raise InputError(f"{where} must be a normal or a lognormal distribution", file=path)
-    keys = FAMILIES[family]
-    if set(value) != {"distribution", *keys}:
-        raise InputError(f"{where}: a {family} prior has {keys[0]} and {keys[1]}", file=path)
-    sd = _positive(value[keys[1]], f"{where}: {keys[1]}", path)
+    first, second = FAMILIES[family]
+    if set(value) != {"distribution", first, second}:
+        raise InputError(f"{where}: a {family} prior has {first} and {second}", file=path)
+    sd = _read_number(f"{where}: {second}", value[second], path)
     if family == "lognormal":
-        return math.log(_positive(value[keys[0]], f"{where}: {keys[0]}", path)), sd
-    if isinstance(value[keys[0]], bool) or not isinstance(value[keys[0]], int | float):
-        raise InputError(f"{where}: mean must be a number", file=path)
-    return float(value[keys[0]]), sd
+        return math.log(_read_number(f"{where}: {first}", value[first], path)), sd
+    return _read_number(f"{where}: {first}", value[first], path, least=-math.inf), sd
 
 
 @dataclass(frozen=True)

@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from biaxbayes.populations.hierarchy import LEAST_INSIDE, Layout
 from biaxbayes.populations.model import PooledValue
-from biaxbayes.populations.sampler import History
-from biaxbayes.prediction.bands import evenly_chosen
 
-MOST_TRIES = 1000
-PRIOR_TRIES = 50
+MOST_TRIES, PRIOR_TRIES = 1000, 50
+PRIOR_DRAWS = 2**14
 
 
-def cut_median(location: np.ndarray, sd: np.ndarray, low: float, high: float) -> np.ndarray:
+def cut_median(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
     """Median of a normal cut to a range."""
-    if np.isinf(low) and np.isinf(high):
-        return np.asarray(location)
     below, above = ndtr((low - location) / sd), ndtr((high - location) / sd)
     return np.clip(location + sd * ndtri(0.5 * (below + above)), low, high)
 
 
-def _mass_inside(location: np.ndarray, sd: np.ndarray, edges: tuple[float, float]) -> np.ndarray:
-    """Share of normals that lies in a range."""
-    low, high = edges
-    return np.asarray(ndtr((high - location) / sd) - ndtr((low - location) / sd))
+def _enough_inside(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
+    """True where the model allows the location of a normal cut to a range."""
+    inside = ndtr((high - location) / sd) - ndtr((low - location) / sd)
+    return np.asarray(inside >= LEAST_INSIDE)
 
 
-def _factors(partial: np.ndarray, b: int) -> np.ndarray:
+def correlation_factors(partial: np.ndarray, b: int) -> np.ndarray:
     """Cholesky factors (M, b, b) of correlations from canonical partial ones (M, pairs or 0)."""
     if not partial.size:
         return np.tile(np.eye(b), (len(partial), 1, 1))
@@ -61,31 +57,6 @@ class Hyper:
     factor: np.ndarray  # (M, p, p)
 
     @classmethod
-    def from_history(
-        cls,
-        history: History,
-        values: Sequence[PooledValue],
-        set_of: np.ndarray,
-        *,
-        every: int = 1,
-        most: int | None = None,
-    ) -> Hyper:
-        """At most `most` draws of every n-th sweep, in the order ensembles, sweeps, chains."""
-
-        def flat(a: np.ndarray, axes: int) -> np.ndarray:
-            taken = a[:, ::every]
-            own = taken.shape[taken.ndim - axes :]
-            flattened = taken.reshape(math.prod(taken.shape[: taken.ndim - axes]), *own)
-            return flattened[evenly_chosen(len(flattened), most)]
-
-        mu = flat(history.mu, 2) + [v.mean for v in values]
-        pairs = flat(history.partial, 2)
-        factors = (_factors(pairs[:, side], len(values)) for side in range(2))
-        return cls(
-            tuple(values), set_of, mu, flat(history.sd_donors, 1), flat(history.sd, 2), *factors
-        )
-
-    @classmethod
     def from_prior(
         cls, values: Sequence[PooledValue], layout: Layout, draws: int, rng: np.random.Generator
     ) -> tuple[Hyper, np.ndarray]:
@@ -104,16 +75,19 @@ class Hyper:
         """Number of draws."""
         return len(self.mu)
 
-    def thinned(self, most: int) -> Hyper:
-        """Evenly spaced draws, at most ``most``."""
-        at = evenly_chosen(self.draws, most)
+    @property
+    def edges(self) -> np.ndarray:
+        """Lower and upper ends of the values, shape (2, p)."""
+        return np.array([v.edges for v in self.values]).T
+
+    def at(self, rows: np.ndarray) -> Hyper:
+        """Some of the draws."""
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
-        return Hyper(self.values, self.set_of, *(a[at] for a in parts))
+        return Hyper(self.values, self.set_of, *(a[rows] for a in parts))
 
     def repeated(self, times: int) -> Hyper:
         """Each draw repeated, one copy after the other."""
-        parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
-        return Hyper(self.values, self.set_of, *(np.repeat(a, times, axis=0) for a in parts))
+        return self.at(np.repeat(np.arange(self.draws), times))
 
     def log_prior(self) -> np.ndarray:
         """Log prior density of means and spreads, up to a constant, shape (M,)."""
@@ -136,42 +110,28 @@ class Hyper:
 
     def median(self, location: np.ndarray, group: int) -> np.ndarray:
         """Medians of the specimens at a location, shape (M, p)."""
-        sd = self.spread(group)
-        columns = [
-            cut_median(location[:, k], sd[:, k], *v.edges) for k, v in enumerate(self.values)
-        ]
-        return np.column_stack(columns)
+        return cut_median(location, self.spread(group), *self.edges)
 
     def typical(self, group: int) -> np.ndarray:
         """Median of the typical donor's specimens, shape (M, p)."""
         return self.median(self.mu[:, group], group)
 
-    def _allowed(self, location: np.ndarray, group: int) -> np.ndarray:
-        sd = self.spread(group)
-        ok = np.ones(len(location), dtype=bool)
-        for k, v in enumerate(self.values):
-            low, high = v.edges
-            if np.isfinite([low, high]).any():
-                ok &= _mass_inside(location[:, k], sd[:, k], (low, high)) >= LEAST_INSIDE
-        return ok
-
     def donors(self, group: int, rng: np.random.Generator) -> np.ndarray:
         """Locations of new donors, one per draw, shape (M, p)."""
-        out = np.array(self.mu[:, group])
+        out, sd = np.array(self.mu[:, group]), self.spread(group)
         left = np.arange(self.draws)
         for _ in range(MOST_TRIES):
             z = rng.standard_normal((len(left), len(self.values)))
             effect = np.einsum("mij,mj->mi", self.factor_donors[left], z) * self.sd_donors[left]
             out[left] = self.mu[left, group] + effect
-            left = left[~self._allowed(out, group)[left]]
+            left = left[~_enough_inside(out[left], sd[left], *self.edges).all(axis=1)]
             if not len(left):
                 break
         return out
 
     def specimens(self, location: np.ndarray, group: int, rng: np.random.Generator) -> np.ndarray:
         """Specimens at locations, one per draw, shape (M, p)."""
-        low, high = np.array([v.edges for v in self.values]).T
-        sd = self.spread(group)
+        (low, high), sd = self.edges, self.spread(group)
         out = np.clip(location, low, high)
         left = np.arange(self.draws)
         for _ in range(MOST_TRIES):
@@ -188,14 +148,6 @@ class Hyper:
         """Specimens of new donors, one per draw, shape (M, p)."""
         return self.specimens(self.donors(group, rng), group, rng)
 
-    def covariance(self, group: int) -> np.ndarray:
-        """Covariance of a specimen of a new donor around the group's mean, (M, p, p); uncut."""
-        total = np.zeros_like(self.factor)
-        for sd, factor in ((self.sd_donors, self.factor_donors), (self.spread(group), self.factor)):
-            root = sd[:, :, None] * factor
-            total += root @ root.transpose(0, 2, 1)
-        return total
-
     def conflict(
         self, theta: np.ndarray, group: int, rng: np.random.Generator
     ) -> tuple[float, np.ndarray]:
@@ -205,7 +157,10 @@ class Hyper:
         that of a new specimen of the same draw (Gelman, Meng and Stern 1996). A specimen
         pulls its own group, so that p is rather too large.
         """
-        covariance = self.covariance(group)
+        covariance = np.zeros_like(self.factor)
+        for sd, factor in ((self.sd_donors, self.factor_donors), (self.spread(group), self.factor)):
+            root = sd[:, :, None] * factor
+            covariance += root @ root.transpose(0, 2, 1)
         inverse = np.linalg.inv(covariance)
         new = self.new_specimens(group, rng)
         off = [x - self.mu[:, group] for x in (theta, new)]
@@ -227,7 +182,7 @@ def _prior_draws(
         effect = sd_donors[:, None] * rng.standard_normal((draws, layout.donors))
         location = mu[:, layout.group] + effect[:, layout.donor]
         own = sd[:, layout.set_of[layout.group]]
-        ok = (_mass_inside(location, own, v.edges) >= LEAST_INSIDE).all(axis=1)
+        ok = _enough_inside(location, own, *v.edges).all(axis=1)
         accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
         if sum(len(part[1]) for part in accepted) >= draws:
             break

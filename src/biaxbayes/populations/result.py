@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,18 +13,18 @@ import pandas as pd
 from biaxbayes.laws.law import Law
 from biaxbayes.populations.ensemble import Design
 from biaxbayes.populations.model import Grouping, PooledValue
-from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.predictive import PRIOR_DRAWS, Hyper, correlation_factors
 from biaxbayes.populations.sampler import History, PopulationDraws
 from biaxbayes.populations.specimens import Source
 from biaxbayes.prediction.bands import evenly_chosen
 
-NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14
+NATURAL_DRAWS = 2000
 
 
 def assessed_quantities(
     grouping: Grouping, values: Sequence[PooledValue], history: History
 ) -> list[dict[str, np.ndarray]]:
-    """Arrays (ensembles, kept, chains): means, spreads, correlations; then specimens."""
+    """Arrays (ensembles, sweeps, chains): means, spreads, correlations; then specimens."""
     names = [v.name for v in values]
     out: dict[str, np.ndarray] = {}
     for g, group in enumerate(grouping.groups):
@@ -79,17 +80,33 @@ class Population:
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1000 + what,)))
 
     def hyper(self, most: int | None = None, *, with_specimens: bool = False) -> Hyper:
-        """Draws of means and spreads; optionally only those stored with the specimens' values."""
+        """At most so many draws of means and spreads, in the order ensembles, sweeps, chains.
+
+        ``with_specimens`` takes those stored with the specimens' values.
+        """
         history = self.sampled.history
         every = history.every if with_specimens else 1
-        set_of = self.design.layout.set_of
-        return Hyper.from_history(history, self.values, set_of, every=every, most=most)
+
+        def flat(values: np.ndarray) -> np.ndarray:
+            taken = values[:, ::every]
+            rows = taken.reshape(math.prod(taken.shape[:3]), *taken.shape[3:])
+            return rows[evenly_chosen(len(rows), most)]
+
+        partial = flat(history.partial)
+        factors = (correlation_factors(partial[:, side], len(self.values)) for side in range(2))
+        return Hyper(
+            self.values,
+            self.design.layout.set_of,
+            flat(history.mu) + self.design.centre,
+            flat(history.sd_donors),
+            flat(history.sd),
+            *factors,
+        )
 
     def specimen_values(self, most: int) -> tuple[np.ndarray, np.ndarray]:
         """Values (M, n, p) on the scale and coordinates (M, n, dmax), thinned evenly."""
         history = self.sampled.history
-        theta = history.theta.reshape(-1, *history.theta.shape[3:])
-        u = history.u.reshape(-1, *history.u.shape[3:])
+        theta, u = (v.reshape(-1, *v.shape[3:]) for v in (history.theta, history.u))
         at = evenly_chosen(len(theta), most)
         return theta[at] + self.design.centre, u[at]
 

@@ -1,8 +1,8 @@
 """Draws of a population and their convergence.
 
 Warm-up in rounds, each fitting archives, mixtures and principal components to the one before; then
-blocks of kept sweeps until R-hat and the effective sample size of all that is reported are good. As
-in :mod:`biaxbayes.sampling` every decision depends on the draws alone, so that a seed determines
+blocks of stored sweeps until R-hat and the effective sample size of all that is reported are good.
+As in :mod:`biaxbayes.sampling` every decision depends on the draws alone, so that a seed determines
 every byte, whatever the number of threads and however often it was interrupted.
 """
 
@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.populations.ensemble import JOINT, Design, Ensemble, Tuning
-from biaxbayes.populations.hierarchy import Block
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.convergence import (
     MIN_STEPS_PER_TAU,
@@ -37,7 +36,7 @@ AHEAD = 1.15
 """Sweeps until the next assessment, relative to those that seem to be needed."""
 SPECIMENS_OWN = ("theta", "u", "effect")
 EVERY, MOST_BYTES = 2, 2**27
-"""The specimens' values are kept every second sweep, half as often when they take more memory."""
+"""The specimens' values are stored every second sweep, half as often when they take more memory."""
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
 
@@ -47,19 +46,19 @@ class PopulationPlan:
     """Goal and budget of sampling a population."""
 
     ess: float = 1000.0  # of the worst quantity
-    max_steps: int = 6000  # kept sweeps of each ensemble
+    max_steps: int = 6000  # stored sweeps of each ensemble
     seed: int = 1
     workers: int = 1  # threads; the draws do not depend on it
     ensembles: int = 4
     chains: int = 16  # of each ensemble; a chain of 25 autocorrelation times has 25 draws
     rounds: int = 4  # of the warm-up
     round_sweeps: int = 24
-    first_block: int = 80  # kept sweeps before the first assessment
+    first_block: int = 80  # stored sweeps before the first assessment
 
 
 @dataclass(frozen=True)
 class History:
-    """Kept draws; first axes (ensembles, kept, chains)."""
+    """Stored draws; first axes (ensembles, sweeps, chains)."""
 
     mu: np.ndarray  # (..., groups, p), centred
     sd_donors: np.ndarray  # (..., p)
@@ -84,11 +83,11 @@ class History:
 
     def within_memory(self) -> History:
         """The history with values of the specimens seldom enough for the memory."""
-        kept = self
-        while sum(kept.arrays[k].nbytes for k in SPECIMENS_OWN) > MOST_BYTES:
-            halved = {name: kept.arrays[name][:, ::2].copy() for name in SPECIMENS_OWN}
-            kept = replace(kept, **halved, every=2 * kept.every)
-        return kept
+        stored = self
+        while sum(stored.arrays[k].nbytes for k in SPECIMENS_OWN) > MOST_BYTES:
+            halved = {name: stored.arrays[name][:, ::2].copy() for name in SPECIMENS_OWN}
+            stored = replace(stored, **halved, every=2 * stored.every)
+        return stored
 
 
 @dataclass
@@ -149,7 +148,7 @@ def draw_population(
 ) -> PopulationDraws:
     """Draw from a population until the draws have converged, or the plan ends.
 
-    ``quantities`` of a history are assessed: dicts of arrays (ensembles, kept, chains) by name,
+    ``quantities`` of a history are assessed: dicts of arrays (ensembles, sweeps, chains) by name,
     each with its own sweeps. ``on_block`` is given the state after the warm-up and every block.
     """
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
@@ -158,24 +157,27 @@ def draw_population(
     with one_blas_thread(), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
             tuning = _warm_up(ensembles, plan, pool, np.random.default_rng(seeds[-1]), progress)
-            state = PopulationState(tuning, _snapshots(ensembles), None, 0, plan.first_block)
+            state = PopulationState(
+                tuning, [e.snapshot() for e in ensembles], None, 0, plan.first_block
+            )
             on_block(state)
         else:
-            _restore(ensembles, state.ensembles)
+            for ensemble, snapshot in zip(ensembles, state.ensembles, strict=True):
+                ensemble.restore(snapshot)
         while not state.finished and not stop():
             _report_progress(progress, convergence, plan.ess)
             sweeps = min(state.block, plan.max_steps - state.sweeps)
-            history = _kept_sweeps(ensembles, pool, state, sweeps)
+            history = _stored_sweeps(ensembles, pool, state, sweeps)
             done = state.sweeps + sweeps
             assessments = [assess(q, target_ess=plan.ess) for q in quantities(history)]
             convergence = _worst(assessments)
             finished = convergence.state == "converged" or done >= plan.max_steps
             block = _next_block(assessments, done, plan.ess)
             state = PopulationState(
-                state.tuning, _snapshots(ensembles), history, done, block, finished
+                state.tuning, [e.snapshot() for e in ensembles], history, done, block, finished
             )
             on_block(state)
-        history = state.history or _kept_sweeps(ensembles, pool, state, EVERY)
+        history = state.history or _stored_sweeps(ensembles, pool, state, EVERY)
     if convergence is None:
         convergence = _worst([assess(q, target_ess=plan.ess) for q in quantities(history)])
     acceptance = {}
@@ -218,27 +220,27 @@ def _report_progress(
     progress(Progress(text, min(worst / ess, 0.99)))
 
 
-def _kept_sweeps(
+def _stored_sweeps(
     ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: PopulationState, sweeps: int
 ) -> History:
     """The history with further sweeps of all ensembles."""
     every = EVERY if state.history is None else state.history.every
 
     def run(ensemble: Ensemble) -> History:
-        kept: dict[str, list[np.ndarray]] = {f.name: [] for f in fields(History)}
-        del kept["every"]
+        stored: dict[str, list[np.ndarray]] = {f.name: [] for f in fields(History)}
+        del stored["every"]
         for number in range(state.sweeps, state.sweeps + sweeps):
             ensemble.sweep(state.tuning)
             sd = ensemble.sd
-            kept["mu"].append(ensemble.mu)
-            kept["sd_donors"].append(sd[:, 0])
-            kept["sd"].append(sd[:, 1:])
-            kept["partial"].append(ensemble.blocks[0].partial.copy())
+            stored["mu"].append(ensemble.mu)
+            stored["sd_donors"].append(sd[:, 0])
+            stored["sd"].append(sd[:, 1:])
+            stored["partial"].append(ensemble.blocks[0].partial.copy())
             if number % every == 0:
-                kept["theta"].append(ensemble.theta.copy())
-                kept["u"].append(ensemble.u.copy())
-                kept["effect"].append(ensemble.effect)
-        return History(**{k: np.array(v)[None] for k, v in kept.items()}, every=every)
+                stored["theta"].append(ensemble.theta.copy())
+                stored["u"].append(ensemble.u.copy())
+                stored["effect"].append(ensemble.effect)
+        return History(**{k: np.array(v)[None] for k, v in stored.items()}, every=every)
 
     new = History.joined(list(pool.map(run, ensembles)), 0)
     if state.history is not None:
@@ -331,28 +333,3 @@ def _tuned_steps(tuning: Tuning, ensembles: list[Ensemble]) -> np.ndarray:
     share = hits / np.maximum(tried, 1.0)
     change = np.where(tried > 0.0, np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0), 1.0)
     return np.clip(tuning.steps * change, 1e-3, 3.0)
-
-
-# --- checkpoints ---------------------------------------------------------------------------------
-
-
-def _snapshots(ensembles: list[Ensemble]) -> list[dict[str, Any]]:
-    return [
-        {
-            "u": e.u.copy(),
-            "theta": e.theta.copy(),
-            "log": e.log.copy(),
-            "blocks": [{k: v.copy() for k, v in b._asdict().items()} for b in e.blocks],
-            "moves": dict(e.moves),
-            "rng": e.rng.bit_generator.state,
-        }
-        for e in ensembles
-    ]
-
-
-def _restore(ensembles: list[Ensemble], snapshots: list[dict[str, Any]]) -> None:
-    for e, stored in zip(ensembles, snapshots, strict=True):
-        e.u, e.theta, e.log = (stored[k].copy() for k in ("u", "theta", "log"))
-        e.blocks = [Block(**{k: v.copy() for k, v in b.items()}) for b in stored["blocks"]]
-        e.moves = dict(stored["moves"])
-        e.rng.bit_generator.state = stored["rng"]

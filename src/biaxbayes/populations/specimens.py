@@ -8,9 +8,10 @@ included.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from biaxbayes.compilation import compiled
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.model import density as kernel
-from biaxbayes.model.density import Problem
 from biaxbayes.model.layout import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FIXED, UNIFORM, Prior
@@ -58,6 +58,8 @@ class Source:
 def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
     """Parameters that all runs sampled; InputError if laws or sampled parameters differ."""
     first = sources[0]
+    names = {s.label: [n for n in s.posterior.law.names if n in s.posterior.free] for s in sources}
+    common = names[first.label]
     for source in sources[1:]:
         law, other = source.posterior.law, first.posterior.law
         if (law.name, law.fibre_switch) != (other.name, other.fibre_switch):
@@ -65,22 +67,18 @@ def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
                 f"{first.label} and {source.label} were sampled with other laws",
                 remedy="sample all specimens of a population with the same law and fibre switch",
             )
-    free = {
-        s.label: tuple(n for n in s.posterior.law.names if n in s.posterior.free) for s in sources
-    }
-    common = free[first.label]
-    for label, own in free.items():
-        if own != common:
-            name = next(iter(set(own) ^ set(common)))
-            there = first.label if name in common else label
+        different = sorted({*names[source.label]} ^ {*common})
+        if different:
+            there, here = first.label, source.label
+            if different[0] not in common:
+                there, here = here, there
             raise InputError(
-                f"{name} was sampled in {there} and fixed or tied in "
-                f"{label if there == first.label else first.label}",
+                f"{different[0]} was sampled in {there} and fixed or tied in {here}",
                 remedy="fix the same parameters in all specimens",
             )
     if not common:
         raise InputError("no parameter was sampled: all are fixed or tied")
-    return common
+    return tuple(common)
 
 
 @compiled()
@@ -107,10 +105,18 @@ def make_individual(source: Source, values: Sequence[PooledValue], ensembles: in
                 remedy="leave out `pool_mounting`",
             )
     at = np.array([slots.index(v.name) for v in values])
-    problem = _without_priors(whole, at, values)
+    # a flat, unnormalised prior of the pooled values in their physical range
+    prior_kind, prior = whole.prior_kind.copy(), whole.prior.copy()
+    prior_kind[at] = UNIFORM
+    prior[at] = [[0.0, 1.0, *v.edges, 0.0] for v in values]
+    problem = whole._replace(prior_kind=prior_kind, prior=prior)
     per_unit = whole.per_unit[at]
     logs = np.array([v.parameter.logarithmic for v in values])
-    kinds, rows = _priors(posterior, values)
+    kinds, rows = np.full(len(values), FIXED), np.zeros((len(values), 5))
+    for k, v in enumerate(values):
+        own = posterior.priors[v.name]
+        if isinstance(own, Prior):
+            kinds[k], rows[k] = own.encode(log_scale=v.parameter.logarithmic)
 
     def density(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         log, _, _, natural = kernel.evaluate(problem, u)
@@ -127,25 +133,7 @@ def make_individual(source: Source, values: Sequence[PooledValue], ensembles: in
     return Individual(source.label, density, log_prior, posterior.bounds, pool)
 
 
-def _without_priors(whole: Problem, at: np.ndarray, values: Sequence[PooledValue]) -> Problem:
-    """The problem with a flat, unnormalised prior of the pooled values in their physical range."""
-    kinds, rows = whole.prior_kind.copy(), whole.prior.copy()
-    for i, v in zip(at, values, strict=True):
-        kinds[i] = UNIFORM
-        rows[i] = [0.0, 1.0, *v.edges, 0.0]
-    return whole._replace(prior_kind=kinds, prior=rows)
-
-
-def _priors(posterior: Posterior, values: Sequence[PooledValue]) -> tuple[np.ndarray, np.ndarray]:
-    kinds, rows = np.full(len(values), FIXED), np.zeros((len(values), 5))
-    for k, v in enumerate(values):
-        prior = posterior.priors[v.name]
-        if isinstance(prior, Prior):
-            kinds[k], rows[k] = prior.encode(log_scale=v.parameter.logarithmic)
-    return kinds, rows
-
-
-def _pools(source: Source, ensembles: int, density) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _pools(source: Source, ensembles: int, density: Callable[..., Any]) -> np.ndarray:
     """Coordinates of the run's draws, a share of its ensembles each; (ensembles, N, d)."""
     chains = source.run.chains
     own = len(next(iter(chains.values())))
@@ -158,9 +146,7 @@ def _pools(source: Source, ensembles: int, density) -> np.ndarray:  # type: igno
         if own < ensembles:  # another part of the same ensemble for each
             rows = (rows + (k // own) * max(1, size // (MOST_DRAWS * ensembles))) % size
         u = source.posterior.coordinates({name: v[rows] for name, v in flat.items()})
-        with np.errstate(invalid="ignore"):
-            known = np.isfinite(u).all(axis=1)
-        u = u[known]
+        u = u[np.isfinite(u).all(axis=1)]
         out.append(u[np.isfinite(density(np.ascontiguousarray(u))[0])])
     least = min(len(u) for u in out)
     if least < LEAST_DRAWS:

@@ -16,7 +16,7 @@ from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.verdict import NO_VERDICT
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
 from biaxbayes.populations.model import LARGER, LINEAR, LOG, OPEN, SMALLER
-from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.predictive import PRIOR_DRAWS, Hyper
 from biaxbayes.populations.result import NATURAL_DRAWS, Population
 from biaxbayes.populations.verdicts import (
     derived_verdict,
@@ -25,6 +25,7 @@ from biaxbayes.populations.verdicts import (
     specimen_verdicts,
     spread_verdicts,
 )
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import protocol_mounting
 
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
@@ -33,45 +34,22 @@ PARTS = ("mean", *SDS, "new_specimen", "new_donor")
 SPLIT = ("sd_donors", "sd_specimens", "new_donor")
 """Left empty with one specimen per donor, where the prior alone would decide them."""
 POPULATION_COLUMNS = (
-    "group",
-    "quantity",
-    "unit",
+    *("group", "quantity", "unit"),
     *(f"{part}_{q}" for part in PARTS for q in QUANTILES),
-    "scale",
-    "specimens",
-    "donors",
-    "reported",
-    "verdict",
-    "contraction",
-    "in_words",
+    *("scale", "specimens", "donors", "reported", "verdict", "contraction", "in_words"),
     *(f"{side}_{what}" for side in SDS for what in ("verdict", "contraction")),
 )
 SPECIMEN_COLUMNS = (
-    "specimen",
-    "group",
-    "donor",
-    "quantity",
-    "unit",
+    *("specimen", "group", "donor", "quantity", "unit"),
     *(f"single_{q}" for q in QUANTILES),
     *(f"pooled_{q}" for q in QUANTILES),
-    "single_verdict",
-    "pooled_verdict",
-    "reported_low",
-    "reported_high",
-    "reported",
-    "predictive_p",
-    "specimen_predictive_p",
-    "beta",
+    *("single_verdict", "pooled_verdict", "reported_low", "reported_high", "reported"),
+    *("predictive_p", "specimen_predictive_p", "beta"),
 )
 CONTRAST_COLUMNS = (
-    "group_a",
-    "group_b",
-    "quantity",
-    "unit",
-    "scale",
+    *("group_a", "group_b", "quantity", "unit", "scale"),
     *(f"difference_{q}" for q in QUANTILES),
-    "probability_positive",
-    "direction",
+    *("probability_positive", "direction"),
 )
 BAND_POINTS = 41
 EQUIBIAXIAL = 0.1
@@ -91,7 +69,6 @@ def _quantiles(part: str, values: np.ndarray) -> dict[str, float]:
 def groups_table(population: Population) -> pd.DataFrame:
     """Table of population.csv."""
     rows = []
-    many, few = population.hyper(), population.hyper(NATURAL_DRAWS * 2)
     rng = population.rng(0)
     for g, group in enumerate(population.grouping.groups):
         head = {
@@ -99,56 +76,102 @@ def groups_table(population: Population) -> pd.DataFrame:
             "specimens": len(population.grouping.members(group)),
             "donors": population.grouping.donor_count(group),
         }
-        typical = many.typical(g)
-        location = few.donors(g, rng)
-        donor, new = few.median(location, g), few.specimens(location, g, rng)
-        verdicts = _verdicts(population, many, g)
-        for k, v in enumerate(population.values):
-            parts = {
-                "mean": v.from_scale(typical[:, k]),
-                "sd_donors": many.sd_donors[:, k],
-                "sd_specimens": many.spread(g)[:, k],
-                "sd_total": many.total_spread(g)[:, k],
-                "new_specimen": v.from_scale(new[:, k]),
-                "new_donor": v.from_scale(donor[:, k]),
-            }
-            rows.append(
-                head
-                | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
-                | _numbers(population, parts)
-                | verdicts[v.name]
-            )
-        for key, unit, scale, parts, verdict in derived_rows(population, g):
-            rows.append(
-                head
-                | {"quantity": key, "unit": unit, "scale": scale}
-                | _numbers(population, parts)
-                | verdict
-            )
+        rows += [head | row for row in _pooled_rows(population, g, rng)]
+        rows += [head | row for row in _derived_rows(population, g)]
     return pd.DataFrame(rows, columns=list(POPULATION_COLUMNS))
 
 
-def _verdicts(population: Population, hyper: Hyper, g: int) -> dict[str, dict[str, Any]]:
-    """Verdicts on a group's means and spreads, as columns, by pooled value."""
+def _pooled_rows(
+    population: Population, g: int, rng: np.random.Generator
+) -> Iterator[dict[str, Any]]:
+    """Means and spreads of the pooled values of a group, with verdicts."""
+    hyper, few = population.hyper(), population.hyper(NATURAL_DRAWS * 2)
+    typical, location = hyper.typical(g), few.donors(g, rng)
+    donor, new = few.median(location, g), few.specimens(location, g, rng)
     means = mean_verdicts(
         hyper,
         population.prior[0],
         g,
         population.law,
-        population.materials(hyper.typical(g)),
+        population.materials(typical),
         population.largest_stretch,
         population.state,
     )
     spreads = spread_verdicts(hyper, g, population.law, population.state)
-    out: dict[str, dict[str, Any]] = {}
-    for name, mean in means.items():
-        row: dict[str, Any] = {"in_words": mean.text, "reported": reported_text(mean)}
-        for stem, p in {"": mean, **{f"{k}_": v for k, v in spreads[name].items()}}.items():
-            row[f"{stem}verdict"] = p.posterior_verdict
+    for k, v in enumerate(population.values):
+        mean = means[v.name]
+        verdicts: dict[str, Any] = {"in_words": mean.text, "reported": reported_text(mean)}
+        for stem, p in {"": mean, **{f"{k}_": p for k, p in spreads[v.name].items()}}.items():
+            verdicts[f"{stem}verdict"] = p.posterior_verdict
             if p.evidence is not None:
-                row[f"{stem}contraction"] = p.evidence.contraction
-        out[name] = row
-    return out
+                verdicts[f"{stem}contraction"] = p.evidence.contraction
+        parts = {
+            "mean": v.from_scale(typical[:, k]),
+            "sd_donors": hyper.sd_donors[:, k],
+            "sd_specimens": hyper.spread(g)[:, k],
+            "sd_total": hyper.total_spread(g)[:, k],
+            "new_specimen": v.from_scale(new[:, k]),
+            "new_donor": v.from_scale(donor[:, k]),
+        }
+        head = {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
+        yield head | _numbers(population, parts) | verdicts
+
+
+def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
+    """Structure tensor, stiffness and stress of a group, draw by draw."""
+    hyper, rng = population.hyper(CURVE_DRAWS), population.rng(1 + g)
+    typical, medians = _typical(population, hyper, g, rng)
+    between, wide = hyper.repeated(BETWEEN), hyper.repeated(4)
+    donors = derived(population, between.median(between.donors(g, rng), g))
+    location = wide.donors(g, rng)
+    new_specimens = derived(population, wide.specimens(location, g, rng))
+    new_donors = derived(population, wide.median(location, g))
+    prior = population.prior[0].at(evenly_chosen(PRIOR_DRAWS, CURVE_DRAWS))
+    _, before = _typical(population, prior, g, population.rng(700 + g))
+    shares = contractions(before, medians)
+    for q, median, share, donor, new_specimen, new_donor in zip(
+        typical, medians, shares, donors, new_specimens, new_donors, strict=True
+    ):
+        log = bool(q.unit) and min(q.values.min(), donor.values.min()) > 0.0
+        verdict: dict[str, Any] = {"verdict": NO_VERDICT}
+        if population.state == "converged":
+            parameter = Parameter(q.key, unit=q.unit or "1", logarithmic=log)
+            verdict = derived_verdict(median.values, share, parameter)
+        with np.errstate(over="ignore", invalid="ignore"):
+            sds = [
+                (np.log(v) if log else v).reshape(hyper.draws, -1).std(axis=1, ddof=1)
+                for v in (donor.values, q.values)
+            ]
+        parts = {
+            "mean": median.values,
+            "sd_donors": sds[0],
+            "sd_specimens": sds[1],
+            "sd_total": np.hypot(*sds),
+            "new_specimen": new_specimen.values,
+            "new_donor": new_donor.values,
+        }
+        head = {"quantity": q.key, "unit": q.unit or "1", "scale": LOG if log else LINEAR}
+        yield head | _numbers(population, parts) | verdict
+
+
+def derived(population: Population, theta: np.ndarray) -> list[Derived]:
+    """Structure tensor, stiffness and stress of materials; infinite where not computable."""
+    # equibiaxial total stretches that every specimen reached: half-way and the largest
+    top = min(s.largest_stretch for s in population.sources)
+    stretches = [round(1.0 + share * (top - 1.0), 3) for share in (0.5, 1.0)]
+    materials = population.materials(theta)
+    quantities = derived_quantities(materials, population.law, stretches, [1.0, stretches[-1]])
+    return [replace(q, values=np.nan_to_num(q.values, nan=np.inf)) for q in quantities]
+
+
+def _typical(
+    population: Population, hyper: Hyper, g: int, rng: np.random.Generator
+) -> tuple[list[Derived], list[Derived]]:
+    """Quantities of the typical donor's specimens, and their median draw by draw."""
+    within = hyper.repeated(WITHIN)
+    single = derived(population, within.specimens(within.mu[:, g], g, rng))
+    shape = (hyper.draws, WITHIN)
+    return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
 
 
 def _numbers(population: Population, parts: dict[str, np.ndarray]) -> dict[str, float]:
@@ -299,77 +322,3 @@ def contradictions(table: pd.DataFrame) -> list[str]:
                 f"p {joint:.3f}, most by {worst['quantity']}, p {alone:.3f})"
             )
     return out
-
-
-# --- what follows from pooled parameters: structure tensor, stiffness and stress of a group ------
-
-
-def derived(population: Population, theta: np.ndarray) -> list[Derived]:
-    """Quantities that follow from materials; infinite where they cannot be computed."""
-    # equibiaxial total stretches that every specimen reached: half-way and the largest
-    top = min(s.largest_stretch for s in population.sources)
-    stretches = [round(1.0 + share * (top - 1.0), 3) for share in (0.5, 1.0)]
-    materials = population.materials(theta)
-    quantities = derived_quantities(materials, population.law, stretches, [1.0, stretches[-1]])
-    return [replace(q, values=np.nan_to_num(q.values, nan=np.inf)) for q in quantities]
-
-
-def _typical(
-    population: Population, hyper: Hyper, g: int, rng: np.random.Generator
-) -> tuple[list[Derived], list[Derived]]:
-    """Quantities of the typical donor's specimens, and their median draw by draw."""
-    within = hyper.repeated(WITHIN)
-    single = derived(population, within.specimens(within.mu[:, g], g, rng))
-    shape = (hyper.draws, WITHIN)
-    return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
-
-
-def derived_rows(
-    population: Population, g: int
-) -> Iterator[tuple[str, str, str, dict[str, np.ndarray], dict[str, Any]]]:
-    """Structure tensor, stiffness and stress of a group: name, unit, scale, draws and verdict."""
-    hyper = population.hyper(CURVE_DRAWS)
-    rng = population.rng(1 + g)
-    M = hyper.draws
-    typical_quantities, medians = _typical(population, hyper, g, rng)
-    between = hyper.repeated(BETWEEN)
-    donor_quantities = derived(population, between.median(between.donors(g, rng), g))
-    wide = hyper.repeated(4)
-    location = wide.donors(g, rng)
-    new = derived(population, wide.specimens(location, g, rng))
-    donor = derived(population, wide.median(location, g))
-    _, before = _typical(
-        population, population.prior[0].thinned(CURVE_DRAWS), g, population.rng(700 + g)
-    )
-    shares = contractions(before, medians)
-    for q, median, share, *others in zip(
-        typical_quantities, medians, shares, donor_quantities, new, donor, strict=True
-    ):
-        typical, (donors, specimen, new_donor) = q.values, (o.values for o in others)
-        unit = q.unit or "1"
-        scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR
-        verdict: dict[str, Any] = {"verdict": NO_VERDICT}
-        if population.state == "converged":
-            parameter = Parameter(q.key, unit=unit, logarithmic=scale == LOG)
-            verdict = derived_verdict(median.values, share, parameter)
-
-        def spread(values: np.ndarray, scale: str = scale) -> np.ndarray:
-            with np.errstate(over="ignore", invalid="ignore"):
-                moved = np.log(values) if scale == LOG else values
-                return np.asarray(moved.reshape(M, -1).std(axis=1, ddof=1))
-
-        sd_donors, sd_specimens = spread(donors), spread(typical)
-        yield (
-            q.key,
-            unit,
-            scale,
-            {
-                "mean": median.values,
-                "sd_donors": sd_donors,
-                "sd_specimens": sd_specimens,
-                "sd_total": np.hypot(sd_donors, sd_specimens),
-                "new_specimen": specimen,
-                "new_donor": new_donor,
-            },
-            verdict,
-        )

@@ -34,11 +34,10 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
 from biaxbayes.parameters import STRETCH, Parameter, Quantity
 from biaxbayes.populations.model import PooledValue
-from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.predictive import PRIOR_DRAWS, Hyper
 from biaxbayes.populations.specimens import Source
 
 CONSTANT = 1e-9
-PRIOR_DRAWS = 2**14
 
 # --- verdicts: the rule of single runs, with the prior that a value has here ---------------------
 

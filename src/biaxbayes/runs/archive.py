@@ -12,7 +12,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -73,15 +73,10 @@ def check_archive(path: Path) -> None:
 # --- posterior.nc: the draws as an xarray DataTree that ArviZ reads ------------------------------
 
 
-FORMAT = 1
 POINTWISE_DRAWS = 500
 """Draws of each chain with pointwise likelihoods and predictions."""
 SLASH = "\N{DIVISION SLASH}"
-
-
-def stored_name(name: str) -> str:
-    """Name of a quantity in the archive, where a slash would be a path (protocol ``1/1``)."""
-    return name.replace("/", SLASH)
+"""In place of a slash in names, where it would be a path (protocol ``1/1``)."""
 
 
 def quantity_name(stored: object) -> str:
@@ -103,9 +98,19 @@ def write_archive(
     path: Path, posterior: Posterior, draws: Draws, attributes: dict[str, Any], seed: int
 ) -> None:
     """Write posterior.nc; its log likelihood is weighted as sampled, as ``arviz.loo`` needs it."""
+    weight = f"n_eff / n = {posterior.beta:.6g}"
+    weighting = {
+        "log_likelihood": (
+            f"weighted: pointwise log likelihood times {weight}, as the posterior was sampled"
+        ),
+        "log_likelihood_unweighted": (
+            f"unweighted: pointwise log likelihood of independent readings, without the {weight} "
+            "that the posterior was sampled with; not for arviz.loo"
+        ),
+    }
     groups = _groups(posterior, draws, seed)
     for name, group in groups.items():
-        group.attrs = attributes | _weighting(name, posterior)
+        group.attrs = attributes | ({"weighting": weighting[name]} if name in weighting else {})
     whole = netcdf_bytes(groups, attributes)
     try:
         atomic_write_bytes(path, whole)
@@ -126,21 +131,6 @@ def netcdf_bytes(groups: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
     return whole.getvalue()
 
 
-def _weighting(group: str, posterior: Posterior) -> dict[str, str]:
-    """Attribute that names the weighting of a group of log likelihoods."""
-    weight = f"n_eff / n = {posterior.beta:.6g}"
-    texts = {
-        "log_likelihood": (
-            f"weighted: pointwise log likelihood times {weight}, as the posterior was sampled"
-        ),
-        "log_likelihood_unweighted": (
-            f"unweighted: pointwise log likelihood of independent readings, without the {weight} "
-            "that the posterior was sampled with; not for arviz.loo"
-        ),
-    }
-    return {"weighting": texts[group]} if group in texts else {}
-
-
 def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Dataset]:
     """Groups of the archive by name."""
     import xarray as xr
@@ -156,7 +146,7 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     }
     flat = {name: flatten(values) for name, values in draws.quantities.items()}
     parameters = {
-        stored_name(name): (chain_draw, flat[name], _units(posterior.quantities[name].unit))
+        name.replace("/", SLASH): (chain_draw, flat[name], _units(posterior.quantities[name].unit))
         for name in posterior.parameter_names
     }
     stats = {
@@ -218,14 +208,6 @@ def _units(unit: str) -> dict[str, str]:
     return {"units": unit} if unit else {}
 
 
-class StoredDraws(NamedTuple):
-    """Draws of an archive by name, shape (chains, draws)."""
-
-    quantities: dict[str, np.ndarray]
-    stats: dict[str, np.ndarray]
-    walkers: int  # per chain, one after the other, all with the same number of draws
-
-
 def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
     """Read posterior.nc into memory; RunError if it is damaged or lacks one of the `parameters`."""
     if not path.is_file():
@@ -247,15 +229,6 @@ def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
     if problem:
         raise RunError(f"{path}: is not the posterior of a run ({problem})")
     return tree
-
-
-def stored_draws(tree: xr.DataTree) -> StoredDraws:
-    """The draws of an archive that :func:`read_archive` accepted."""
-    quantities, stats = (
-        {str(name): variable.to_numpy() for name, variable in tree[group].data_vars.items()}
-        for group in ("posterior", "sample_stats")
-    )
-    return StoredDraws(quantities, stats, int(tree["posterior"]["walker"].max()) + 1)
 
 
 def _schema_error(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import math
 import os
 import re
 import shutil
@@ -25,9 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import BiaxbayesError, InputError, RunError
-from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, PICTURES, PLOTS, REPORTS, Settings
-from biaxbayes.runs.provenance import parse_options
-from biaxbayes.sampling.convergence import STATES
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, PICTURES, PLOTS, REPORTS
 from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
 
 # --- the files of a run: written to a staging folder, then moved into place together ------------
@@ -114,12 +111,15 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
         # A file of the previous run that this one does not have; files of the user stay.
         if listed and name not in listed and _digest(folder / name) == digest:
             (folder / name).unlink(missing_ok=True)
-    other = is_finished(folder, record) and _posterior(folder / record) != _posterior(
-        ready / record
-    )
+    # values that distinguish the draws of two records; a continued run has the same
+    old, new = (_record(path / record) for path in (folder, ready))
+    keys = ("specimen_sha256", "settings", "seed", "identity")
+    others_draws = "biaxbayes" in old and any(old.get(k) != new.get(k) for k in keys)
     waiting = _files(ready)
-    new = {_name(p, ready) for p in waiting}
-    removed = _remove_derived(folder, {*listed, *new, *before}) if listed and other else []
+    removed = []
+    if listed and others_draws:
+        current = {*listed, *before, *(_name(p, ready) for p in waiting)}
+        removed = _remove_derived(folder, current)
     if any(p.parent != ready for p in waiting):
         if (folder / EVIDENCE).is_symlink():
             (folder / EVIDENCE).unlink()
@@ -142,12 +142,6 @@ def _files(folder: Path) -> list[Path]:
 def _name(path: Path, folder: Path) -> str:
     """Name of a file in a manifest, as ``evidence/law-fits.csv``."""
     return path.relative_to(folder).as_posix()
-
-
-def _posterior(path: Path) -> tuple[Any, ...]:
-    """Values that distinguish the draws of two records; a continued run has the same."""
-    record = _record(path)
-    return tuple(record.get(key) for key in ("specimen_sha256", "settings", "seed", "identity"))
 
 
 def _remove_derived(folder: Path, current: set[str]) -> list[str]:
@@ -209,11 +203,6 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def is_run(folder: Path) -> bool:
-    """True if a folder holds the provenance of a run."""
-    return is_finished(folder, PROVENANCE)
-
-
 def is_finished(folder: Path, record: str) -> bool:
     """True if a folder holds the file that is written last: of a run, or of a population."""
     return "biaxbayes" in _record(folder / record)
@@ -240,81 +229,10 @@ def _record(path: Path) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-# --- the record of a run folder and its files, read as untrusted input ---------------------------
+# --- files of a run folder, read as untrusted input -----------------------------------------------
 
 
-EARLIER = {"reliable": "converged"}
-"""Names of states in earlier versions."""
 MAX_BYTES = 50_000_000
-NUMBER = (int, float)
-NEEDED: dict[str, Any] = {
-    "specimen": str,
-    "unit": str,
-    "notes": list,
-    "settings": dict,
-    "seed": int,
-    "noise": {"beta": NUMBER, "readings": NUMBER, "effective_readings": (*NUMBER, type(None))},
-    "sampler": {
-        "message": str,
-        "ensembles": int,
-        "walkers": int,
-        "steps": int,
-        "acceptance": NUMBER,
-    },
-    "convergence": {
-        "state": str,
-        "reason": str,
-        "worst_ess": (*NUMBER, type(None)),
-        "worst_rhat": (*NUMBER, type(None)),
-    },
-}
-"""Entries that the readers of a run rely on."""
-ALLOWED = {"priors": dict, "versions": dict, "files": dict}
-"""Entries that may be missing."""
-
-
-def read_record(folder: Path) -> dict[str, Any]:
-    """Read and check the provenance of a run folder."""
-    record = read_json(folder, PROVENANCE)
-    wrong = _schema_error(record, NEEDED) or _schema_error(record, ALLOWED, optional=True)
-    if not wrong:
-        convergence = record["convergence"]
-        state = EARLIER.get(convergence["state"], convergence["state"])
-        convergence["state"] = state
-        # A converged run has both numbers, any other run both or neither.
-        numbers = [convergence[k] is not None for k in ("worst_ess", "worst_rhat")]
-        if state not in STATES:
-            wrong = "convergence: state"
-        elif not 0.0 < record["noise"]["beta"] < math.inf:
-            wrong = "noise: beta"
-        elif numbers[0] != numbers[1] or (state == "converged" and not numbers[0]):
-            wrong = "convergence: worst_ess, worst_rhat"
-    if wrong:
-        raise RunError(f"{folder / PROVENANCE}: is not the record of a run (entry {wrong!r})")
-    try:
-        Settings(**parse_options(record["settings"]))
-    except (BiaxbayesError, TypeError) as error:
-        raise RunError(
-            f"{folder / PROVENANCE}: is not the record of a run (settings: {error})"
-        ) from None
-    return record
-
-
-def _schema_error(record: object, needed: dict[str, Any], *, optional: bool = False) -> str:
-    """The first entry that is missing or of another type; empty when there is none."""
-    if not isinstance(record, dict):
-        return "the whole"
-    for key, kind in needed.items():
-        if key not in record:
-            if not optional:
-                return key
-        elif isinstance(kind, dict):
-            inner = _schema_error(record[key], kind, optional=optional)
-            if inner:
-                return f"{key}: {inner}"
-        elif not isinstance(record[key], kind) or isinstance(record[key], bool):
-            return key
-    return ""
 
 
 def read_json(folder: Path, name: str) -> Any:

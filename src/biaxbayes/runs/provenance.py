@@ -1,19 +1,24 @@
-"""provenance.json: what a run is a run of, and how it was made."""
+"""provenance.json: what a run is a run of, and how it was made; written, and read again."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import math
 import platform
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import biaxbayes
-from biaxbayes.errors import RunError
+from biaxbayes.errors import BiaxbayesError, RunError
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.priors import parse_priors, prior_value
 from biaxbayes.options import Settings
+from biaxbayes.runs.folder import PROVENANCE, read_json
+from biaxbayes.sampling.convergence import STATES
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
@@ -22,7 +27,7 @@ if TYPE_CHECKING:
     from biaxbayes.specimens.specimen import Specimen
 
 
-LIBRARIES = (*("numpy", "scipy", "numba", "emcee"), *("h5netcdf", "matplotlib"))
+LIBRARIES = ("numpy", "scipy", "numba", "emcee", "h5netcdf", "matplotlib")
 
 
 def specimen_digest(specimen: Specimen) -> str:
@@ -54,15 +59,13 @@ def settings_table(posterior: Posterior) -> dict[str, Any]:
 
 def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     """Keyword arguments of :class:`Posterior` from a stored settings table."""
-    known = {*Settings.__dataclass_fields__}
     priors = table.get("priors", {})
     thin = table.get("thin", 0)  # runs of versions without thinning used all rows
     # An earlier estimate of the weight; the weight itself is stored, so the density is the same.
     if table.get("noise") == "systematic":
         table = table | {"noise": "effective"}
-    if not (
-        set(table) <= known and isinstance(priors, dict) and isinstance(thin, int) and thin >= 0
-    ):
+    known = set(table) <= set(Settings.__dataclass_fields__)
+    if not (known and isinstance(priors, dict) and isinstance(thin, int) and thin >= 0):
         raise RunError("the settings are not those of a run")
     return table | {"thin": thin, "priors": parse_priors(priors, law=stored_law(table))}
 
@@ -142,8 +145,73 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
 def _versions() -> dict[str, str]:
     out = {"python": platform.python_version()}
     for name in LIBRARIES:
-        try:
+        with contextlib.suppress(PackageNotFoundError):
             out[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return out
+
+
+# --- the record of a run folder, read as untrusted input ------------------------------------------
+
+
+EARLIER = {"reliable": "converged"}
+"""Names of states in earlier versions."""
+NUMBER = (int, float)
+NEEDED: dict[str, Any] = {
+    "specimen": str,
+    "unit": str,
+    "notes": list,
+    "settings": dict,
+    "seed": int,
+    "noise": {"beta": NUMBER, "readings": NUMBER, "effective_readings": (*NUMBER, type(None))},
+    "sampler": {"message": str, "acceptance": NUMBER}
+    | dict.fromkeys(("ensembles", "walkers", "steps"), int),
+    "convergence": {"state": str, "reason": str}
+    | dict.fromkeys(("worst_ess", "worst_rhat"), (*NUMBER, type(None))),
+}
+"""Entries that the readers of a run rely on."""
+ALLOWED = {"priors": dict, "versions": dict, "files": dict}
+"""Entries that may be missing."""
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Read and check the provenance of a run folder."""
+    record = read_json(folder, PROVENANCE)
+    wrong = _schema_error(record, NEEDED) or _schema_error(record, ALLOWED, optional=True)
+    if not wrong:
+        convergence = record["convergence"]
+        state = EARLIER.get(convergence["state"], convergence["state"])
+        convergence["state"] = state
+        # A converged run has both numbers, any other run both or neither.
+        numbers = [convergence[k] is not None for k in ("worst_ess", "worst_rhat")]
+        if state not in STATES:
+            wrong = "convergence: state"
+        elif not 0.0 < record["noise"]["beta"] < math.inf:
+            wrong = "noise: beta"
+        elif numbers[0] != numbers[1] or (state == "converged" and not numbers[0]):
+            wrong = "convergence: worst_ess, worst_rhat"
+    if wrong:
+        raise RunError(f"{folder / PROVENANCE}: is not the record of a run (entry {wrong!r})")
+    try:
+        Settings(**parse_options(record["settings"]))
+    except (BiaxbayesError, TypeError) as error:
+        raise RunError(
+            f"{folder / PROVENANCE}: is not the record of a run (settings: {error})"
+        ) from None
+    return record
+
+
+def _schema_error(record: object, needed: dict[str, Any], *, optional: bool = False) -> str:
+    """The first entry that is missing or of another type; empty when there is none."""
+    if not isinstance(record, dict):
+        return "the whole"
+    for key, kind in needed.items():
+        if key not in record:
+            if not optional:
+                return key
+        elif isinstance(kind, dict):
+            inner = _schema_error(record[key], kind, optional=optional)
+            if inner:
+                return f"{key}: {inner}"
+        elif not isinstance(record[key], kind) or isinstance(record[key], bool):
+            return key
+    return ""

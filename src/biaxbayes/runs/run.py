@@ -13,23 +13,22 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import RunError
+from biaxbayes.file_lock import folder_lock
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.parameters import Quantities
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.archive import StoredDraws, quantity_name, read_archive, stored_draws
+from biaxbayes.runs.archive import quantity_name, read_archive
 from biaxbayes.runs.folder import (
     PROVENANCE,
     READY,
     finish_moving,
     other_kind,
     read_json,
-    read_record,
     trusted_path,
 )
-from biaxbayes.runs.lock import folder_lock
-from biaxbayes.runs.provenance import parse_options, stored_law
+from biaxbayes.runs.provenance import parse_options, read_record, stored_law
 from biaxbayes.sampling.convergence import Convergence, assess
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
@@ -46,16 +45,7 @@ if TYPE_CHECKING:
 # --- summary.csv: ArviZ's summary of the draws within the law -------------------------------------
 
 COLUMNS = (
-    "parameter",
-    "unit",
-    "mean",
-    "sd",
-    "q05",
-    "q50",
-    "q95",
-    "ess_bulk",
-    "ess_tail",
-    "rhat",
+    *("parameter", "unit", "mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat"),
     "posterior_within",
 )
 
@@ -144,10 +134,6 @@ class Run:
         _ = self.tree  # the file passes its checks
         return arviz.from_netcdf(self.path / "posterior.nc")
 
-    @cached_property
-    def _stored(self) -> StoredDraws:
-        return stored_draws(self.tree)
-
     def with_draws(self, draws: pd.DataFrame) -> Run:
         """The same run with its :attr:`draws` at hand, which are not read then."""
         run = Run(self.path, self.provenance)
@@ -157,20 +143,21 @@ class Run:
     @cached_property
     def draws(self) -> pd.DataFrame:
         """One row per draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""
-        stored = self._stored
-        columns = {quantity_name(k): v.ravel() for k, v in stored.quantities.items()}
-        columns["log_likelihood"] = stored.stats["tempered_log_likelihood"].ravel()
-        columns["lp"] = stored.stats["lp"].ravel()
+        quantities, stats = self.tree["posterior"].data_vars, self.tree["sample_stats"]
+        columns = {quantity_name(k): v.to_numpy().ravel() for k, v in quantities.items()}
+        columns["log_likelihood"] = stats["tempered_log_likelihood"].to_numpy().ravel()
+        columns["lp"] = stats["lp"].to_numpy().ravel()
         return pd.DataFrame(columns)
 
     @cached_property
     def chains(self) -> dict[str, np.ndarray]:
         """Quantities as arrays of shape (ensembles, steps, walkers)."""
-        out = {}
-        for name, flat in self._stored.quantities.items():
-            shape = (flat.shape[0], self._stored.walkers, -1)
-            out[quantity_name(name)] = flat.reshape(shape).transpose(0, 2, 1)
-        return out
+        posterior = self.tree["posterior"]
+        shape = (posterior.sizes["chain"], int(posterior["walker"].max()) + 1, -1)
+        return {
+            quantity_name(name): variable.to_numpy().reshape(shape).transpose(0, 2, 1)
+            for name, variable in posterior.data_vars.items()
+        }
 
     @cached_property
     def result(self) -> RunResult:

@@ -17,33 +17,12 @@ from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED
 KNOWN = (IDENTIFIED, BOUNDED)
 """Verdicts with which the numbers of a specimen are used."""
 GROUP_COLUMNS = (
-    "group_by",
-    "group",
-    "quantity",
-    "unit",
-    "specimens",
-    "converged",
-    "identified",
-    "centre",
-    "lowest",
-    "highest",
-    "scale",
-    "sd_of_medians",
-    "sd_within",
-    "sd_between",
+    *("group_by", "group", "quantity", "unit", "specimens", "converged", "identified"),
+    *("centre", "lowest", "highest", "scale", "sd_of_medians", "sd_within", "sd_between"),
 )
 CONTRAST_COLUMNS = (
-    "layer_a",
-    "layer_b",
-    "quantity",
-    "unit",
-    "pairs",
-    "identified",
-    "b_greater",
-    "b_less",
-    "mean_difference",
-    "lowest_difference",
-    "highest_difference",
+    *("layer_a", "layer_b", "quantity", "unit", "pairs", "identified", "b_greater", "b_less"),
+    *("mean_difference", "lowest_difference", "highest_difference"),
 )
 KEPT = ("parameter", "structure tensor", "stiffness")
 """Kinds of distance that are comparable between donors; stresses are those at the end of the tests
@@ -124,44 +103,33 @@ def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
     same_for_all = distances["kind"].isin(KEPT) & (
         distances["total_stretch"].isna() | (distances["total_stretch"] == 1.0)
     )
-    across = distances[same_for_all & (distances["layer_a"] != distances["layer_b"])]
-    order = list(dict.fromkeys([*distances["layer_a"], *distances["layer_b"]]))
-    turned = pd.DataFrame([_in_order(r, order) for r in across.to_dict("records")])
+    across = distances[same_for_all & (distances["layer_a"] != distances["layer_b"])].copy()
+    # each pair with its layers in the order of the study
+    names = dict.fromkeys([*distances["layer_a"], *distances["layer_b"]])
+    order = {name: k for k, name in enumerate(names)}
+    turn = across["layer_a"].map(order) > across["layer_b"].map(order)
+    layers, ends = ["layer_a", "layer_b"], [f"difference_{q}" for q in ("q05", "q50", "q95")]
+    across.loc[turn, layers] = across.loc[turn, layers[::-1]].to_numpy()
+    across.loc[turn, ends] = -across.loc[turn, ends[::-1]].to_numpy()
     rows = []
-    if len(turned):
-        for (a, b, quantity), part in turned.groupby(
-            ["layer_a", "layer_b", "quantity"], sort=False
-        ):
-            known = part[part["identified_in_both"]]
-            row = {
-                "layer_a": a,
-                "layer_b": b,
-                "quantity": quantity,
-                "unit": part["unit"].iloc[0],
-                "pairs": len(part),
-                "identified": len(known),
-                "b_greater": int((known["difference_q05"] > 0.0).sum()),
-                "b_less": int((known["difference_q95"] < 0.0).sum()),
+    for (a, b, quantity), part in across.groupby([*layers, "quantity"], sort=False):
+        known = part[part["identified_in_both"]]
+        row = {
+            "layer_a": a,
+            "layer_b": b,
+            "quantity": quantity,
+            "unit": part["unit"].iloc[0],
+            "pairs": len(part),
+            "identified": len(known),
+            "b_greater": int((known["difference_q05"] > 0.0).sum()),
+            "b_less": int((known["difference_q95"] < 0.0).sum()),
+        }
+        if len(known):
+            differences = known["difference_q50"]
+            row |= {
+                "mean_difference": float(differences.mean()),
+                "lowest_difference": float(differences.min()),
+                "highest_difference": float(differences.max()),
             }
-            if len(known):
-                differences = known["difference_q50"]
-                row |= {
-                    "mean_difference": float(differences.mean()),
-                    "lowest_difference": float(differences.min()),
-                    "highest_difference": float(differences.max()),
-                }
-            rows.append(row)
+        rows.append(row)
     return pd.DataFrame(rows, columns=list(CONTRAST_COLUMNS))
-
-
-def _in_order(row: dict[Any, Any], order: list[str]) -> dict[Any, Any]:
-    """The same pair with its layers in the order of the study."""
-    if order.index(row["layer_a"]) <= order.index(row["layer_b"]):
-        return row
-    return row | {
-        "layer_a": row["layer_b"],
-        "layer_b": row["layer_a"],
-        "difference_q05": -row["difference_q95"],
-        "difference_q50": -row["difference_q50"],
-        "difference_q95": -row["difference_q05"],
-    }

@@ -25,16 +25,24 @@ The format is TOML; paths are relative to the file::
 
 from __future__ import annotations
 
-import math
+import hashlib
+import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from biaxbayes.errors import InputError
+import biaxbayes
+from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws import law_named
-from biaxbayes.model.priors import Prior, Tie, parse_priors
-from biaxbayes.options import MOST_WHOLE, ModelOptions, SamplingPlan, options_of
+from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
+from biaxbayes.options import ModelOptions, SamplingPlan, options_of
+from biaxbayes.runs.folder import RUNS
+from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.specimens.check import with_force
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.text_files import one_line, read_toml
 
 DEFAULT_OPTIONS: dict[str, Any] = {
@@ -75,23 +83,6 @@ class Study:
     columns: tuple[str, ...] = ()  # of the groups of a population; empty: the layer
 
 
-@dataclass(frozen=True)
-class _Common:
-    """Settings that the specimens of a study file share."""
-
-    path: Path
-    seed: int
-    options: dict[str, Any]
-    priors: dict[str, Prior | float | Tie] = field(default_factory=dict)
-    anyway: bool = False
-    columns: tuple[str, ...] = ()
-
-    @property
-    def own_columns(self) -> tuple[str, ...]:
-        """Declared columns other than donor and layer."""
-        return tuple(c for c in self.columns if c not in TEXT_KEYS)
-
-
 def study_of_files(
     files: list[Path],
     options: Mapping[str, Any],
@@ -103,50 +94,40 @@ def study_of_files(
     anyway: bool = False,
 ) -> Study:
     """A study of specimen files with common options, labelled by their file names."""
+    for key, value in {"seed": seed, "ess": ess, "max_steps": max_steps}.items():
+        SamplingPlan.check(key, value)
     for path in files:
         _check_file(path, path)
     specimens = tuple(
-        StudySpecimen(
-            path,
-            path.stem,
-            dict(options),
-            _number("`seed`", seed, "seed", None),
-            anyway=anyway,
-        )
-        for path in files
+        StudySpecimen(path, path.stem, dict(options), seed, anyway=anyway) for path in files
     )
     _check_labels(specimens, None)
-    return Study(
-        name,
-        specimens,
-        float(_number("`ess`", ess, "ess", None)),
-        int(_number("`max_steps`", max_steps, "max_steps", None)),
-    )
+    return Study(name, specimens, float(ess), int(max_steps))
 
 
 def read_study(path: Path) -> Study:
     """Read a study file; InputError names the file and the key that cannot be used."""
     table = read_toml(path)
     _check_keys(table, STUDY_KEYS, "a study", path)
-    numbers = {
-        key: _number(key, table.get(key, getattr(SamplingPlan, key)), key, path) for key in NUMBERS
-    }
+    numbers = {key: table.get(key, getattr(SamplingPlan, key)) for key in NUMBERS}
+    for key, value in numbers.items():
+        SamplingPlan.check(key, value, file=path)
     options = _options(table.get("options", {}), DEFAULT_OPTIONS, "options", path)
-    common = _Common(
-        path,
-        int(numbers["seed"]),
-        options,
-        _priors(table.get("priors", {}), options["law"], "priors", path),
-        _flag(table.get("anyway", False), "anyway", path),
-        _columns(table.get("columns", []), path),
-    )
+    common = {
+        "seed": numbers["seed"],
+        "anyway": _flag(table.get("anyway", False), "anyway", path),
+        "options": options,
+        "priors": _priors(table.get("priors", {}), options["law"], "priors", path),
+        "columns": _columns(table.get("columns", []), path),
+    }
     entries = table.get("specimen")
     if not isinstance(entries, list) or not entries:
         raise InputError("lists no specimen", file=path, remedy="add tables [[specimen]]")
-    specimens = tuple(_specimen(entry, n, common) for n, entry in enumerate(entries, start=1))
+    specimens = tuple(_specimen(e, f"specimen {n}", common, path) for n, e in enumerate(entries, 1))
     _check_labels(specimens, path)
     name = _text(table, "name", "", path) or path.stem
-    return Study(name, specimens, float(numbers["ess"]), int(numbers["max_steps"]), common.columns)
+    ess, max_steps = float(numbers["ess"]), int(numbers["max_steps"])
+    return Study(name, specimens, ess, max_steps, common["columns"])
 
 
 def _columns(value: object, path: Path) -> tuple[str, ...]:
@@ -163,40 +144,40 @@ def _columns(value: object, path: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys(given))
 
 
-def _column_value(entry: Mapping[str, object], name: str, where: str, path: Path) -> str:
-    value = _text(entry, name, where, path)
-    if value is None:
-        raise InputError(
-            f"{where}{name} is missing, which columns declares",
-            file=path,
-            remedy=f'give {name} = "..." for every specimen, or remove it from columns',
-        )
-    return value
-
-
-def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
-    path, where = common.path, f"specimen {number}: "
+def _specimen(entry: object, what: str, common: Mapping[str, Any], path: Path) -> StudySpecimen:
+    """One table [[specimen]], with the settings that the study's specimens share."""
+    where = f"{what}: "
     if not isinstance(entry, dict):
         raise InputError(f"{where}is not a table", file=path, remedy="write it as [[specimen]]")
-    _check_keys(entry, (*SPECIMEN_KEYS, *common.own_columns), f"specimen {number}", path)
+    own_columns = [c for c in common["columns"] if c not in TEXT_KEYS]
+    _check_keys(entry, (*SPECIMEN_KEYS, *own_columns), what, path)
     file = entry.get("file")
     if not isinstance(file, str) or not file.strip() or "\0" in file:
         raise InputError(f"{where}file must be the path of a CSV", file=path)
     specimen = path.parent / file
     _check_file(specimen, f"{path}, {where}file", path=path)
-    options = _options(entry.get("options", {}), common.options, f"{where}options", path)
-    given = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
-    priors = {**common.priors, **given}
+    options = _options(entry.get("options", {}), common["options"], f"{where}options", path)
+    priors = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
+    seed = entry.get("seed", common["seed"])
+    SamplingPlan.check("seed", seed, where, path)
+    columns = {name: _text(entry, name, where, path) for name in own_columns}
+    for name, value in columns.items():
+        if value is None:
+            raise InputError(
+                f"{where}{name} is missing, which columns declares",
+                file=path,
+                remedy=f'give {name} = "..." for every specimen, or remove it from columns',
+            )
     return StudySpecimen(
         specimen,
         _text(entry, "label", where, path) or specimen.stem[:LONGEST],
-        options | {"priors": priors},
-        int(_number(f"{where}seed", entry.get("seed", common.seed), "seed", path)),
+        options | {"priors": {**common["priors"], **priors}},
+        int(seed),
         _text(entry, "donor", where, path),
         _text(entry, "layer", where, path),
         _force(entry.get("mounting_force"), f"{where}mounting_force", path),
-        _flag(entry.get("anyway", common.anyway), f"{where}anyway", path),
-        {name: _column_value(entry, name, where, path) for name in common.own_columns},
+        _flag(entry.get("anyway", common["anyway"]), f"{where}anyway", path),
+        {name: str(value) for name, value in columns.items()},
     )
 
 
@@ -232,19 +213,6 @@ def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> No
                 remedy="give different labels in a study file",
             )
         seen[label] = number
-
-
-def _number(what: str, value: object, key: str, path: Path | None) -> Any:
-    """A number that the key allows."""
-    option = options_of(SamplingPlan)[key]
-    whole = option.kind is int
-    fits = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not (fits and option.least <= value <= MOST_WHOLE and math.isfinite(value)):  # type: ignore
-        raise InputError(
-            f"{what} must be a {'whole ' if whole else ''}number, at least {option.least:g}",
-            file=path,
-        )
-    return value
 
 
 def _text(table: Mapping[str, object], key: str, where: str, path: Path) -> str | None:
@@ -288,3 +256,67 @@ def _force(value: object, where: str, path: Path) -> tuple[float, float] | None:
     ):
         raise InputError(f"{where} must be two numbers [x, y]", file=path)
     return float(numbers[0]), float(numbers[1])
+
+
+# --- the specimens as they were read, with the digest of what their runs depend on ----------------
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A specimen of the study, or the problem with reading it."""
+
+    entry: StudySpecimen
+    slug: str  # name of the run folder
+    specimen: Specimen | None = None
+    problem: str = ""
+    fingerprint: str = ""  # of everything that the run depends on
+
+    @property
+    def folder(self) -> str:
+        """Run folder, relative to the study's."""
+        return f"{RUNS}/{self.slug}"
+
+    @property
+    def donor(self) -> str:
+        """Donor, by the study file or the header of the specimen."""
+        in_header = self.specimen.metadata.get("donor", "") if self.specimen else ""
+        return self.entry.donor or str(in_header)
+
+    @property
+    def layer(self) -> str:
+        """Layer, likewise."""
+        return self.entry.layer or (self.specimen.layer if self.specimen else None) or ""
+
+
+def read_entries(study: Study) -> list[Entry]:
+    """Read the specimens; one that cannot be read stays in the list with its error."""
+    out = []
+    slugs: set[str] = set()
+    for entry in study.specimens:
+        # a folder name that every file system accepts
+        stem = re.sub(r"[^A-Za-z0-9_.-]+", "-", entry.label).strip(".-")[:60] or "specimen"
+        slug, number = stem, 1
+        while slug.casefold() in slugs:
+            number += 1
+            slug = f"{stem}-{number}"
+        slugs.add(slug.casefold())
+        try:
+            specimen = read_specimen(entry.file)
+            if entry.mounting_force is not None:
+                specimen = with_force(specimen, entry.mounting_force, entry.file)
+        except BiaxbayesError as error:
+            out.append(Entry(entry, slug, problem=str(error)))
+            continue
+        priors = {k: prior_value(v) for k, v in dict(entry.options.get("priors", {})).items()}
+        content = {
+            "specimen": specimen_digest(specimen),
+            "options": {**entry.options, "priors": priors},
+            "seed": entry.seed,
+            "ess": study.ess,
+            "max_steps": study.max_steps,
+            "biaxbayes": biaxbayes.__version__,
+        }
+        text = json.dumps(content, sort_keys=True, default=str)
+        fingerprint = hashlib.sha256(text.encode()).hexdigest()
+        out.append(Entry(entry, slug, specimen, "", fingerprint))
+    return out

@@ -33,17 +33,16 @@ from biaxbayes.errors import (
     as_options,
     printable,
 )
+from biaxbayes.file_lock import folder_lock
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
-from biaxbayes.parallel import Executor, InThisProcess, executor_for
+from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.study_page import write_study
-from biaxbayes.runs.folder import RUNS, STUDY, clear_leftovers, is_run
-from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, clear_leftovers, is_finished
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.studies.entries import Entry, read_entries
 from biaxbayes.studies.result import (
     FAILED,
     INTERRUPTED,
@@ -52,12 +51,13 @@ from biaxbayes.studies.result import (
     StudyResult,
     compared_layers,
     donor_groups,
+    rows_of_run,
     rows_without_run,
     study_result,
     study_table,
 )
-from biaxbayes.studies.rows import rows_of_run
-from biaxbayes.studies.study_file import Study, read_study, study_of_files
+from biaxbayes.studies.study_file import Entry, Study, read_entries, read_study, study_of_files
+from biaxbayes.tasks import Executor
 from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claim_folder, no_progress, no_stop
@@ -261,7 +261,8 @@ class Batch:
         done = {
             e.slug: e.fingerprint
             for e in readable
-            if recorded.get(e.slug) == e.fingerprint and is_run(self.folder / RUNS / e.slug)
+            if recorded.get(e.slug) == e.fingerprint
+            and is_finished(self.folder / RUNS / e.slug, PROVENANCE)
         }
         self._save(done)
         readable.sort(key=lambda e: e.slug not in done)  # finished ones first: they take no time

@@ -21,18 +21,19 @@ from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, p
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
+from biaxbayes.file_lock import folder_lock
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, takes_options
-from biaxbayes.parallel import Executor, InThisProcess, executor_for
+from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import EARLIER, clear_leftovers, stored_identity
-from biaxbayes.runs.lock import folder_lock
-from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.runs.folder import clear_leftovers, stored_identity
+from biaxbayes.runs.provenance import EARLIER, specimen_digest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tasks import Executor
 from biaxbayes.text_files import atomic_write_text, read_csv, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt

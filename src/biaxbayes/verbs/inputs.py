@@ -117,9 +117,9 @@ def claim_folder(
 @contextlib.contextmanager
 def locked_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
     """Claim and lock the folder of a run or population, and finish what a crash interrupted."""
+    from biaxbayes.file_lock import folder_lock
     from biaxbayes.runs.checkpoint import NAMES
     from biaxbayes.runs.folder import KINDS, clear_leftovers, finish_moving, is_finished
-    from biaxbayes.runs.lock import folder_lock
 
     records = {*NAMES, record} if is_finished(folder, record) else {*NAMES}
     claim_folder(folder, records, f"a {KINDS[record]}'s")

@@ -24,6 +24,7 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
 from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.file_lock import folder_lock
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import (
     MOST,
@@ -34,14 +35,14 @@ from biaxbayes.options import (
     option,
     takes_options,
 )
-from biaxbayes.parallel import Executor, executor_for
+from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import clear_leftovers, stored_identity
-from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.runs.result import REPORT
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tasks import Executor
 from biaxbayes.text_files import aligned, atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt

@@ -14,6 +14,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import InputError, RunError
+from biaxbayes.file_lock import folder_lock
 from biaxbayes.parameters import MATERIAL
 from biaxbayes.populations.result import Population
 from biaxbayes.populations.tables import (
@@ -35,7 +36,6 @@ from biaxbayes.runs.folder import (
     finish_moving,
     manifest,
 )
-from biaxbayes.runs.lock import folder_lock
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
