@@ -13,7 +13,7 @@ import pytest
 import commands
 from biaxbayes import read_specimen
 from biaxbayes.errors import InputError
-from biaxbayes.machines.recording import shear_angle_deg
+from biaxbayes.machines.conversion import shear_angle_deg
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.tables.table import read_tables
 from test_tables import xlsx

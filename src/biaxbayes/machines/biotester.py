@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.cycles import RecordedCycle, chosen_number, cycle_label, settling
-from biaxbayes.machines.gauge import Gauge
-from biaxbayes.machines.recording import Recording
+from biaxbayes.machines.cycles import RecordedCycle, chosen_number, take_branch
+from biaxbayes.machines.recording import Gauge, Recording
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.table import Table
 
@@ -27,46 +29,28 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     and Time_S. A branch is the Stretch phase, the reversed Recover phase, or both.
     """
     numbers, phases = _phases(table)
+    index = table.by_stem("setname")
+    names = [] if index is None else list(dict.fromkeys(table.text(index)))
+    chosen = _chosen_sets(table, names, choice.sets)
+    others = [name for name in names if name not in chosen]
     out = []
-    sets = _sets(table, choice.sets)
-    others = [name for name in _set_names(table) if name not in sets]
-    for name, rows in sets.items():
+    for name in chosen:
+        rows = np.arange(table.rows)
+        if index is not None:
+            rows = np.flatnonzero(np.array(table.text(index)) == name)
         cycles = _cycles(table, numbers, phases, name, rows)
-        labels = [cycle.label for cycle in cycles]
-        number = chosen_number(choice.cycle, labels, table)
-        rows, stretch, gradient, origin, assumptions = _stretches(
-            table, _branch(table, cycles[number], choice.branch), choice, gauge
+        number = chosen_number(choice.cycle, cycles, table)
+        taken = take_branch(
+            partial(_recording, table, name, choice, gauge),
+            cycles,
+            range(max(number - 1, 0), number + 1),
+            choice.branch,
+            name,
         )
-        notes = [*table.notes, *origin]
-        if number > 0:
-            curves = []
-            for cycle in cycles[number - 1 : number + 1]:
-                up, curve, *_ = _stretches(table, _branch(table, cycle, "loading"), choice, gauge)
-                curves.append((curve, _forces(table, up)))
-            text, settled = settling(*curves)
-            (notes if settled else assumptions).append(f"{name}: {text}" if name else text)
         if others:
-            notes.append(f"sets left out: {', '.join(others)} (--set NAME or --set all takes them)")
-        source = "Size_um" if gradient is None else "tracked points"
-        time = _quantity(table, "time", "time", rows)
-        out.append(
-            Recording(
-                name=name,
-                source=table.path.name + (f", set {name}" if name else ""),
-                stretch=stretch,
-                load=_forces(table, rows),
-                columns=(f"X {source}", f"Y {source}", "XForce", "YForce"),
-                stress_pair="force",
-                time_s=None if choice.branch == "unloading" else time,
-                gradient=gradient,
-                lines=table.lines[rows],
-                rows_in_file=table.rows,
-                cycle=cycle_label(labels, number),
-                branch=choice.branch,
-                notes=tuple(notes),
-                assumptions=tuple(assumptions),
-            )
-        )
+            note = f"sets left out: {', '.join(others)} (--set NAME or --set all takes them)"
+            taken = replace(taken, notes=(*taken.notes, note))
+        out.append(taken)
     return out
 
 
@@ -103,30 +87,20 @@ def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
     return np.array(numbers), np.array(phases)
 
 
-def _set_names(table: Table) -> list[str]:
-    index = table.by_stem("setname")
-    return [] if index is None else list(dict.fromkeys(table.text(index)))
-
-
-def _sets(table: Table, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Rows of the selected sets by their names; all rows if the file has no sets."""
-    index, names = table.by_stem("setname"), _set_names(table)
-    if index is None:
+def _chosen_sets(table: Table, names: Sequence[str], wanted: Sequence[str]) -> Sequence[str]:
+    """Names of the selected sets, by default the last; an empty one if the file has no sets."""
+    if not names:
         if wanted:
-            raise InputError(
-                "no column 'SetName', so the file has no sets",
-                file=table.path,
-                remedy=table.listing,
-            )
-        return {"": np.arange(table.rows)}
-    wanted = tuple(names) if wanted == ("all",) else wanted or (names[-1],)
+            problem = "no column 'SetName', so the file has no sets"
+            raise InputError(problem, file=table.path, remedy=table.listing)
+        return ("",)
+    if tuple(wanted) == ("all",):
+        return names
     for name in wanted:
         if name not in names:
-            raise InputError(
-                f"no set {name[:40]!r}", file=table.path, remedy=f"found {', '.join(names)[:200]}"
-            )
-    labels = np.array(table.text(index))
-    return {name: np.flatnonzero(labels == name) for name in wanted}
+            remedy = f"found {', '.join(names)[:200]}"
+            raise InputError(f"no set {name[:40]!r}", file=table.path, remedy=remedy)
+    return tuple(dict.fromkeys(wanted)) or names[-1:]
 
 
 def _cycles(
@@ -141,20 +115,21 @@ def _cycles(
             column="Cycle",
             remedy=f"found {', '.join(sorted(set(phases[rows].tolist())))[:80]}",
         )
-    return [
-        RecordedCycle(
-            label,
-            *(
-                rows[(numbers[rows] == label) & (phases[rows] == phase)]
-                for phase in ("stretch", "recover")
-            ),
-        )
-        for label in labels
-    ]
+    cycles = []
+    for label in labels:
+        of_cycle = numbers[rows] == label
+        up, down = (rows[of_cycle & (phases[rows] == phase)] for phase in ("stretch", "recover"))
+        cycles.append(RecordedCycle(label, up, down))
+    return cycles
 
 
-def _branch(table: Table, cycle: RecordedCycle, branch: str) -> np.ndarray:
-    """Rows of a branch of a cycle, at least two."""
+# --- stretches and forces of some rows ------------------------------------------------------------
+
+
+def _recording(
+    table: Table, name: str, choice: Choice, gauge: Gauge, cycle: RecordedCycle, branch: str
+) -> Recording:
+    """Convert a branch of a cycle; stretches are those of tracked points if there are any."""
     rows = cycle.rows(branch)
     if rows.size < 2:
         raise InputError(
@@ -162,27 +137,40 @@ def _branch(table: Table, cycle: RecordedCycle, branch: str) -> np.ndarray:
             file=table.path,
             remedy="choose another `cycle` or `branch`",
         )
-    return rows
-
-
-# --- stretches and forces of some rows ------------------------------------------------------------
-
-
-def _stretches(
-    table: Table, rows: np.ndarray, choice: Choice, gauge: Gauge
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, list[str], list[str]]:
-    """Rows with their stretches, gradient, origin and assumptions; by default of tracked points."""
     points = _tracked_points(table, rows, required=choice.stretch_from == "tracked")
+    gradient, assumptions = None, []
     if points is None or choice.stretch_from == "rake":
+        source, notes = "Size_um", ["stretch from the rakes, not from the tissue"]
         stretch, assumptions = _rake_stretch(table, rows, gauge)
-        return rows, stretch, None, ["stretch from the rakes, not from the tissue"], assumptions
-    complete = np.isfinite(points).all(axis=(1, 2))
-    notes = [f"stretch from {points.shape[1]} tracked points"]
-    if not complete.all():
-        notes.append(f"{int((~complete).sum())} rows without tracked points left out")
-    rows = rows[complete]
-    gradient = _deformation_gradient(points[complete], table, rows)
-    return rows, gradient[:, [0, 1], [0, 1]], gradient, notes, []
+    else:
+        source, notes = "tracked points", [f"stretch from {points.shape[1]} tracked points"]
+        complete = np.isfinite(points).all(axis=(1, 2))
+        if not complete.all():
+            notes.append(f"{int((~complete).sum())} rows without tracked points left out")
+        rows = rows[complete]
+        gradient = _deformation_gradient(points[complete], table, rows)
+        stretch = gradient[:, [0, 1], [0, 1]]
+    forces = []
+    for axis in "XY":
+        force = _quantity(table, f"{axis.lower()}force", "force", rows)
+        if force is None:
+            problem = f"no column '{axis}Force_mN'"
+            raise InputError(problem, file=table.path, remedy=table.listing)
+        forces.append(force)
+    return Recording(
+        name=name,
+        source=table.path.name + (f", set {name}" if name else ""),
+        stretch=stretch,
+        load=np.column_stack(forces),
+        columns=(f"X {source}", f"Y {source}", "XForce", "YForce"),
+        stress_pair="force",
+        time_s=_quantity(table, "time", "time", rows),
+        gradient=gradient,
+        lines=table.lines[rows],
+        rows_in_file=table.rows,
+        notes=(*table.notes, *notes),
+        assumptions=tuple(assumptions),
+    )
 
 
 def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.ndarray | None:
@@ -243,18 +231,6 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
             remedy=f"name it like XForce_mN or XSize_um; {table.listing}",
         )
     return table.numbers(index, rows) * unit.factor
-
-
-def _forces(table: Table, rows: np.ndarray) -> np.ndarray:
-    """Forces in N, shape (n, 2)."""
-    forces = []
-    for axis in "xy":
-        force = _quantity(table, f"{axis}force", "force", rows)
-        if force is None:
-            column = f"{axis.upper()}Force_mN"
-            raise InputError(f"no column '{column}'", file=table.path, remedy=table.listing)
-        forces.append(force)
-    return np.column_stack(forces)
 
 
 def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndarray, list[str]]:

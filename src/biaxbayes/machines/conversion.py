@@ -11,8 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.gauge import Gauge
-from biaxbayes.machines.recording import Recording, shear_angle_deg
+from biaxbayes.machines.recording import Gauge, Recording
 from biaxbayes.specimens.plausibility import NEGATIVE, check_load
 from biaxbayes.specimens.protocol import CURVES, LOAD_ROWS, Protocol, ReadingError
 from biaxbayes.specimens.specimen import Specimen
@@ -55,9 +54,21 @@ def convert(
             f"the files hold different stress pairs ({', '.join(sorted(pairs))})",
             remedy="convert them with the same columns",
         )
-    recordings = _named(recordings, protocol_names)
+    if protocol_names and len(protocol_names) != len(recordings):
+        raise InputError(
+            f"{len(protocol_names)} protocol names for {len(recordings)} protocols",
+            remedy=f"the protocols are {', '.join(r.source for r in recordings)[:300]}",
+        )
+    names = list(protocol_names) or [r.name for r in recordings]
+    for name in names:
+        if not name.strip() or names.count(name) > 1:
+            raise InputError(
+                f"protocol name {name[:40]!r} is empty or duplicated",
+                remedy="give `protocol_names`, one per protocol",
+            )
     # As measured: a reader divides by the stretch at rest, and sees the drift.
     timed = all(r.time_s is not None for r in recordings)
+    recordings = [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
     recorded = []
     for r in recordings:
         (x, y), (load_x, load_y) = r.stretch.T, r.load.T
@@ -174,23 +185,6 @@ def _check_signs(recordings: Sequence[Recording], file: object) -> None:
         )
 
 
-def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]:
-    """Recordings with the given names, or their own; names must differ."""
-    if names and len(names) != len(recordings):
-        raise InputError(
-            f"{len(names)} protocol names for {len(recordings)} protocols",
-            remedy=f"the protocols are {', '.join(r.source for r in recordings)[:300]}",
-        )
-    chosen = list(names) or [r.name for r in recordings]
-    for name in chosen:
-        if not name.strip() or chosen.count(name) > 1:
-            raise InputError(
-                f"protocol name {name[:40]!r} is empty or duplicated",
-                remedy="give `protocol_names`, one per protocol",
-            )
-    return [replace(r, name=name) for r, name in zip(recordings, chosen, strict=True)]
-
-
 def _metadata(
     recordings: Sequence[Recording], paths: Sequence[Path], choice: Choice, header: Header
 ) -> dict[str, float | str]:
@@ -213,3 +207,11 @@ def _metadata(
         metadata["largest_shear"] = float(f"{shear.max():.3g}")
         metadata["largest_shear_angle_deg"] = float(f"{angle.max():.3g}")
     return metadata
+
+
+def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:
+    """Change of the right angle between the x and y axes by gradients of shape (n, 2, 2)."""
+    # C = F^T F;  sin(gamma) = C12 / sqrt(C11 C22); a rotation has none
+    C = np.einsum("nki,nkj->nij", gradient, gradient)
+    sine = C[:, 0, 1] / np.sqrt(C[:, 0, 0] * C[:, 1, 1])
+    return np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0)))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.machines.recording import Recording
 from biaxbayes.specimens.branches import cycles, path_progress
 from biaxbayes.tables.table import Table
 
@@ -58,8 +59,9 @@ def recorded_cycles(
     return recorded
 
 
-def chosen_number(which: str, labels: Sequence[str], table: Table) -> int:
+def chosen_number(which: str, recorded: Sequence[RecordedCycle], table: Table) -> int:
     """Index of the selected cycle, ``last`` or a label."""
+    labels = [cycle.label for cycle in recorded]
     if which == "last":
         return len(labels) - 1
     if which not in labels:
@@ -67,15 +69,38 @@ def chosen_number(which: str, labels: Sequence[str], table: Table) -> int:
         raise InputError(
             f"no cycle {which}", file=table.path, remedy=f"found {shown or 'none'}; or `cycle=last`"
         )
-    return list(labels).index(which)
+    return labels.index(which)
 
 
-def cycle_label(labels: Sequence[str], number: int) -> str | None:
-    """A cycle among others, such as ``6 of 6``; None for a single one."""
-    if len(labels) < 2:
-        return None
-    place = f"{number + 1} of {len(labels)}"
-    return place if labels[number] == str(number + 1) else f"{labels[number]} ({place})"
+def take_branch(
+    record: Callable[[RecordedCycle, str], Recording],
+    recorded: Sequence[RecordedCycle],
+    group: Sequence[int],
+    branch: str,
+    label: str,
+) -> Recording:
+    """A branch of the last cycle of a group, and how it differs from the cycle before.
+
+    ``record`` converts the rows of a cycle and branch; ``label`` names the group in the note.
+    """
+    number = group[-1]
+    taken = record(recorded[number], branch)
+    # a cycle among others, such as ``6 of 6``
+    name, place = recorded[number].label, f"{number + 1} of {len(recorded)}"
+    cycle = place if name == str(number + 1) else f"{name} ({place})"
+    taken = replace(
+        taken,
+        cycle=cycle if len(recorded) > 1 else None,
+        branch=branch,
+        time_s=None if branch == "unloading" else taken.time_s,
+    )
+    if len(group) < 2:
+        return taken
+    text, settled = settling(*(record(recorded[n], "loading") for n in group[-2:]))
+    text = f"{label}: {text}" if label else text
+    if settled:
+        return replace(taken, notes=(*taken.notes, text))
+    return replace(taken, assumptions=(*taken.assumptions, text))
 
 
 # --- ratios ---------------------------------------------------------------------------------------
@@ -94,9 +119,8 @@ def by_ratio(
             near = (g for g in groups if abs(angles[g[-1]] - angle) < SAME_RATIO_DEG)
             group = next(near, None)
             if group is None:
-                groups.append([i])
-            else:
-                group.append(i)
+                groups.append(group := [])
+            group.append(i)
         spread = max((float(np.ptp(angles[g])) for g in groups if len(g) > 1), default=np.inf)
         # Steady from cycle to cycle: what the machine controls. Else rather too many than lost.
         order = (0, round(4 * spread)) if spread < STEADY_DEG else (1, -len(groups))
@@ -118,19 +142,18 @@ def by_ratio(
 # --- preconditioning ------------------------------------------------------------------------------
 
 
-def settling(
-    before: tuple[np.ndarray, np.ndarray], last: tuple[np.ndarray, np.ndarray]
-) -> tuple[str, bool]:
-    """Change between the loading branches (stretch, load) of two cycles, and whether it repeats."""
-    peaks = np.array([branch[1][-1] - branch[1][0] for branch in (before, last)])
+def settling(before: Recording, last: Recording) -> tuple[str, bool]:
+    """Change between the loading branches of two cycles, and whether it repeats."""
+    branches = (before, last)
+    peaks = np.array([r.load[-1] - r.load[0] for r in branches])
     largest = np.abs(peaks[1]).max()
     # The curve: loads at the same sum of stretches, where both cycles have it.
-    paths = [np.maximum.accumulate(branch[0].sum(axis=1)) for branch in (before, last)]
+    paths = [np.maximum.accumulate(r.stretch.sum(axis=1)) for r in branches]
     low, high = max(path[0] for path in paths), min(path[-1] for path in paths)
     grid = np.linspace(low, max(high, low), 50)
     curves = [
-        np.column_stack([np.interp(grid, path, branch[1][:, k]) for k in range(2)])
-        for path, branch in zip(paths, (before, last), strict=True)
+        np.column_stack([np.interp(grid, path, load) for load in r.load.T])
+        for path, r in zip(paths, branches, strict=True)
     ]
     curve = float(np.abs(curves[1] - curves[0]).mean(axis=0).max()) / largest
     change = (peaks[1] - peaks[0]) / largest

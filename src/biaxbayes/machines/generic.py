@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,14 +11,13 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import SHEAR, Column, column_map, parse_columns
 from biaxbayes.machines.cycles import (
+    RecordedCycle,
     by_ratio,
     chosen_number,
-    cycle_label,
     recorded_cycles,
-    settling,
+    take_branch,
 )
-from biaxbayes.machines.gauge import Gauge
-from biaxbayes.machines.recording import Recording
+from biaxbayes.machines.recording import Gauge, Recording
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.table import Table
 from biaxbayes.tables.units import STRAINS, Unit
@@ -46,14 +46,9 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
 
 def recognises(table: Table, choice: Choice) -> bool:
     """True if a sheet has any column of the map."""
-    for text in parse_columns(choice.columns).values():
-        for name in (text, text.rpartition(":")[0]):
-            try:
-                table.column(name)
-            except InputError:
-                continue
-            return True
-    return not choice.columns
+    wanted = parse_columns(choice.columns).values()
+    names = [name for text in wanted for name in (text, text.rpartition(":")[0])]
+    return not choice.columns or any(table.has_column(name) for name in names)
 
 
 def _protocols(
@@ -65,61 +60,49 @@ def _protocols(
     gauge: Gauge,
 ) -> list[Recording]:
     """The selected cycle of a record, or the last one of each ratio."""
-    pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
-    stretch, load, time, gradient, assumptions = _curves(table, columns, pair, rows, gauge)
+    whole = _recording(table, columns, rows, gauge)
     labels = table.text(columns["cycle"].index, rows) if "cycle" in columns else None
-    cycles = recorded_cycles(stretch, load, labels, table)
-    numbers = [cycle.label for cycle in cycles]
-    ratios = by_ratio(stretch, load, cycles)
+    cycles = recorded_cycles(whole.stretch, whole.load, labels, table)
+    ratios = by_ratio(whole.stretch, whole.load, cycles)
     if choice.cycle != "last":
-        wanted = chosen_number(choice.cycle, numbers, table)
+        wanted = chosen_number(choice.cycle, cycles, table)
         group = next(group for group in ratios.values() if wanted in group)
         ratios = {"": [n for n in group if n <= wanted]}
-    read = ", ".join(f"{target} from {column}" for target, column in columns.items())
+    if len(ratios) > 1:
+        note = f"the record holds the ratios {', '.join(ratios)}: one protocol for each"
+        whole = replace(whole, notes=(*whole.notes, note))
+
+    def record(cycle: RecordedCycle, branch: str) -> Recording:
+        at = cycle.rows(branch)
+        curves = {key: getattr(whole, key) for key in ("time_s", "gradient")}
+        return replace(
+            whole,
+            stretch=whole.stretch[at],
+            load=whole.load[at],
+            lines=whole.lines[at],
+            **{key: None if curve is None else curve[at] for key, curve in curves.items()},
+        )
+
     out = []
     for ratio, group in ratios.items():
-        taken = cycles[group[-1]].rows(choice.branch)
-        notes, assumed = [*table.notes, read], list(assumptions)
-        if ratio:
-            notes.append(f"the record holds the ratios {', '.join(ratios)}: one protocol for each")
-        if len(group) > 1:
-            up = [cycles[n].loading for n in group[-2:]]
-            text, settled = settling(*((stretch[r], load[r]) for r in up))
-            (notes if settled else assumed).append(f"{ratio}: {text}" if ratio else text)
         label = f"{name} {ratio}".strip()
-        out.append(
-            Recording(
-                name=label,
-                source=table.path.name + (f", protocol {label}" if label else ""),
-                stretch=stretch[taken],
-                load=load[taken],
-                columns=tuple(
-                    columns[t].name for t in ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
-                ),
-                stress_pair=pair,
-                time_s=None if time is None or choice.branch == "unloading" else time[taken],
-                gradient=None if gradient is None else gradient[taken],
-                lines=table.lines[rows][taken],
-                rows_in_file=rows.size,
-                cycle=cycle_label(numbers, group[-1]),
-                branch=choice.branch,
-                notes=tuple(notes),
-                assumptions=tuple(assumed),
-            )
-        )
+        source = table.path.name + (f", protocol {label}" if label else "")
+        taken = take_branch(record, cycles, group, choice.branch, ratio)
+        out.append(replace(taken, name=label, source=source))
     return out
 
 
-def _curves(
-    table: Table, columns: Mapping[str, Column], pair: str, rows: np.ndarray, gauge: Gauge
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None, list[str]]:
-    """Stretches, loads (n, 2), time, deformation gradient (n, 2, 2), and assumptions."""
+def _recording(
+    table: Table, columns: Mapping[str, Column], rows: np.ndarray, gauge: Gauge
+) -> Recording:
+    """All cycles of a protocol, with stretches and loads from their columns."""
 
     def scaled(target: str) -> np.ndarray:
         unit = columns[target].unit
         assert unit is not None
         return table.numbers(columns[target].index, rows) * unit.factor
 
+    pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
     assumptions = [column.conflict for column in columns.values() if column.conflict]
     stretches = []
     for k, axis in enumerate("xy"):
@@ -150,12 +133,26 @@ def _curves(
     load = np.column_stack([scaled(target) for target in STRESS_PAIRS[pair]])
     gradient = None
     if any(target in columns for target in SHEAR):
-        gradient = np.zeros((rows.size, 2, 2))
-        gradient[:, 0, 0], gradient[:, 1, 1] = stretch.T
-        for target, place in (("shear_xy", (0, 1)), ("shear_yx", (1, 0))):
+        gradient = stretch[:, :, None] * np.eye(2)
+        for target, (i, j) in (("shear_xy", (0, 1)), ("shear_yx", (1, 0))):
             if target in columns:
-                gradient[:, place[0], place[1]] = scaled(target)
-    return stretch, load, scaled("time_s") if "time_s" in columns else None, gradient, assumptions
+                gradient[:, i, j] = scaled(target)
+    read = ", ".join(f"{target} from {column}" for target, column in columns.items())
+    targets = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
+    return Recording(
+        name="",
+        source="",
+        stretch=stretch,
+        load=load,
+        columns=tuple(columns[target].name for target in targets),
+        stress_pair=pair,
+        time_s=scaled("time_s") if "time_s" in columns else None,
+        gradient=gradient,
+        lines=table.lines[rows],
+        rows_in_file=rows.size,
+        notes=(*table.notes, read),
+        assumptions=tuple(assumptions),
+    )
 
 
 def _stretch_of_strain(table: Table, column: Column, unit: Unit, rows: np.ndarray) -> np.ndarray:
@@ -172,7 +169,15 @@ def _stretch_of_strain(table: Table, column: Column, unit: Unit, rows: np.ndarra
             remedy="a stretch starts near 1 (100 in per cent), a strain near 0; give another kind",
         )
     values = table.numbers(column.index, rows)
-    stretch = stretch_from(values, unit)
+    e = values * unit.factor
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        stretch = {
+            "stretch": e,
+            "engineering": 1.0 + e,  # e = lambda - 1
+            "green": np.sqrt(1.0 + 2.0 * e),  # E = (lambda^2 - 1) / 2
+            "log": np.exp(e),  # h = ln lambda
+            "almansi": 1.0 / np.sqrt(1.0 - 2.0 * e),  # A = (1 - lambda^-2) / 2
+        }[unit.quantity]
     bad = np.flatnonzero(~np.isfinite(stretch))
     if bad.size:
         raise InputError(
@@ -183,21 +188,6 @@ def _stretch_of_strain(table: Table, column: Column, unit: Unit, rows: np.ndarra
             remedy="check the kind of strain of the column",
         )
     return stretch
-
-
-def stretch_from(values: np.ndarray, unit: Unit) -> np.ndarray:
-    """Stretches from a stretch or any kind of strain; not finite for impossible values."""
-    e = values * unit.factor
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        if unit.quantity == "engineering":
-            return 1.0 + e  # e = lambda - 1
-        if unit.quantity == "green":
-            return np.sqrt(1.0 + 2.0 * e)  # E = (lambda^2 - 1) / 2
-        if unit.quantity == "log":
-            return np.exp(e)  # h = ln lambda
-        if unit.quantity == "almansi":
-            return 1.0 / np.sqrt(1.0 - 2.0 * e)  # A = (1 - lambda^-2) / 2
-    return e
 
 
 def _check_per_cent(table: Table, columns: Mapping[str, Column], stretch: np.ndarray) -> None:

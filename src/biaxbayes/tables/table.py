@@ -74,6 +74,14 @@ class Table:
                 )
         raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
 
+    def has_column(self, name: str) -> bool:
+        """True if :meth:`column` gives a column."""
+        try:
+            self.column(name)
+        except InputError:
+            return False
+        return True
+
     def by_stem(self, stem: str) -> int | None:
         """Index of the only column whose name without its unit is ``stem``; None without one."""
         matches = [i for i, name in enumerate(self.names) if stem_of(name) == stem]
