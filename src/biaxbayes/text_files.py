@@ -94,12 +94,9 @@ def read_text(path: Path) -> str:
     control = CONTROL.search(raw)
     if control:
         byte = control.group()[0]
-        raise InputError(
-            "is binary, not text" if byte == 0 else f"control character {byte:#04x}",
-            file=path,
-            row=row(control.start()),
-            remedy="export it as CSV UTF-8",
-        )
+        problem = "is binary, not text" if byte == 0 else f"control character {byte:#04x}"
+        remedy = "export it as CSV UTF-8"
+        raise InputError(problem, file=path, row=row(control.start()), remedy=remedy)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -118,12 +115,9 @@ def read_lines(path: Path) -> list[str]:
         )
     for row, line in enumerate(lines, 1):
         if len(line) > MAX_LINE:
-            raise InputError(
-                f"a line of {len(line):,} characters",
-                file=path,
-                row=row,
-                remedy="this is not a table of a biaxial test",
-            )
+            problem = f"a line of {len(line):,} characters"
+            remedy = "this is not a table of a biaxial test"
+            raise InputError(problem, file=path, row=row, remedy=remedy)
     return lines
 
 
@@ -221,12 +215,9 @@ def rows_of(
             number += 1
             yield number, cells
     except csv.Error as error:
-        raise InputError(
-            f"not a row of {kind}: {error}",
-            file=path,
-            row=number + 1,
-            remedy="look for a stray quotation mark",
-        ) from None
+        problem = f"not a row of {kind}: {error}"
+        remedy = "look for a stray quotation mark"
+        raise InputError(problem, file=path, row=number + 1, remedy=remedy) from None
 
 
 # --- writing --------------------------------------------------------------------------------------

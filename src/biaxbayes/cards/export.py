@@ -192,11 +192,8 @@ def _prepare(out: Path, *, overwrite: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
         old = [path for path in out.iterdir() if CARD_NAME.fullmatch(path.name)]
         if (old or (out / MANIFEST).exists()) and not overwrite:
-            raise InputError(
-                "holds the cards of an earlier export",
-                file=out,
-                remedy="name another folder with `out`, or remove them with `overwrite=True`",
-            )
+            remedy = "name another folder with `out`, or remove them with `overwrite=True`"
+            raise InputError("holds the cards of an earlier export", file=out, remedy=remedy)
         for path in (*old, out / MANIFEST):
             path.unlink(missing_ok=True)
     except OSError as error:

@@ -66,11 +66,9 @@ def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
     """Number of the cycle and lower-case name of the phase of each row."""
     index = table.by_stem("cycle")
     if index is None:
-        raise InputError(
-            "no column 'Cycle', so this is not a BioTester export",
-            file=table.path,
-            remedy=f"use `machine=generic` with `columns`; {table.listing}",
-        )
+        problem = "no column 'Cycle', so this is not a BioTester export"
+        remedy = f"use `machine=generic` with `columns`; {table.listing}"
+        raise InputError(problem, file=table.path, remedy=remedy)
     numbers, phases = [], []
     for cell, line in zip(table.text(index), table.lines, strict=True):
         match = PHASE.match(cell)
@@ -109,12 +107,9 @@ def _cycles(
     """Cycles of a set that have a Stretch phase."""
     labels = dict.fromkeys(numbers[rows][phases[rows] == "stretch"].tolist())
     if not labels:
-        raise InputError(
-            f"no Stretch phase in set {name!r}" if name else "no Stretch phase",
-            file=table.path,
-            column="Cycle",
-            remedy=f"found {', '.join(sorted(set(phases[rows].tolist())))[:80]}",
-        )
+        problem = f"no Stretch phase in set {name!r}" if name else "no Stretch phase"
+        remedy = f"found {', '.join(sorted(set(phases[rows].tolist())))[:80]}"
+        raise InputError(problem, file=table.path, column="Cycle", remedy=remedy)
     cycles = []
     for label in labels:
         of_cycle = numbers[rows] == label
@@ -132,13 +127,11 @@ def _recording(
     """Convert a branch of a cycle; stretches are those of tracked points if there are any."""
     rows = cycle.rows(branch)
     if rows.size < 2:
-        raise InputError(
-            f"{rows.size} rows in the {branch} branch of cycle {cycle.label}",
-            file=table.path,
-            remedy="choose another `cycle` or `branch`",
-        )
+        problem = f"{rows.size} rows in the {branch} branch of cycle {cycle.label}"
+        raise InputError(problem, file=table.path, remedy="choose another `cycle` or `branch`")
     points = _tracked_points(table, rows, required=choice.stretch_from == "tracked")
-    gradient, assumptions = None, []
+    gradient: np.ndarray | None = None
+    assumptions: list[str] = []
     if points is None or choice.stretch_from == "rake":
         source, notes = "Size_um", ["stretch from the rakes, not from the tissue"]
         stretch, assumptions = _rake_stretch(table, rows, gauge)
@@ -188,11 +181,9 @@ def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.nda
         if np.isfinite(points).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
             return points
     if required:
-        raise InputError(
-            "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows",
-            file=table.path,
-            remedy=f"use `stretch_from=rake`; {table.listing}",
-        )
+        problem = "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows"
+        remedy = f"use `stretch_from=rake`; {table.listing}"
+        raise InputError(problem, file=table.path, remedy=remedy)
     return None
 
 
@@ -203,12 +194,9 @@ def _deformation_gradient(points: np.ndarray, table: Table, rows: np.ndarray) ->
         X = reference - reference.mean(axis=0)
         metric = X.T @ X
         if np.linalg.cond(metric) > 1e6:
-            raise InputError(
-                "the tracked points lie on one line",
-                file=table.path,
-                row=int(table.lines[rows[0]]),
-                remedy="use `stretch_from=rake`",
-            )
+            problem = "the tracked points lie on one line"
+            remedy = "use `stretch_from=rake`"
+            raise InputError(problem, file=table.path, row=int(table.lines[rows[0]]), remedy=remedy)
         x = points - points.mean(axis=1, keepdims=True)
         # x = F X for every point, in the least-squares sense: F = (sum x X^T) (sum X X^T)^-1
         gradient = np.einsum("nmi,mj->nij", x, X) @ np.linalg.inv(metric)
@@ -224,12 +212,9 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
         return None
     unit = table.unit(index)
     if unit is None or unit.quantity != quantity:
-        raise InputError(
-            f"the unit of {table.names[index]!r} is not clear",
-            file=table.path,
-            column=table.names[index],
-            remedy=f"name it like XForce_mN or XSize_um; {table.listing}",
-        )
+        problem = f"the unit of {table.names[index]!r} is not clear"
+        remedy = f"name it like XForce_mN or XSize_um; {table.listing}"
+        raise InputError(problem, file=table.path, column=table.names[index], remedy=remedy)
     return table.numbers(index, rows) * unit.factor
 
 
@@ -249,11 +234,8 @@ def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndar
             length, note = gauge.from_displacement(moved, float(first[0]), k, name, table.path)
             assumptions.append(note)
         else:
-            raise InputError(
-                f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown",
-                file=table.path,
-                remedy=table.listing,
-            )
+            problem = f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown"
+            raise InputError(problem, file=table.path, remedy=table.listing)
         if length.min() <= 0.0:
             raise InputError(
                 f"the rake distance of {length.min():g} mm in {axis} is not positive",

@@ -147,12 +147,9 @@ def _named(table: Table, text: str) -> tuple[int, Unit | None]:
     if unit is not None:
         return table.column(name), unit
     if name.strip() in map(str.strip, table.names):
-        raise InputError(
-            f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain",
-            file=table.path,
-            column=name.strip(),
-            remedy=f"choose one of {', '.join(UNITS)}",
-        )
+        problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
+        remedy = f"choose one of {', '.join(UNITS)}"
+        raise InputError(problem, file=table.path, column=name.strip(), remedy=remedy)
     return table.column(text), None
 
 
@@ -305,11 +302,8 @@ def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
     used: dict[int, str] = {}
     for target, column in columns.items():
         if column.index in used:
-            raise InputError(
-                f"{column.name!r} is used for both {used[column.index]} and {target}",
-                file=table.path,
-                remedy=table.listing,
-            )
+            problem = f"{column.name!r} is used for both {used[column.index]} and {target}"
+            raise InputError(problem, file=table.path, remedy=table.listing)
         used[column.index] = target
 
 

@@ -130,11 +130,8 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
 def _check(r: Recording, file: Path, header: Header) -> None:
     """Refuse a recording whose numbers cannot be what their columns say."""
     if len(r.lines) < 2:
-        raise InputError(
-            f"{len(r.lines)} row left of the {r.branch} branch",
-            file=file,
-            remedy="choose another `cycle` or `branch`",
-        )
+        problem = f"{len(r.lines)} row left of the {r.branch} branch"
+        raise InputError(problem, file=file, remedy="choose another `cycle` or `branch`")
     sections: tuple[float | None, float | None] = (None, None)
     if r.stress_pair == "force":
         missing = [key for key in (*DIMENSIONS, "geometry") if key not in header]

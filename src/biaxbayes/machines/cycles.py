@@ -47,11 +47,8 @@ def recorded_cycles(
     for label, rows in groups.items():
         rises = cycles(path_progress(stretch[rows], load[rows]))
         if not rises and label == list(groups)[-1]:
-            raise InputError(
-                "the record never rises: no loading branch",
-                file=table.path,
-                remedy=f"check the columns; {table.listing}",
-            )
+            problem = "the record never rises: no loading branch"
+            raise InputError(problem, file=table.path, remedy=f"check the columns; {table.listing}")
         first = len(rises) if labels is None else 1
         for number, cycle in enumerate(rises[-first:], start=1):
             branches = rows[cycle.loading], rows[cycle.unloading]

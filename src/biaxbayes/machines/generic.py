@@ -73,15 +73,7 @@ def _protocols(
         whole = replace(whole, notes=(*whole.notes, note))
 
     def record(cycle: RecordedCycle, branch: str) -> Recording:
-        at = cycle.rows(branch)
-        curves = {key: getattr(whole, key) for key in ("time_s", "gradient")}
-        return replace(
-            whole,
-            stretch=whole.stretch[at],
-            load=whole.load[at],
-            lines=whole.lines[at],
-            **{key: None if curve is None else curve[at] for key, curve in curves.items()},
-        )
+        return whole.at(cycle.rows(branch))
 
     out = []
     for ratio, group in ratios.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,17 @@ class Recording:
     assumptions: tuple[str, ...]  # of stretches and loads; written into the specimen file
     cycle: str | None = None  # such as "6 of 6"; None for a file of one cycle
     branch: str = "loading"
+
+    def at(self, rows: np.ndarray) -> Recording:
+        """The same recording with some of its rows."""
+        return replace(
+            self,
+            stretch=self.stretch[rows],
+            load=self.load[rows],
+            time_s=None if self.time_s is None else self.time_s[rows],
+            gradient=None if self.gradient is None else self.gradient[rows],
+            lines=self.lines[rows],
+        )
 
 
 @dataclass(frozen=True)
@@ -91,12 +102,9 @@ class Gauge:
     ) -> tuple[np.ndarray, str]:
         """Stretches from a distance between marks or grips, and a note."""
         if first_mm <= 0.0:
-            raise InputError(
-                f"{column!r} starts at {first_mm:g}, which is not a length",
-                file=file,
-                column=column,
-                remedy=f"for a displacement write stretch_{'xy'[k]}={column}:displacement_mm",
-            )
+            problem = f"{column!r} starts at {first_mm:g}, which is not a length"
+            remedy = f"for a displacement write stretch_{'xy'[k]}={column}:displacement_mm"
+            raise InputError(problem, file=file, column=column, remedy=remedy)
         given = self.given_mm[k]
         reference = first_mm if given is None else given
         origin = "its first value" if given is None else "the stated gauge length"

@@ -212,20 +212,13 @@ def _number(key: str, value: object, row: int | None, path: object) -> float:
     if number is None or number < 0.0 or (number == 0.0 and low > 0.0):
         kind = "a positive number" if low > 0.0 else "a number from 0"
         remedy = "write it with a decimal point and without unit, as in '# thickness_mm: 1.35'"
-        raise InputError(
-            f"{key} must be {kind}, not {str(value)[:40]!r}",
-            file=path,
-            row=row,
-            remedy="leave the line out where it is not known" if number == 0.0 else remedy,
-        )
+        problem = f"{key} must be {kind}, not {str(value)[:40]!r}"
+        remedy = "leave the line out where it is not known" if number == 0.0 else remedy
+        raise InputError(problem, file=path, row=row, remedy=remedy)
     if not low <= number <= high:
         unit = "" if key.startswith("mounted_state") else f" in {key.rsplit('_', 1)[1]}"
-        raise InputError(
-            f"{key} of {number:g} is out of range",
-            file=path,
-            row=row,
-            remedy=f"give it{unit}, between {low:g} and {high:g}",
-        )
+        remedy = f"give it{unit}, between {low:g} and {high:g}"
+        raise InputError(f"{key} of {number:g} is out of range", file=path, row=row, remedy=remedy)
     return number
 
 
@@ -252,10 +245,7 @@ def hook_count(text: str, path: object = None, row: int | None = None) -> int:
     """Hooks per edge from text such as ``hooks 5``."""
     match = re.fullmatch(r"hooks\s+([1-9]\d?)", text)
     if match is None:
-        raise InputError(
-            f"grips must be of the form 'hooks 5', five hooks per edge, not {text[:40]!r}",
-            file=path,
-            row=row,
-            remedy="write 'none' for rakes, clamps and uniform tests, which are not corrected",
-        )
+        problem = f"grips must be of the form 'hooks 5', five hooks per edge, not {text[:40]!r}"
+        remedy = "write 'none' for rakes, clamps and uniform tests, which are not corrected"
+        raise InputError(problem, file=path, row=row, remedy=remedy)
     return int(match[1])

@@ -85,13 +85,8 @@ def check_load(
     row = int(np.argmax(np.abs(values)))
     peak = abs(float(values[row]))
     if np.all(values == values[0]):
-        raise ReadingError(
-            "every value is zero" if peak == 0.0 else f"every value is {values[0]:g}",
-            argument=argument,
-            protocol=protocol,
-            index=0,
-            remedy=STRIPS,
-        )
+        problem = "every value is zero" if peak == 0.0 else f"every value is {values[0]:g}"
+        raise ReadingError(problem, argument=argument, protocol=protocol, index=0, remedy=STRIPS)
     # kPa = N / mm^2 * 1e3
     stress = peak if section_mm2 is None else peak / section_mm2 * 1e3
     limit = limit_kPa or STRESS_LIMIT_KPA
@@ -105,13 +100,9 @@ def check_load(
             remedy=_remedy(stress, limit, section_mm2),
         )
     if stress < STRESS_FLOOR_KPA:
-        raise ReadingError(
-            f"the largest value, {values[row]:g}, means a stress of {stress:.3g} kPa",
-            argument=argument,
-            protocol=protocol,
-            index=row,
-            remedy="check the unit",
-        )
+        problem = f"the largest value, {values[row]:g}, means a stress of {stress:.3g} kPa"
+        remedy = "check the unit"
+        raise ReadingError(problem, argument=argument, protocol=protocol, index=row, remedy=remedy)
 
 
 STRIPS = (

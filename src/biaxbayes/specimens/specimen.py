@@ -93,11 +93,9 @@ class Specimen:
         ):
             value = getattr(self, argument)
             if value not in choices:
-                raise ReadingError(
-                    f"{argument} {str(value)[:40]!r} is not one of the choices",
-                    argument=argument,
-                    remedy=f"use one of {', '.join(filter(None, choices))}",
-                )
+                problem = f"{argument} {str(value)[:40]!r} is not one of the choices"
+                remedy = f"use one of {', '.join(filter(None, choices))}"
+                raise ReadingError(problem, argument=argument, remedy=remedy)
         for argument in ("edge_x_mm", "edge_y_mm", "thickness_mm"):
             value = getattr(self, argument)
             if value is not None:
@@ -112,32 +110,26 @@ class Specimen:
             except (TypeError, ValueError):
                 noise = np.nan
             if not 0.0 <= noise < np.inf:
-                raise ReadingError(
-                    f"load_noise must be a number from 0, not {str(self.load_noise)[:40]!r}",
-                    argument="load_noise",
-                    remedy=f"give the standard deviation of one reading in {self.unit}",
-                )
+                problem = f"load_noise must be a number from 0, not {str(self.load_noise)[:40]!r}"
+                remedy = f"give the standard deviation of one reading in {self.unit}"
+                raise ReadingError(problem, argument="load_noise", remedy=remedy)
             object.__setattr__(self, "load_noise", noise)
 
     def _checked_metadata(self) -> dict[str, float | str]:
         for key in self.metadata:
             if key not in METADATA_KEYS:
-                raise ReadingError(
-                    f"unknown metadata key {str(key)[:40]!r}",
-                    argument="metadata",
-                    remedy=f"known keys are {', '.join(METADATA_KEYS)}",
-                )
+                problem = f"unknown metadata key {str(key)[:40]!r}"
+                remedy = f"known keys are {', '.join(METADATA_KEYS)}"
+                raise ReadingError(problem, argument="metadata", remedy=remedy)
         return {key: _checked(key, value) for key, value in self.metadata.items()}
 
     def _checked_protocols(self) -> tuple[Protocol, ...]:
         several = isinstance(self.protocols, Iterable)
         protocols = tuple(self.protocols) if several else ()
         if not protocols or not all(isinstance(p, Protocol) for p in protocols):
-            raise ReadingError(
-                "must be a sequence of at least one Protocol",
-                argument="protocols",
-                remedy="for example [Protocol(name, stretch_x, stretch_y, load_x, load_y)]",
-            )
+            problem = "must be a sequence of at least one Protocol"
+            remedy = "for example [Protocol(name, stretch_x, stretch_y, load_x, load_y)]"
+            raise ReadingError(problem, argument="protocols", remedy=remedy)
         if len({p.time_s is None for p in protocols}) > 1:
             raise ReadingError(
                 "is missing in some protocols", argument="time_s", remedy="give it in all or none"
@@ -160,12 +152,9 @@ class Specimen:
             return protocols
         for p in protocols:
             if p.rest_rows == 0:
-                raise ReadingError(
-                    "rest_rows must be at least 1 where each protocol has its own reference",
-                    argument="rest_rows",
-                    protocol=p.name,
-                    remedy="count its first row, or state '# reference: common'",
-                )
+                problem = "rest_rows must be at least 1 where each protocol has its own reference"
+                remedy = "count its first row, or state '# reference: common'"
+                raise ReadingError(problem, argument="rest_rows", protocol=p.name, remedy=remedy)
         return tuple(p.from_rest(self.stress_pair) for p in protocols)
 
     def __hash__(self) -> int:

@@ -56,11 +56,8 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[
         if value:
             values[key] = checked_value(key, value, row, path)
             rows[key] = row
-    raise InputError(
-        "the file has no table",
-        file=path,
-        remedy="give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows",
-    )
+    remedy = "give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows"
+    raise InputError("the file has no table", file=path, remedy=remedy)
 
 
 # --- reading -------------------------------------------------------------------------------------
@@ -184,23 +181,17 @@ def _protocols(
     resting = [int(part) for part in values.get("rest_rows", str(AUTOMATIC)).split(",")]
     count = len(table.groups)
     if len(resting) not in (1, count):
-        raise InputError(
-            f"rest_rows has {len(resting)} values for {count} protocol{'s' * (count != 1)}",
-            file=path,
-            row=lines["rest_rows"],
-            remedy="give one for all protocols, or one per protocol",
-        )
+        problem = f"rest_rows has {len(resting)} values for {count} protocol{'s' * (count != 1)}"
+        remedy = "give one for all protocols, or one per protocol"
+        raise InputError(problem, file=path, row=lines["rest_rows"], remedy=remedy)
     mounted = [values.get(key, 1.0) for key in MOUNTED_STATE]
     protocols = []
     for index, (name, rows) in enumerate(table.groups):
         at_rest = resting[index % len(resting)]
         if at_rest >= rows.stop - rows.start:
-            raise InputError(
-                f"rest_rows of {at_rest} leaves no stretched row in protocol {name[:40]!r}",
-                file=path,
-                row=lines["rest_rows"],
-                remedy="rest_rows counts the leading rows recorded before the test starts",
-            )
+            problem = f"rest_rows of {at_rest} leaves no stretched row in protocol {name[:40]!r}"
+            remedy = "rest_rows counts the leading rows recorded before the test starts"
+            raise InputError(problem, file=path, row=lines["rest_rows"], remedy=remedy)
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
         columns = (*STRETCHES, *STRESS_PAIRS[stress_pair])
         x, y, load_x, load_y = (table.columns[column][rows] for column in columns)

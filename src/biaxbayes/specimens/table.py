@@ -51,12 +51,9 @@ def read_table(
             rows.append(_row(cells, names, number, path))
             numbers.append(number)
     if len(rows) < 2:
-        raise InputError(
-            "only 1 row of data" if rows else "no row of data below the column names",
-            file=path,
-            row=numbers[0] if rows else first + 1,
-            remedy="a test needs the mounted state and at least one stretched state",
-        )
+        problem = "only 1 row of data" if rows else "no row of data below the column names"
+        remedy = "a test needs the mounted state and at least one stretched state"
+        raise InputError(problem, file=path, row=numbers[0] if rows else first + 1, remedy=remedy)
     table = CellTable(path, tuple(names), tuple(zip(*rows, strict=True)), np.array(numbers))
     numeric = [index for index, name in enumerate(names) if name != "protocol"]
     table = table.without_missing(
@@ -183,13 +180,9 @@ def read_stretches(path: str | os.PathLike) -> np.ndarray:
     names = [cell.strip() for cell in names]
     for column in STRETCHES:
         if names.count(column) != 1:
-            raise InputError(
-                "missing column" if column not in names else "column appears twice",
-                file=path,
-                row=names_row,
-                column=column,
-                remedy="name the columns stretch_x,stretch_y",
-            )
+            problem = "missing column" if column not in names else "column appears twice"
+            remedy = "name the columns stretch_x,stretch_y"
+            raise InputError(problem, file=path, row=names_row, column=column, remedy=remedy)
     stretches = []
     for row, cells in rows:
         if len(cells) != len(names):
@@ -203,13 +196,8 @@ def read_stretches(path: str | os.PathLike) -> np.ndarray:
             except ValueError:
                 value = 0.0
             if not STRETCH_RANGE[0] <= value <= STRETCH_RANGE[1]:
-                raise InputError(
-                    f"{cell.strip()[:40]!r} is not a stretch",
-                    file=path,
-                    row=row,
-                    column=column,
-                    remedy=STRETCH_REMEDY,
-                )
+                problem = f"{cell.strip()[:40]!r} is not a stretch"
+                raise InputError(problem, file=path, row=row, column=column, remedy=STRETCH_REMEDY)
             stretches.append(value)
     if not stretches:
         raise InputError("has no rows", file=path, remedy="give one state of stretch per row")

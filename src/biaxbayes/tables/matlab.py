@@ -32,21 +32,16 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
     except InputError:
         raise
     except Exception as error:  # a damaged file fails in many ways inside scipy and h5py
-        raise InputError(
-            f"is not a readable MATLAB file ({type(error).__name__})",
-            file=path,
-            remedy="save it again, or write the table as CSV",
-        ) from None
+        problem = f"is not a readable MATLAB file ({type(error).__name__})"
+        remedy = "save it again, or write the table as CSV"
+        raise InputError(problem, file=path, remedy=remedy) from None
     by_name = {}
     for name, columns in _tables(variables).items():
         numbers = np.column_stack([column.astype(float) for column in columns.values()])
         by_name[name] = sheet_of([list(columns), *numbers.tolist()], f"variables of {name}")
     if not by_name:
-        raise InputError(
-            "holds no numeric vectors or matrices",
-            file=path,
-            remedy="a MATLAB table or timetable: save it with writetable(T, 'name.csv')",
-        )
+        remedy = "a MATLAB table or timetable: save it with writetable(T, 'name.csv')"
+        raise InputError("holds no numeric vectors or matrices", file=path, remedy=remedy)
     return by_name
 
 

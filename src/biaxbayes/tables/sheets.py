@@ -89,11 +89,8 @@ def _text_sheet(raw: bytes, path: Path) -> Sheet:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     separator = _separator(lines, path)
     if len(lines) > MAX_ROWS or text.count(separator) > MAX_CELLS:
-        raise InputError(
-            f"has more than {MAX_ROWS:,} lines or {MAX_CELLS:,} cells",
-            file=path,
-            remedy="cut out the cycle of interest",
-        )
+        problem = f"has more than {MAX_ROWS:,} lines or {MAX_CELLS:,} cells"
+        raise InputError(problem, file=path, remedy="cut out the cycle of interest")
     if separator == " ":
         lines = ["\t".join(line.split()) for line in lines]
     sheet = Sheet([], [], [] if encoding == "UTF-8" else [f"read as {encoding}"], text=True)
@@ -149,11 +146,9 @@ def _separator(lines: Sequence[str], path: Path) -> str:
     if count >= 2 and often >= 0.6 * len(sample) and any(map(is_number, sample[-1].split())):
         return " "
     shown = sample[0].strip()[:60] if sample else ""
-    raise InputError(
-        f"holds no table with columns; its first line reads {shown!r}",
-        file=path,
-        remedy="export it with commas, semicolons or tabs between the columns",
-    )
+    problem = f"holds no table with columns; its first line reads {shown!r}"
+    remedy = "export it with commas, semicolons or tabs between the columns"
+    raise InputError(problem, file=path, remedy=remedy)
 
 
 def _all_numbers(cells: Sequence[str]) -> bool:

@@ -67,11 +67,8 @@ class Table:
                 return matches[0]
             if len(matches) > 1:
                 places = " and ".join(str(i + 1) for i in matches)
-                raise InputError(
-                    f"column {wanted[:60]!r} is ambiguous: columns {places} have this name",
-                    file=self.path,
-                    remedy=f"rename one; {self.listing}",
-                )
+                problem = f"column {wanted[:60]!r} is ambiguous: columns {places} have this name"
+                raise InputError(problem, file=self.path, remedy=f"rename one; {self.listing}")
         raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
 
     def has_column(self, name: str) -> bool:
@@ -87,11 +84,8 @@ class Table:
         matches = [i for i, name in enumerate(self.names) if stem_of(name) == stem]
         if len(matches) > 1:
             names = " and ".join(self.names[i] for i in matches)
-            raise InputError(
-                f"{names} are ambiguous: each could be {stem}",
-                file=self.path,
-                remedy=f"rename one; {self.listing}",
-            )
+            problem = f"{names} are ambiguous: each could be {stem}"
+            raise InputError(problem, file=self.path, remedy=f"rename one; {self.listing}")
         return matches[0] if matches else None
 
     def units(self, index: int) -> list[Unit]:
@@ -108,12 +102,9 @@ class Table:
         units = self.units(index)
         for first, second in combinations(units, 2):
             if first.quantity == second.quantity and first.factor != second.factor:
-                raise InputError(
-                    f"{self.names[index]!r} has two units, {first.name} and {second.name}",
-                    file=self.path,
-                    column=self.names[index],
-                    remedy="give the right one after a colon in `columns`, or rename the column",
-                )
+                problem = f"{self.names[index]!r} has two units, {first.name} and {second.name}"
+                remedy = "give the right one after a colon in `columns`, or rename the column"
+                raise InputError(problem, file=self.path, column=self.names[index], remedy=remedy)
         return units[0] if units else None
 
     def unknown_unit(self, index: int) -> str:
@@ -253,12 +244,9 @@ def table_of(sheet: Sheet, path: Path) -> Table:
         names = list(sheet.names)  # as numpy.savetxt writes them, in a comment
     elif start == 0 or not _are_names(rows[at_names], numeric):
         shown = ", ".join(rows[max(at_names, 0)])[:60]
-        raise InputError(
-            f"has no line of column names, but {shown!r}",
-            file=path,
-            row=lines[max(at_names, 0)],
-            remedy="add a line that names the columns, with their units",
-        )
+        problem = f"has no line of column names, but {shown!r}"
+        remedy = "add a line that names the columns, with their units"
+        raise InputError(problem, file=path, row=lines[max(at_names, 0)], remedy=remedy)
     else:
         names = list(rows[at_names])
     names = without_empty_end([one_line(name) for name in names])
@@ -345,12 +333,9 @@ def _squared(
     for cells, line in zip(rows, lines, strict=True):
         too_many = len(cells) > width and "".join(cells[width:]).strip()
         if sheet.text and (too_many or len(cells) < needed):
-            raise InputError(
-                f"{len(cells)} cells where the columns are {width}",
-                file=path,
-                row=line,
-                remedy="the file may be cut off here, or holds more than one table",
-            )
+            problem = f"{len(cells)} cells where the columns are {width}"
+            remedy = "the file may be cut off here, or holds more than one table"
+            raise InputError(problem, file=path, row=line, remedy=remedy)
         out.append([*cells[:width], *[""] * (width - len(cells))])
     return out
 
@@ -360,15 +345,11 @@ def _decimal_comma(rows: Sequence[Sequence[str]], numeric: Sequence[int], path: 
     cells = [row[j].strip() for row in rows for j in numeric if j < len(row)]
     commas = [cell for cell in cells if DECIMAL_COMMA.fullmatch(cell)]
     if commas and any(map(DECIMAL_POINT.fullmatch, cells)):
-        raise InputError(
-            "mixes decimal commas and decimal points (or has thousands separators)",
-            file=path,
-            remedy="export it with one of them and no thousands separators",
-        )
+        problem = "mixes decimal commas and decimal points (or has thousands separators)"
+        remedy = "export it with one of them and no thousands separators"
+        raise InputError(problem, file=path, remedy=remedy)
     if commas and all(map(THOUSANDS.fullmatch, commas)):
-        raise InputError(
-            f"writes numbers like {commas[0]!r}, which may be decimals or thousands",
-            file=path,
-            remedy="export it with decimal points and no thousands separators",
-        )
+        problem = f"writes numbers like {commas[0]!r}, which may be decimals or thousands"
+        remedy = "export it with decimal points and no thousands separators"
+        raise InputError(problem, file=path, remedy=remedy)
     return bool(commas)

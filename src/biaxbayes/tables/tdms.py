@@ -15,11 +15,9 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
     try:
         import nptdms
     except ImportError:
-        raise InputError(
-            "is a LabVIEW TDMS file, and npTDMS is not installed",
-            file=path,
-            remedy="pip install 'biaxbayes[tables]', or export it as CSV",
-        ) from None
+        problem = "is a LabVIEW TDMS file, and npTDMS is not installed"
+        remedy = "pip install 'biaxbayes[tables]', or export it as CSV"
+        raise InputError(problem, file=path, remedy=remedy) from None
     try:
         groups = nptdms.TdmsFile.read_metadata(io.BytesIO(raw)).groups()
         if sum(len(channel) for group in groups for channel in group.channels()) > MAX_CELLS:
@@ -35,9 +33,6 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
     except InputError:
         raise
     except Exception as error:  # a damaged file fails in many ways inside npTDMS
-        raise InputError(
-            f"is not a readable TDMS file ({type(error).__name__})",
-            file=path,
-            remedy="export it as CSV",
-        ) from None
+        problem = f"is not a readable TDMS file ({type(error).__name__})"
+        raise InputError(problem, file=path, remedy="export it as CSV") from None
     return by_name

@@ -36,11 +36,9 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
     try:
         import python_calamine
     except ImportError:
-        raise InputError(
-            "is a workbook, and python-calamine is not installed",
-            file=path,
-            remedy="pip install 'biaxbayes[tables]', or save the sheet as CSV",
-        ) from None
+        problem = "is a workbook, and python-calamine is not installed"
+        remedy = "pip install 'biaxbayes[tables]', or save the sheet as CSV"
+        raise InputError(problem, file=path, remedy=remedy) from None
     try:
         if raw.startswith(b"PK"):
             _check_archive(raw, path)
@@ -59,11 +57,8 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
     except (InputError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # a damaged file fails in many ways; a panic of Rust is one
-        raise InputError(
-            f"is not a readable workbook ({type(error).__name__})",
-            file=path,
-            remedy="save it again as .xlsx, or as CSV",
-        ) from None
+        problem = f"is not a readable workbook ({type(error).__name__})"
+        raise InputError(problem, file=path, remedy="save it again as .xlsx, or as CSV") from None
     return by_name
 
 
