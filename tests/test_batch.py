@@ -22,7 +22,7 @@ from biaxbayes.studies.result import SpecimenOutcome
 from biaxbayes.studies.study_file import DEFAULT_OPTIONS, read_study, study_of_files
 from biaxbayes.tasks import Outcome
 from biaxbayes.verbs import batch as batch_module
-from biaxbayes.verbs.batch import Batch, SpecimenTask, sample_specimen
+from biaxbayes.verbs.batch import SpecimenTask, run_study, sample_specimen
 from commands import refused, run
 
 LAYERS = ("media", "intima")
@@ -70,7 +70,7 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(study, tmp_path_factory):
-    return Batch(study, tmp_path_factory.mktemp("done") / "study").execute()
+    return run_study(study, tmp_path_factory.mktemp("done") / "study")
 
 
 @pytest.mark.long
@@ -132,7 +132,7 @@ def test_a_repeat_writes_the_same_files_without_sampling_again(result, study):
     assert len(before) == 2 and len(tables) > 2
     (result.folder / "study.csv").unlink()
     (result.folder / "study.html").write_text("changed")
-    again = Batch(study, result.folder).execute()
+    again = run_study(study, result.folder)
     pd.testing.assert_frame_equal(again.table, result.table)
     assert {path: path.read_bytes() for path in files("study*.csv", "study.html")} == tables
     assert {path: path.stat().st_mtime_ns for path in files("runs/*/posterior.nc")} == before
@@ -141,7 +141,7 @@ def test_a_repeat_writes_the_same_files_without_sampling_again(result, study):
 def test_other_donors_and_layers_of_the_same_runs_are_compared(result, study, tmp_path):
     folder = shutil.copytree(result.folder, tmp_path / "study")
     other = [replace(s, donor="D2", layer=f"{s.layer} 2") for s in study.specimens]
-    outcome = Batch(replace(study, specimens=tuple(other)), folder).execute()
+    outcome = run_study(replace(study, specimens=tuple(other)), folder)
     assert set(outcome.distances["donor"]) == {"D2"}
     assert set(outcome.distances["layer_a"]) == {"media 2"}
 
@@ -164,12 +164,12 @@ def test_other_options_or_data_are_sampled_again(result, study, monkeypatch):
     changed = replace(study, specimens=(replace(first, seed=2), broken, last))
     record = (result.folder / "study.json").read_text()
     try:
-        Batch(changed, result.folder).execute()
-        assert {t.source: t.finished for t in seen} == {"media.csv": False, "intima.csv": True}
+        run_study(changed, result.folder)
+        assert {t.folder.name: t.finished for t in seen} == {"media": False, "intima": True}
         seen.clear()
         # Fingerprints of before must not come back with the options of before.
         assert len(json.loads((result.folder / "study.json").read_text())["done"]) == 1
-        Batch(replace(study, ess=70.0), result.folder).execute()
+        run_study(replace(study, ess=70.0), result.folder)
         assert not any(t.finished for t in seen)
     finally:
         (result.folder / "study.json").write_text(record)
@@ -192,10 +192,10 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
             yield Outcome(0, outcome)
 
     with pytest.raises(Interrupted, match=r"0 of 1 specimens.*the same command"):
-        Batch(first, tmp_path / "study", Stopped()).execute(stop=lambda: bool(arguments))
+        run_study(first, tmp_path / "study", Stopped(), stop=lambda: bool(arguments))
     assert (tmp_path / "study" / "runs" / "media" / "checkpoint.npz").is_file()
     assert not (tmp_path / "study" / "runs" / "media" / "summary.csv").exists()
-    Batch(first, tmp_path / "study").execute()
+    run_study(first, tmp_path / "study")
     ours, whole = (
         p / "runs" / "media" / "summary.csv" for p in (tmp_path / "study", result.folder)
     )
@@ -218,7 +218,7 @@ def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
             for index, _ in enumerate(tasks):
                 yield Outcome(index, None, "its worker process died 3 times")
 
-    outcome = Batch(study, tmp_path / "study", Losing()).execute()
+    outcome = run_study(study, tmp_path / "study", Losing())
     assert outcome.states == {"failed": 3}
     assert sum("died 3 times" in reason for reason in outcome.failures.values()) == 2
     assert (tmp_path / "study" / "study.html").is_file()
@@ -233,13 +233,13 @@ def test_a_folder_that_a_worker_does_not_see_is_named(study, tmp_path):
                 yield Outcome(index, sample_specimen(replace(task, running=gone)))
 
     with pytest.raises(RunError, match="does not see the study folder"):
-        Batch(study, tmp_path / "study", Elsewhere()).execute()
+        run_study(study, tmp_path / "study", Elsewhere())
 
 
 def test_a_foreign_folder_is_left_alone(study, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(RunError, match="not a study's"):
-        Batch(study, tmp_path).execute()
+        run_study(study, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
 
 

@@ -20,7 +20,7 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.parallel import InThisProcess
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
-from biaxbayes.verbs.batch import Batch
+from biaxbayes.verbs.batch import run_study
 
 pytestmark = pytest.mark.slow
 SPECIMENS = 4
@@ -51,7 +51,7 @@ def contents(folder):
 @pytest.fixture(scope="module")
 def alone(study, tmp_path_factory):
     folder = tmp_path_factory.mktemp("alone") / "study"
-    Batch(study, folder, InThisProcess()).execute()
+    run_study(study, folder, InThisProcess())
     result = contents(folder)
     assert len(result) == 4 + SPECIMENS
     return result
@@ -91,7 +91,7 @@ def test_a_cluster_that_loses_a_worker_finds_the_same(study, alone, cluster, tmp
 
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
-    result = Batch(study, folder, Cluster(address)).execute()
+    result = run_study(study, folder, Cluster(address))
     killer.join(1.0)
     assert workers[0].wait(10) == -signal.SIGKILL
     assert sum(result.states.values()) == SPECIMENS and not result.failures

@@ -40,10 +40,10 @@ from biaxbayes.parameters import Quantities
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.verbs.calibrate import (
-    CalibrationStudy,
     Outcome,
     closing_message,
     read_ranks,
+    run_calibration,
 )
 from commands import run
 from goh_functions import GOH_LAW
@@ -343,7 +343,7 @@ def test_several_protocols_and_unknown_dimensions_are_simulated():
 def whole(tmp_path_factory):
     """A study of two replications, one after the other in this process: outcome and folder."""
     folder = tmp_path_factory.mktemp("study") / "whole"
-    return CalibrationStudy(study(), folder, 2).execute(), folder
+    return run_calibration(study(), folder, 2), folder
 
 
 @pytest.fixture(scope="module")
@@ -371,8 +371,8 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
         return len(calls) > 1
 
     with pytest.raises(Interrupted, match="1 of 2"):
-        CalibrationStudy(study(), tmp_path / "parts", 2).execute(stop=stop)
-    parts = CalibrationStudy(study(), tmp_path / "parts", 2).execute(resume=True)
+        run_calibration(study(), tmp_path / "parts", 2, stop=stop)
+    parts = run_calibration(study(), tmp_path / "parts", 2, resume=True)
     pd.testing.assert_frame_equal(outcome.table, parts.table)
     a, b = (
         read_ranks(f / "ranks.csv").drop(columns="seconds") for f in (folder, tmp_path / "parts")
@@ -381,7 +381,7 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
     for name in ("calibration.csv", "calibration.pdf", "calibration.png", "priors.toml"):
         assert (folder / name).stat().st_size > 0
     with pytest.raises(RunError, match="another study"):
-        CalibrationStudy(replace(study(), seed=9), tmp_path / "parts", 2).execute(resume=True)
+        run_calibration(replace(study(), seed=9), tmp_path / "parts", 2, resume=True)
 
 
 @pytest.mark.long
@@ -432,7 +432,7 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
 @pytest.mark.parametrize("broken", ["", "noise"])
 def test_a_wrong_noise_sd_is_caught_and_the_right_one_is_not(broken, tmp_path):
     the_study = replace(study(broken=broken), max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Processes(2)).execute()
+    outcome = run_calibration(the_study, tmp_path / "s", 200, Processes(2))
     assert outcome.calibrated == (broken == "")
 
 
@@ -443,5 +443,5 @@ def test_a_missing_determinant_is_caught_where_the_readings_are_loose(broken, tm
     the_study = study(media(101), broken=broken)
     loose = {**the_study.priors, "noise_sd": Prior("lognormal", 0.3, 0.3)}
     the_study = replace(the_study, priors=loose, max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Processes(2)).execute()
+    outcome = run_calibration(the_study, tmp_path / "s", 200, Processes(2))
     assert outcome.calibrated == (broken == "")

@@ -12,6 +12,7 @@ import biaxbayes
 import quick_posteriors
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.machines.generic import parse_columns
+from biaxbayes.options import SamplingPlan
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import manifest
 from biaxbayes.specimens.check import check_specimen
@@ -133,10 +134,7 @@ def prepared(specimen, force, folder: Path) -> Sampling:
         specimen,
         out=folder,
         options={"mounting": "noisy"},
-        seed=1,
-        ess=100.0,
-        max_steps=200,
-        workers=1,
+        amount=SamplingPlan(seed=1, ess=100.0, max_steps=200, workers=1),
         mounting_force=force,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -32,8 +33,13 @@ from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs import population as job
 from biaxbayes.verbs import population_files
-from biaxbayes.verbs.batch import Batch
-from biaxbayes.verbs.population import PopulationJob, closing_message
+from biaxbayes.verbs.batch import run_study
+from biaxbayes.verbs.population import (
+    closing_message,
+    group_sources,
+    open_sources,
+    sample_population,
+)
 from biaxbayes.verbs.population_files import FIGURES, members_of_study, read_population
 from commands import refused
 
@@ -69,12 +75,12 @@ def made_study(folder):
         )
     (folder / "study.toml").write_text(text)
     with quick_posteriors.runs_without_figures():
-        Batch(read_study(folder / "study.toml"), folder / "study").execute()
+        run_study(read_study(folder / "study.toml"), folder / "study")
 
 
 def quick_job(study, out, **changes):
     name, members = members_of_study(study)
-    return PopulationJob(name, changes.pop("members", members), out, anyway=True, **changes)
+    return partial(sample_population, name, members, out, anyway=True, **changes)
 
 
 @pytest.fixture
@@ -88,7 +94,7 @@ def made_population(study):
     def execute():
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | QUICK)))
-            return quick_job(study, study.parent / "population").execute()
+            return quick_job(study, study.parent / "population")()
 
     return shared.cached("population", execute)
 
@@ -186,7 +192,7 @@ def test_a_finished_population_is_refused_and_stays(study, population, tmp_path,
     file = study.parent / "study.toml"
     assert "--overwrite" in refused(capsys, "population", file, "--out", folder, "--runs", runs)
     with pytest.raises(RunError, match="holds a finished population"):
-        quick_job(study, folder).execute()
+        quick_job(study, folder)()
     assert manifest(folder) == before and not runs.exists()
 
 
@@ -198,7 +204,7 @@ def test_a_population_is_replaced_whole(study, population, tmp_path, quick, monk
     (folder / "notes.txt").write_text("mine\n")
     (folder / "population-pairs.svg").write_text("of the population before\n")
     steps = []
-    again = quick_job(study, folder, options=PopulationOptions(seed=2)).execute(
+    again = quick_job(study, folder, options=PopulationOptions(seed=2))(
         overwrite=True, progress=steps.append
     )
     (output,) = [p.note for p in steps if p.note.startswith("removed with the previous population")]
@@ -252,7 +258,7 @@ def test_a_contrast_says_whether_the_groups_differ(population):
 def test_one_specimen_per_donor_has_a_total_spread_only(study, tmp_path, quick):
     name, members = members_of_study(study)
     apart = [replace(m, donor=f"D{k}") for k, m in enumerate(members)]
-    result = PopulationJob(name, apart, tmp_path / "out", anyway=True).execute()
+    result = sample_population(name, apart, tmp_path / "out", anyway=True)
     written = read_population(tmp_path / "out").groups
     for table in (result.groups, written):
         for part in ("sd_donors", "sd_specimens", "new_donor"):
@@ -275,14 +281,14 @@ def test_stopped_and_resumed_writes_the_same_bytes(study, population, tmp_path, 
 
     whole = quick_job(study, tmp_path / "out")
     with pytest.raises(Interrupted, match="`resume=True` continues") as error:
-        whole.execute(stop=stop)
+        whole(stop=stop)
     assert error.value.exit_code == 130
-    whole.execute(resume=True)
+    whole(resume=True)
     for name in ("population.csv", "specimens.csv", "contrasts.csv"):
         assert (tmp_path / "out" / name).read_bytes() == (population.folder / name).read_bytes()
     other = quick_job(study, tmp_path / "out", options=PopulationOptions(seed=2))
     with pytest.raises(RunError, match="seed"):
-        other.execute(resume=True)
+        other(resume=True)
 
 
 def test_words_for_difficult_studies(study):
@@ -292,9 +298,8 @@ def test_words_for_difficult_studies(study):
         changed = [
             replace(m, **{k: v[i] for k, v in changes.items()}) for i, m in enumerate(members)
         ]
-        of = PopulationJob("x", changed, study, anyway=True)
-        sources, left_out = of.open_sources()
-        return " | ".join(of.group_sources(sources)[1]), left_out
+        sources, left_out = open_sources(changed, anyway=True)
+        return " | ".join(group_sources(changed, sources)[1]), left_out
 
     assert "one donor" in notes(donor=["D"] * 4)[0]
     assert "split" in notes(donor=list("pqrs"))[0]
@@ -325,7 +330,7 @@ def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
     priors = tmp_path / "priors.toml"
     priors.write_text("[sd_donors]\nkappa = 0.1\n")
     with pytest.raises(InputError, match=r"\[sd_donors\] 'kappa' is no pooled parameter"):
-        quick_job(study, tmp_path / "out", priors=PopulationPriors.read(priors)).execute()
+        quick_job(study, tmp_path / "out", priors=PopulationPriors.read(priors))()
     for text, message in (
         ("[spread]\nC1 = 1", "no table of population priors"),
         ("[sd_donors]\nC1 = -1", "above zero"),
@@ -337,7 +342,7 @@ def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("mine")
     with pytest.raises(RunError, match="not a population's"):
-        quick_job(study, tmp_path / "mine").execute()
+        quick_job(study, tmp_path / "mine")()
 
 
 def test_a_specimen_apart_is_named(population):

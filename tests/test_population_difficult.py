@@ -19,7 +19,7 @@ from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs import population as job
 from biaxbayes.verbs import population_files
-from biaxbayes.verbs.batch import Batch
+from biaxbayes.verbs.batch import run_study
 from commands import run
 
 MATERIALS = {
@@ -54,7 +54,7 @@ def made_study(folder: Path) -> None:
         text += f'\n[[specimen]]\nfile = "{name}.csv"\ndonor = "D{k}"\nlayer = "media"\n'
     (folder / "study.toml").write_text(text)
     with quick_posteriors.runs_without_figures():
-        Batch(read_study(folder / "study.toml"), folder / "study").execute()
+        run_study(read_study(folder / "study.toml"), folder / "study")
 
 
 @pytest.fixture(scope="module")

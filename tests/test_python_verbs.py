@@ -385,7 +385,6 @@ def test_long_calls_show_their_progress_where_somebody_watches(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
     assert verb() and "half of it" in sys.stderr.getvalue()
     assert not verb(progress=False)
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)  # no ipywidgets
     lines, shell = Replaced(), types.SimpleNamespace(kernel=object())
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
     monkeypatch.setitem(sys.modules, "IPython.display", lines)

@@ -11,6 +11,7 @@ import biaxbayes
 import quick_posteriors
 from biaxbayes.errors import InputError
 from biaxbayes.identifiability.fit_quality import quick_fit, swapped_columns
+from biaxbayes.options import SamplingPlan
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
@@ -189,8 +190,8 @@ def test_one_protocol_cannot_carry_four_families():
     def findings(protocols: int, law: str) -> list[str]:
         made = replace(GOOD, protocols=GOOD.protocols[:protocols])
         options = {"law": law}
-        plan = {"seed": 0, "ess": 100.0, "max_steps": 128, "workers": 1}
-        result = Sampling.prepare(made, out="unused", options=options, **plan).findings
+        amount = SamplingPlan(seed=0, ess=100.0, max_steps=128, workers=1)
+        result = Sampling.prepare(made, out="unused", options=options, amount=amount).findings
         return [str(f) for f in result]
 
     assert any(

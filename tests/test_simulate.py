@@ -92,7 +92,7 @@ def test_a_specimen_of_another_law(tmp_path):
         (["--material", "donor1", "--measured-stretch", 1.9], "cannot be used"),
         (["--material", "donor1", "--ratio", "1:1", "--ratio", "1:1"], "each ratio once"),
         (["--material", "donor1", "--ratio", "1/2"], "is not of the form 1:0.5"),
-        (["--material", "donor1", "--noise-N", -1], "--noise-N is -1"),
+        (["--material", "donor1", "--noise-N", -1], "--noise-N must be at least 0"),
         (["--goh", 1, 2, 3, 4, 0.5, "--prestretch", 1, 1], "kappa must lie between"),
         (["--law", "fung"], "give --values c0_kPa=...,c_kPa=...,b_x=...,b_y=...,b_xy=..."),
         (["--values", "c0_kPa=1"], "--values without a law"),

@@ -78,10 +78,9 @@ def main(arguments: list[str] | None = None) -> None:
     plus the signal when stopped by one.
     """
     # Streams that the caller closed (2>&-): output to them is discarded.
-    if sys.stdout is None:
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, PTH123
     with contextlib.suppress(AttributeError, ValueError):
         # Names from files may hold characters that the terminal's encoding lacks.
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]

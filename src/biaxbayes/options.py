@@ -12,6 +12,7 @@ import inspect
 import math
 import numbers
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self, TypeVar
@@ -30,18 +31,16 @@ MOST = 9e18
 class Option(NamedTuple):
     """Help text and allowed values of an option; numbers lie from ``least`` to ``most``."""
 
-    help: str
-    choices: tuple[str, ...]
-    kind: type | None
-    least: float
-    most: float
-    open_ends: bool
-    """Whether the range excludes its ends."""
-    show_range: bool
-    reason: str
-    """Reason for the lower end of the range."""
-    metavar: str | None
-    flag: str
+    help: str = ""
+    choices: tuple[str, ...] = ()
+    kind: type | None = None
+    least: float = -math.inf
+    most: float = math.inf
+    open_ends: bool = False  # the range excludes its ends
+    show_range: bool = False
+    reason: str = ""  # of the lower end of the range
+    metavar: str | None = None
+    flag: str = ""
 
     @property
     def allowed(self) -> str:
@@ -50,11 +49,11 @@ class Option(NamedTuple):
             return "a number"
         if self.most == math.inf:
             return f"at least {self.least:g}" + (f", because {self.reason}" if self.reason else "")
-        whole = isinstance(self.most, int)
         if self.open_ends:
             return f"a number between {self.least:g} and {self.most:g}"
-        low, high = (f"{v}" if whole else f"{v:g}" for v in (self.least, self.most))
-        return f"a {'whole ' * whole}number from {low} to {high.replace('e+', 'e')}"
+        if isinstance(self.most, int):
+            return f"a whole number from {self.least} to {self.most}"
+        return f"a number from {self.least:g} to {self.most:g}".replace("e+", "e")
 
     def allows(self, value: Any) -> bool:
         """Whether a number is of the kind and in the range."""
@@ -69,41 +68,19 @@ class Option(NamedTuple):
         return bool(self.least <= number <= self.most) and abs(number) != math.inf
 
 
-def option(
-    default: Any,
-    help: str = "",
-    *,
-    choices: tuple[str, ...] = (),
-    kind: type | None = None,
-    least: float = -math.inf,
-    most: float = math.inf,
-    open_ends: bool = False,
-    show_range: bool = False,
-    reason: str = "",
-    metavar: str | None = None,
-    flag: str = "",
-) -> Any:
-    """Field of a table with its default, its help text and its allowed values."""
-    if kind is None and isinstance(default, bool | int | float):
-        kind = type(default)
-    entry = Option(help, choices, kind, least, most, open_ends, show_range, reason, metavar, flag)
-    return field(default=default, metadata={"option": entry})
-
-
-def same(table: type, name: str) -> Any:
-    """The same option as in another table."""
-    (original,) = (f for f in fields(table) if f.name == name)
-    return field(default=original.default, metadata=original.metadata)
+def option(default: Any, help: str = "", **more: Any) -> Any:
+    """Field of a table with its default and what :class:`Option` holds."""
+    if isinstance(default, bool | int | float):
+        more.setdefault("kind", type(default))
+    return field(default=default, metadata={"option": Option(help, **more)})
 
 
 def options_of(table: type) -> dict[str, Option]:
     """Options of a table by name, in their order."""
+    described = {f.name: f.metadata["option"] for f in fields(table) if "option" in f.metadata}
     return {
-        f.name: f.metadata["option"]._replace(
-            flag=f.metadata["option"].flag or f.name.replace("_", "-")
-        )
-        for f in fields(table)
-        if "option" in f.metadata
+        name: option if option.flag else option._replace(flag=name.replace("_", "-"))
+        for name, option in described.items()
     }
 
 
@@ -117,13 +94,11 @@ class Options:
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Self:
         """The table with the given values; refuses a name that is not an option."""
-        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
-        for name in values:
-            if name not in known:
-                raise InputError(
-                    f"no option {str(name)[:60]!r}", remedy=f"options are {', '.join(known)}"
-                )
-        return cls(**values)
+        table, others = cls.split(values)
+        for name in others:
+            known = ", ".join(f.name for f in fields(cls))  # type: ignore[arg-type]
+            raise InputError(f"no option {str(name)[:60]!r}", remedy=f"options are {known}")
+        return table
 
     @classmethod
     def split(cls, values: Mapping[str, Any]) -> tuple[Self, dict[str, Any]]:
@@ -138,18 +113,19 @@ class Options:
         option = options_of(cls)[name]
         if value is None and getattr(cls, name) is None:
             return
+        problem = ""
         if option.choices:
             if not (isinstance(value, str) and value in option.choices):
                 allowed = ", ".join(option.choices)
-                raise InputError(
-                    f"{where}{name} must be one of {allowed}, not {str(value)[:40]!r}", file=file
-                )
+                problem = f"{name} must be one of {allowed}, not {str(value)[:40]!r}"
         elif option.kind is bool:
             if not isinstance(value, bool):
-                raise InputError(f"{where}{name} must be true or false", file=file)
+                problem = f"{name} must be true or false"
         elif option.kind is not None and not option.allows(value):
             shown = f"`{name}`" if file is None else name  # an argument, or a key of the file
-            raise InputError(f"{where}{shown} must be {option.allowed}", file=file)
+            problem = f"{shown} must be {option.allowed}"
+        if problem:
+            raise InputError(where + problem, file=file)
 
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
@@ -162,39 +138,31 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
         own = inspect.signature(verb)
         parameters = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
         names = {p.name for p in parameters} | set(without)
-        lines = []
+        entries = ""
         for table in tables:
             described = options_of(table)
-            for f in (f for f in fields(table) if f.name not in names):
+            for f in fields(table):
+                if f.name in names:
+                    continue
+                names.add(f.name)
                 default = getattr(table, f.name, None)
                 parameters.append(
                     inspect.Parameter(
                         f.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=f.type
                     )
                 )
-                names.add(f.name)
-                option = described.get(f.name)
-                kind = str(f.type)
-                if option is not None and option.choices:
-                    kind = "{" + ", ".join(repr(c) for c in option.choices) + "}"
-                lines.append(f"{f.name} : {kind}, default {default!r}")
-                text = f.metadata.get("help", "") if option is None else option.help
-                lines += [f"    {text}"] if text else []
+                option = described.get(f.name) or Option(f.metadata.get("help", ""))
+                choices = ", ".join(map(repr, option.choices))
+                entries += f"{f.name} : {f'{{{choices}}}' if choices else f.type}, "
+                entries += f"default {default!r}\n"
+                entries += f"    {option.help}\n" if option.help else ""
         verb.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-        verb.__doc__ = _with_lines(inspect.getdoc(verb) or "", lines)
+        # In place of the entry ``**options`` of the docstring.
+        doc = f"{inspect.getdoc(verb)}\n"
+        verb.__doc__ = re.sub(r"(?m)^\*\*options.*\n( .*\n)*", lambda _: entries, doc).rstrip("\n")
         return verb
 
     return with_signature
-
-
-def _with_lines(doc: str, entries: list[str]) -> str:
-    """A docstring with one entry per option in place of the entry ``**options``."""
-    lines = doc.split("\n")
-    start = next((i for i, line in enumerate(lines) if line.startswith("**options")), len(lines))
-    end = start + 1
-    while end < len(lines) and lines[end].startswith(" "):
-        end += 1
-    return "\n".join([*lines[:start], *entries, *lines[end:]])
 
 
 # --- choices of options -----------------------------------------------------------------
@@ -368,6 +336,9 @@ class InferringOptions(ModelOptions):
 # --- fits and sampling ---------------------------------------------------------------------------
 
 
+SETTINGS = options_of(Settings)
+
+
 @dataclass(frozen=True)
 class FitOptions(Options):
     """Least-squares fits."""
@@ -377,9 +348,9 @@ class FitOptions(Options):
     fixed: Mapping[str, float] | None = field(
         default=None, metadata={"help": "Values of fixed parameters, in their own units."}
     )
-    mounting_stretch: str = same(Settings, "mounting_stretch")
-    law: str = same(Settings, "law")
-    fibre_switch: bool = same(Settings, "fibre_switch")
+    mounting_stretch: str = option("shared", **SETTINGS["mounting_stretch"]._asdict())
+    law: str = option(DEFAULT_LAW, **SETTINGS["law"]._asdict())
+    fibre_switch: bool = option(False, **SETTINGS["fibre_switch"]._asdict())
     initial: Any = field(
         default=None,
         metadata={"help": "A Material as a further start; with it ``starts`` may be 0."},

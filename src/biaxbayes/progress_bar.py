@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib.util
 import os
 import signal
 import sys
@@ -13,11 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TypeVar
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import Progress as Bar
+from typing import Any, TypeVar
 
 
 @dataclass(frozen=True)
@@ -29,50 +24,41 @@ class Progress:
     note: str = ""
 
 
-def live_bar(console: Console) -> Bar:
-    """A rich bar of one task: phase, share, time spent and left."""
-    from rich.progress import (
-        BarColumn,
-        ProgressColumn,
-        SpinnerColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bar
-    from rich.text import Text
+OnProgress = Callable[[Progress], None]
 
-    class Share(ProgressColumn):
-        """Per cent and time left; empty for an unknown share."""
 
-        remaining = TimeRemainingColumn()
-
-        def render(self, task: Any) -> Text:
-            if task.total is None:
-                return Text("")
-            left = self.remaining.render(task).plain
-            more = f", {left} left" if "-" not in left and not task.finished else ""
-            return Text(f"{task.percentage:.0f} %{more}")
-
-    return Bar(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("elapsed"),
-        Share(),
-        console=console,
-        transient=True,
-    )
+# --- how progress is shown: on a terminal, in a notebook, in a log file --------------------------
 
 
 @contextlib.contextmanager
-def shown_progress(console: Console) -> Iterator[Callable[[Any], None]]:
-    """Show a live line while the block runs; yields what to call with each Progress."""
-    with live_bar(console) as bar:
+def terminal_line() -> Iterator[OnProgress]:
+    """A live bar: phase, share, time spent and left."""
+    from rich import progress as columns
+    from rich.console import Console
+    from rich.text import Text
+
+    class TimeLeft(columns.TimeRemainingColumn):
+        """Time left; empty while it is unknown."""
+
+        def render(self, task: Any) -> Text:
+            left = super().render(task).plain
+            return Text(f"{left} left" if left.strip("-:") else "")
+
+    bar = columns.Progress(
+        columns.SpinnerColumn(),
+        columns.TextColumn("{task.description}"),
+        columns.BarColumn(),
+        columns.TaskProgressColumn(),
+        columns.TimeElapsedColumn(),
+        columns.TextColumn("elapsed"),
+        TimeLeft(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    with bar:
         task = bar.add_task("starting", total=None)
 
-        def show(progress: Any) -> None:
+        def show(progress: Progress) -> None:
             if progress.note:
                 bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
             share = progress.share
@@ -83,14 +69,14 @@ def shown_progress(console: Console) -> Iterator[Callable[[Any], None]]:
 
 
 @contextlib.contextmanager
-def _notebook_progress() -> Iterator[Callable[[Any], None]]:
-    """One line of text that a notebook replaces; rich needs ipywidgets for that."""
+def notebook_line() -> Iterator[OnProgress]:
+    """One line of text that a notebook replaces; a bar of rich would need ipywidgets."""
     from IPython.display import display
 
     shown = ""
     line = display({"text/plain": "starting"}, raw=True, display_id=True)
 
-    def show(progress: Any) -> None:
+    def show(progress: Progress) -> None:
         nonlocal shown
         if progress.note:
             print(f"biaxbayes: {progress.note}")
@@ -105,89 +91,11 @@ def _notebook_progress() -> Iterator[Callable[[Any], None]]:
         line.update({"text/plain": ""}, raw=True)
 
 
-def _in_notebook() -> bool:
-    """True in a notebook kernel."""
-    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-    return getattr(shell, "kernel", None) is not None
-
-
-def _shown() -> contextlib.AbstractContextManager[Callable[[Any], None]]:
-    if _in_notebook() and importlib.util.find_spec("ipywidgets") is None:
-        return _notebook_progress()
-    from rich.console import Console
-
-    return shown_progress(Console(stderr=True))
-
-
-@contextlib.contextmanager
-def _plain_interruption() -> Iterator[None]:
-    """Raise a KeyboardInterrupt that compiled code wrapped in a SystemError."""
-    try:
-        yield
-    except SystemError as error:
-        cause = error.__cause__
-        while isinstance(cause, SystemError):
-            cause = cause.__cause__
-        if isinstance(cause, KeyboardInterrupt):
-            raise cause from None
-        raise
-
-
-Verb = TypeVar("Verb", bound=Callable[..., Any])
-
-
-def with_progress(verb: Verb) -> Verb:
-    """Let `progress` be True or False; by default show it on a terminal and in a notebook."""
-
-    @functools.wraps(verb)
-    def watched(*arguments: Any, progress: Any = None, **options: Any) -> Any:
-        with _plain_interruption():
-            if callable(progress):
-                return verb(*arguments, progress=progress, **options)
-            interactive = sys.stderr.isatty() or _in_notebook()
-            if not (interactive if progress is None else progress):
-                return verb(*arguments, **options)
-            with _shown() as show:
-                return verb(*arguments, progress=show, **options)
-
-    return watched  # type: ignore[return-value]
-
-
-# --- progress on a terminal, and a stop after the current block ----------------------------------
-
-STOPS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
-
-
-class StoppedAtOnce(KeyboardInterrupt):
-    """A second signal; its number is the argument."""
-
-
-@contextlib.contextmanager
-def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
-    """Live line, or a line of text per minute if the output cannot be live; yields the callback."""
-    if quiet:
-        yield _print_note
-        return
-    if not sys.stderr.isatty() or os.environ.get("TERM", "") in ("dumb", "unknown"):
-        with minute_lines() as show:
-            yield show
-        return
-    from rich.console import Console
-
-    with shown_progress(Console(stderr=True)) as show:
-        yield show
-
-
-def _print_note(progress: Any) -> None:
-    if progress.note:
-        print(f"biaxbayes: {progress.note}", file=sys.stderr, flush=True)
-
-
 MINUTE = 60.0
 
 
 @contextlib.contextmanager
-def minute_lines(every: float = MINUTE) -> Iterator[Callable[[Progress], None]]:
+def minute_lines(every: float = MINUTE) -> Iterator[OnProgress]:
     """Print notes at once and the progress each minute, by a thread: also during long steps."""
     latest = Progress("starting")
     begin, done = time.monotonic(), threading.Event()
@@ -210,6 +118,66 @@ def minute_lines(every: float = MINUTE) -> Iterator[Callable[[Progress], None]]:
     finally:
         done.set()
         thread.join()
+
+
+def _print_note(progress: Progress) -> None:
+    if progress.note:
+        print(f"biaxbayes: {progress.note}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def progress_line(*, quiet: bool) -> Iterator[OnProgress]:
+    """Progress of a command; yields the callback."""
+    if quiet:
+        yield _print_note
+        return
+    live = sys.stderr.isatty() and os.environ.get("TERM", "") not in ("dumb", "unknown")
+    with terminal_line() if live else minute_lines() as show:
+        yield show
+
+
+Verb = TypeVar("Verb", bound=Callable[..., Any])
+
+
+def with_progress(verb: Verb) -> Verb:
+    """Let `progress` be True or False; by default show it on a terminal and in a notebook."""
+
+    @functools.wraps(verb)
+    def watched(*arguments: Any, progress: Any = None, **options: Any) -> Any:
+        with _plain_interruption():
+            if callable(progress):
+                return verb(*arguments, progress=progress, **options)
+            shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+            in_notebook = getattr(shell, "kernel", None) is not None
+            if not (sys.stderr.isatty() or in_notebook if progress is None else progress):
+                return verb(*arguments, **options)
+            with notebook_line() if in_notebook else terminal_line() as show:
+                return verb(*arguments, progress=show, **options)
+
+    return watched  # type: ignore[return-value]
+
+
+# --- a stop after the current block --------------------------------------------------------------
+
+STOPS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+
+
+class StoppedAtOnce(KeyboardInterrupt):
+    """A second signal; its number is the argument."""
+
+
+@contextlib.contextmanager
+def _plain_interruption() -> Iterator[None]:
+    """Raise a KeyboardInterrupt that compiled code wrapped in a SystemError."""
+    try:
+        yield
+    except SystemError as error:
+        cause = error.__cause__
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause from None
+        raise
 
 
 @contextlib.contextmanager

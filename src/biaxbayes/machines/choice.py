@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from biaxbayes.errors import InputError
+from biaxbayes.options import Options, option
+from biaxbayes.tables.units import STRAINS, units_of
 
 BRANCHES = ("loading", "unloading", "both")
 STRETCH_SOURCES = ("auto", "tracked", "rake")
 GAUGE_AT = ("zero", "start")
 DIRECTIONS = ("x", "y", "xy")
+GAUGE: dict[str, float] = {"least": 0.01, "most": 1e4}
+"""Possible gauge lengths, mm."""
 
 
 @dataclass(frozen=True)
@@ -28,63 +32,63 @@ FORMATS = {
 
 
 @dataclass(frozen=True)
-class Choice:
-    """Selection of data from a raw file.
-
-    Attributes
-    ----------
-    machine : str
-        One of :data:`FORMATS`.
-    columns : tuple of str
-        ``target=column[:unit]`` texts of the generic machine.
-    cycle : str
-        ``last`` or a number.
-    branch : {"loading", "unloading", "both"}
-    stretch_from : {"auto", "tracked", "rake"}
-        Source of the stretches of a BioTester.
-    sets : tuple of str
-        Sets of a BioTester; by default the last.
-    sheets : tuple of str
-        Sheets of a workbook, one or more protocols each; ``all`` for every one with a table.
-    gauge_x_mm, gauge_y_mm : float, optional
-        Length between the marks or grips at displacement zero.
-    gauge_at : {"", "zero", "start"}
-        The gauge length is that at displacement zero, or in the first row of the file; needed if
-        these differ.
-    drop_missing : bool
-        Leave out rows with a missing reading, which are refused otherwise.
-    tension_negative : {"", "x", "y", "xy"}
-        Directions whose load cell reads tension as negative.
-    """
+class Choice(Options):
+    """Selection of data from a raw file, as the options of :func:`biaxbayes.convert`."""
 
     machine: str
-    columns: tuple[str, ...] = ()
-    cycle: str = "last"
-    branch: str = "loading"
-    stretch_from: str = "auto"
-    sets: tuple[str, ...] = ()
-    sheets: tuple[str, ...] = ()
-    gauge_x_mm: float | None = None
-    gauge_y_mm: float | None = None
-    gauge_at: str = ""
-    drop_missing: bool = False
-    tension_negative: str = ""
+    columns: tuple[str, ...] = option(
+        (),
+        "generic: stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,... Targets are stretch_x, _y, "
+        "force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, protocol, cycle, shear_xy, "
+        "shear_yx. Units and kinds of strain are read from the column's name where it is clear, or "
+        "given behind a colon: "
+        f"{units_of('force', 'stress', 'length', 'displacement', *STRAINS, 'time')}.",
+        metavar="TARGET=COLUMN[:UNIT],...",
+    )
+    gauge_x_mm: float | None = option(
+        None,
+        "Length between marks or grips in x where the displacement is zero.",
+        kind=float,
+        metavar="MM",
+        **GAUGE,
+    )
+    gauge_y_mm: float | None = option(None, "The same in y.", kind=float, metavar="MM", **GAUGE)
+    gauge_at: str | None = option(
+        None,
+        "Where the gauge length was measured if the displacement does not start at zero: at "
+        "displacement zero, or at the first row of the file.",
+        choices=GAUGE_AT,
+    )
+    cycle: str = option("last", "Cycle to take.", metavar="last|N")
+    branch: str = option("loading", choices=BRANCHES)
+    stretch_from: str = option(
+        "auto",
+        "biotester: points tracked on the tissue, or the distance of the rakes.",
+        choices=STRETCH_SOURCES,
+    )
+    sets: tuple[str, ...] = option(
+        (),
+        "biotester: sets to take as protocols (default: the last).",
+        metavar="NAME|all",
+        flag="set",
+    )
+    sheets: tuple[str, ...] = option(
+        (),
+        "Sheet of a workbook (struct of a .mat, group of a .tdms file), a protocol each; "
+        "repeatable.",
+        metavar="NAME|all",
+        flag="sheet",
+    )
+    tension_negative: str | None = option(
+        None,
+        "Directions whose load cell counts tension negative: their sign is reversed.",
+        choices=DIRECTIONS,
+    )
+    drop_missing: bool = option(
+        False, "Leave out rows in which a reading is missing, and count them."
+    )
 
     def __post_init__(self) -> None:
-        for name, allowed in (
-            ("machine", tuple(FORMATS)),
-            ("branch", BRANCHES),
-            ("stretch_from", STRETCH_SOURCES),
-            ("gauge_at", ("", *GAUGE_AT)),
-            ("tension_negative", ("", *DIRECTIONS)),
-        ):
-            value = getattr(self, name)
-            if value not in allowed:
-                raise InputError(f"{name} must be one of {', '.join(allowed)}, not {value!r}")
-        for axis in "xy":
-            length = getattr(self, f"gauge_{axis}_mm")
-            if length is not None and not 0.01 <= length <= 10_000.0:
-                raise InputError(
-                    f"a gauge length of {length:g} mm in {axis} is out of range",
-                    remedy=f"give `gauge_{axis}_mm` in mm, between 0.01 and 10000",
-                )
+        if self.machine not in FORMATS:
+            raise InputError(f"machine must be one of {', '.join(FORMATS)}, not {self.machine!r}")
+        super().__post_init__()

@@ -99,7 +99,7 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
     if "edge_x_mm" in header and "edge_y_mm" in header:
         edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
     geometry = str(header.get("geometry", "unloaded"))
-    gauge = Gauge((choice.gauge_x_mm, choice.gauge_y_mm), edges, geometry, choice.gauge_at)
+    gauge = Gauge((choice.gauge_x_mm, choice.gauge_y_mm), edges, geometry, choice.gauge_at or "")
     reader = import_module(f"biaxbayes.machines.{choice.machine}")
     recordings: list[Recording] = []
     for sheet, table in tables.items():

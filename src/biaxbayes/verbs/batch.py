@@ -6,7 +6,6 @@ worker must see.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import socket
@@ -14,8 +13,8 @@ import time
 import traceback
 import uuid
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +32,14 @@ from biaxbayes.errors import (
     as_options,
     printable,
 )
-from biaxbayes.file_lock import folder_lock
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.study_page import write_study
-from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, clear_leftovers, is_finished
+from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, is_finished
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
-from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.studies.result import (
     FAILED,
     INTERRUPTED,
@@ -60,7 +57,7 @@ from biaxbayes.studies.study_file import Entry, Study, read_entries, read_study,
 from biaxbayes.tasks import Executor
 from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claim_folder, no_progress, no_stop
+from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claimed_folder, no_progress, no_stop
 from biaxbayes.verbs.sample import Sampling
 
 
@@ -106,7 +103,7 @@ def batch(
         model = ModelOptions.from_values(options).keywords()
         chosen = study_of_files([Path(p) for p in study], model, **numbers)
     executor = executor_for(workers, scheduler, isolated=True)
-    return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
+    return run_study(chosen, Path(out), executor, progress=progress, stop=stop)
 
 
 # --- what a worker does: sample a specimen, compare the layers of a donor ------------------------
@@ -116,10 +113,10 @@ def batch(
 class SpecimenTask:
     """A specimen to sample, or whose finished run is to be read."""
 
-    specimen: Specimen
-    source: str
+    entry: Entry
     folder: Path
-    options: dict[str, Any]
+    ess: float
+    max_steps: int
     finished: bool
     running: Path  # exists as long as the study runs
 
@@ -127,42 +124,51 @@ class SpecimenTask:
 def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
     """Sample a specimen into its run folder, or read its finished run; raises nothing."""
     notes: list[str] = []
-    law = task.options["options"]["law"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             if not task.running.exists():
                 problem = f"{socket.gethostname()} does not see the study folder"
                 return SpecimenOutcome(INTERRUPTED, problem)
-            run = open_run(task.folder) if task.finished else _sampled(task, notes)
-            rows = rows_of_run(run)
+            rows = rows_of_run(open_run(task.folder) if task.finished else _sampled(task, notes))
             return SpecimenOutcome(rows[0]["state"], rows[0]["reason"], rows, notes)
         except Interrupted as error:
             return SpecimenOutcome(INTERRUPTED, str(error))
         except BiaxbayesError as error:
-            return _failed(str(error), notes, law)
+            reason = str(error)
         except OSError as error:
-            return _failed(os_error_text(error), notes, law)
+            reason = os_error_text(error)
         except Exception as error:
             if os.environ.get("BIAXBAYES_DEBUG"):
                 traceback.print_exc()
-            return _failed(f"internal error: {type(error).__name__}: {error}", notes, law)
+            reason = f"internal error: {type(error).__name__}: {error}"
+    return _failed(reason, notes, task.entry.entry.options["law"])
 
 
-def _failed(reason: str, notes: list[str] | None = None, law: str = DEFAULT_LAW) -> SpecimenOutcome:
-    return SpecimenOutcome(FAILED, reason, rows_without_run(FAILED, reason, law), notes or [])
+def _failed(reason: str, notes: Sequence[str] = (), law: str = DEFAULT_LAW) -> SpecimenOutcome:
+    return SpecimenOutcome(FAILED, reason, rows_without_run(FAILED, reason, law), list(notes))
 
 
 def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
-    def note(progress: Any) -> None:
+    """The run of a specimen, continued from its checkpoint where there is one."""
+
+    def note(progress: Progress) -> None:
         if progress.note:
-            notes.append(str(progress.note))
+            notes.append(progress.note)
 
     def stop() -> bool:
         return not task.running.exists()
 
-    sampling = Sampling.prepare(task.specimen, out=task.folder, workers=1, **task.options)
-    sampling = replace(sampling, source=task.source)
+    entry = task.entry.entry
+    assert task.entry.specimen is not None
+    sampling = Sampling.prepare(
+        task.entry.specimen,
+        out=task.folder,
+        options=dict(entry.options),
+        amount=SamplingPlan(entry.seed, task.ess, task.max_steps, workers=1),
+        anyway=entry.anyway,
+    )
+    sampling = replace(sampling, source=entry.file.name)
     with first_alone():
         if stop():  # while another process was compiling
             raise Interrupted("stopped before it began")
@@ -207,139 +213,131 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
 RUNNING = ".going-"
 
 
-@dataclass
-class Batch:
-    """A study, its folder, and the executor of its tasks."""
-
-    study: Study
-    folder: Path
-    executor: Executor = field(default_factory=InThisProcess)
-
-    def execute(self, *, progress: OnProgress = no_progress, stop: Stop = no_stop) -> StudyResult:
-        """Sample what is missing, compare the layers of each donor, and write every file."""
-        claim_folder(self.folder, {STUDY}, "a study's", own={RUNS})
-        (self.folder / RUNS).mkdir(exist_ok=True)
-        with folder_lock(self.folder), self.executor, self._running() as running:
-            clear_leftovers(self.folder)
+def run_study(
+    study: Study,
+    folder: Path,
+    executor: Executor | None = None,
+    *,
+    progress: OnProgress = no_progress,
+    stop: Stop = no_stop,
+) -> StudyResult:
+    """Sample what is missing, compare the layers of each donor, and write every file."""
+    executor = executor or InThisProcess()
+    with claimed_folder(folder, {STUDY}, "a study's", own={RUNS}), executor:
+        runs = folder.absolute() / RUNS
+        runs.mkdir(exist_ok=True)
+        for left in folder.glob(f"{RUNNING}*"):
+            left.unlink(missing_ok=True)
+        # A file that exists as long as the study runs; workers stop when it is removed.
+        running = folder.absolute() / f"{RUNNING}{uuid.uuid4().hex[:12]}"
+        running.touch()
+        try:
             progress(Progress("reading specimens"))
-            entries = read_entries(self.study)
-            table = study_table(entries, self._sample(entries, running, progress, stop))
+            entries = read_entries(study)
+            outcomes = _sample_all(study, entries, folder, running, executor, progress, stop)
+            table = study_table(entries, outcomes)
             progress(Progress("comparing layers"))
-            folders = {e.entry.label: self.folder.absolute() / RUNS / e.slug for e in entries}
+            folders = {e.entry.label: runs / e.slug for e in entries}
             tasks = [
                 LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
                 for donor, labels, layers in donor_groups(table)
             ]
             compared = [ComparedLayers(task.donor) for task in tasks]
-            for outcome in self.executor.run(compare_layers, tasks):
+            for outcome in executor.run(compare_layers, tasks):
                 lost = ComparedLayers(tasks[outcome.index].donor, notes=[outcome.lost])
                 compared[outcome.index] = lost if outcome.lost else outcome.value
             progress(Progress("writing"))
-            result = study_result(self.study.name, self.folder.absolute(), table, compared)
+            result = study_result(study.name, folder.absolute(), table, compared)
             write_study(result)
-        return result
-
-    @contextlib.contextmanager
-    def _running(self) -> Iterator[Path]:
-        """A file that exists as long as the study runs; workers stop when it is removed."""
-        for left in self.folder.glob(f"{RUNNING}*"):
-            left.unlink(missing_ok=True)
-        path = self.folder.absolute() / f"{RUNNING}{uuid.uuid4().hex[:12]}"
-        path.touch()
-        try:
-            yield path
         finally:
-            path.unlink(missing_ok=True)
+            running.unlink(missing_ok=True)
+    return result
 
-    def _sample(
-        self, entries: list[Entry], running: Path, progress: OnProgress, stop: Stop
-    ) -> dict[str, SpecimenOutcome]:
-        """The outcome of every specimen, by the name of its run folder."""
-        readable = [e for e in entries if e.specimen is not None]
-        tried = {e.slug: _failed(e.problem) for e in entries if e.specimen is None}
-        recorded = self._finished_before()
-        done = {
-            e.slug: e.fingerprint
-            for e in readable
-            if recorded.get(e.slug) == e.fingerprint
-            and is_finished(self.folder / RUNS / e.slug, PROVENANCE)
-        }
-        self._save(done)
-        readable.sort(key=lambda e: e.slug not in done)  # finished ones first: they take no time
-        before, clock = len(done), time.monotonic()
-        finished = f", {before} of them finished before" if before else ""
-        progress(Progress(f"sampling {len(entries)} specimens{finished}"))
-        signal = 0
 
-        def stopped() -> int:
-            nonlocal signal
-            signal = signal or stop()
-            if signal:
-                running.unlink(missing_ok=True)
-            return signal
+def _sample_all(
+    study: Study,
+    entries: list[Entry],
+    folder: Path,
+    running: Path,
+    executor: Executor,
+    progress: OnProgress,
+    stop: Stop,
+) -> dict[str, SpecimenOutcome]:
+    """The outcome of every specimen, by the name of its run folder."""
+    runs = folder.absolute() / RUNS
+    outcomes = {e.slug: _failed(e.problem) for e in entries if e.specimen is None}
+    recorded = _recorded_runs(folder)
+    finished = {
+        e.slug: e.fingerprint
+        for e in entries
+        if e.specimen
+        and recorded.get(e.slug) == e.fingerprint
+        and is_finished(runs / e.slug, PROVENANCE)
+    }
+    _record_runs(study, folder, finished)
+    before, clock = len(finished), time.monotonic()
+    more = f", {before} of them finished before" if before else ""
+    progress(Progress(f"sampling {len(entries)} specimens{more}"))
 
-        tasks = [self._task(e, e.slug in done, running) for e in readable]
-        for outcome in self.executor.run(sample_specimen, tasks, stop=stopped):
-            entry = readable[outcome.index]
-            result = _failed(outcome.lost) if outcome.lost else outcome.value
-            if result.state == INTERRUPTED:
-                if not stopped():
-                    raise RunError(
-                        f"{result.reason} {self.folder.absolute()}; put it where all workers see it"
-                    )
-                continue
-            tried[entry.slug] = result
-            for note in result.notes:
-                progress(Progress("sampling", note=f"{entry.entry.label}: {note}"))
-            if result.state in STATES and entry.slug not in done:
-                done[entry.slug] = entry.fingerprint
-                self._save(done)
-            failed = sum(t.state not in STATES for t in tried.values())
-            text = f"{len(tried)} of {len(entries)} specimens"
-            text += f", {failed} failed" if failed else ""
-            if len(tried) > before:
-                seconds = time.monotonic() - clock
-                left = seconds * (len(entries) - len(tried)) / (len(tried) - before)
-                if left >= 1.0:
-                    time_left = f"{left:.0f} s" if left < 90.0 else f"{left / 60:.0f} min"
-                    text += f", about {time_left} left"
-            progress(Progress(text, len(tried) / len(entries)))
-        if len(tried) < len(entries):
-            raise Interrupted(
-                f"interrupted after {len(tried)} of {len(entries)} specimens, all saved in "
-                f"{self.folder}; the same command continues",
-                signal,
-            )
-        return tried
+    def stopped() -> int:
+        signal = stop()
+        if signal:
+            running.unlink(missing_ok=True)
+        return signal
 
-    def _task(self, entry: Entry, finished: bool, running: Path) -> SpecimenTask:
-        assert entry.specimen is not None
-        options = {
-            "options": dict(entry.entry.options),
-            "seed": entry.entry.seed,
-            "ess": self.study.ess,
-            "max_steps": self.study.max_steps,
-            "anyway": entry.entry.anyway,
-        }
-        folder = self.folder.absolute() / RUNS / entry.slug
-        source = entry.entry.file.name
-        return SpecimenTask(entry.specimen, source, folder, options, finished, running)
+    tasks = [
+        SpecimenTask(e, runs / e.slug, study.ess, study.max_steps, e.slug in finished, running)
+        for e in entries
+        if e.specimen
+    ]
+    tasks.sort(key=lambda task: not task.finished)  # reading a finished run takes no time
+    for outcome in executor.run(sample_specimen, tasks, stop=stopped):
+        entry = tasks[outcome.index].entry
+        result = _failed(outcome.lost) if outcome.lost else outcome.value
+        if result.state == INTERRUPTED:
+            if not stopped():
+                raise RunError(
+                    f"{result.reason} {folder.absolute()}; put it where all workers see it"
+                )
+            continue
+        outcomes[entry.slug] = result
+        for note in result.notes:
+            progress(Progress("sampling", note=f"{entry.entry.label}: {note}"))
+        if result.state in STATES and entry.slug not in finished:
+            finished[entry.slug] = entry.fingerprint
+            _record_runs(study, folder, finished)
+        text = f"{len(outcomes)} of {len(entries)} specimens"
+        if failed := sum(t.state not in STATES for t in outcomes.values()):
+            text += f", {failed} failed"
+        sampled, missing = len(outcomes) - before, len(entries) - len(outcomes)
+        if sampled > 0 and (left := (time.monotonic() - clock) * missing / sampled) >= 1.0:
+            text += f", about {f'{left:.0f} s' if left < 90.0 else f'{left / 60:.0f} min'} left"
+        progress(Progress(text, len(outcomes) / len(entries)))
+    if len(outcomes) < len(entries):
+        raise Interrupted(
+            f"interrupted after {len(outcomes)} of {len(entries)} specimens, all saved in "
+            f"{folder}; the same command continues",
+            stop(),
+        )
+    return outcomes
 
-    def _finished_before(self) -> dict[str, str]:
-        """Fingerprints of finished runs; empty if the record cannot be read."""
-        try:
-            record = json.loads((self.folder / STUDY).read_text(encoding="utf-8"))
-            return {str(k): str(v) for k, v in record["done"].items()}
-        except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
-            return {}
 
-    def _save(self, done: dict[str, str]) -> None:
-        """Write the fingerprints of the finished runs, and the additional columns of the study."""
-        record = {"biaxbayes": biaxbayes.__version__, "name": self.study.name, "done": done}
-        if self.study.columns:
-            values = {e.label: dict(e.columns) for e in self.study.specimens}
-            record |= {"columns": list(self.study.columns), "stated": values}
-        atomic_write_text(self.folder / STUDY, json.dumps(record, indent=2) + "\n")
+def _recorded_runs(folder: Path) -> dict[str, str]:
+    """Fingerprints of finished runs; empty if the record cannot be read."""
+    try:
+        record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
+        return {str(k): str(v) for k, v in record["done"].items()}
+    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
+        return {}
+
+
+def _record_runs(study: Study, folder: Path, finished: dict[str, str]) -> None:
+    """Write the fingerprints of the finished runs, and the additional columns of the study."""
+    record = {"biaxbayes": biaxbayes.__version__, "name": study.name, "done": finished}
+    if study.columns:
+        values = {e.label: dict(e.columns) for e in study.specimens}
+        record |= {"columns": list(study.columns), "stated": values}
+    atomic_write_text(folder / STUDY, json.dumps(record, indent=2) + "\n")
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -390,14 +388,14 @@ def command(
     study: Any = sources
     mounting_force = given.pop("mounting_force")
     studies = [path for path in sources if path.suffix.lower() == ".toml"]
-    if studies and len(sources) > 1:
-        raise InputError(
-            "a study file cannot be combined with other files",
-            file=studies[0],
-            remedy="list all specimens in it",
-        )
     if studies:
         study = studies[0]
+        if len(sources) > 1:
+            raise InputError(
+                "a study file cannot be combined with other files",
+                file=study,
+                remedy="list all specimens in it",
+            )
         for name, key in IN_FILE.items():
             opt.refuse_given(
                 context,

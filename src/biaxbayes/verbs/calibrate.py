@@ -7,7 +7,7 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, p
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.file_lock import folder_lock
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value
 from biaxbayes.model.search import draw_posterior
@@ -29,7 +28,7 @@ from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, t
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import clear_leftovers, stored_identity
+from biaxbayes.runs.folder import stored_identity
 from biaxbayes.runs.provenance import EARLIER, specimen_digest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
@@ -40,6 +39,7 @@ from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 SAVE_SECONDS = 5.0
+RECORD, RANKS = "study.json", "ranks.csv"
 COLUMNS = (
     "replication",
     "parameter",
@@ -119,125 +119,55 @@ AS_SAMPLED: dict[str, Any] = {
 }
 
 
-@dataclass
-class CalibrationStudy:
-    """A study and its folder."""
-
-    study: Study
-    folder: Path
-    replications: int
-    executor: Executor = field(default_factory=InThisProcess)
-
-    def execute(
-        self,
-        *,
-        resume: bool = False,
-        progress: OnProgress = inputs.no_progress,
-        stop: Stop = inputs.no_stop,
-    ) -> Outcome:
-        """Run the replications that are missing, and write every file."""
-        inputs.claim_folder(self.folder, {"study.json"}, "a study's")
-        with folder_lock(self.folder):
-            clear_leftovers(self.folder)
-            rows = self._start(resume)
-            self._run(rows, progress, stop)
-            progress(Progress("writing"))
-            return self._finish(rows)
-
-    def _start(self, resume: bool) -> dict[int, list[dict[str, Any]]]:
-        """Rows of the replications already done, by replication."""
-        stored, ranks = self.folder / "study.json", self.folder / "ranks.csv"
-        identity = study_identity(self.study)
-        digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-        rows: dict[int, list[dict[str, Any]]] = {}
-        if resume and stored.exists() and ranks.exists():
-            if stored_identity(stored) != digest:
-                raise RunError(
-                    f"{self.folder}: holds another study (specimen, options, priors, seed or "
-                    "version differ); choose another `out`, or leave out `resume`"
-                )
-            for row in read_ranks(ranks).to_dict("records"):
-                named = {str(key): value for key, value in row.items()}
-                rows.setdefault(int(named["replication"]), []).append(named)
-        atomic_write_text(stored, json.dumps({**identity, "identity": digest}, indent=2) + "\n")
-        atomic_write_text(
-            self.folder / "priors.toml",
-            priors_toml(self.study.priors, self.study.specimen.unit, self.study.law),
-        )
-        if not rows:
-            _write_ranks(ranks, rows)
-        return rows
-
-    def _run(self, rows: dict[int, list[dict[str, Any]]], progress: OnProgress, stop: Stop) -> None:
-        missing = [i for i in range(self.replications) if i not in rows]
-        if not missing:
-            return
-        progress(Progress("compiling (once; cached for later runs)"))
-        saved = time.monotonic()
-        done = self.replications - len(missing)
-        for replication in run_replications(self.study, missing, executor=self.executor, stop=stop):
-            rows[replication.index] = rows_of(replication, self.study.quantities)
+def run_calibration(
+    study: Study,
+    folder: Path,
+    replications: int,
+    executor: Executor | None = None,
+    *,
+    resume: bool = False,
+    progress: OnProgress = inputs.no_progress,
+    stop: Stop = inputs.no_stop,
+) -> Outcome:
+    """Run the replications that are missing, and write every file."""
+    with inputs.claimed_folder(folder, {RECORD}, "a study's"):
+        rows = _stored_rows(study, folder, resume=resume)
+        missing = [i for i in range(replications) if i not in rows]
+        if missing:
+            progress(Progress("compiling (once; cached for later runs)"))
+        saved, done = time.monotonic(), replications - len(missing)
+        executor = executor or InThisProcess()
+        for replication in run_replications(study, missing, executor=executor, stop=stop):
+            rows[replication.index] = rows_of(replication, study.quantities)
             done += 1
-            progress(
-                Progress(f"replication {done} of {self.replications}", done / self.replications)
-            )
+            progress(Progress(f"replication {done} of {replications}", done / replications))
             if time.monotonic() - saved > SAVE_SECONDS:
-                _write_ranks(self.folder / "ranks.csv", rows)
+                write_csv(folder / RANKS, _frame(rows))
                 saved = time.monotonic()
-        _write_ranks(self.folder / "ranks.csv", rows)
-        if done < self.replications:
+        write_csv(folder / RANKS, _frame(rows))
+        if done < replications:
             raise Interrupted(
-                f"interrupted after {done} of {self.replications} replications, all saved in "
-                f"{self.folder}; the same command with `resume=True` continues",
+                f"interrupted after {done} of {replications} replications, all saved in "
+                f"{folder}; the same command with `resume=True` continues",
                 stop(),
             )
-
-    def _finish(self, rows: dict[int, list[dict[str, Any]]]) -> Outcome:
+        progress(Progress("writing"))
         ranks = _frame(rows)
-        ranks = ranks[ranks["replication"] < self.replications]
-        states = ranks.drop_duplicates("replication")["state"].value_counts().to_dict()
+        ranks = ranks[ranks["replication"] < replications]
         ranked = ranks[ranks["rank"].notna()]
         if ranked.empty:
             reason = str(ranks["reason"].iloc[0]) if len(ranks) else "no replication"
             raise NotConverged(f"no replication could be sampled: {reason}")
         table = calibration_table(ranked, RANKED_DRAWS)
-        write_csv(self.folder / "calibration.csv", table, digits=4)
-        save_pictures(rank_figure(ranked, RANKED_DRAWS), self.folder, "calibration")
-        calibrated, p = verdict(table)
-        return Outcome(table, {str(k): int(v) for k, v in states.items()}, calibrated, p)
+        write_csv(folder / "calibration.csv", table, digits=4)
+        save_pictures(rank_figure(ranked, RANKED_DRAWS), folder, "calibration")
+    states = ranks.drop_duplicates("replication")["state"].value_counts().to_dict()
+    return Outcome(table, {str(k): int(v) for k, v in states.items()}, *verdict(table))
 
 
-def rows_of(replication: Replication, known: Quantities) -> list[dict[str, Any]]:
-    """Rows of ``ranks.csv`` of one replication."""
-    names = list(replication.rank) or list(replication.truth)
-    common = {
-        "state": replication.state,
-        "reason": replication.reason,
-        "worst_ess": replication.worst_ess,
-        "worst_rhat": replication.worst_rhat,
-        "beta": replication.beta,
-        "rejected_draws": replication.rejected,
-        "seconds": round(replication.seconds, 3),
-    }
-    return [
-        {
-            "replication": replication.index,
-            "parameter": name,
-            "unit": known[name].unit.replace("1", "-") if name in known else "-",
-            "truth": replication.truth[name],
-            "rank": replication.rank.get(name, math.nan),
-            "below": replication.below.get(name, math.nan),
-            "median": replication.median.get(name, math.nan),
-            "sd": replication.sd.get(name, math.nan),
-            **common,
-        }
-        for name in names
-    ]
-
-
-def study_identity(study: Study) -> dict[str, Any]:
-    """Values that determine the replications of a study."""
-    return {
+def _stored_rows(study: Study, folder: Path, *, resume: bool) -> dict[int, list[dict[str, Any]]]:
+    """Rows of the replications already done, by replication; the record of the study is written."""
+    identity = {
         "specimen": study.specimen.name,
         "specimen_sha256": specimen_digest(study.specimen),
         "options": dict(study.options),
@@ -252,6 +182,48 @@ def study_identity(study: Study) -> dict[str, Any]:
         "broken": study.broken,
         "biaxbayes": biaxbayes.__version__,
     }
+    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    rows: dict[int, list[dict[str, Any]]] = {}
+    if resume and (folder / RECORD).exists() and (folder / RANKS).exists():
+        if stored_identity(folder / RECORD) != digest:
+            raise RunError(
+                f"{folder}: holds another study (specimen, options, priors, seed or version "
+                "differ); choose another `out`, or leave out `resume`"
+            )
+        for row in read_ranks(folder / RANKS).to_dict("records"):
+            rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
+    # First, since rows of another study must not stand beside this record.
+    write_csv(folder / RANKS, _frame(rows))
+    text = json.dumps({**identity, "identity": digest}, indent=2)
+    atomic_write_text(folder / RECORD, text + "\n")
+    priors = priors_toml(study.priors, study.specimen.unit, study.law)
+    atomic_write_text(folder / "priors.toml", priors)
+    return rows
+
+
+def rows_of(replication: Replication, known: Quantities) -> list[dict[str, Any]]:
+    """Rows of ``ranks.csv`` of one replication."""
+    r = replication
+    return [
+        {
+            "replication": r.index,
+            "parameter": name,
+            "unit": known[name].unit.replace("1", "-") if name in known else "-",
+            "truth": r.truth[name],
+            "rank": r.rank.get(name, math.nan),
+            "below": r.below.get(name, math.nan),
+            "median": r.median.get(name, math.nan),
+            "sd": r.sd.get(name, math.nan),
+            "state": r.state,
+            "reason": r.reason,
+            "worst_ess": r.worst_ess,
+            "worst_rhat": r.worst_rhat,
+            "beta": r.beta,
+            "rejected_draws": r.rejected,
+            "seconds": round(r.seconds, 3),
+        }
+        for name in (r.rank or r.truth)
+    ]
 
 
 def read_ranks(path: Path) -> pd.DataFrame:
@@ -275,10 +247,6 @@ def read_ranks(path: Path) -> pd.DataFrame:
 def _frame(rows: dict[int, list[dict[str, Any]]]) -> pd.DataFrame:
     flat = [row for index in sorted(rows) for row in rows[index]]
     return pd.DataFrame(flat, columns=list(COLUMNS))
-
-
-def _write_ranks(path: Path, rows: dict[int, list[dict[str, Any]]]) -> None:
-    write_csv(path, _frame(rows))
 
 
 # --- the verb ------------------------------------------------------------------------------------
@@ -319,8 +287,9 @@ def calibrate(
     model = InferringOptions.from_values(others).keywords()
     executor = executor_for(workers, scheduler)
     study = make_study(inputs.open_specimen(specimen, mounting_force), model, plan)
-    in_folder = CalibrationStudy(study, Path(out), plan.replications, executor)
-    return in_folder.execute(resume=resume, progress=progress, stop=stop)
+    return run_calibration(
+        study, Path(out), plan.replications, executor, resume=resume, progress=progress, stop=stop
+    )
 
 
 @click.command("calibrate")

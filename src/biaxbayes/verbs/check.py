@@ -108,27 +108,21 @@ def check(
         findings += [misfit_finding(data, best), *([swapped] if swapped else [])]
         better = quick_better_law(data)
         findings += [Finding("other-law", "note", better)] if better else []
-    if figure is not None:
+    if figure is not None or sketch is not None:
+        from biaxbayes.figures.mounting import sketch_figure
         from biaxbayes.figures.specimen import specimen_figure
         from biaxbayes.figures.style import save_figure
-
+    if figure is not None:
         save_figure(specimen_figure(data), Path(figure))
     if sketch is not None:
-        _save_sketch(data, Path(sketch))
+        if not data.has_hooks:
+            raise InputError(
+                "`sketch` draws hooks, and the header states none",
+                file=data.name,
+                remedy="add lines such as '# grips: hooks 5' and '# grip_inset_mm: 1.5'",
+            )
+        save_figure(sketch_figure(data), Path(sketch))
     return Checked(data, sorted_findings(findings))
-
-
-def _save_sketch(specimen: Specimen, path: Path) -> None:
-    from biaxbayes.figures.mounting import sketch_figure
-    from biaxbayes.figures.style import save_figure
-
-    if not specimen.has_hooks:
-        raise InputError(
-            "`sketch` draws hooks, and the header states none",
-            file=specimen.name,
-            remedy="add lines such as '# grips: hooks 5' and '# grip_inset_mm: 1.5'",
-        )
-    save_figure(sketch_figure(specimen), path)
 
 
 GRIPS_NOT_STATED = (
@@ -251,21 +245,6 @@ def _print_checked(result: Checked) -> None:
     for key, value in specimen.metadata.items():
         click.echo(f"  {key}: {value}")
     click.echo("")
-    for line in _protocol_table(about):
-        click.echo(line)
-    click.echo("")
-    for finding in findings:
-        click.echo(
-            textwrap.fill(str(finding), width=96, subsequent_indent="    ", break_long_words=False)
-        )
-    errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
-    if errors:
-        click.echo("'sample' refuses it without --anyway")
-    if count or not errors:
-        click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")
-
-
-def _protocol_table(about: dict[str, Any]) -> list[str]:
     force = f"mounting force x, y ({about['unit']})"
     lines = [["protocol", "rows", "at rest", "stretch x", "stretch y", force]]
     for p in about["protocols"]:
@@ -276,4 +255,15 @@ def _protocol_table(about: dict[str, Any]) -> list[str]:
                 f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"
             )
         lines.append([p["name"], str(p["rows"]), str(p["rest_rows"]), *ranges, forces])
-    return [f"  {line}" for line in aligned(lines)]
+    for line in aligned(lines):
+        click.echo(f"  {line}")
+    click.echo("")
+    for finding in findings:
+        click.echo(
+            textwrap.fill(str(finding), width=96, subsequent_indent="    ", break_long_words=False)
+        )
+    errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
+    if errors:
+        click.echo("'sample' refuses it without --anyway")
+    if count or not errors:
+        click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")

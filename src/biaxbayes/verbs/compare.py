@@ -63,7 +63,12 @@ def compare(
     from biaxbayes.verbs.sample import sample
 
     ModelOptions.from_values(SamplingPlan.split(options)[1])
-    _check(runs, labels)
+    if len(runs) < 2:
+        raise InputError("a comparison needs at least two runs")
+    if labels is not None and (len(labels) != len(runs) or not all(labels)):
+        raise InputError(
+            f"`labels` names {len(labels)} runs of {len(runs)}", remedy="give one label per run"
+        )
     opened = []
     for source in runs:
         if inputs.is_run(source):
@@ -95,16 +100,6 @@ def compare(
     if out is not None:
         write_comparison(result, Path(out))
     return result
-
-
-def _check(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
-    """Refuse fewer than two runs, or labels that do not match them."""
-    if len(runs) < 2:
-        raise InputError("a comparison needs at least two runs")
-    if labels is not None and (len(labels) != len(runs) or not all(labels)):
-        raise InputError(
-            f"`labels` names {len(labels)} runs of {len(runs)}", remedy="give one label per run"
-        )
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -148,7 +143,6 @@ def command(
     """
     given = opt.with_priors(**given)
     names = None if labels is None else [name.strip() for name in labels.split(",")]
-    _check(sources, names)
     runs = [opt.open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
     with opt.shown_work(quiet) as work:
         result = compare(runs, labels=names, out=out, anyway=anyway, **work, **given)
@@ -160,6 +154,8 @@ def command(
 
 
 def _print_comparison(result: Comparison, out: Path) -> None:
+    import pandas as pd
+
     from biaxbayes.comparison.compare import WARNING
     from biaxbayes.identifiability.reported import report_rows, row_lines
 
@@ -180,15 +176,11 @@ def _print_comparison(result: Comparison, out: Path) -> None:
         for r in most.to_dict("records"):
             unit = "" if r["unit"] == "1" else str(r["unit"])
             ends = f"{r['difference_q05']:.4g} to {r['difference_q95']:.4g} {unit}".rstrip()
-            cells.append([_name(r), ends, f"{r['standardised']:+.1f}"])
+            at = "" if pd.isna(r["total_stretch"]) else f" at {r['total_stretch']:.4g}"
+            cells.append([f"{r['quantity']}{at}", ends, f"{r['standardised']:+.1f}"])
         for line in aligned(cells, right=(2,)):
             click.echo(f"    {line}")
     for note in result.notes:
         click.echo(f"note: {note}")
     click.echo(f"note: {WARNING}")
     click.echo(f"\n{out / 'compare.html'}")
-
-
-def _name(row: dict[Any, Any]) -> str:
-    at = row["total_stretch"]
-    return str(row["quantity"]) if at != at or at is None else f"{row['quantity']} at {at:.4g}"

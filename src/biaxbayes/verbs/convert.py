@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.choice import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
+from biaxbayes.machines.choice import FORMATS, STRETCH_SOURCES, Choice
+from biaxbayes.options import takes_options
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
-from biaxbayes.tables.units import STRAINS, likely_name, units_of
+from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, check_new
-from biaxbayes.verbs.options import Decorator, argument, choice_option, file_option, flag
+from biaxbayes.verbs.options import Decorator, argument, file_option, flag, options
 
 if TYPE_CHECKING:
-    from biaxbayes.machines.choice import Choice
     from biaxbayes.machines.conversion import Conversion
 
 
+@takes_options(Choice)
 def convert(
     raw: PathLike | Sequence[PathLike],
     choice: Choice | None = None,
@@ -31,7 +32,7 @@ def convert(
     protocol_names: Sequence[str] = (),
     out: PathLike | None = None,
     overwrite: bool = False,
-    **choices: Any,
+    **options: Any,
 ) -> Conversion:
     """Read machine exports as the protocols of one specimen, and write it to ``out``.
 
@@ -50,9 +51,8 @@ def convert(
         The specimen file to write; it is written only if it can be read again.
     overwrite : bool
         Replace a file of that name.
-    **choices
-        ``machine``, ``columns``, ``cycle``, ``branch``, ``stretch_from``, ``sets`` and ``sheets``,
-        as in :class:`~biaxbayes.machines.choice.Choice`. A text counts as a list of one.
+    **options
+        As in :class:`~biaxbayes.machines.choice.Choice`. A text counts as a list of one.
 
     Returns
     -------
@@ -66,11 +66,36 @@ def convert(
     """
     from biaxbayes.machines.conversion import convert as conversion
 
-    choice = _choice(choice, choices)
+    if choice is not None and options:
+        raise InputError(
+            f"{next(iter(options))} cannot be combined with a Choice", remedy="give one"
+        )
+    if choice is None:
+        if "machine" not in options:
+            raise InputError(
+                "no machine is given", remedy=f"machine={' or '.join(map(repr, FORMATS))}"
+            )
+        several: dict[str, Any] = {
+            name: (options[name],) if isinstance(options[name], str) else tuple(options[name])
+            for name in ("columns", "sets", "sheets")
+            if name in options
+        }
+        choice = Choice.from_values({**options, **several})
+    choice = _checked_choice(choice)
     paths = [raw] if isinstance(raw, str | Path) else raw
     files, target = [Path(path) for path in paths], None if out is None else Path(out)
-    _check_choice(choice)
-    _check_raw(files, target)
+    seen: set[Path] = set()
+    for path in files:
+        try:
+            real = path.resolve()
+            same = target is not None and real == target.resolve()
+        except (OSError, RuntimeError, ValueError):
+            continue  # the reader says what is wrong with it
+        if same:
+            raise InputError("would be overwritten", file=path, remedy="choose another `out`")
+        if real in seen:
+            raise InputError("is given twice", file=path, remedy="name each file once")
+        seen.add(real)
     if target is not None:
         check_new(target, overwrite)
     known_keys = (*HEADER_OPTIONS, *METADATA_KEYS)
@@ -84,15 +109,7 @@ def convert(
             )
         if value is not None and str(value).strip():
             values[key] = checked_value(key, value)
-    cycle = str(choice.cycle)
-    if cycle != "last":
-        if not (cycle.isascii() and cycle.isdigit() and len(cycle) < 10 and int(cycle) > 0):
-            raise InputError(
-                f"`cycle` {cycle[:20]!r} is not a cycle", remedy="give a number or 'last'"
-            )
-        cycle = str(int(cycle))
-    chosen = replace(choice, cycle=cycle)
-    result = conversion(files, chosen, header=values, protocol_names=list(protocol_names))
+    result = conversion(files, choice, header=values, protocol_names=list(protocol_names))
     if target is None:
         return result
     text = specimen_text(result.specimen, result.recorded)
@@ -101,62 +118,28 @@ def convert(
     return replace(result, specimen=specimen)
 
 
-def _choice(choice: Choice | None, given: Mapping[str, Any]) -> Choice:
-    """The choice from either a Choice or its fields as keywords."""
-    from biaxbayes.machines.choice import Choice
-
-    if choice is not None:
-        if given:
-            raise InputError(
-                f"{next(iter(given))} cannot be combined with a Choice", remedy="give one"
-            )
-        return choice
-    known = Choice.__dataclass_fields__
-    for name in given:
-        if name not in known:
-            raise InputError(f"unknown option {name[:60]!r}", remedy=f"one of {', '.join(known)}")
-    if "machine" not in given:
-        raise InputError("no machine is given", remedy=f"machine={' or '.join(map(repr, FORMATS))}")
-    several = {
-        name: (given[name],) if isinstance(given[name], str) else tuple(given[name])
-        for name in ("columns", "sets", "sheets")
-        if name in given
-    }
-    chosen: dict[str, Any] = {**given, **several}
-    return Choice(**chosen)
-
-
-def _check_choice(choice: Choice) -> None:
-    """Refuse options that belong to another machine format."""
+def _checked_choice(choice: Choice) -> Choice:
+    """Refuse options of another machine format, and a cycle that is no number."""
     values = {
         "--columns": choice.columns,
         "--set": choice.sets,
         "--stretch-from": choice.stretch_from != STRETCH_SOURCES[0],
     }
-    given = {option for option, value in values.items() if value}
     own = FORMATS[choice.machine].options if choice.machine in FORMATS else ()
-    for name, format_ in FORMATS.items():
+    for machine, format_ in FORMATS.items():
         foreign = [option for option in format_.options if option not in own]
-        if given.intersection(foreign):
+        if any(values[option] for option in foreign):
             verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
             raise InputError(
-                f"{' and '.join(foreign)} {verb} for `machine={name}`", remedy=f"leave {them} out"
+                f"{' and '.join(foreign)} {verb} for `machine={machine}`",
+                remedy=f"leave {them} out",
             )
-
-
-def _check_raw(raw: Sequence[Path], out: Path | None) -> None:
-    seen: set[Path] = set()
-    for path in raw:
-        try:
-            real = path.resolve()
-            same = out is not None and real == out.resolve()
-        except (OSError, RuntimeError, ValueError):
-            continue  # the reader says what is wrong with it
-        if same:
-            raise InputError("would be overwritten", file=path, remedy="choose another `out`")
-        if real in seen:
-            raise InputError("is given twice", file=path, remedy="name each file once")
-        seen.add(real)
+    cycle = str(choice.cycle)
+    if cycle == "last":
+        return choice
+    if not (cycle.isascii() and cycle.isdigit() and len(cycle) < 10 and int(cycle) > 0):
+        raise InputError(f"`cycle` {cycle[:20]!r} is not a cycle", remedy="give a number or 'last'")
+    return replace(choice, cycle=str(int(cycle)))
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -209,57 +192,12 @@ def header_options() -> Decorator:
     help="; ".join(f"{name}: {format_.description}" for name, format_ in FORMATS.items()) + ".",
 )
 @file_option("out", "Specimen file.", required=True)
-@click.option(
-    "--columns",
-    multiple=True,
-    metavar="TARGET=COLUMN[:UNIT],...",
-    help="generic: stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,... Targets are stretch_x, _y, "
-    "force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, protocol, cycle, shear_xy, shear_yx. "
-    "Units and kinds of strain are read from the column's name where it is clear, or given behind "
-    f"a colon: {units_of('force', 'stress', 'length', 'displacement', *STRAINS, 'time')}.",
+@options(
+    Choice,
+    columns={"multiple": True, "show_default": False},
+    sets={"multiple": True, "show_default": False},
+    sheets={"multiple": True, "show_default": False},
 )
-@click.option(
-    "--gauge-x-mm",
-    type=float,
-    metavar="MM",
-    help="Length between marks or grips in x where the displacement is zero.",
-)
-@click.option("--gauge-y-mm", type=float, metavar="MM", help="The same in y.")
-@click.option(
-    "--gauge-at",
-    type=click.Choice(GAUGE_AT),
-    help="Where the gauge length was measured if the displacement does not start at zero: at "
-    "displacement zero, or at the first row of the file.",
-)
-@click.option("--cycle", default="last", show_default=True, metavar="last|N", help="Cycle to take.")
-@choice_option("branch", BRANCHES)
-@choice_option(
-    "stretch-from",
-    STRETCH_SOURCES,
-    "biotester: points tracked on the tissue, or the distance of the rakes.",
-    name="stretch_from",
-)
-@click.option(
-    "--set",
-    "sets",
-    multiple=True,
-    metavar="NAME|all",
-    help="biotester: sets to take as protocols (default: the last).",
-)
-@click.option(
-    "--sheet",
-    "sheets",
-    multiple=True,
-    metavar="NAME|all",
-    help="Sheet of a workbook (struct of a .mat, group of a .tdms file), a protocol each; "
-    "repeatable.",
-)
-@click.option(
-    "--tension-negative",
-    type=click.Choice(DIRECTIONS),
-    help="Directions whose load cell counts tension negative: their sign is reversed.",
-)
-@flag("drop-missing", "Leave out rows in which a reading is missing, and count them.")
 @click.option(
     "--protocol-names", metavar="NAME,...", help="One per protocol (default: names of the files)."
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
 from biaxbayes.verbs.options import (
@@ -22,9 +22,6 @@ from biaxbayes.verbs.options import (
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from biaxbayes.laws.law import Law
-    from biaxbayes.specimens.specimen import Specimen
 
 DRAW_AT = ("median", "map")
 NEW_SPECIMENS = 20
@@ -139,21 +136,29 @@ def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
 def _export_population(
     folder: Path, group: str, program: str, chosen: CardOptions, out: Path, anyway: bool
 ) -> pd.DataFrame:
-    """Write cards of new specimens of a group; ``mean`` has the one nearest the median curves."""
+    """Write cards of new specimens of a group; ``mean-curve`` has the one nearest the median."""
     from biaxbayes.cards.export import export_cards
     from biaxbayes.laws import law_named
     from biaxbayes.parameters import mounting_names
     from biaxbayes.prediction.draws import chosen_draws
-    from biaxbayes.verbs.population_files import read_population
+    from biaxbayes.specimens.protocol import Protocol
+    from biaxbayes.specimens.specimen import Specimen
+    from biaxbayes.verbs.population_files import new_materials, read_population
 
     if read_population(folder).state == "unusable" and not anyway:
         raise NotConverged(
             f"{folder}: the chains of this population have not converged; sample longer, or add "
             "`anyway=True` to use them nevertheless"
         )
-    table, attributes = _new_materials(folder, group)
+    table, attributes = new_materials(folder, group)
     law = law_named(str(attributes["law"]), fibre_switch=bool(attributes["fibre_switch"]))
-    specimen = _equibiaxial(group, law, table, float(attributes["largest_stretch"]))
+    # Median equibiaxial curves of the group as a specimen; the cards are checked at its states.
+    stretch = np.linspace(1.0, float(attributes["largest_stretch"]), 61)
+    with np.errstate(over="ignore", invalid="ignore"):
+        stress = law.material(table).cauchy(stretch[None], stretch[None])
+    x, y = (np.median(np.nan_to_num(s, nan=np.inf), axis=0) for s in stress)
+    curves = Protocol("equibiaxial", stretch, stretch, x, y)
+    specimen = Specimen(group, (curves,), "cauchy", "unloaded")
     # Stretches are total ones: the unloaded state is the reference.
     table = table.assign(**dict.fromkeys(mounting_names("stretch"), 1.0))
     mean, _ = chosen_draws(table, specimen, law, at="median")
@@ -170,43 +175,6 @@ def _export_population(
     origin += " with the curves nearest the median curves"
     export_cards(table, specimen, law, mean, out / MEAN_CURVE, origin=origin, **how)
     return manifest
-
-
-def _new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Materials of new specimens of a group, and the attributes of the archive."""
-    import pandas as pd
-    import xarray as xr
-
-    from biaxbayes.runs.archive import SuspiciousArchive, check_archive
-
-    path = folder / "population.nc"
-    try:
-        check_archive(path)
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            materials = tree["new_specimens"]["material"].load()
-            attributes = {str(k): v for k, v in tree.attrs.items()}
-        groups = [str(g) for g in materials["group"].to_numpy()]
-        names = [str(n) for n in materials["parameter"].to_numpy()]
-        values = materials.to_numpy()
-    except (OSError, KeyError, ValueError, SuspiciousArchive) as error:
-        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
-    if group not in groups:
-        raise InputError(
-            f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"
-        )
-    return pd.DataFrame(values[groups.index(group)], columns=names), attributes
-
-
-def _equibiaxial(group: str, law: Law, table: pd.DataFrame, top: float) -> Specimen:
-    """Median curves of the group as a specimen; the cards are checked at its states."""
-    from biaxbayes.specimens.protocol import Protocol
-    from biaxbayes.specimens.specimen import Specimen
-
-    stretch = np.linspace(1.0, top, 61)
-    with np.errstate(over="ignore", invalid="ignore"):
-        stress = law.material(table).cauchy(stretch[None], stretch[None])
-    x, y = (np.median(np.nan_to_num(s, nan=np.inf), axis=0) for s in stress)
-    return Specimen(group, (Protocol("equibiaxial", stretch, stretch, x, y),), "cauchy", "unloaded")
 
 
 # --- the command ---------------------------------------------------------------------------------

@@ -54,16 +54,20 @@ def fit(
     InputError
         For an unknown method, option or fixed parameter.
     """
-    from biaxbayes.fitting.fit import fit as fitted
+    from biaxbayes.fitting.fit import fit as fit_by
+    from biaxbayes.fitting.fit import fit_all as fit_by_all
 
+    chosen = dict(vars(FitOptions.from_values(options)))
     if method == ALL_FITS:
-        return fit_all(specimen, mounting_force=mounting_force, out=out, **options)
-    chosen = FitOptions.from_values(options)
-    data = corrected_specimen(open_specimen(specimen, mounting_force), **vars(chosen))
-    result = fitted(data, method, **vars(chosen))
+        del chosen["initial"]
+    data = corrected_specimen(open_specimen(specimen, mounting_force), **chosen)
+    if method == ALL_FITS:
+        results = fit_by_all(data, **chosen)
+    else:
+        results = [fit_by(data, method, **chosen)]
     if out is not None:
-        _write_fits(data, [result], out)
-    return result
+        _write_fits(data, results, out)
+    return results if method == ALL_FITS else results[0]
 
 
 @takes_options(FitOptions, without=("initial",))
@@ -74,16 +78,13 @@ def fit_all(
     out: PathLike | None = None,
     **options: Any,
 ) -> list[FitResult]:
-    """Fit by every method that the specimen allows; arguments as in :func:`fit`."""
-    from biaxbayes.fitting.fit import fit_all as fitted
+    """Fit by every method that the specimen allows; arguments as in :func:`fit`.
 
-    chosen = dict(vars(FitOptions.from_values(options)))
-    del chosen["initial"]
-    data = corrected_specimen(open_specimen(specimen, mounting_force), **chosen)
-    results = fitted(data, **chosen)
-    if out is not None:
-        _write_fits(data, results, out)
-    return results
+    **options
+        As in :class:`~biaxbayes.options.FitOptions`, without ``initial``.
+    """
+    fits = fit(specimen, ALL_FITS, mounting_force=mounting_force, out=out, **options)
+    return fits if isinstance(fits, list) else [fits]
 
 
 def corrected_specimen(specimen: Specimen, **options: Any) -> Specimen:
@@ -115,7 +116,7 @@ def _write_fits(
     rows = []
     for result in fits:
         row = _record(result, truth)
-        for name in ("mounting_stretch_x", "mounting_stretch_y"):
+        for name in STRETCHES:
             value = row.pop(name)
             if isinstance(value, list):
                 row |= {
@@ -212,6 +213,8 @@ def command(
     return opt.NOT_CONVERGED if missed else 0
 
 
+UNMOUNTED = ("standard", "zeroed")
+"""Methods without a mounting stretch."""
 STRETCHES = ("mounting_stretch_x", "mounting_stretch_y")
 COARSE = {"deg": "{:.2f}", "1": "{:.4f}"}
 """Formats of angles and of dimensionless parameters that are not logarithmic."""
@@ -236,19 +239,17 @@ def _print_fits(
     for note in specimen.notes:
         console.print(f"note: {note}", markup=False)
     console.print(_table(specimen, fits, fixed, truth))
-    if any(result.at_bound for result in fits):
-        console.print("* ended on a bound", markup=False)
-    if fixed:
-        console.print("= fixed", markup=False)
-    for result in fits:
-        console.print(f"{result.method}: {FIT_WORDS[result.method]}", markup=False)
-    console.print(WHICH_FIT, markup=False)
-    if any(result.method in ("standard", "zeroed") for result in fits):
-        console.print(
+    lines = ["* ended on a bound"] if any(result.at_bound for result in fits) else []
+    lines += ["= fixed"] if fixed else []
+    lines += [f"{result.method}: {FIT_WORDS[result.method]}" for result in fits]
+    lines.append(WHICH_FIT)
+    if any(result.method in UNMOUNTED for result in fits):
+        lines.append(
             "R2, RMSE and MAE compare the Cauchy stress with the data at the mounting stretch of "
-            "the fit; for standard and zeroed they do not show the distance from the tissue.",
-            markup=False,
+            "the fit; for standard and zeroed they do not show the distance from the tissue."
         )
+    for line in lines:
+        console.print(line, markup=False)
 
 
 def _table(
@@ -267,20 +268,15 @@ def _table(
     table.add_column("", no_wrap=True)
     for result in fits:
         table.add_column(result.method, justify="right", no_wrap=True)
-    records = [_record(result, truth) for result in fits]
     # label, unit, key of the record and format
     rows = [
-        (
-            p.name,
-            "" if p.unit == "1" else p.unit,
-            p.label,
-            "{:.4g}" if p.logarithmic else COARSE[p.unit],
-        )
+        (p.name, p.unit.replace("1", ""), p.label, "{:.4g}" if p.logarithmic else COARSE[p.unit])
         for p in fits[0].material.law.parameters
     ]
     rows += AFTER
     if truth is not None:
         rows.append(("parameter error", "", "parameter_error", "{:.4g}"))
+    records = [_record(result, truth) for result in fits]
     for label, unit, key, form in rows:
         cells = []
         for result, record in zip(fits, records, strict=True):
@@ -288,7 +284,7 @@ def _table(
             values = value if isinstance(value, list) else [value]
             shown = ["-" if value is None else form.format(value) for value in values]
             mark = "*" if label in result.at_bound else "=" if label in fixed else ""
-            if key in STRETCHES and result.method in ("standard", "zeroed"):
+            if key in STRETCHES and result.method in UNMOUNTED:
                 shown = ["-"]
             cells.append("\n".join(shown) + mark)
         table.add_row(f"{label} {unit}".rstrip(), *cells)

@@ -11,8 +11,8 @@ import numpy as np
 
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.parameters import STRETCH
+from biaxbayes.progress_bar import OnProgress as OnProgress
 from biaxbayes.progress_bar import Progress
-from biaxbayes.specimens.check import check_round_trip as check_round_trip
 from biaxbayes.specimens.check import with_force
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import Specimen
@@ -26,7 +26,6 @@ PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
 
-OnProgress = Callable[[Progress], None]
 Stop = Callable[[], int]
 
 
@@ -56,27 +55,23 @@ def opened_run(run: RunLike) -> Run:
 
 
 def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
-    """A run whose draws can be computed with."""
+    """A run whose draws can be computed with: converged, and none missing or out of range."""
     opened = opened_run(run)
-    _check_draws(opened)
+    # A run folder is untrusted input.
+    needed = {p.name: p for p in (*opened.law.parameters, *opened.settings.error_model.parameters)}
+    stretches = opened.quantities.of_kind(STRETCH)
+    known = needed | {q.name: q.parameter for q in stretches if q.name in opened.draws}
+    for name, p in known.items():
+        values = opened.draws[name].to_numpy(dtype=float) if name in opened.draws else np.empty(0)
+        if not (values.size and np.isfinite(values).all() and p.holds(values)):
+            problem = "missing or out of range" if name in needed else "out of range"
+            raise RunError(f"{opened.path}: its draws of {name} are {problem}")
     if opened.state == "unusable" and not anyway:
         raise NotConverged(
             f"{opened.path}: the chains of this run have not converged, so its draws must not be "
             "used; sample longer, or add `anyway=True` to use them nevertheless"
         )
     return opened
-
-
-def _check_draws(run: Run) -> None:
-    """Refuse draws that are missing or out of range: a run folder is untrusted input."""
-    needed = {p.name: p for p in (*run.law.parameters, *run.settings.error_model.parameters)}
-    stretches = run.quantities.of_kind(STRETCH)
-    known = needed | {q.name: q.parameter for q in stretches if q.name in run.draws}
-    for name, p in known.items():
-        values = run.draws[name].to_numpy(dtype=float) if name in run.draws else np.empty(0)
-        if not (values.size and np.isfinite(values).all() and p.holds(values)):
-            problem = "missing or out of range" if name in needed else "out of range"
-            raise RunError(f"{run.path}: its draws of {name} are {problem}")
 
 
 def is_run(source: RunLike | SpecimenLike) -> bool:
@@ -98,10 +93,14 @@ def make_folder(path: PathLike) -> Path:
     return folder
 
 
-def claim_folder(
+@contextlib.contextmanager
+def claimed_folder(
     folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
-) -> set[str]:
-    """Make an output folder that is new, or holds one of `records` or nothing but `own` names."""
+) -> Iterator[None]:
+    """Make and lock a folder that is new, or holds one of `records` or nothing but `own` names."""
+    from biaxbayes.file_lock import folder_lock
+    from biaxbayes.runs.folder import clear_leftovers
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
         names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
@@ -111,20 +110,19 @@ def claim_folder(
         ) from None
     if names.difference(own) and not names.intersection(records):
         raise RunError(f"{folder}: is a folder that is not {kind}; choose another `out`")
-    return names
+    with folder_lock(folder):
+        clear_leftovers(folder)
+        yield
 
 
 @contextlib.contextmanager
 def locked_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
     """Claim and lock the folder of a run or population, and finish what a crash interrupted."""
-    from biaxbayes.file_lock import folder_lock
     from biaxbayes.runs.checkpoint import NAMES
-    from biaxbayes.runs.folder import KINDS, clear_leftovers, finish_moving, is_finished
+    from biaxbayes.runs.folder import KINDS, finish_moving, is_finished
 
     records = {*NAMES, record} if is_finished(folder, record) else {*NAMES}
-    claim_folder(folder, records, f"a {KINDS[record]}'s")
-    with folder_lock(folder):
-        clear_leftovers(folder)
+    with claimed_folder(folder, records, f"a {KINDS[record]}'s"):
         finish_moving(folder, record)
         refuse_finished(folder, record, resume=resume, overwrite=overwrite)
         yield

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.comparison.law_comparison import (
     WHOLE,
-    Part,
     Prediction,
     Task,
     left_out_parts,
@@ -24,7 +24,6 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
 from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.file_lock import folder_lock
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import (
     MOST,
@@ -38,17 +37,17 @@ from biaxbayes.options import (
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import clear_leftovers, stored_identity
+from biaxbayes.runs.folder import stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.runs.result import REPORT
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import aligned, atomic_write_text, write_csv
+from biaxbayes.text_files import aligned, atomic_write_bytes, atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
-RECORD, PARTS, PAGE = "laws.json", "parts", "laws.html"
+RECORD, PARTS = "laws.json", "parts"
 OF_ONE_LAW = ("law", "fibre_switch", "priors")
 
 
@@ -75,35 +74,6 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
     for name in names:
         law_named(name)
     return tuple(name for name in LAWS if not names or name in names)
-
-
-def _read(path: Path) -> Prediction | None:
-    """A stored prediction; None if it is missing or damaged and has to be made again."""
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            about = json.loads(str(data["about"]))
-            residuals = tuple(data[f"residual_{i}"] for i in range(about["protocols"]))
-            draws = pd.DataFrame(data["draws"], columns=about["columns"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    return Prediction(about["state"], about["reason"], about["rmse_kPa"], residuals, draws)
-
-
-def _store(path: Path, prediction: Prediction) -> None:
-    about = {
-        "state": prediction.state,
-        "reason": prediction.reason,
-        "rmse_kPa": prediction.rmse_kPa,
-        "protocols": len(prediction.residuals),
-        "columns": [str(c) for c in prediction.draws.columns],
-    }
-    residuals = {f"residual_{i}": r for i, r in enumerate(prediction.residuals)}
-    path.parent.mkdir(exist_ok=True)
-    partial = path.with_suffix(".partial")
-    with partial.open("wb") as stream:
-        arrays: dict[str, Any] = {"draws": prediction.draws.to_numpy(), **residuals}
-        np.savez(stream, about=json.dumps(about), **arrays)
-    partial.replace(path)
 
 
 @with_progress
@@ -156,7 +126,6 @@ def compare_laws(
     laws = chosen_laws(plan.laws)
     specimen = inputs.open_specimen(specimen, mounting_force)
     executor = executor_for(workers, scheduler)
-    folder = None if out is None else inputs.make_folder(out)
     if common["mounting_stretch"] == "per-protocol":
         raise InputError(
             "a protocol with its own mounted state cannot be predicted from the others",
@@ -167,17 +136,20 @@ def compare_laws(
             f"{', '.join(laws)} alone cannot be compared",
             remedy="name at least two laws, or sample one with `law`",
         )
-    tasks = [
-        Task(law, specimen, part, common, _seed(plan.seed, law, part), plan.ess, plan.max_steps)
-        for law in laws
-        for part in (None, *left_out_parts(specimen))
-    ]
-    if folder is None:
+    tasks = []
+    for law in laws:
+        for part in (None, *left_out_parts(specimen)):
+            # The seed of a law and part does not depend on which others are sampled.
+            text = f"{law}/{part.name if part else WHOLE}"
+            key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
+            seed = int(np.random.default_rng([plan.seed, key]).integers(2**62))
+            tasks.append(Task(law, specimen, part, common, seed, plan.ess, plan.max_steps))
+    if out is None:
         predictions = _sampled(tasks, None, executor, progress, stop)
         return weigh_laws(specimen, common, predictions, laws)
-    with folder_lock(folder):
-        clear_leftovers(folder)
-        _start(folder, specimen, common, laws, plan, resume)
+    folder = Path(out)
+    with inputs.claimed_folder(folder, {RECORD}, "a comparison of laws"):
+        _record(folder, specimen, common, laws, plan, resume=resume)
         predictions = _sampled(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
         result = weigh_laws(specimen, common, predictions, laws)
@@ -185,19 +157,13 @@ def compare_laws(
     return result
 
 
-def _seed(seed: int, law: str, part: Part | None) -> int:
-    """Seed for a law and part, independent of which others are sampled."""
-    text = f"{law}/{part.name if part else WHOLE}"
-    key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
-    return int(np.random.default_rng([seed, key]).integers(2**62))
-
-
-def _start(
+def _record(
     folder: Path,
     specimen: Specimen,
-    options: Mapping[str, Any],
+    options: dict[str, Any],
     laws: Sequence[str],
     plan: LawsPlan,
+    *,
     resume: bool,
 ) -> None:
     """Record what the folder compares; refuse one that holds another comparison."""
@@ -211,14 +177,13 @@ def _start(
         "biaxbayes": biaxbayes.__version__,
     }
     record = folder / RECORD
-    names = inputs.claim_folder(folder, {RECORD}, "a comparison of laws")
-    if RECORD in names and not resume:
+    if record.exists() and not resume:
         raise InputError(
             "already holds a comparison of laws",
             file=folder,
             remedy="choose another `out`, or continue it with `resume=True`",
         )
-    if RECORD in names and stored_identity(record) != identity:
+    if record.exists() and stored_identity(record) != identity:
         raise RunError(
             f"{folder}: holds another comparison (specimen, options, laws, seed or version "
             "differ); choose another `out`"
@@ -258,6 +223,32 @@ def _sampled(
     }
 
 
+def _store(path: Path, prediction: Prediction) -> None:
+    """Write a prediction as arrays and a JSON text."""
+    about = {name: getattr(prediction, name) for name in ("state", "reason", "rmse_kPa")}
+    about |= {
+        "protocols": len(prediction.residuals),
+        "columns": [str(c) for c in prediction.draws.columns],
+    }
+    arrays: dict[str, Any] = {f"residual_{i}": r for i, r in enumerate(prediction.residuals)}
+    whole = io.BytesIO()
+    np.savez(whole, about=json.dumps(about), draws=prediction.draws.to_numpy(), **arrays)
+    path.parent.mkdir(exist_ok=True)
+    atomic_write_bytes(path, whole.getvalue())
+
+
+def _read(path: Path) -> Prediction | None:
+    """A stored prediction; None if it is missing or damaged and has to be made again."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            about = json.loads(str(data["about"]))
+            residuals = tuple(data[f"residual_{i}"] for i in range(about["protocols"]))
+            draws = pd.DataFrame(data["draws"], columns=about["columns"])
+        return Prediction(about["state"], about["reason"], about["rmse_kPa"], residuals, draws)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
     """Tables, draws and bands of the mixture, figures and the page."""
     from biaxbayes.figures.comparisons import (
@@ -269,11 +260,15 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
     from biaxbayes.identifiability.reported import report_frame
     from biaxbayes.reports.comparison import laws_page
 
-    write_csv(folder / "laws.csv", compared.table, digits=8)
-    write_csv(folder / REPORT, report_frame(compared.reported, Quantities(())), digits=8)
-    write_csv(folder / "left-out.csv", compared.parts, digits=8)
-    write_csv(folder / "stacked-draws.csv", compared.draws, digits=8)
-    write_csv(folder / "stacked-bands.csv", compared.bands, digits=8)
+    tables = {
+        "laws.csv": compared.table,
+        REPORT: report_frame(compared.reported, Quantities(())),
+        "left-out.csv": compared.parts,
+        "stacked-draws.csv": compared.draws,
+        "stacked-bands.csv": compared.bands,
+    }
+    for name, table in tables.items():
+        write_csv(folder / name, table, digits=8)
     drawn = {
         "law-misfit": law_misfit_figure(compared),
         "law-mounting": law_mounting_figure(compared),
@@ -282,7 +277,7 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
     figures = {stem: figure for stem, figure in drawn.items() if figure is not None}
     for stem, figure in figures.items():
         save_pictures(figure, folder, stem)
-    atomic_write_text(folder / PAGE, laws_page(compared, figures))
+    atomic_write_text(folder / "laws.html", laws_page(compared, figures))
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -322,7 +317,7 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
     """Print the table, largest weight first, and the reported mounting stretches."""
     from biaxbayes.identifiability.reported import report_rows, row_lines
 
-    stretches = [c for c in result.table if str(c).startswith("mounting_stretch_x")]
+    stretches = any(str(c).startswith("mounting_stretch_x") for c in result.table)
     lines = [
         ["", "rms_kPa", "left out", "density", "weight", "(range)"],
         ["", "kPa", "kPa", "nats", "", ""],
@@ -331,19 +326,17 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
         lines[0].append("mounting stretch x, 90 %")
     table = result.table.sort_values("weight", ascending=False, kind="stable", na_position="last")
     for row in (*table.iloc[1:].to_dict("records"), table.iloc[0].to_dict()):
-        if row["left_out_rms_kPa"] != row["left_out_rms_kPa"]:
+        if pd.isna(row["left_out_rms_kPa"]):
             lines.append([row["law"], *[""] * 5, row["state"]])
             continue
-        rms = f"{row['rms_kPa']:.3g}" if row["rms_kPa"] == row["rms_kPa"] else ""
-        spread = ""
-        if row["weight_low"] == row["weight_low"]:
-            spread = f"({row['weight_low']:.2f}-{row['weight_high']:.2f})"
+        rms = "" if pd.isna(row["rms_kPa"]) else f"{row['rms_kPa']:.3g}"
+        low, high = row["weight_low"], row["weight_high"]
+        spread = "" if pd.isna(low) else f"({low:.2f}-{high:.2f})"
         left_out = f"{row['left_out_rms_kPa']:.3g}", f"{row['left_out_density_nats']:.1f}"
-        cells = [row["law"], rms, *left_out, f"{row['weight']:.2f}", spread]
+        lines.append([row["law"], rms, *left_out, f"{row['weight']:.2f}", spread])
         if stretches:
             low, high = row["mounting_stretch_x_q05"], row["mounting_stretch_x_q95"]
-            cells.append(f"{low:.4f} to {high:.4f}")
-        lines.append(cells)
+            lines[-1].append(f"{low:.4f} to {high:.4f}")
     for line in aligned(lines, right=range(1, 6)):
         click.echo(line)
     click.echo(

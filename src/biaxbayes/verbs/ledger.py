@@ -92,7 +92,7 @@ def ledger(
         model, inferred = InferringOptions.from_values(model).keywords(), None
         specimen = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
     prepared = Sampling.prepare(
-        specimen, out=None, options=model, anyway=anyway or inferred is not None, **vars(plan)
+        specimen, out=None, options=model, amount=plan, anyway=anyway or inferred is not None
     )
     for finding in prepared.findings if inferred is None else ():
         progress(Progress("fitting", note=str(finding)))

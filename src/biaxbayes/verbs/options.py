@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError, NotConverged
-from biaxbayes.options import ModelOptions, Option, Options, options_of
+from biaxbayes.options import ModelOptions, Options, options_of
 from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
@@ -59,40 +59,35 @@ RATIO = Pair("ratio", ":", "1:0.5", zero=True)
 
 def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
     """Add options of a table (default all); `changes` by option go to ``click.option``."""
+    described = options_of(table)
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for name in reversed(names or tuple(options_of(table))):
-            function = _option(table, name, changes.get(name, {}))(function)
+        for name in reversed(names or tuple(described)):
+            option, default = described[name], getattr(table, name)
+            settings: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
+            if option.kind is bool:
+                settings |= {"is_flag": True, "default": default}
+            else:
+                if option.choices:
+                    settings["type"] = click.Choice(option.choices)
+                elif option.show_range:
+                    kind: Any = click.IntRange if option.kind is int else click.FloatRange
+                    most = None if option.most == math.inf else option.most
+                    ends = option.open_ends
+                    settings["type"] = kind(option.least, most, min_open=ends, max_open=ends)
+                elif option.kind is not None:
+                    settings["type"] = option.kind
+                if default is not None:
+                    # A count is shown as a user would write it: 2000, not 2000.0.
+                    whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
+                    settings |= {"default": int(default) if whole else default}
+                    settings |= {"show_default": True}
+            function = click.option(f"--{option.flag}", name, **(settings | changes.get(name, {})))(
+                function
+            )
         return function
 
     return add
-
-
-def _option(table: type[Options], name: str, changes: dict[str, Any]) -> Decorator:
-    option, default = options_of(table)[name], getattr(table, name)
-    settings: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
-    if option.kind is bool:
-        settings |= {"is_flag": True, "default": default}
-    else:
-        if option.choices:
-            settings["type"] = click.Choice(option.choices)
-        elif option.show_range:
-            settings["type"] = _range(option)
-        elif option.kind is not None:
-            settings["type"] = option.kind
-        if default is not None:
-            # A count is shown as a user would write it: 2000, not 2000.0.
-            whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
-            settings |= {"default": int(default) if whole else default, "show_default": True}
-    return click.option(f"--{option.flag}", name, **(settings | changes))
-
-
-def _range(option: Option) -> click.ParamType:
-    most = None if option.most == math.inf else option.most
-    if option.kind is int:
-        return click.IntRange(int(option.least), None if most is None else int(most))
-    ends = option.open_ends
-    return click.FloatRange(option.least, most, min_open=ends, max_open=ends)
 
 
 # --- further arguments and options ------------------------------------------------
@@ -113,13 +108,8 @@ def file_option(flag: str, help_text: str, metavar: str | None = None, **more: A
 def choice_option(flag: str, choices: Any, help_text: str = "", **more: Any) -> Decorator:
     """An option that takes one of several values, by default the first."""
     names = [f"--{flag}", more.pop("name", flag)]
-    settings = {
-        "default": next(iter(choices)),
-        "show_default": True,
-        "help": help_text or None,
-        **more,
-    }
-    return click.option(*names, type=click.Choice(list(choices)), **settings)
+    more = {"default": next(iter(choices)), "show_default": True, **more}
+    return click.option(*names, type=click.Choice(list(choices)), help=help_text or None, **more)
 
 
 def flag(name: str, help_text: str) -> Decorator:
@@ -143,20 +133,28 @@ def overwrite_option(kind: str) -> Decorator:
     return flag("overwrite", f"Replace a finished {kind}, and everything derived from it.")
 
 
-def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--workers`` and ``--scheduler``; the result depends on neither."""
-    for option in (
-        click.option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Use the workers of this Dask scheduler, as tcp://host:8786.",
-        ),
-        click.option(
-            "--workers", type=int, default=None, help="Local processes [processors, at most 4]."
-        ),
-    ):
-        function = option(function)
-    return function
+def together(*decorators: Decorator) -> Decorator:
+    """Several options as one decorator, in the order of the help page."""
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return add
+
+
+executor_options = together(
+    click.option(
+        "--workers", type=int, default=None, help="Local processes [processors, at most 4]."
+    ),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Use the workers of this Dask scheduler, as tcp://host:8786.",
+    ),
+)
+"""``--workers`` and ``--scheduler``; the result depends on neither."""
 
 
 # --- the statistical model and its priors --------------------------------------------------------
@@ -180,19 +178,13 @@ def mounting_force_option(
 
 
 def model_options(table: type[ModelOptions] = ModelOptions) -> Decorator:
-    """Add the options of the statistical model to a command."""
-
-    def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for option in (
-            mounting_force_option(),
-            file_option("priors", "Priors, fixed and tied parameters.", "FILE.toml"),
-            fix_option("Fix a parameter, as kappa=0 or alpha=41 (degrees). Repeatable."),
-            options(table, *MODEL),
-        ):
-            function = option(function)
-        return function
-
-    return add
+    """Options of the statistical model."""
+    return together(
+        options(table),
+        fix_option("Fix a parameter, as kappa=0 or alpha=41 (degrees). Repeatable."),
+        file_option("priors", "Priors, fixed and tied parameters.", "FILE.toml"),
+        mounting_force_option(),
+    )
 
 
 def with_priors(

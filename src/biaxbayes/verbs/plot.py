@@ -18,7 +18,7 @@ from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.figures.mounting import mounting_figure
 from biaxbayes.figures.profile import profile_figure
-from biaxbayes.figures.style import SIDE_BY_SIDE_MM, Style, picture_suffix, save_figure
+from biaxbayes.figures.style import SIDE_BY_SIDE_MM, picture_suffix, save_figure
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profiles
@@ -86,7 +86,7 @@ def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
 
 
 def run_figure(run: Run, kind: str, **how: Any) -> Figure:
-    """Draw a figure of a run; ``how`` are the arguments of its function in ``figures/run``."""
+    """Draw a figure of a run; ``how`` are the arguments of its function in ``figures``."""
     how = {"width_mm": 180.0, "style": None, **how}
     match kind:
         case "corner":
@@ -103,20 +103,16 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
             verdicts = identify_draws(run.posterior(), run.draws, run.state)
             return identifiability_figure(verdicts, run.result.rows, **how)
         case "profile":
-            return _profiles(run, **how)
+            posterior = run.posterior()
+            names = how.pop("names", ()) or [n for n in posterior.law.names if n in posterior.free]
+            if how["width_mm"] < SIDE_BY_SIDE_MM and len(names) > MOST_IN_COLUMN:
+                raise InputError(
+                    f"{len(names)} profiles do not fit one column of a page",
+                    remedy=f"name up to {MOST_IN_COLUMN} with `parameters`, or choose "
+                    "`width_mm=180`",
+                )
+            return profile_figure(profiles(posterior, names), **how)
     raise InputError(f"unknown figure {kind[:40]!r}", remedy=f"one of {', '.join(PLOTS)}")
-
-
-def _profiles(run: Run, *, names: Sequence[str] = (), width_mm: float, style: Style) -> Figure:
-    """Profiles of the named parameters, by default of all that are free."""
-    posterior = run.posterior()
-    names = names or [n for n in posterior.law.names if n in posterior.free]
-    if width_mm < SIDE_BY_SIDE_MM and len(names) > MOST_IN_COLUMN:
-        raise InputError(
-            f"{len(names)} profiles do not fit one column of a page",
-            remedy=f"name up to {MOST_IN_COLUMN} with `parameters`, or choose `width_mm=180`",
-        )
-    return profile_figure(profiles(posterior, names), width_mm=width_mm, style=style)
 
 
 # --- a figure in the style of a paper ------------------------------------------------------------
@@ -158,7 +154,13 @@ def plot(
     **how
         ``width_mm`` and what the figure takes; see :func:`run_figure`.
     """
-    check_figure(figure, truth=truth, compare=compare, parameters=parameters)
+    given = {"truth": truth, "compare": compare, "parameters": parameters or None}
+    for name, figures in PLOT_TAKES.items():
+        if given[name] is not None and figure not in figures:
+            raise InputError(
+                f"`{name}` does not go with `figure={figure}`",
+                remedy=f"it goes with {' and '.join(figures)}",
+            )
     target = None if out is None else picture_file(out, suffix)
     with one_call:
         how["style"] = opened_style(style)
@@ -192,18 +194,6 @@ def plot(
         return drawn
 
 
-def check_figure(figure: str, **given: Any) -> None:
-    """Refuse options that do not belong to a figure: truth, compare or parameters."""
-    for name, figures in PLOT_TAKES.items():
-        taken = given.get(name)
-        empty = taken is None or (name == "parameters" and not taken)
-        if not empty and figure not in figures:
-            raise InputError(
-                f"`{name}` does not go with `figure={figure}`",
-                remedy=f"it goes with {' and '.join(figures)}",
-            )
-
-
 def picture_file(out: PathLike, suffix: str | None = None) -> Path:
     """The file of a figure: ``out``, with the suffix of its format if it has none."""
     path = Path(out)
@@ -215,22 +205,6 @@ def picture_file(out: PathLike, suffix: str | None = None) -> Path:
             remedy="leave one of them out",
         )
     return path
-
-
-def picture_name(
-    figure: str,
-    width_mm: float,
-    *,
-    compare: Path | None = None,
-    parameters: Sequence[str] = (),
-    suffix: str | None = None,
-) -> str:
-    """Name of the file of a figure; the run's own figures have no width in theirs."""
-    parts = [PLOTS[figure], *dict.fromkeys(parameters)]
-    parts += [] if compare is None else ["with", compare.resolve().name]
-    name = "-".join([*parts, f"{width_mm:g}mm"])
-    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
-    return f"{safe[:120]}.{suffix or PICTURES[0]}"
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -279,12 +253,13 @@ def command(
     biaxbayes plot media-posterior --compare adventitia-posterior --style journal.mplstyle
     biaxbayes plot media-posterior --figure profile --parameter kappa
     """
-    check_figure(figure, **{name: given[name] for name in PLOT_TAKES})
-    compare, parameters = given.pop("compare"), given["parameters"]
-    name = picture_name(
-        figure, given["width_mm"], compare=compare, parameters=parameters, suffix=suffix
-    )
-    target = picture_file(out or run / name, suffix)
+    compare = given.pop("compare")
+    # The run's own figures have no width in their names.
+    parts = [PLOTS[figure], *dict.fromkeys(given["parameters"])]
+    parts += [] if compare is None else ["with", compare.resolve().name]
+    name = "-".join([*parts, f"{given['width_mm']:g}mm"])
+    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+    target = picture_file(out or run / f"{safe[:120]}.{suffix or PICTURES[0]}", suffix)
     usable = figure not in OF_ANY_STATE
     opened: Any = opt.open_usable_run(run, anyway=anyway) if usable else run
     other = None if compare is None else opt.open_usable_run(compare, anyway=anyway)

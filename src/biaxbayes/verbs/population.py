@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -45,244 +45,6 @@ from biaxbayes.verbs.population_files import (
     members_of_study,
     write_population,
 )
-
-# --- the job -------------------------------------------------------------------------------------
-
-LOW_WEIGHT = 0.5
-MAX_STRAIN_RATIO = 1.25
-"""Ratio of the largest strains of two specimens from which a note says so."""
-
-
-@dataclass
-class PopulationJob:
-    """A population to sample, and its folder."""
-
-    name: str
-    members: list[Member]
-    folder: Path
-    options: PopulationOptions = field(default_factory=PopulationOptions)
-    priors: PopulationPriors = field(default_factory=PopulationPriors)
-    anyway: bool = False
-
-    def execute(
-        self,
-        *,
-        resume: bool = False,
-        overwrite: bool = False,
-        progress: OnProgress = inputs.no_progress,
-        stop: Stop = inputs.no_stop,
-    ) -> PopulationResult:
-        """Sample the population and write every file."""
-        progress(Progress("reading runs"))
-        sources, left_out = self.open_sources()
-        grouping, notes = self.group_sources(sources)
-        names = pooled_names(sources)
-        values = self.priors.applied(
-            pooled_values(sources[0].posterior.law, names, mounting=self.options.pool_mounting)
-        )
-        with inputs.locked_folder(self.folder, POPULATION, resume=resume, overwrite=overwrite):
-            plan = PopulationPlan(
-                ess=self.options.ess,
-                max_steps=self.options.max_steps,
-                seed=self.options.seed,
-                workers=self.options.processors,
-            )
-            identity = self._identity(sources, grouping, values, plan)
-            state = None
-            if resume:
-                state, note = checkpoint.load(self.folder, identity, PopulationState.from_record)
-                if note:
-                    progress(Progress("resuming", note=note))
-            individuals = [make_individual(s, values, plan.ensembles) for s in sources]
-            design = make_design(individuals, grouping, values, self.options, self.priors)
-            sampled = draw_population(
-                design,
-                plan,
-                lambda history: assessed_quantities(grouping, values, history),
-                state=state,
-                on_block=lambda s: checkpoint.save(
-                    self.folder, s, identity, PopulationState.record
-                ),
-                progress=progress,
-                stop=stop,
-            )
-            if sampled.interrupted:
-                raise Interrupted(
-                    f"interrupted, all saved in {self.folder}; the same command with "
-                    "`resume=True` continues",
-                    stop(),
-                )
-            progress(Progress("writing"))
-            population = Population(
-                self.name,
-                tuple(sources),
-                grouping,
-                tuple(values),
-                design,
-                sampled,
-                self.options.seed,
-                left_out,
-                notes,
-            )
-            on_removed = inputs.removal_note(progress, POPULATION)
-            with staged(self.folder, on_removed, POPULATION) as folder:
-                written = write_population(folder, population, identity)
-            return replace(written, folder=self.folder)
-
-    def open_sources(self) -> tuple[list[Source], dict[str, str]]:
-        """The runs that can be pooled, and why the others cannot."""
-        usable = ("converged", "tentative") if self.anyway else ("converged",)
-        sources, left_out = [], {}
-        for member in self.members:
-            if member.state not in usable:
-                words = {"tentative": "tentative, not converged", "unusable": "did not converge"}
-                reason = words.get(member.state, member.state)
-                left_out[member.label] = f"{reason}: {member.reason}" if member.reason else reason
-                continue
-            try:
-                run = open_run(member.folder)
-                if run.state not in usable:
-                    left_out[member.label] = f"its run is {run.state}"
-                    continue
-                sources.append(Source.from_run(member.label, run))
-            except BiaxbayesError as error:
-                left_out[member.label] = str(error)
-        if len(sources) < 2:
-            lost = "; ".join(f"{k}: {v}" for k, v in list(left_out.items())[:3])
-            raise InputError(
-                f"{len(sources)} of {len(self.members)} specimens can be pooled, and a population "
-                f"needs two{f' ({lost})' if lost else ''}",
-                remedy="sample longer with a larger max_steps, or add specimens",
-            )
-        return sources, left_out
-
-    def group_sources(self, sources: list[Source]) -> tuple[Grouping, list[str]]:
-        """Groups and donors, and notes on them."""
-        by_label = {m.label: m for m in self.members}
-        pooled = [by_label[s.label] for s in sources]
-        donors = [m.donor or f"donor of {m.label}" for m in pooled]
-        grouping = Grouping(
-            tuple(m.label for m in pooled), tuple(m.group for m in pooled), tuple(donors)
-        )
-        return grouping, _notes(pooled, grouping, sources)
-
-    def _identity(
-        self,
-        sources: list[Source],
-        grouping: Grouping,
-        values: list[PooledValue],
-        plan: PopulationPlan,
-    ) -> dict[str, Any]:
-        """Values that the draws depend on."""
-        runs = {}
-        for source, group, donor in zip(sources, grouping.group, grouping.donor, strict=True):
-            settings = json.dumps(settings_table(source.posterior), sort_keys=True, default=str)
-            record = source.run.provenance
-            runs[source.label] = {
-                "group": group,
-                "donor": donor,
-                "specimen": specimen_digest(source.run.specimen)[:16],
-                "settings": hashlib.sha256(settings.encode()).hexdigest()[:16],
-                "beta": source.run.beta,
-                "draws": str(record.get("files", {}).get("posterior.nc", ""))[:16],
-            }
-        options = {k: v for k, v in asdict(self.options).items() if k != "workers"}
-        return {
-            "biaxbayes": biaxbayes.__version__,
-            "options": options,
-            "priors": {
-                **{v.name: {k: x for k, x in vars(v).items() if k != "parameter"} for v in values},
-                "eta": [self.priors.eta_donors, self.priors.eta_specimens],
-            },
-            "sampler": {"ensembles": plan.ensembles, "chains": plan.chains},
-            "runs": runs,
-        }
-
-
-def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> list[str]:
-    """Notes on the specimens that a reader needs before the numbers."""
-    out = []
-    nameless = [m.label for m in members if not m.donor]
-    if nameless:
-        out.append(f"no donor is given for {_listed(nameless)}: each counts as a separate donor")
-    donors = len(grouping.donors)
-    if donors == 1:
-        out.append(
-            "all specimens are of one donor, so the differences between donors are unknown: "
-            "sd_donors is the prior's and widens mean, new_specimen and new_donor"
-        )
-    elif donors == len(members):
-        out.append(
-            "every donor gave one specimen, so the spread cannot be split between donors and "
-            "specimens: sd_total and new_specimen contain both"
-        )
-    elif donors < 4:
-        out.append(f"there are {donors} donors: sd_donors depends much on its prior")
-    if len(members) < 4:
-        out.append(f"there are {len(members)} specimens: the sds depend much on their priors")
-    for group in grouping.groups:
-        if len(grouping.members(group)) == 1:
-            out.append(
-                f"group {group} has one specimen: its mean is that specimen's within the spread "
-                "that the other groups show"
-                if len(grouping.groups) > 1
-                else f"group {group} has one specimen"
-            )
-    out += _apart(grouping)
-    out += _unlike(sources)
-    weights = np.array([s.run.beta for s in sources])
-    if np.median(weights) < LOW_WEIGHT:
-        out.append(
-            f"the readings of the specimens are weighted by {weights.min():.2g} to "
-            f"{weights.max():.2g} because of systematic misfit of the law: this misfit is part of "
-            "the widths of single specimens, so the sd between specimens comes out too small, and "
-            "an error of the law that all specimens share does not average out"
-        )
-    return out
-
-
-def _apart(grouping: Grouping) -> list[str]:
-    """Groups that share no donor."""
-    donors = {g: {grouping.donor[i] for i in grouping.members(g)} for g in grouping.groups}
-    pairs = [(a, b) for a, b in combinations(donors, 2) if not donors[a] & donors[b]]
-    if not pairs:
-        return []
-    groups = "; ".join(f"{a} and {b}" for a, b in pairs[:3])
-    return [f"no donor in common: {groups}: their contrasts include differences between donors"]
-
-
-def _unlike(sources: list[Source]) -> list[str]:
-    """Specimens that were tested or sampled differently."""
-    out = []
-    for key in ("mounting", "noise", "mounting_stretch", "error_model"):
-        values = {str(getattr(s.posterior.settings, key)) for s in sources}
-        if len(values) > 1:
-            out.append(f"the runs differ in {key}: {', '.join(sorted(values))}")
-    counts = sorted({len(s.run.specimen.protocols) for s in sources})
-    if len(counts) > 1:
-        few = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
-        out.append(
-            f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
-            f"({counts[0]}: {_listed(few)})"
-        )
-    tops = [s.largest_stretch for s in sources]
-    low, high = min(tops), max(tops)
-    if high - 1.0 > MAX_STRAIN_RATIO * (low - 1.0):
-        few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
-        out.append(
-            f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
-            f"{_listed(few)}): stress and stiffness are given up to {low:.3f}, and above it the "
-            "band of a new specimen does not rest on all specimens"
-        )
-    return out
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-    return ", ".join(names[:4]) + more
-
-
-# --- the verb ------------------------------------------------------------------------------------
 
 
 @with_progress
@@ -340,8 +102,227 @@ def population(
     elif runs is not None:
         raise InputError("`runs` goes with a study file", file=source)
     name, members = members_of_study(source)
-    job = PopulationJob(name, members, Path(out), chosen, population_priors, anyway)
-    return job.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
+    return sample_population(
+        name,
+        members,
+        Path(out),
+        chosen,
+        population_priors,
+        anyway=anyway,
+        resume=resume,
+        overwrite=overwrite,
+        progress=progress,
+        stop=stop,
+    )
+
+
+def sample_population(
+    name: str,
+    members: list[Member],
+    folder: Path,
+    options: PopulationOptions | None = None,
+    priors: PopulationPriors | None = None,
+    *,
+    anyway: bool = False,
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: OnProgress = inputs.no_progress,
+    stop: Stop = inputs.no_stop,
+) -> PopulationResult:
+    """Sample the population of these specimens, and write every file into the folder."""
+    options, priors = options or PopulationOptions(), priors or PopulationPriors()
+    progress(Progress("reading runs"))
+    sources, left_out = open_sources(members, anyway=anyway)
+    grouping, notes = group_sources(members, sources)
+    names = pooled_names(sources)
+    values = priors.applied(
+        pooled_values(sources[0].posterior.law, names, mounting=options.pool_mounting)
+    )
+    plan = PopulationPlan(
+        ess=options.ess, max_steps=options.max_steps, seed=options.seed, workers=options.processors
+    )
+    identity = _identity(sources, grouping, values, plan, options, priors)
+    with inputs.locked_folder(folder, POPULATION, resume=resume, overwrite=overwrite):
+        state = None
+        if resume:
+            state, note = checkpoint.load(folder, identity, PopulationState.from_record)
+            if note:
+                progress(Progress("resuming", note=note))
+        individuals = [make_individual(s, values, plan.ensembles) for s in sources]
+        design = make_design(individuals, grouping, values, options, priors)
+        sampled = draw_population(
+            design,
+            plan,
+            lambda history: assessed_quantities(grouping, values, history),
+            state=state,
+            on_block=lambda s: checkpoint.save(folder, s, identity, PopulationState.record),
+            progress=progress,
+            stop=stop,
+        )
+        if sampled.interrupted:
+            raise Interrupted(
+                f"interrupted, all saved in {folder}; the same command with `resume=True` "
+                "continues",
+                stop(),
+            )
+        progress(Progress("writing"))
+        fixed = name, tuple(sources), grouping, tuple(values)
+        drawn = Population(*fixed, design, sampled, options.seed, left_out, notes)
+        with staged(folder, inputs.removal_note(progress, POPULATION), POPULATION) as staging:
+            written = write_population(staging, drawn, identity)
+        return replace(written, folder=folder)
+
+
+def open_sources(members: list[Member], *, anyway: bool) -> tuple[list[Source], dict[str, str]]:
+    """The runs that can be pooled, and why the others cannot."""
+    usable = ("converged", "tentative") if anyway else ("converged",)
+    sources, left_out = [], {}
+    for member in members:
+        if member.state not in usable:
+            words = {"tentative": "tentative, not converged", "unusable": "did not converge"}
+            reason = words.get(member.state, member.state)
+            left_out[member.label] = f"{reason}: {member.reason}" if member.reason else reason
+            continue
+        try:
+            run = open_run(member.folder)
+            if run.state not in usable:
+                left_out[member.label] = f"its run is {run.state}"
+                continue
+            sources.append(Source.from_run(member.label, run))
+        except BiaxbayesError as error:
+            left_out[member.label] = str(error)
+    if len(sources) < 2:
+        lost = "; ".join(f"{k}: {v}" for k, v in list(left_out.items())[:3])
+        raise InputError(
+            f"{len(sources)} of {len(members)} specimens can be pooled, and a population needs "
+            f"two{f' ({lost})' if lost else ''}",
+            remedy="sample longer with a larger max_steps, or add specimens",
+        )
+    return sources, left_out
+
+
+def _identity(
+    sources: list[Source],
+    grouping: Grouping,
+    values: list[PooledValue],
+    plan: PopulationPlan,
+    options: PopulationOptions,
+    priors: PopulationPriors,
+) -> dict[str, Any]:
+    """Values that the draws depend on."""
+    runs = {}
+    for source, group, donor in zip(sources, grouping.group, grouping.donor, strict=True):
+        settings = json.dumps(settings_table(source.posterior), sort_keys=True, default=str)
+        files = source.run.provenance.get("files", {})
+        runs[source.label] = {
+            "group": group,
+            "donor": donor,
+            "specimen": specimen_digest(source.run.specimen)[:16],
+            "settings": hashlib.sha256(settings.encode()).hexdigest()[:16],
+            "beta": source.run.beta,
+            "draws": str(files.get("posterior.nc", ""))[:16],
+        }
+    return {
+        "biaxbayes": biaxbayes.__version__,
+        "options": {k: v for k, v in asdict(options).items() if k != "workers"},
+        "priors": {
+            **{v.name: {k: x for k, x in vars(v).items() if k != "parameter"} for v in values},
+            "eta": [priors.eta_donors, priors.eta_specimens],
+        },
+        "sampler": {"ensembles": plan.ensembles, "chains": plan.chains},
+        "runs": runs,
+    }
+
+
+# --- groups, donors and notes on them ------------------------------------------------------------
+
+LOW_WEIGHT = 0.5
+MAX_STRAIN_RATIO = 1.25
+"""Ratio of the largest strains of two specimens from which a note says so."""
+
+
+def group_sources(members: list[Member], sources: list[Source]) -> tuple[Grouping, list[str]]:
+    """Groups and donors of the pooled specimens, and notes that a reader needs first."""
+    by_label = {m.label: m for m in members}
+    pooled = [by_label[s.label] for s in sources]
+    grouping = Grouping(
+        tuple(m.label for m in pooled),
+        tuple(m.group for m in pooled),
+        tuple(m.donor or f"donor of {m.label}" for m in pooled),
+    )
+    out = []
+    if nameless := [m.label for m in pooled if not m.donor]:
+        out.append(f"no donor is given for {_listed(nameless)}: each counts as a separate donor")
+    donors = len(grouping.donors)
+    if donors == 1:
+        out.append(
+            "all specimens are of one donor, so the differences between donors are unknown: "
+            "sd_donors is the prior's and widens mean, new_specimen and new_donor"
+        )
+    elif donors == len(pooled):
+        out.append(
+            "every donor gave one specimen, so the spread cannot be split between donors and "
+            "specimens: sd_total and new_specimen contain both"
+        )
+    elif donors < 4:
+        out.append(f"there are {donors} donors: sd_donors depends much on its prior")
+    if len(pooled) < 4:
+        out.append(f"there are {len(pooled)} specimens: the sds depend much on their priors")
+    for group in grouping.groups:
+        if len(grouping.members(group)) == 1:
+            out.append(
+                f"group {group} has one specimen: its mean is that specimen's within the spread "
+                "that the other groups show"
+                if len(grouping.groups) > 1
+                else f"group {group} has one specimen"
+            )
+    by_group = {g: {grouping.donor[i] for i in grouping.members(g)} for g in grouping.groups}
+    apart = [(a, b) for a, b in combinations(by_group, 2) if not by_group[a] & by_group[b]]
+    if apart:
+        groups = "; ".join(f"{a} and {b}" for a, b in apart[:3])
+        out.append(
+            f"no donor in common: {groups}: their contrasts include differences between donors"
+        )
+    return grouping, out + _notes_on_runs(sources)
+
+
+def _notes_on_runs(sources: list[Source]) -> list[str]:
+    """Notes on specimens that were tested or sampled differently, and on systematic misfit."""
+    out = []
+    for key in ("mounting", "noise", "mounting_stretch", "error_model"):
+        values = {str(getattr(s.posterior.settings, key)) for s in sources}
+        if len(values) > 1:
+            out.append(f"the runs differ in {key}: {', '.join(sorted(values))}")
+    counts = sorted({len(s.run.specimen.protocols) for s in sources})
+    if len(counts) > 1:
+        few = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
+        out.append(
+            f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
+            f"({counts[0]}: {_listed(few)})"
+        )
+    tops = [s.largest_stretch for s in sources]
+    low, high = min(tops), max(tops)
+    if high - 1.0 > MAX_STRAIN_RATIO * (low - 1.0):
+        few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
+        out.append(
+            f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
+            f"{_listed(few)}): stress and stiffness are given up to {low:.3f}, and above it the "
+            "band of a new specimen does not rest on all specimens"
+        )
+    weights = np.array([s.run.beta for s in sources])
+    if np.median(weights) < LOW_WEIGHT:
+        out.append(
+            f"the readings of the specimens are weighted by {weights.min():.2g} to "
+            f"{weights.max():.2g} because of systematic misfit of the law: this misfit is part of "
+            "the widths of single specimens, so the sd between specimens comes out too small, and "
+            "an error of the law that all specimens share does not average out"
+        )
+    return out
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return ", ".join(names[:4]) + more
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -398,9 +379,8 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 def closing_message(result: PopulationResult) -> str:
     """Groups, differences between them and notes, for a terminal."""
-    state = (
-        result.state if result.state == "converged" else f"{result.state.upper()}: {result.reason}"
-    )
+    converged = result.state == "converged"
+    state = result.state if converged else f"{result.state.upper()}: {result.reason}"
     lines = [f"{printable(result.name)}: {state}"]
     for group, part in result.groups.groupby("group", sort=False):
         lines += ["", *_group_lines(str(group), part)]
@@ -409,7 +389,11 @@ def closing_message(result: PopulationResult) -> str:
         lines += ["", f"{MARK} {NOT_IDENTIFIED}: the specimens determine little of this sd"]
     pairs = list(result.contrasts.groupby(["group_a", "group_b"], sort=False))
     for (a, b), part in pairs[:MOST_PAIRS]:
-        lines += ["", *_contrast_lines(str(a), str(b), part)]
+        first, second = printable(str(a)), printable(str(b))
+        table = [["quantity", "", "median", "5 to 95 %", f"in {second}"]]
+        for row in contrast_rows(part):
+            table.append([row.quantity, row.kind, row.median, row.interval, row.direction])
+        lines += ["", f"{second} compared with {first}", *aligned(table)]
     if len(pairs) > MOST_PAIRS:
         lines += ["", f"{len(pairs) - MOST_PAIRS} more pairs of groups are in contrasts.csv"]
     lines += ["", *(f"note: {printable(note)}" for note in result.notes)]
@@ -433,13 +417,3 @@ def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
         cells = [row.quantity, row.unit, row.median, row.reported, *spreads, row.new[0][1]]
         table.append([*cells, row.verdict + loosely])
     return [f"{printable(group)}: {members}", *aligned(table)]
-
-
-def _contrast_lines(a: str, b: str, part: pd.DataFrame) -> list[str]:
-    """Table of the differences between two groups, with their 90 % intervals."""
-    table = [
-        [row.quantity, row.kind, row.median, row.interval, row.direction]
-        for row in contrast_rows(part)
-    ]
-    head = ["quantity", "", "median", "5 to 95 %", f"in {printable(b)}"]
-    return [f"{printable(b)} compared with {printable(a)}", *aligned([head, *table])]

@@ -25,8 +25,8 @@ from biaxbayes.populations.tables import (
     groups_table,
     specimens_table,
 )
-from biaxbayes.reports.population import PAGE, population_page
-from biaxbayes.runs.archive import netcdf_bytes
+from biaxbayes.reports.population import FIGURES, PAGE, population_page
+from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
 from biaxbayes.runs.folder import (
     POPULATION,
     PROVENANCE,
@@ -41,7 +41,6 @@ from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
 BANDS = "new-specimen-bands"
 MAKE_POPULATION = "make one with 'biaxbayes population'"
-FIGURES = ("population-forest", "population-pairs", BANDS)
 
 
 # --- the specimens of a finished study -----------------------------------------------------------
@@ -74,31 +73,22 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
             file=folder,
             remedy="run 'biaxbayes batch' first, or give the study file",
         ) from None
+    layers = any(str(r["layer"]) for r in rows)
     out = []
     for label, row in zip(names, rows, strict=True):
         own = {"layer": str(row["layer"]), "donor": str(row["donor"])} | columns_of.get(label, {})
-        grouped_by = columns or ["layer"]
-        if not columns and not any(str(r["layer"]) for r in rows):
-            group = "all"
-        else:
-            for column in grouped_by:
+        group = "all"
+        if columns or layers:
+            for column in columns or ["layer"]:
                 if not own.get(column):
                     raise InputError(
                         f"{label} has no {column}, which defines its group",
                         file=folder,
                         remedy=f"give {column} in the study file, or name others in columns",
                     )
-            group = ", ".join(own[column] for column in grouped_by)
-        out.append(
-            Member(
-                label,
-                str(row["donor"]),
-                group,
-                folder / str(row["folder"]),
-                str(row["state"]),
-                str(row["reason"]),
-            )
-        )
+            group = ", ".join(own[column] for column in columns or ["layer"])
+        run, state, reason = (str(row[key]) for key in ("folder", "state", "reason"))
+        out.append(Member(label, str(row["donor"]), group, folder / run, state, reason))
     return str(record.get("name", folder.name)), out
 
 
@@ -135,11 +125,19 @@ def read_population(folder: Path) -> PopulationResult:
         with folder_lock(folder):
             finish_moving(folder, POPULATION)
     if not (folder / POPULATION).is_file():
-        raise RunError(f"{folder}: {_no_population(folder)}")
+        if not folder.exists():
+            problem = f"does not exist; {MAKE_POPULATION}"
+        elif (folder / PROVENANCE).exists():
+            problem = "is a run's folder, not a population's; leave --population out"
+        elif (folder / STUDY).is_file() and (folder / RUNS).is_dir():
+            problem = f"is a study's folder, not a population's; {MAKE_POPULATION}"
+        else:
+            problem = f"is not the folder of a finished population; {MAKE_POPULATION}"
+        raise RunError(f"{folder}: {problem}")
     try:
         record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
         tables = {k: read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
-        result = PopulationResult(
+        return PopulationResult(
             name=str(record["name"]),
             folder=folder,
             state=str(record["convergence"]["state"]),
@@ -153,18 +151,6 @@ def read_population(folder: Path) -> PopulationResult:
             f"{folder}: its population cannot be read, a file is missing or damaged; copy the "
             f"folder again, or {MAKE_POPULATION}"
         ) from None
-    return result
-
-
-def _no_population(folder: Path) -> str:
-    """Why a folder is not a finished population's, and what to do."""
-    if not folder.exists():
-        return f"does not exist; {MAKE_POPULATION}"
-    if (folder / PROVENANCE).exists():
-        return "is a run's folder, not a population's; leave --population out"
-    if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
-        return f"is a study's folder, not a population's; {MAKE_POPULATION}"
-    return f"is not the folder of a finished population; {MAKE_POPULATION}"
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -317,3 +303,25 @@ def archive(result: Population) -> bytes:
         ),
     }
     return netcdf_bytes(datasets, attributes)
+
+
+def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Materials of new specimens of a group, and the attributes of population.nc."""
+    import xarray as xr
+
+    path = folder / "population.nc"
+    try:
+        check_archive(path)
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            materials = tree["new_specimens"]["material"].load()
+            attributes = {str(k): v for k, v in tree.attrs.items()}
+        groups = [str(g) for g in materials["group"].to_numpy()]
+        names = [str(n) for n in materials["parameter"].to_numpy()]
+        values = materials.to_numpy()
+    except (OSError, KeyError, ValueError, SuspiciousArchive) as error:
+        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
+    if group not in groups:
+        raise InputError(
+            f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"
+        )
+    return pd.DataFrame(values[groups.index(group)], columns=names), attributes

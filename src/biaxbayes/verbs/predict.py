@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
     from biaxbayes.runs.run import Run
 
-REFERENCES = ("total", "measured")
-STRESSES = ("cauchy", "piola")
-AXES = ("x", "y")
 TESTED = "tested"
 """Value of ``stretch`` for the largest tested stretch."""
 
@@ -42,16 +39,32 @@ class FigureOptions(Options):
 # --- stress on a path ----------------------------------------------------------------------------
 
 
-@takes_options(PredictionOptions, FigureOptions, without=("seed",))
+@dataclass(frozen=True)
+class PathOptions(Options):
+    """A path of stretches, and the stress on it."""
+
+    stretch: float | str | None = option(
+        None, "Largest stretch of a straight path, or 'tested' for the largest tested.", metavar="L"
+    )
+    ratio: tuple[float, float] | None = option(
+        None, "Share of the stretch that x and y take  [default: 1:1]", metavar="X:Y"
+    )
+    reference: str = option(
+        "total",
+        "Stretches from the unloaded or from the mounted state.",
+        choices=("total", "measured"),
+    )
+    protocol: str | None = option(None, "Whose mounted state, if each has its own.", metavar="NAME")
+    stress: str = option(
+        "cauchy", "Cauchy or first Piola-Kirchhoff stress.", choices=("cauchy", "piola")
+    )
+
+
+@takes_options(PathOptions, PredictionOptions, FigureOptions, without=("seed",))
 def predict(
     run: RunLike,
     path: Any = None,
     *,
-    stretch: float | str | None = None,
-    ratio: tuple[float, float] | None = None,
-    reference: str = REFERENCES[0],
-    protocol: str | None = None,
-    stress: str = STRESSES[0],
     out: PathLike | None = None,
     anyway: bool = False,
     **options: Any,
@@ -63,47 +76,40 @@ def predict(
     run : Run or path-like
     path : array_like, shape (m, 2), or path-like, optional
         Stretches in x and y, or the CSV to read them from; or a straight path to ``stretch``.
-    stretch : float or "tested", optional
-        Largest stretch of a straight path; "tested" for the largest tested one.
-    ratio : (float, float), optional
-        Share of the stretch beyond 1 that each direction takes; equal by default.
-    reference : {"total", "measured"}
-        Stretches from the unloaded or from the mounted state.
-    protocol : str, optional
-        Whose mounted state, if each has its own.
-    stress : {"cauchy", "piola"}
     out : path-like, optional
         Folder for prediction.csv and a figure.
     anyway : bool
         Use the draws of a run that has not converged.
     **options
-        As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
+        As in :class:`PathOptions`, :class:`~biaxbayes.options.PredictionOptions` and
+        :class:`FigureOptions`.
     """
     from biaxbayes.figures.prediction import stress_figure
     from biaxbayes.prediction.stress import measured_stress, predict_stress
+    from biaxbayes.specimens.table import read_stretches
 
-    bands, rest = PredictionOptions.split(options)
+    chosen, rest = PathOptions.split(options)
+    bands, rest = PredictionOptions.split(rest)
     picture = FigureOptions.from_values(rest)
     style = inputs.opened_style(picture.style)
-    if (path is None) == (stretch is None):
-        raise InputError("give either `path` or `stretch`")
-    if path is not None and ratio is not None:
+    if path is not None and (chosen.stretch is not None or chosen.ratio is not None):
         raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
+    if path is None and chosen.stretch is None:
+        raise InputError("give either `path` or `stretch`")
     opened = inputs.usable_run(run, anyway=anyway)
     specimen = opened.specimen
     names = [p.name for p in specimen.protocols]
-    if protocol is not None and protocol not in names:
+    if chosen.protocol is not None and chosen.protocol not in names:
         raise InputError(
-            f"unknown protocol {protocol[:60]!r}", remedy=f"the run has {', '.join(names)}"
+            f"unknown protocol {chosen.protocol[:60]!r}", remedy=f"the run has {', '.join(names)}"
         )
     if path is None:
-        states = _straight_path(opened, stretch, ratio, bands.points, protocol, reference)
+        states = _straight_path(opened, chosen, bands.points)
+    elif isinstance(path, str | Path):
+        states = read_stretches(Path(path))
     else:
-        from biaxbayes.specimens.table import read_stretches
-
-        in_file = isinstance(path, str | Path)
-        states = read_stretches(Path(path)) if in_file else np.asarray(path, float)
-    where: dict[str, Any] = {"reference": reference, "protocol": protocol, "stress": stress}
+        states = np.asarray(path, float)
+    where = {name: getattr(chosen, name) for name in ("reference", "protocol", "stress")}
     table = predict_stress(
         opened.draws, specimen, opened.settings, states, **where, probability=bands.probability
     )
@@ -112,7 +118,7 @@ def predict(
         measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
         figure = stress_figure(
             table,
-            reference=reference,
+            reference=chosen.reference,
             probability=bands.probability,
             directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
             measured=measured,
@@ -123,31 +129,26 @@ def predict(
     return table
 
 
-def _straight_path(
-    run: Run,
-    stretch: Any,
-    ratio: tuple[float, float] | None,
-    points: int,
-    protocol: str | None,
-    reference: str,
-) -> np.ndarray:
+def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
     """States of stretch on a straight path from 1."""
     from biaxbayes.prediction.stress import prediction_range, stretch_path
 
+    stretch: Any = chosen.stretch
     if np.ndim(stretch) > 0:
         raise InputError(
             "`stretch` must be a number, the largest stretch of a straight path",
             remedy="for other paths give `path`, an array of two columns (x, y)",
         )
     if stretch == TESTED:
-        stretch = float(prediction_range(run.draws, run.specimen, protocol, reference).high.max())
+        tested = prediction_range(run.draws, run.specimen, chosen.protocol, chosen.reference)
+        stretch = float(tested.high.max())
     elif isinstance(stretch, str) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
         remedy = STRETCH_REMEDY
         if not isinstance(stretch, str) and 0.0 < stretch < 0.5:
             remedy = f"for a strain of {stretch:g} write {1.0 + stretch:g}"
         shown = stretch if isinstance(stretch, str) else f"{stretch:g}"
         raise InputError(f"`stretch` {shown} is not a possible largest stretch", remedy=remedy)
-    return stretch_path(stretch, ratio=ratio or (1.0, 1.0), points=points)
+    return stretch_path(stretch, ratio=chosen.ratio or (1.0, 1.0), points=points)
 
 
 def _write(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: Any) -> None:
@@ -160,15 +161,25 @@ def _write(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: 
 # --- inflation of a tube -------------------------------------------------------------------------
 
 
-@takes_options(PredictionOptions, FigureOptions)
+@dataclass(frozen=True)
+class TubeOptions(Options):
+    """A thin-walled tube."""
+
+    radius_mm: float | None = option(
+        None, "Unloaded radius of the mid wall.", kind=float, metavar="MM", flag="radius"
+    )
+    wall_mm: float | None = option(
+        None, "Unloaded wall thickness.", kind=float, metavar="MM", flag="wall"
+    )
+    axial_stretch: float = option(1.0, "Total axial stretch.", metavar="L")
+    around: str = option("x", "The axis of the test that runs around the tube.", choices=("x", "y"))
+
+
+@takes_options(TubeOptions, PredictionOptions, FigureOptions)
 def inflate(
     run: RunLike,
     pressure_kPa: Any = None,
     *,
-    radius_mm: float,
-    wall_mm: float,
-    axial_stretch: float = 1.0,
-    around: str = AXES[0],
     circumferential_stretch: Any = None,
     out: PathLike | None = None,
     anyway: bool = False,
@@ -181,12 +192,6 @@ def inflate(
     run : Run or path-like
     pressure_kPa : array_like, shape (m,), optional
         The diameter at these pressures; 0 to 16 kPa by default.
-    radius_mm, wall_mm : float
-        Unloaded radius of the mid wall, and thickness.
-    axial_stretch : float
-        Total.
-    around : {"x", "y"}
-        The axis of the test that runs around the tube.
     circumferential_stretch : array_like, shape (m,), optional
         The pressure at these stretches of the mid wall instead.
     out : path-like, optional
@@ -194,14 +199,18 @@ def inflate(
     anyway : bool
         Use the draws of a run that has not converged.
     **options
-        As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
+        As in :class:`TubeOptions`, :class:`~biaxbayes.options.PredictionOptions` and
+        :class:`FigureOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
     from biaxbayes.prediction.inflation import Tube, predict_diameter, predict_pressure
 
-    bands, rest = PredictionOptions.split(options)
+    chosen, rest = TubeOptions.split(options)
+    bands, rest = PredictionOptions.split(rest)
     picture = FigureOptions.from_values(rest)
     style = inputs.opened_style(picture.style)
+    if chosen.radius_mm is None or chosen.wall_mm is None:
+        raise InputError("a tube needs `radius_mm` and `wall_mm`", remedy="unloaded, in mm")
     if pressure_kPa is not None and circumferential_stretch is not None:
         raise InputError(
             "`pressure_kPa` and `circumferential_stretch` exclude each other",
@@ -209,7 +218,7 @@ def inflate(
         )
     opened = inputs.usable_run(run, anyway=anyway)
     try:
-        tube = Tube(radius_mm, wall_mm, axial_stretch, around)
+        tube = Tube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
     except ValueError as error:
         raise InputError(str(error)) from None
     data = (opened.draws, opened.specimen, opened.settings, tube)
@@ -237,28 +246,17 @@ TUBE = ("radius_mm", "wall_mm", "axial_stretch", "pressure_kPa", "circumferentia
 
 @click.command("predict")
 @opt.argument("run")
-@click.option(
-    "--stretch", type=float, metavar="L", help="Largest stretch  [default: the largest tested]"
-)
-@click.option(
-    "--ratio",
-    type=opt.RATIO,
-    metavar="X:Y",
-    help="Share of the stretch that x and y take  [default: 1:1]",
+@opt.options(
+    PathOptions,
+    "stretch",
+    "ratio",
+    stretch={"type": float, "help": "Largest stretch  [default: the largest tested]"},
+    ratio={"type": opt.RATIO},
 )
 @opt.file_option("stretches", "Any path instead: columns stretch_x, stretch_y.", "CSV", name="path")
-@opt.choice_option(
-    "reference", REFERENCES, "Stretches from the unloaded or from the mounted state."
-)
-@click.option("--protocol", metavar="NAME", help="Whose mounted state, if each has its own.")
-@opt.choice_option("stress", STRESSES, "Cauchy or first Piola-Kirchhoff stress.")
+@opt.options(PathOptions, "reference", "protocol", "stress")
 @opt.flag("inflate", "A thin-walled tube of this tissue instead.")
-@click.option(
-    "--radius", "radius_mm", type=float, metavar="MM", help="Unloaded radius of the mid wall."
-)
-@click.option("--wall", "wall_mm", type=float, metavar="MM", help="Unloaded wall thickness.")
-@click.option("--axial-stretch", type=float, metavar="L", help="Total axial stretch  [default: 1]")
-@opt.choice_option("around", AXES, "The axis of the test that runs around the tube.")
+@opt.options(TubeOptions)
 @click.option(
     "--pressure",
     "pressure_kPa",
@@ -276,7 +274,10 @@ TUBE = ("radius_mm", "wall_mm", "axial_stretch", "pressure_kPa", "circumferentia
 @opt.options(FigureOptions, style={"type": click.Path(path_type=Path)})
 @opt.file_option("out", "Folder  [default: the run]", "DIR")
 @opt.unconverged_option
-def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
+@click.pass_context
+def command(
+    context: click.Context, run: Path, out: Path | None, anyway: bool, **given: Any
+) -> None:
     r"""Stress with credible and predictive bands on any path, or the inflation of a tube.
 
     Writes a CSV and a figure. States outside what was tested are marked row by row.
@@ -286,11 +287,13 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     biaxbayes predict media-posterior --stretches path.csv --reference measured
     biaxbayes predict media-posterior --inflate --radius 10 --wall 1.2 --axial-stretch 1.1
     """
+    from biaxbayes.prediction.stress import INSIDE
+
     inflated = given.pop("inflate")
-    _check_given(inflated, given)
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    for name in ("reference", "stress") if inflated else ("around", "seed"):
-        del chosen[name]
+    relation = "with" if inflated else "without"
+    opt.refuse_given(context, PATH if inflated else TUBE, f"{{}} does not go {relation} `inflate`")
+    left_out = (*PATH, "reference", "stress") if inflated else (*TUBE, "around", "seed")
+    chosen = {n: v for n, v in given.items() if v is not None and n not in left_out}
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
     if inflated:
@@ -303,24 +306,6 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
         if "path" not in chosen:
             chosen.setdefault("stretch", TESTED)
         table = predict(opened, out=folder, anyway=anyway, **chosen)
-    stem = folder / ("inflation" if inflated else "prediction")
-    _print_prediction(table, stem.with_suffix(".csv"), stem.with_suffix(f".{given['suffix']}"))
-
-
-def _check_given(inflated: bool, given: dict[str, Any]) -> None:
-    """Refuse options of the other kind of prediction."""
-    if inflated and (given["radius_mm"] is None or given["wall_mm"] is None):
-        raise InputError("a tube needs `radius_mm` and `wall_mm`", remedy="unloaded, in mm")
-    for name in PATH if inflated else TUBE:
-        if given[name] is not None:
-            raise InputError(f"`{name}` does not go {'with' if inflated else 'without'} `inflate`")
-    if given["path"] is not None and given["stretch"] is not None:
-        raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
-
-
-def _print_prediction(table: pd.DataFrame, *files: Path) -> None:
-    from biaxbayes.prediction.stress import INSIDE
-
     lost = table.get("share_without_equilibrium", np.zeros(1)).max()
     if lost > 0.0:
         click.echo(
@@ -328,7 +313,8 @@ def _print_prediction(table: pd.DataFrame, *files: Path) -> None:
             "between stretches of 0.3 and 4; they are left out of the bands",
             err=True,
         )
-    click.echo(", ".join(map(str, files)))
+    stem = folder / ("inflation" if inflated else "prediction")
+    click.echo(f"{stem.with_suffix('.csv')}, {stem.with_suffix('.' + given['suffix'])}")
     click.echo(
         "the predictive band is the interval of the tissue's response and includes the inferred "
         "error; the credible band is that of the model"

@@ -188,8 +188,8 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
     if as_json:
         click.echo(profiles_as_json(result))
         return
-    for each in result:
-        click.echo(each.in_words())
+    for curve in result:
+        click.echo(curve.in_words())
     if result[0].note:
         click.echo(f"biaxbayes: {result[0].note}", err=True)
     click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")

@@ -48,7 +48,7 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise
 from biaxbayes.sampling.sampler import Draws, Plan
-from biaxbayes.specimens.check import Finding, refuse_no_loading_curve
+from biaxbayes.specimens.check import Finding, check_round_trip, refuse_no_loading_curve
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.tasks import one_call
@@ -83,10 +83,7 @@ class Sampling:
         *,
         out: PathLike | None,
         options: dict[str, Any],
-        seed: int,
-        ess: float,
-        max_steps: int,
-        workers: int | None,
+        amount: SamplingPlan,
         mounting_force: Sequence[float] | None = None,
         anyway: bool = False,
     ) -> Sampling:
@@ -95,21 +92,32 @@ class Sampling:
             file: object = specimen.name
             safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in specimen.name)
             source, stem = specimen.name, safe.strip(".-")[:60] or "specimen"
-            inputs.check_round_trip(specimen, file)
+            check_round_trip(specimen, file)
         else:
             file = Path(specimen)
             source, stem = Path(specimen).name, Path(specimen).stem
         specimen = inputs.open_specimen(specimen, mounting_force)
         options = ModelOptions.from_values(options).keywords()
-        chosen = SamplingPlan(seed, ess, max_steps, workers)
         findings = refuse_no_loading_curve(specimen, None if anyway else file)
-        findings = (*findings, *_too_few_protocols(specimen, options["law"]))
+        law, count = options["law"], len(specimen.protocols)
+        if count < law_named(law).least_protocols:
+            text = (
+                f"{count} protocol is too few for the law {law}: its posterior has several modes "
+                "of similar mass, and the chains may not converge. Test another ratio, or choose "
+                "another law"
+            )
+            findings = (*findings, Finding("few-protocols", "warning", text))
         specimen, options = _resolved_mounting(specimen, options, file)
         if specimen.needs_grip_correction:
-            refuse_other_law(options["law"], file)
+            refuse_other_law(law, file)
             stated_hooks(specimen)
         Posterior(as_corrected(specimen), **options, beta=1.0)  # raises before a folder is made
-        plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.processors)
+        plan = Plan(
+            ess=amount.ess,
+            max_steps=amount.max_steps,
+            seed=amount.seed,
+            workers=amount.processors,
+        )
         return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
 
     def execute(
@@ -131,7 +139,18 @@ class Sampling:
             if self.specimen.needs_grip_correction:
                 run = self._corrected_for_grips(progress)
             posterior = prepare(run.specimen, **self.options, seed=self.plan.seed)
-            findings = _findings_of_fit(posterior)
+            swapped = swapped_columns(
+                posterior.specimen,
+                posterior.fit.residuals,
+                law=posterior.settings.law,
+                fibre_switch=posterior.settings.fibre_switch,
+            )
+            findings = [
+                *([swapped] if swapped else []),
+                *unused_prior_findings(posterior),
+                *radian_findings(posterior),
+                *prior_findings(posterior),
+            ]
             _show(findings, progress)
             fit_seconds = time.perf_counter() - fit_start
             draws = self._draw(posterior, resume, fit_seconds, progress, stop)
@@ -286,22 +305,6 @@ def write_figures(
         atomic_write_text(folder / EXPLORE, page)
 
 
-def _findings_of_fit(posterior: Posterior) -> list[Finding]:
-    """Findings from the fit: swapped columns, radians, priors in conflict with the data."""
-    swapped = swapped_columns(
-        posterior.specimen,
-        posterior.fit.residuals,
-        law=posterior.settings.law,
-        fibre_switch=posterior.settings.fibre_switch,
-    )
-    conflicts = [
-        *unused_prior_findings(posterior),
-        *radian_findings(posterior),
-        *prior_findings(posterior),
-    ]
-    return [swapped, *conflicts] if swapped else conflicts
-
-
 def _show(findings: Sequence[Finding], progress: OnProgress) -> None:
     for finding in findings:
         progress(Progress("fitting", note=str(finding)))
@@ -311,22 +314,6 @@ def _warn(progress: Progress) -> None:
     """Without a progress callback, notes are issued as warnings."""
     if progress.note:
         warnings.warn(progress.note, RuntimeWarning, stacklevel=4)
-
-
-def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
-    """A warning if the protocols are too few for a law."""
-    count, needed = len(specimen.protocols), law_named(law).least_protocols
-    if count >= needed:
-        return []
-    return [
-        Finding(
-            "few-protocols",
-            "warning",
-            f"{count} protocol is too few for the law {law}: its posterior has several modes of "
-            "similar mass, and the chains may not converge. Test another ratio, or choose another "
-            "law",
-        )
-    ]
 
 
 def _resolved_mounting(
@@ -405,16 +392,10 @@ def sample(
         If the folder is in use, cannot be written, or holds a finished run or a checkpoint of
         something else.
     """
-    plan, model = SamplingPlan.split(options)
+    amount, model = SamplingPlan.split(options)
+    checked: dict[str, Any] = {"mounting_force": mounting_force, "anyway": anyway}
     with one_call:
-        sampling = Sampling.prepare(
-            specimen,
-            out=out,
-            options=model,
-            mounting_force=mounting_force,
-            anyway=anyway,
-            **vars(plan),
-        )
+        sampling = Sampling.prepare(specimen, out=out, options=model, amount=amount, **checked)
         return open_run(
             sampling.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
         )

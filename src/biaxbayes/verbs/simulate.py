@@ -14,15 +14,16 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
+from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import NO_GRIPS
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.verbs.inputs import check_new, check_round_trip
+from biaxbayes.verbs.inputs import check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
 
 if TYPE_CHECKING:
-    from biaxbayes.laws.materials import MaterialResponse
-    from biaxbayes.specimens.virtual_specimen import Dimensions, Truth
+    from biaxbayes.laws.published import PublishedMaterial
+    from biaxbayes.specimens.virtual_specimen import Truth
 
 
 STRESS_PAIRS = ("force", "piola", "cauchy")
@@ -61,8 +62,8 @@ class VirtualTest(Options):
     thickness: float | None = option(
         None, "Unloaded thickness  [default: 1]", kind=float, metavar="MM"
     )
-    noise_N: float = option(0.0, "Sd of a force reading.", metavar="N")
-    misfit: float = option(0.0, "Sd of a smooth error, share of force.", metavar="R")
+    noise_N: float = option(0.0, "Sd of a force reading.", least=0.0, metavar="N")
+    misfit: float = option(0.0, "Sd of a smooth error, share of force.", least=0.0, metavar="R")
     stress_pair: str = option(
         "force", "What the file holds: N, or kPa as a lab computes it.", choices=STRESS_PAIRS
     )
@@ -127,64 +128,69 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
     from biaxbayes.laws.goh import GOH
-    from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
+    from biaxbayes.specimens.virtual_specimen import (
+        Dimensions,
+        Machine,
+        hooked_specimen,
+        virtual_specimen,
+    )
 
-    material, conditions, dimensions = _conditions(test)
+    material, published = _material(test)
     if test.hooks and not isinstance(material, GOH):
         raise InputError(
             f"`hooks` computes a sheet with shear, which the law {material.law.name} does not "
             "define here",
             remedy="leave `hooks` out, or give a material of goh",
         )
-    for key, value in (("noise_N", test.noise_N), ("misfit", test.misfit)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(f"`{key}` is {value:g}", remedy="give zero or more")
-    machine = Machine(
-        noise_N=test.noise_N,
-        misfit=test.misfit,
-        stress_pair=test.stress_pair,
-        geometry=test.geometry,
-    )
+    thickness = published.thickness_mm or 1.0 if test.thickness is None else test.thickness
+    if not (math.isfinite(thickness) and thickness > 0.0):
+        raise InputError(f"a thickness of {thickness:g} mm", remedy="give a positive number")
     common: dict[str, Any] = {
         "name": name,
-        **conditions,
+        "source": published.source,
+        **_stretches(test, published),
         "ratios": test.ratios or ((1.0, 1.0),),
         "increments": test.increments,
-        "dimensions": dimensions,
-        "machine": machine,
+        "dimensions": Dimensions(*test.edge, thickness),
+        "machine": Machine(
+            noise_N=test.noise_N,
+            misfit=test.misfit,
+            stress_pair=test.stress_pair,
+            geometry=test.geometry,
+        ),
         "seed": test.seed,
     }
-    hooks = Hooks(count=test.hooks or DEFAULT_HOOKS)
     try:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
             if isinstance(material, GOH) and test.hooks:
-                made = hooked_specimen(material, **common, hooks=hooks)
+                hooks = Hooks(count=test.hooks)
+                specimen, truth = hooked_specimen(material, **common, hooks=hooks)
+                keys: dict[str, Any] = {
+                    "grips": f"hooks {hooks.count}",
+                    "grip_inset_mm": hooks.inset_mm,
+                    "grip_width_mm": 2.0 * hooks.radius_mm,
+                }
             else:
-                made = virtual_specimen(material, **common)
+                specimen, truth = virtual_specimen(material, **common)
+                keys = {"grips": NO_GRIPS}
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
-    keys: dict[str, Any] = {"grips": NO_GRIPS}
-    if test.hooks:
-        keys = {"grips": f"hooks {hooks.count}", "grip_inset_mm": hooks.inset_mm}
-        keys |= {"grip_width_mm": 2.0 * hooks.radius_mm}
-    specimen, truth = made
-    made = replace(specimen, metadata={**specimen.metadata, **keys}), truth
+    specimen = replace(specimen, metadata={**specimen.metadata, **keys})
     try:
-        check_round_trip(made[0], name)
+        check_round_trip(specimen, name)
     except InputError as error:
         raise InputError(
             f"this test gives a record that cannot be used: {error.problem}",
             remedy="choose another stretch, ratio or material",
         ) from None
-    return made
+    return specimen, truth
 
 
-def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Dimensions]:
-    """Material, stretches and dimensions from the options or as published with the material."""
+def _material(test: VirtualTest) -> tuple[Any, PublishedMaterial]:
+    """The material to test, and what is published with it."""
     from biaxbayes.laws.goh import GOH
     from biaxbayes.laws.materials import CheckedMaterial, MaterialResponse
     from biaxbayes.laws.published import MATERIALS, PublishedMaterial
-    from biaxbayes.specimens.virtual_specimen import Dimensions
 
     if isinstance(test.material, MaterialResponse):
         published = PublishedMaterial(test.material, "command line")
@@ -205,19 +211,11 @@ def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Di
     elif test.fibre_switch:
         switched = law_named(material.law.name, fibre_switch=True)
         material = CheckedMaterial(switched, material.theta)
-    thickness = test.thickness
-    if thickness is None:
-        thickness = published.thickness_mm or 1.0
-    if not (math.isfinite(thickness) and thickness > 0.0):
-        raise InputError(f"a thickness of {thickness:g} mm", remedy="give a positive number")
-    edge_x, edge_y = test.edge
-    conditions = {**_stretches(test, published), "source": published.source}
-    return material, conditions, Dimensions(edge_x, edge_y, thickness)
+    return material, published
 
 
-def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
+def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any]:
     """Mounting stretch and stretch range from the options or as published."""
-    top: list[Any]
     mounting = test.prestretch or published.mounting_stretch
     if not test.prestretch and published.mounting_stretch == (1.0, 1.0):
         raise InputError(
@@ -236,7 +234,9 @@ def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
             "no stretch range is published with this material",
             remedy="give `total_stretch` or `measured_stretch`",
         )
-    top = [measured, measured] if total is None else [total / lm if lm else 0.0 for lm in mounting]
+    top: list[Any] = (
+        [measured] * 2 if total is None else [total / m if m else 0.0 for m in mounting]
+    )
     for label, values in (("`prestretch`", mounting), ("largest measured stretch", top)):
         for value in values:
             if not 0.5 <= value <= 3.0:
@@ -245,11 +245,8 @@ def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
                 )
     if 1.0 in top:
         raise InputError("the test ends where it starts", remedy="choose a larger stretch")
-    return {
-        "mounting_stretch": tuple(mounting),
-        "total_stretch": total,
-        "measured_stretch": measured,
-    }
+    stretches = {"total_stretch": total, "measured_stretch": measured}
+    return {"mounting_stretch": tuple(mounting), **stretches}
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -272,21 +269,7 @@ def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
 )
 @options(
     VirtualTest,
-    "fibre_switch",
-    "prestretch",
-    "total_stretch",
-    "measured_stretch",
-    "ratios",
-    "increments",
-    "edge",
-    "thickness",
-    "noise_N",
-    "misfit",
-    "stress_pair",
-    "geometry",
-    "hooks",
-    "seed",
-    "name",
+    *(name for name in options_of(VirtualTest) if name != "material"),
     prestretch={"nargs": 2, "type": float},
     ratios={"multiple": True, "type": RATIO, "show_default": False},
     edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
@@ -317,9 +300,15 @@ def command(
         --prestretch 1.02 1.02 --total-stretch 1.2 --out fung.csv
     """
     from biaxbayes.laws.goh import GOH
+    from biaxbayes.laws.published import MATERIALS
 
     if material == "list":
-        _print_materials()
+        for name, published in MATERIALS.items():
+            m = published.material
+            click.echo(
+                f"{name:18s} {m.C1_kPa:6g} {m.k1_kPa:6g} {m.k2:6g} {m.alpha_deg:6g} {m.kappa:6g}"
+                f"  {published.source}"
+            )
         return
     if out is None:
         raise InputError("--out is missing", remedy="give --out FILE")
@@ -339,7 +328,13 @@ def command(
     elif law or values:
         chosen = _given_material(law, values)
     specimen, truth = simulate(out, overwrite=overwrite, material=chosen, **test)
-    _print_test(specimen, truth, out)
+    rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
+    paths = f"{len(specimen.protocols)} protocol{'s' if len(specimen.protocols) > 1 else ''}"
+    click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
+    x, y = next(iter(truth.disturbed_mounting_force.values()))
+    click.echo(f"mounting load {x:.4g}, {y:.4g} {unit}; truth in {truth_file(out)}")
+    if specimen.is_tared:
+        click.echo("the mounting load is zero: 'sample' will treat the file as tared", err=True)
 
 
 def _given_material(law: str | None, values: str | None) -> Any:
@@ -369,25 +364,3 @@ def _given_material(law: str | None, values: str | None) -> Any:
         return chosen.checked_material(numbers)
     except InputError as error:
         raise InputError(f"--values: {error.problem}", remedy=error.remedy) from None
-
-
-def _print_materials() -> None:
-    from biaxbayes.laws.published import MATERIALS
-
-    for name, published in MATERIALS.items():
-        m = published.material
-        click.echo(
-            f"{name:18s} {m.C1_kPa:6g} {m.k1_kPa:6g} {m.k2:6g} {m.alpha_deg:6g} {m.kappa:6g}"
-            f"  {published.source}"
-        )
-
-
-def _print_test(specimen: Specimen, truth: Truth, out: Path) -> None:
-    rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
-    paths = f"{len(specimen.protocols)} protocol{'s' if len(specimen.protocols) > 1 else ''}"
-    click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
-    first = next(iter(truth.disturbed_mounting_force.values()))
-    truths = truth_file(out)
-    click.echo(f"mounting load {first[0]:.4g}, {first[1]:.4g} {unit}; truth in {truths}")
-    if specimen.is_tared:
-        click.echo("the mounting load is zero: 'sample' will treat the file as tared", err=True)
