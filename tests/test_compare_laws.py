@@ -23,14 +23,15 @@ from biaxbayes.comparison.law_comparison import (
     without,
 )
 from biaxbayes.comparison.law_weights import STACKED, weigh_laws
-from biaxbayes.comparison.mixture import mixture_bands, mixture_draws
-from biaxbayes.comparison.pooling import (
+from biaxbayes.comparison.mixture import (
     LEAST_SHARPNESS,
     PRIOR_READINGS,
     SHARPNESS_LOG_SD,
     calibrated_levels,
     mixed_percentiles,
     mixed_probabilities,
+    mixture_bands,
+    mixture_draws,
     sharpness,
     stacking_weights,
     weighted_density,

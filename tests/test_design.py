@@ -14,6 +14,7 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.model.search import draw_posterior
+from biaxbayes.optimal_design import information_gain
 from biaxbayes.optimal_design.candidates import FurtherProtocol, Reading, standard_candidates
 from biaxbayes.optimal_design.design import design
 from biaxbayes.optimal_design.information_gain import (
@@ -130,6 +131,26 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
         np.testing.assert_allclose(result.sd, spread[j], rtol=0.25)
         known = logsumexp(weights[j]) - np.log(len(run.draws))
         assert result.log_evidence == pytest.approx(known, abs=0.2)
+
+
+def test_materials_whose_stress_overflows_have_no_part_in_the_spreads(run, precise, monkeypatch):
+    posterior, after = precise
+    fresh = replace(after)
+    x = posterior.coordinates({k: run.draws[k].iloc[:300] for k in posterior.free})
+    whole = information_gain.design_quantities
+
+    def overflowing(*arguments):
+        values = whole(*arguments)
+        values[after.quantities[-1]][0] = np.nan
+        return values
+
+    monkeypatch.setattr(information_gain, "explore", lambda *a, **k: (None, x, np.zeros(len(x))))
+    monkeypatch.setattr(information_gain, "design_quantities", overflowing)
+    equal = np.zeros(len(run.draws))
+    found = fresh.after(np.array([40.0]), equal, np.random.default_rng(1))
+    assert found.effective == pytest.approx(len(x) - 1)
+    alpha = run.draws["alpha"].iloc[1:300]
+    assert found.sd[after.quantities.index("alpha")] == pytest.approx(alpha.std(), rel=1e-6)
 
 
 @pytest.mark.long

@@ -212,7 +212,7 @@ PAIRS = [("unloaded", "force"), ("mounted", "cauchy")]
 
 @pytest.mark.parametrize(("geometry", "pair"), PAIRS)
 @pytest.mark.parametrize("quantity", ["cauchy", "load"])
-@pytest.mark.parametrize("kind", [LoadResiduals, FreeMounting, BalancedMounting, "noisy"])
+@pytest.mark.parametrize("kind", [LoadResiduals, FreeMounting, "read", BalancedMounting, "noisy"])
 def test_residual_jacobians_against_differences(geometry, pair, quantity, kind):
     lms = [(1.02, 1.008), (1.01, 1.03)]
     specimen = specimen_of(MEDIA, ratios=[(1, 1), (1, 0.6)], mountings=lms, pair=pair)
@@ -222,9 +222,13 @@ def test_residual_jacobians_against_differences(geometry, pair, quantity, kind):
     point = coordinates_of(GOH(3.5, 11.0, 2.5, 42.0, 0.08))
     unknowns = point.copy()
     common = (data, quantity, point, free, data.peak, np.array(lms).T, GOH_LAW)
+    sd = np.full((2, 2), 1e-3 * data.peak)
     if kind == "noisy":
-        problem = BalancedMounting(*common, reading_sd=np.full((2, 2), 1e-3 * data.peak))
+        problem = BalancedMounting(*common, reading_sd=sd)
         unknowns = np.concatenate([unknowns, [0.3, -0.2, 0.1, 0.4]])
+    elif kind == "read":  # one mounting stretch is fixed
+        problem = FreeMounting(*common, np.array([0, 2, 3]), sd)
+        unknowns = np.concatenate([unknowns, np.array(lms).T.ravel()[[0, 2, 3]]])
     else:
         problem = kind(*common)
         if kind is FreeMounting:

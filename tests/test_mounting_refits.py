@@ -81,18 +81,6 @@ def test_the_range_of_the_refits_is_reported_and_holds_the_truth():
     assert result["C1"].posterior_verdict != NOT_IDENTIFIED
 
 
-def test_fits_made_beforehand_are_those_that_would_be_made():
-    posterior = prepare(missed())
-    draws = narrow_draws(posterior)
-    parts = mounting_refits(posterior)
-    given = identify_draws(posterior, draws, "converged", refits=lambda _: parts)
-    made = identify_draws(posterior, draws, "converged")
-    pd.testing.assert_frame_equal(given.to_frame(), made.to_frame())
-    without = identify_draws(posterior, draws, "converged", refits=lambda _: None)
-    assert without[NAMES[0]].evidence.refits is None
-    assert without[NAMES[0]].posterior_verdict != NOT_IDENTIFIED
-
-
 def test_an_interval_as_wide_as_the_refits_stands():
     posterior = prepare(missed())
     low, high = identify_draws(posterior, narrow_draws(posterior), "converged")[

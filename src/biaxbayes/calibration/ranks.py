@@ -23,6 +23,10 @@ from scipy.stats import beta, binom
 # --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
 
 
+COVERAGE = 0.95
+"""Probability that uniform ranks lie inside their simultaneous band everywhere."""
+
+
 def rank_counts(ranks: np.ndarray, draws: int) -> np.ndarray:
     """Count the ranks that are at most r, for r = 0 ... draws - 1."""
     return np.cumsum(np.bincount(np.asarray(ranks, dtype=int), minlength=draws + 1))[:draws]
@@ -77,22 +81,19 @@ def probability_inside(replications: int, draws: int, level: float) -> float:
 
 
 @lru_cache(maxsize=64)
-def band_level(replications: int, draws: int, coverage: float = 0.95) -> float:
-    """Largest pointwise level (to 1e-3) at which the bands hold all ranks with this coverage."""
-    low, high = np.log((1.0 - coverage) / (10.0 * draws)), np.log(1.0 - coverage)
+def band_level(replications: int, draws: int) -> float:
+    """Largest pointwise level (to 1e-3) at which the bands contain all ranks with COVERAGE."""
+    low, high = np.log((1.0 - COVERAGE) / (10.0 * draws)), np.log(1.0 - COVERAGE)
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
-        enough = probability_inside(replications, draws, float(np.exp(middle))) >= coverage
+        enough = probability_inside(replications, draws, float(np.exp(middle))) >= COVERAGE
         low, high = (middle, high) if enough else (low, middle)
     return float(np.exp(low))
 
 
-def count_band(
-    replications: int, draws: int, coverage: float = 0.95
-) -> tuple[np.ndarray, np.ndarray]:
+def count_band(replications: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
     """Simultaneous band of :func:`rank_counts`: lowest and highest count inside, shape (draws,)."""
-    allowed = _allowed(replications, draws, band_level(replications, draws, coverage))
-    low, high = np.array(allowed).T
+    low, high = np.array(_allowed(replications, draws, band_level(replications, draws))).T
     return low, high
 
 

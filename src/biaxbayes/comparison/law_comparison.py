@@ -61,8 +61,7 @@ def without(specimen: Specimen, part: Part) -> Specimen:
     only = specimen.protocols[0]
     rows = np.ones(only.rows, dtype=bool)
     rows[part.rows] = False
-    columns = {k: getattr(only, k)[rows] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
-    return replace(specimen, protocols=(replace(only, **columns, time_s=None),))
+    return replace(specimen, protocols=(only.at_rows(rows),))
 
 
 def only(specimen: Specimen, part: Part) -> Specimen:
@@ -72,8 +71,7 @@ def only(specimen: Specimen, part: Part) -> Specimen:
     # A protocol that does not start at the mounted state has taken rows at rest from another.
     moved = np.arange(whole.rows)[part.rows] + (p.rows - whole.rows)
     rows = np.r_[np.arange(p.rest_rows), moved]
-    columns = {k: getattr(p, k)[rows] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
-    return replace(specimen, protocols=(replace(p, **columns, time_s=None),))
+    return replace(specimen, protocols=(p.at_rows(rows),))
 
 
 # --- one posterior -------------------------------------------------------------------------------

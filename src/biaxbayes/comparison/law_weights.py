@@ -19,11 +19,13 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, left_out_parts, only
-from biaxbayes.comparison.mixture import mixture_bands, mixture_draws, shared_stretches
-from biaxbayes.comparison.pooling import (
+from biaxbayes.comparison.mixture import (
     calibrated_levels,
     mixed_percentiles,
     mixed_probabilities,
+    mixture_bands,
+    mixture_draws,
+    shared_stretches,
     sharpness,
     stacking_weights,
     weighted_density,

@@ -12,7 +12,7 @@ Its minimum is what is reported as a fit, where a sampler starts, and how other 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -230,7 +230,7 @@ class FitSetup:
 
 def minimum(
     setup: FitSetup,
-    points: Sequence[np.ndarray] | np.ndarray,
+    points: np.ndarray,
     *,
     weighted: bool,
     compiled: bool,

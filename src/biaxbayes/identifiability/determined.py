@@ -113,8 +113,6 @@ def some_draws(draws: pd.DataFrame, most: int = MOST_DRAWS) -> pd.DataFrame:
 
 def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
     """Median mounting stretch of every protocol, shape (protocols, 2); one where not inferred."""
-    if not mounting_labels(draws, specimen):
-        return np.ones((len(specimen.protocols), 2))
     return np.array([np.median(protocol_mounting(draws, p), axis=0) for p in specimen.protocols])
 
 

@@ -98,17 +98,15 @@ def swapped_columns(
     )
 
 
-def thinned(specimen: Specimen, rows: int = ROWS) -> Specimen:
-    """Specimen with at most this many stretched rows per protocol, and all rest rows."""
+def thinned(specimen: Specimen) -> Specimen:
+    """Specimen with at most 150 stretched rows per protocol, and all rest rows."""
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)
-        at = np.linspace(0, moving.size - 1, min(rows, moving.size)).round().astype(int)
+        at = np.linspace(0, moving.size - 1, min(ROWS, moving.size)).round().astype(int)
         index = np.concatenate([np.arange(p.rest_rows), moving[np.unique(at)]])
         time = None if p.time_s is None else p.time_s[index]
-        curves = (p.stretch_x, p.stretch_y, p.load_x, p.load_y)
-        x, y, fx, fy = (curve[index] for curve in curves)
-        protocols.append(replace(p, stretch_x=x, stretch_y=y, load_x=fx, load_y=fy, time_s=time))
+        protocols.append(replace(p.at_rows(index), time_s=time))
     # The scatter of neighbouring rows is lost by thinning: state it.
     noise = specimen.noise_sd or None
     return replace(specimen, protocols=tuple(protocols), load_noise=noise)

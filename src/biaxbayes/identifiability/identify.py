@@ -6,7 +6,7 @@ they mean and every threshold are in ``docs/identifiability.md``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,6 @@ from biaxbayes.identifiability.marginals import (
     Scale,
     count_modes,
     density,
-    edge_distances,
     find_edges,
     parameter_scales,
 )
@@ -32,7 +31,7 @@ from biaxbayes.identifiability.mounting_interval import (
     interval_from_laws,
     widened,
 )
-from biaxbayes.identifiability.mounting_refits import MountingRefits, mounting_refits
+from biaxbayes.identifiability.mounting_refits import mounting_refits
 from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.reported import Reported, reported
 from biaxbayes.identifiability.verdict import (
@@ -48,9 +47,7 @@ from biaxbayes.model.conflicts import prior_conflicts
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH, mounting_names
-
-Refits = Callable[[Posterior], MountingRefits | None]
-"""Fits to parts of the record of a posterior."""
+from biaxbayes.prediction.draws import protocol_mounting
 
 MOST_DRAWS = 20_000
 """Draws, evenly chosen, that the evidence is computed from; medians and intervals are those of
@@ -208,7 +205,6 @@ def identify_draws(
     *,
     thresholds: Thresholds | None = None,
     fits: LawFits | None = None,
-    refits: Refits = mounting_refits,
     priors: Mapping[str, Prior | DrawnPrior | Tie | float] | None = None,
 ) -> Identifiability:
     """Assess the parameters of a posterior by its draws.
@@ -224,8 +220,6 @@ def identify_draws(
         the same, unusable ones give none.
     fits : LawFits, optional
         From :func:`run_law_fits`: without them mounting stretches have no interval to report.
-    refits : callable
-        Fits to parts of the record, of the posterior; for who made them beforehand.
     priors : mapping, optional
         In place of the posterior's own, for draws under other priors of the same likelihood.
     """
@@ -234,23 +228,20 @@ def identify_draws(
     scales = parameter_scales(priors or posterior.priors, posterior.quantities, few)
     free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
     evidence: dict[str, Evidence] = {}
+    law, protocols = posterior.law, posterior.specimen.protocols
     if state != "unusable":
-        evidence = evidence_of_draws(
-            free,
-            few,
-            draws,
-            (power_scaling.log_prior(free, few), power_scaling.log_likelihood(posterior, few)),
-            edge_distances(few, posterior.specimen, posterior.law),
-            chosen,
-        )
-        _add_mounting_evidence(evidence, posterior, draws, free, chosen, refits)
+        logs = (power_scaling.log_prior(free, few), power_scaling.log_likelihood(posterior, few))
+        tops = [p.stretch.max(axis=0) * protocol_mounting(few, p) for p in protocols]
+        distances = law.edge_distances(law.material(few), tops)
+        evidence = evidence_of_draws(free, few, draws, logs, distances, chosen)
+        _add_mounting_evidence(evidence, posterior, draws, free, chosen)
     if state != "converged":
         fits = None
     mounting = {} if fits is None else mounting_intervals(posterior, fits, evidence)
     parameters = assess_parameters(
-        scales, evidence, posterior.law, state, thresholds=chosen, mounting=mounting
+        scales, evidence, law, state, thresholds=chosen, mounting=mounting
     )
-    return Identifiability(parameters, state, len(draws), chosen, posterior.law, fits)
+    return Identifiability(parameters, state, len(draws), chosen, law, fits)
 
 
 def evidence_of_draws(
@@ -263,7 +254,8 @@ def evidence_of_draws(
 ) -> dict[str, Evidence]:
     """Evidence by name from some of the draws; medians and intervals are of all draws.
 
-    `log_components` are log prior and log likelihood of each draw.
+    `log_components` are log prior and log likelihood of each draw, `distances` those from a
+    physical edge that count as near, by parameter.
     """
     scaled = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
     by_prior, by_data = (power_scaling.sensitivity(scaled, log) for log in log_components)
@@ -304,11 +296,10 @@ def _add_mounting_evidence(
     draws: pd.DataFrame,
     free: Sequence[Scale],
     thresholds: Thresholds,
-    refits: Refits,
 ) -> None:
     """Add to mounting stretches which ends the prior decides, and the range of the refits."""
     mounting = [s for s in free if s.parameter.kind == STRETCH]
-    parts = refits(posterior) if mounting else None
+    parts = mounting_refits(posterior) if mounting else None
     for scale in mounting:
         e = evidence[scale.name]
         if not posterior.specimen.metadata.get(scale.name):  # a prior that is no measurement

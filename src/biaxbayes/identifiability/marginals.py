@@ -27,11 +27,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.bounded_density import Span, curve
-from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
-from biaxbayes.prediction.draws import protocol_mounting
-from biaxbayes.specimens.specimen import Specimen
 
 # --- the scale on which a parameter's prior and posterior are compared ---------------------------
 
@@ -205,21 +202,11 @@ class Edge:
     prior_mass: float  # share of the prior that near
     support: float  # averaged likelihood there over its maximum
 
-    def meaning(self, parameter: Parameter) -> str:
-        """The material at a physical edge, as text."""
-        return (parameter.at_low, parameter.at_high)[self.side]
-
-
-def end_message(value: float, meaning: str) -> str:
-    """An end of a range with what a material there is: ``0 (aligned fibres)``."""
-    text = "1/3" if abs(value - 1.0 / 3.0) < 1e-12 else f"{value:g}"
-    return f"{text} ({meaning})" if meaning else text
-
-
-def edge_distances(draws: pd.DataFrame, specimen: Specimen, law: Law) -> dict[str, float]:
-    """Distances from a physical edge that count as near, by parameter, in natural units."""
-    tops = [p.stretch.max(axis=0) * protocol_mounting(draws, p) for p in specimen.protocols]
-    return law.edge_distances(law.material(draws), tops)
+    def text(self, parameter: Parameter) -> str:
+        """The end with what a material there is: ``0 (aligned fibres)``."""
+        value = "1/3" if abs(self.value - 1.0 / 3.0) < 1e-12 else f"{self.value:g}"
+        meaning = (parameter.at_low, parameter.at_high)[self.side]
+        return f"{value} ({meaning})" if meaning else value
 
 
 def find_edges(

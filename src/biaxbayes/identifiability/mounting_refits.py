@@ -108,9 +108,7 @@ def _first_part(data: Specimen, share: float) -> Specimen:
         load = np.abs(data.load(p))
         beyond = (load > share * load.max(axis=0)).any(axis=1)
         last = int(np.argmax(beyond)) if beyond.any() else p.rows
-        rows = slice(0, max(last, p.rest_rows + FEWEST_ROWS))
-        x, y, fx, fy = (c[rows] for c in (p.stretch_x, p.stretch_y, p.load_x, p.load_y))
-        protocols.append(replace(p, stretch_x=x, stretch_y=y, load_x=fx, load_y=fy, time_s=None))
+        protocols.append(p.at_rows(slice(0, max(last, p.rest_rows + FEWEST_ROWS))))
     return replace(data, protocols=tuple(protocols))
 
 

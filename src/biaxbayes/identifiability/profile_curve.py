@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -131,19 +131,14 @@ class ProfileCurve:
         """Fit from new starts over the whole range; True if the profile was lower somewhere."""
         is_lower = False
         for at in self.axis.anchors(self.at[self.lowest]):
-            fixed_values = self._fixed(float(at))
-            best = self.fits[self.lowest]
-            starts = [best.unknowns, *self.likelihood.extra_starts(fixed_values, EXTRA_STARTS)]
-            looks = [
-                self.likelihood.best(fixed_values, start, best.error_sd, rounds=2, steps=LOOK)
-                for start in starts
-            ]
+            at, best = float(at), self.fits[self.lowest]
+            extra = self.likelihood.extra_starts(self._fixed(at), EXTRA_STARTS)
+            starts = [best, *(replace(best, unknowns=unknowns) for unknowns in extra)]
+            looks = [self._best(at, start, rounds=2, steps=LOOK) for start in starts]
             looks.sort(key=lambda fit: fit.deviance)
             new_fit = looks[0]
             if new_fit.deviance < best.deviance + HOPELESS:
-                ends = [
-                    self.likelihood.best(fixed_values, f.unknowns, f.error_sd) for f in looks[:2]
-                ]
+                ends = [self._best(at, fit) for fit in looks[:2]]
                 new_fit = min(ends, key=lambda fit: fit.deviance)
             level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
@@ -151,8 +146,8 @@ class ProfileCurve:
                 lower = new_fit.deviance < here - LOWER
             else:
                 lower = new_fit.deviance < level + THRESHOLD + BEYOND
-            if lower and float(at) not in self.at:
-                self._add(float(at), new_fit)
+            if lower and at not in self.at:
+                self._add(at, new_fit)
                 is_lower = True
         return is_lower
 
@@ -182,20 +177,15 @@ class ProfileCurve:
 
     def fit(self, at: float, *neighbours: int) -> ConditionalFit:
         """The best fit at a place on the axis, from the points given and their extrapolation."""
-        starts = [self.fits[k].unknowns for k in neighbours]
+        first = self.fits[neighbours[0]]
+        starts = [first]
         if len(neighbours) == 2:
             a, b = (self.at[k] for k in neighbours)
-            if a != b:
-                share = (at - a) / (b - a)
-                line = starts[0] + share * (starts[1] - starts[0])
-                starts = [np.clip(line, self.likelihood.lower, self.likelihood.upper), *starts]
-        fixed_values = self._fixed(at)
-        sd = self.fits[neighbours[0]].error_sd
-        new_fit = ConditionalFit(starts[0], np.inf, sd)
-        for start in starts[: 1 + (len(starts) > 1)]:
-            tried = self.likelihood.best(fixed_values, start, sd)
-            new_fit = tried if tried.deviance < new_fit.deviance else new_fit
-        return new_fit
+            share = (at - a) / (b - a)
+            line = first.unknowns + share * (self.fits[neighbours[1]].unknowns - first.unknowns)
+            line = np.clip(line, self.likelihood.lower, self.likelihood.upper)
+            starts.insert(0, replace(first, unknowns=line))
+        return min((self._best(at, start) for start in starts), key=lambda fit: fit.deviance)
 
     def extend(self, side: int) -> None:
         """Continue outwards from the outermost point until well beyond the threshold or the end."""
@@ -226,6 +216,10 @@ class ProfileCurve:
         """The profiled unknown at a place on the axis."""
         return {self.axis.index: self.axis.to_unknown(at)}
 
+    def _best(self, at: float, start: ConditionalFit, **limits: int) -> ConditionalFit:
+        """The lowest deviance at a place on the axis, from another fit."""
+        return self.likelihood.best(self._fixed(at), start.unknowns, start.error_sd, **limits)
+
     def _add(self, at: float, new_fit: ConditionalFit) -> None:
         k = int(np.searchsorted(self.at, at))
         self.at.insert(k, at)
@@ -236,10 +230,7 @@ class ProfileCurve:
         better = False
         for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
             for k in order:
-                start = self.fits[k - order.step]
-                tried = self.likelihood.best(
-                    self._fixed(self.at[k]), start.unknowns, start.error_sd
-                )
+                tried = self._best(self.at[k], self.fits[k - order.step])
                 if tried.deviance < self.fits[k].deviance - BETTER:
                     better = True
                 if tried.deviance < self.fits[k].deviance:

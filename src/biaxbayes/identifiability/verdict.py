@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 from biaxbayes.errors import listed
-from biaxbayes.identifiability.marginals import Density, Edge, Scale, end_message
+from biaxbayes.identifiability.marginals import Density, Edge, Scale
 from biaxbayes.identifiability.mounting_interval import MountingInterval
 from biaxbayes.identifiability.partners import Partners
 from biaxbayes.laws.law import Law
@@ -227,7 +227,7 @@ def verdict_sentence(
     elif verdict == BOUNDED:
         limit = f"below {p.number(e.high)}" if ends[0].side == 0 else f"above {p.number(e.low)}"
         text = f"bounded, {limit}{p.unit_words()} (95 %); the data do not exclude "
-        text += end_message(ends[0].value, ends[0].meaning(p))
+        text += ends[0].text(p)
     elif verdict == COMBINATION:
         partners = e.partners.names
         text = (
@@ -235,7 +235,7 @@ def verdict_sentence(
             f"{'it was' if len(partners) == 1 else 'they were'} known, the interval would shrink "
             f"to {100.0 * e.partners.spread_given_partners:.0f} % of that width"
         )
-        physical = [end_message(x.value, x.meaning(p)) for x in ends if x.kind == "physical"]
+        physical = [x.text(p) for x in ends if x.kind == "physical"]
         text += f"; {listed(physical)} not excluded" if physical else ""
     elif verdict == NOT_IDENTIFIED:
         bounds = [p.number(edge.value) for edge in ends if edge.kind == "user"]
