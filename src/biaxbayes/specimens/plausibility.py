@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from biaxbayes.specimens.protocol import LOAD_ROWS, ReadingError
@@ -19,18 +21,23 @@ NEGATIVE = 0.3
 """
 
 
+STRIPS = (
+    "no load was recorded in this direction. Uniaxial strips cannot be used: the model needs a "
+    "planar biaxial test, with stretches and loads in both directions. A pair of strips, along x "
+    "and y, is one file of two protocols where the transverse stretches were measured, with 0 for "
+    "the transverse loads (sample it with --mounting-stretch per-protocol)"
+)
+
+
 def check_readings(specimen: Specimen) -> None:
     """Refuse stretches that never change, impossible loads, and noise above every load."""
     protocols = specimen.protocols
     for key in ("stretch_x", "stretch_y"):
         if all(np.ptp(getattr(p, key)) == 0.0 for p in protocols):
-            raise ReadingError(
-                "the stretch never changes",
-                argument=key,
-                index=0,
-                protocol=protocols[0].name,
-                remedy="at least one protocol has to stretch this direction",
-            )
+            name = protocols[0].name
+            remedy = "at least one protocol has to stretch this direction"
+            problem = "the stretch never changes"
+            raise ReadingError(problem, argument=key, index=0, protocol=name, remedy=remedy)
     for p in protocols:
         if np.ptp(p.stretch_x) == 0.0 and np.ptp(p.stretch_y) == 0.0:
             raise ReadingError(
@@ -41,15 +48,15 @@ def check_readings(specimen: Specimen) -> None:
                 remedy="nothing was tested; remove it",
             )
         if p.rest_rows == p.rows:
+            problem = f"rest_rows of {p.rest_rows} leaves no stretched row in protocol "
             raise ReadingError(
-                f"rest_rows of {p.rest_rows} leaves no stretched row in protocol {p.name[:40]!r}",
+                f"{problem}{p.name[:40]!r}",
                 argument="rest_rows",
                 protocol=p.name,
                 remedy="rest_rows counts the leading rows recorded before the test starts",
             )
-    sections = (None, None) if specimen.stress_pair != "force" else 1e3 * specimen.area
-    limit = specimen.metadata.get("stress_limit_kPa")
-    for key, section in zip(LOAD_ROWS, sections, strict=True):
+    forces, limit = specimen.stress_pair == "force", specimen.metadata.get("stress_limit_kPa")
+    for key, area in zip(LOAD_ROWS, specimen.area.tolist(), strict=True):
         loads = [getattr(p, key) for p in protocols]
         # A protocol may carry no load in one direction, a specimen not.
         largest = max(range(len(loads)), key=lambda i: float(np.abs(loads[i]).max()))
@@ -57,20 +64,17 @@ def check_readings(specimen: Specimen) -> None:
             continue
         check_load(
             loads[largest],
-            None if section is None else float(section),
+            1e3 * area if forces else None,
             None if limit is None else float(limit),
             argument=key,
             protocol=protocols[largest].name,
         )
-    noise = specimen.load_noise
+    noise, unit = specimen.load_noise, specimen.unit
     peak = max(float(np.abs([p.load_x, p.load_y]).max()) for p in protocols)
     if noise is not None and noise > peak:
-        raise ReadingError(
-            f"load_noise_{specimen.unit} of {noise:g} exceeds every load of the record (at most "
-            f"{peak:.4g})",
-            argument="load_noise",
-            remedy=f"give the standard deviation of one reading in {specimen.unit}",
-        )
+        problem = f"load_noise_{unit} of {noise:g} exceeds every load of the record (at most "
+        remedy = f"give the standard deviation of one reading in {unit}"
+        raise ReadingError(f"{problem}{peak:.4g})", argument="load_noise", remedy=remedy)
 
 
 def check_load(
@@ -82,47 +86,27 @@ def check_load(
     protocol: str | None = None,
 ) -> None:
     """Refuse loads (N with a section, otherwise kPa) that are all equal, or impossible."""
+    refusal = partial(ReadingError, argument=argument, protocol=protocol)
     row = int(np.argmax(np.abs(values)))
     peak = abs(float(values[row]))
     if np.all(values == values[0]):
         problem = "every value is zero" if peak == 0.0 else f"every value is {values[0]:g}"
-        raise ReadingError(problem, argument=argument, protocol=protocol, index=0, remedy=STRIPS)
+        raise refusal(problem, index=0, remedy=STRIPS)
     # kPa = N / mm^2 * 1e3
     stress = peak if section_mm2 is None else peak / section_mm2 * 1e3
     limit = limit_kPa or STRESS_LIMIT_KPA
-    if stress > limit:
-        raise ReadingError(
-            f"{values[row]:g} means a stress of {stress / 1000:.3g} MPa, "
-            "more than soft tissue bears",
-            argument=argument,
-            protocol=protocol,
-            index=row,
-            remedy=_remedy(stress, limit, section_mm2),
-        )
     if stress < STRESS_FLOOR_KPA:
         problem = f"the largest value, {values[row]:g}, means a stress of {stress:.3g} kPa"
-        remedy = "check the unit"
-        raise ReadingError(problem, argument=argument, protocol=protocol, index=row, remedy=remedy)
-
-
-STRIPS = (
-    "no load was recorded in this direction. Uniaxial strips cannot be used: the model needs a "
-    "planar biaxial test, with stretches and loads in both directions. A pair of strips, along x "
-    "and y, is one file of two protocols where the transverse stretches were measured, with 0 for "
-    "the transverse loads (sample it with --mounting-stretch per-protocol)"
-)
-
-
-def _remedy(stress: float, limit: float, section_mm2: float | None) -> str:
-    if section_mm2 is not None and section_mm2 < SMALL_SECTION_MM2:
-        return (
-            f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are in metres, "
-            "multiply them by 1000"
+        raise refusal(problem, index=row, remedy="check the unit")
+    if stress > limit:
+        problem = f"{values[row]:g} means a stress of {stress / 1000:.3g} MPa, "
+        remedy = (
+            f"if the values are in {'Pa' if section_mm2 is None else 'mN'}, divide them by 1000; "
+            f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
         )
-    unit = "Pa" if section_mm2 is None else "mN"
-    if stress > OUTLIER * limit:
-        return "mend the value or remove the row"
-    return (
-        f"if the values are in {unit}, divide them by 1000; "
-        f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
-    )
+        if section_mm2 is not None and section_mm2 < SMALL_SECTION_MM2:
+            remedy = f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are "
+            remedy += "in metres, multiply them by 1000"
+        elif stress > OUTLIER * limit:
+            remedy = "mend the value or remove the row"
+        raise refusal(f"{problem}more than soft tissue bears", index=row, remedy=remedy)

@@ -215,10 +215,6 @@ class Protocol:
         """The same path at some of its rows, without their times."""
         return replace(self, time_s=None, **{key: getattr(self, key)[rows] for key in CURVES})
 
-    def from_rest(self, stress_pair: str) -> Protocol:
-        """The same path, its stretches divided by their mean over the rows at rest."""
-        return self.divided_by(self.stretch[: self.rest_rows].mean(axis=0), stress_pair)
-
     def at_one(self) -> Protocol:
         """The same path, at rest only in leading rows that lie at the stretch (1, 1).
 

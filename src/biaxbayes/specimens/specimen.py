@@ -81,11 +81,6 @@ class Specimen:
     notes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
-        self._check_arguments()
-        object.__setattr__(self, "metadata", self._checked_metadata())
-        object.__setattr__(self, "protocols", self._referenced(self._checked_protocols()))
-
-    def _check_arguments(self) -> None:
         for argument, choices in (
             ("stress_pair", tuple(STRESS_PAIRS)),
             ("geometry", GEOMETRIES),
@@ -114,16 +109,17 @@ class Specimen:
                 remedy = f"give the standard deviation of one reading in {self.unit}"
                 raise ReadingError(problem, argument="load_noise", remedy=remedy)
             object.__setattr__(self, "load_noise", noise)
-
-    def _checked_metadata(self) -> dict[str, float | str]:
         for key in self.metadata:
             if key not in METADATA_KEYS:
                 problem = f"unknown metadata key {str(key)[:40]!r}"
                 remedy = f"known keys are {', '.join(METADATA_KEYS)}"
                 raise ReadingError(problem, argument="metadata", remedy=remedy)
-        return {key: _checked(key, value) for key, value in self.metadata.items()}
+        metadata = {key: _checked(key, value) for key, value in self.metadata.items()}
+        object.__setattr__(self, "metadata", metadata)
+        object.__setattr__(self, "protocols", self._referenced_protocols())
 
-    def _checked_protocols(self) -> tuple[Protocol, ...]:
+    def _referenced_protocols(self) -> tuple[Protocol, ...]:
+        """The protocols with stretches relative to the mounted state, and their rows there."""
         several = isinstance(self.protocols, Iterable)
         protocols = tuple(self.protocols) if several else ()
         if not protocols or not all(isinstance(p, Protocol) for p in protocols):
@@ -134,10 +130,6 @@ class Specimen:
             raise ReadingError(
                 "is missing in some protocols", argument="time_s", remedy="give it in all or none"
             )
-        return protocols
-
-    def _referenced(self, protocols: tuple[Protocol, ...]) -> tuple[Protocol, ...]:
-        """The protocols with stretches relative to the mounted state, and their rows there."""
         if self.reference == "common":
             protocols = tuple(p.at_one() for p in protocols)
             if not any(p.rest_rows for p in protocols):
@@ -155,7 +147,9 @@ class Specimen:
                 problem = "rest_rows must be at least 1 where each protocol has its own reference"
                 remedy = "count its first row, or state '# reference: common'"
                 raise ReadingError(problem, argument="rest_rows", protocol=p.name, remedy=remedy)
-        return tuple(p.from_rest(self.stress_pair) for p in protocols)
+        at_rest = (p.stretch[: p.rest_rows].mean(axis=0) for p in protocols)
+        pairs = zip(protocols, at_rest, strict=True)
+        return tuple(p.divided_by(stretch, self.stress_pair) for p, stretch in pairs)
 
     def __hash__(self) -> int:
         return hash((self.name, self.stress_pair, len(self.protocols)))
@@ -232,23 +226,23 @@ class Specimen:
         Zero in the digits of the file, as the mean of the rows at rest or as their first one,
         whichever the tare subtracted.
         """
-        return all(
-            self._is_zeroed(p, axis) for p in self.protocols if p.rest_rows for axis in (0, 1)
-        )
-
-    def _is_zeroed(self, p: Protocol, axis: int) -> bool:
-        written = (p.load_x, p.load_y)[axis]
-        if written[0] == 0.0:
-            return True
-        # Zero mean at rest; a Cauchy stress as it is written, or as a nominal stress
-        mean = abs(float(written[: p.rest_rows].mean()))
-        if min(mean, abs(float(self.mounting_reading(p)[axis]))) <= 1e-9 * self.peak_load:
-            return True
-        # Zero but for the last digit, which must be fine: with digits as coarse as the noise, a
-        # zero mean does not indicate taring.
-        digit = float(np.diff(np.unique(written)).min(initial=np.inf))
-        standard_error = self.noise_sd / np.sqrt(p.rest_rows)
-        return mean <= digit and digit <= FINE_DIGITS * standard_error
+        for p in self.protocols:
+            for written, reading in zip(
+                (p.load_x, p.load_y), self.mounting_reading(p), strict=True
+            ):
+                if p.rest_rows == 0 or written[0] == 0.0:
+                    continue
+                # Zero mean at rest; a Cauchy stress as it is written, or as a nominal stress
+                mean = abs(float(written[: p.rest_rows].mean()))
+                if min(mean, abs(float(reading))) <= 1e-9 * self.peak_load:
+                    continue
+                # Zero but for the last digit, which must be fine: with digits as coarse as the
+                # noise, a zero mean does not indicate taring.
+                digit = float(np.diff(np.unique(written)).min(initial=np.inf))
+                fine = FINE_DIGITS * self.noise_sd / np.sqrt(p.rest_rows)
+                if mean > digit or digit > fine:
+                    return False
+        return True
 
     @cached_property
     def noise_sd(self) -> float:

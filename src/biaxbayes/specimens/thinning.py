@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.protocol import CURVES, Protocol
+from biaxbayes.specimens.protocol import CURVES
 from biaxbayes.specimens.specimen import Specimen
 
 AUTO_ABOVE = 200
@@ -71,9 +71,20 @@ def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
         # Even groups: a short last one would count as a whole one, where the misfit is largest.
         groups = -(-count // max(size, 1))
         starts = np.arange(groups) * count // max(groups, 1)
-        protocols.append(_averaged(protocol, starts) if size > 1 else protocol)
-        scatter.append(_scatter(load, starts) if size > 1 else np.zeros_like(load))
         weight.append(count / max(len(starts), 1))
+        if size <= 1:
+            protocols.append(protocol)
+            scatter.append(np.zeros_like(load))
+            continue
+        scatter.append(_scatter(load, starts))
+        means: dict[str, Any] = {}
+        for key in (*CURVES, "time_s"):
+            column = getattr(protocol, key)
+            if column is not None:
+                rest, after = np.split(column, [protocol.rest_rows])
+                sums = np.add.reduceat(after, starts)
+                means[key] = np.concatenate([rest, sums / np.diff([*starts, count])])
+        protocols.append(replace(protocol, **means))
     thinned = replace(specimen, protocols=tuple(protocols))
     return ThinnedSpecimen(thinned, tuple(scatter), tuple(weight))
 
@@ -82,18 +93,6 @@ def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
     """Average rows, and keep the load noise, which averaged rows do not show."""
     averaged = thinned_specimen(specimen, rows).specimen
     return replace(averaged, load_noise=specimen.noise_sd or None)
-
-
-def _averaged(protocol: Protocol, starts: np.ndarray) -> Protocol:
-    """A protocol with the mean of each group of rows after those at rest."""
-    rest, sizes = protocol.rest_rows, np.diff([*starts, protocol.rows - protocol.rest_rows])
-    means: dict[str, Any] = {}
-    for key in (*CURVES, "time_s"):
-        column = getattr(protocol, key)
-        if column is not None:
-            average = np.add.reduceat(column[rest:], starts) / sizes
-            means[key] = np.concatenate([column[:rest], average])
-    return replace(protocol, **means)
 
 
 def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.tables.sheets import MAX_CELLS, MAX_UNPACKED, Sheet, sheet_of, too_large
+from biaxbayes.tables.sheets import MAX_CELLS, MAX_UNPACKED, Sheet, sheet_from, too_large
 
 COMPRESSED = 15
 """Type of an element of version 5 that is packed by zlib."""
@@ -24,21 +24,14 @@ COMPRESSED = 15
 
 def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
     """Numeric variables of a MATLAB file as sheets."""
-    try:
-        if raw.startswith(b"MATLAB 7.3"):
-            variables = _hdf5_variables(raw, path)
-        else:
-            variables = _version5_variables(raw, path)
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file fails in many ways inside scipy and h5py
-        problem = f"is not a readable MATLAB file ({type(error).__name__})"
-        remedy = "save it again, or write the table as CSV"
-        raise InputError(problem, file=path, remedy=remedy) from None
+    if raw.startswith(b"MATLAB 7.3"):
+        variables = _hdf5_variables(raw, path)
+    else:
+        variables = _version5_variables(raw, path)
     by_name = {}
     for name, columns in _tables(variables).items():
         numbers = np.column_stack([column.astype(float) for column in columns.values()])
-        by_name[name] = sheet_of([list(columns), *numbers.tolist()], f"variables of {name}")
+        by_name[name] = sheet_from([list(columns), *numbers.tolist()], f"variables of {name}")
     if not by_name:
         remedy = "a MATLAB table or timetable: save it with writetable(T, 'name.csv')"
         raise InputError("holds no numeric vectors or matrices", file=path, remedy=remedy)

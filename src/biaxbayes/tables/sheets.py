@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from biaxbayes.errors import InputError, printable
 from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of, without_empty_end
@@ -35,40 +36,71 @@ class Sheet:
     text: bool = False  # cut from lines of text, where a short row may be a truncated file
 
 
-READERS = (
-    (b"PK\x03\x04", "workbook"),
-    (b"\xd0\xcf\x11\xe0", "workbook"),
-    (b"MATLAB 5.0 MAT-file", "matlab"),
-    (b"MATLAB 7.3 MAT-file", "matlab"),
-    (b"TDSm", "tdms"),
+class Reader(NamedTuple):
+    """A module of this package that reads a format, and the words of its refusals."""
+
+    module: str
+    kind: str
+    damaged: str  # what to do with a damaged file
+    package: str
+    without: str  # what to do without the package
+
+
+WORKBOOK = Reader(
+    "workbook",
+    "workbook",
+    "save it again as .xlsx, or as CSV",
+    "python-calamine",
+    "save the sheet as CSV",
 )
-"""First bytes of a file, and the module of this package that reads it; anything else is text."""
+MATLAB = Reader(
+    "matlab", "MATLAB file", "save it again, or write the table as CSV", "h5py", "write it as CSV"
+)
+TDMS = Reader("tdms", "LabVIEW TDMS file", "export it as CSV", "npTDMS", "export it as CSV")
+READERS = {
+    b"PK\x03\x04": WORKBOOK,
+    b"\xd0\xcf\x11\xe0": WORKBOOK,
+    b"MATLAB 5.0 MAT-file": MATLAB,
+    b"MATLAB 7.3 MAT-file": MATLAB,
+    b"TDSm": TDMS,
+}
+"""Readers by the first bytes of a file; anything else is text."""
 
 
 def read_sheets(path: Path) -> dict[str, Sheet]:
     """Sheets of a file by name; a text file has one without a name."""
     raw = read_bytes(path, limit=MAX_BYTES)
-    for first, module in READERS:
-        if raw.startswith(first):
-            return import_module(f"biaxbayes.tables.{module}").sheets(raw, path)
-    for signature, (kind, remedy) in SIGNATURES.items():
-        if raw.startswith(signature):
-            raise InputError(f"is {kind}, not a table", file=path, remedy=remedy)
-    return {"": _text_sheet(raw, path)}
+    reader = next((r for first, r in READERS.items() if raw.startswith(first)), None)
+    if reader is None:
+        for signature, (kind, remedy) in SIGNATURES.items():
+            if raw.startswith(signature):
+                raise InputError(f"is {kind}, not a table", file=path, remedy=remedy)
+        return {"": _text_sheet(raw, path)}
+    try:
+        return import_module(f"biaxbayes.tables.{reader.module}").sheets(raw, path)
+    except (InputError, KeyboardInterrupt, SystemExit):
+        raise
+    except ImportError:
+        problem = f"is a {reader.kind}, and {reader.package} is not installed"
+        remedy = f"pip install 'biaxbayes[tables]', or {reader.without}"
+        raise InputError(problem, file=path, remedy=remedy) from None
+    except BaseException as error:  # a damaged file fails in many ways; a panic of Rust is one
+        problem = f"is not a readable {reader.kind} ({type(error).__name__})"
+        raise InputError(problem, file=path, remedy=reader.damaged) from None
 
 
-def sheet_of(values: Sequence[Sequence[object]], note: str) -> Sheet:
+def sheet_from(values: Sequence[Sequence[object]], note: str) -> Sheet:
     """A sheet from rows of values, as typed formats hold them."""
     rows, lines = [], []
     for number, row in enumerate(values, start=1):
-        cells = without_empty_end([cell_text(value) for value in row])
+        cells = without_empty_end([_cell_text(value) for value in row])
         if cells and not cells[0].startswith("#"):
             rows.append(cells)
             lines.append(number)
     return Sheet(rows, lines, [note])
 
 
-def cell_text(value: object) -> str:
+def _cell_text(value: object) -> str:
     """A value as a text cell; numbers with the digits that read back the same."""
     if isinstance(value, float):
         return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
@@ -135,7 +167,8 @@ def _separator(lines: Sequence[str], path: Path) -> str:
     for separator in SEPARATORS:
         if separator == " ":
             # Only where all is numbers: decimal commas between spaces look like separators.
-            counts = Counter(len(x.split()) - 1 for x in sample if _all_numbers(x.split()))
+            cells = (line.split() for line in sample)
+            counts = Counter(len(c) - 1 for c in cells if len(c) > 1 and all(map(is_number, c)))
         else:
             counts = Counter(line.count(separator) for line in sample)
         count, often = counts.most_common(1)[0] if counts else (0, 0)
@@ -149,7 +182,3 @@ def _separator(lines: Sequence[str], path: Path) -> str:
     problem = f"holds no table with columns; its first line reads {shown!r}"
     remedy = "export it with commas, semicolons or tabs between the columns"
     raise InputError(problem, file=path, remedy=remedy)
-
-
-def _all_numbers(cells: Sequence[str]) -> bool:
-    return len(cells) > 1 and all(map(is_number, cells))
