@@ -44,18 +44,6 @@ def test_a_step_leaves_the_target_and_is_reversible(target):
     assert reversible[0] < limit(reversible[1])
 
 
-def test_forgotten_weights_are_caught():
-    class Unweighted(MixtureProposal):
-        def log_density(self, x):
-            return np.logaddexp(*(part.log_density(x) for part in self.parts))
-
-    right = unequal(RIDGES)
-    for q in (right, Unweighted(right.weights, right.parts)):
-        move = AdaptedIndependenceMove(np.random.default_rng(3), proposal=q)
-        stationary, _ = largest_departures(move, RIDGES)
-        assert (stationary[0] > limit(stationary[1])) == isinstance(q, Unweighted)
-
-
 def test_the_density_is_normalised_and_matches_its_draws():
     """E_p[q / p] = 1 for draws of the target, and shares of draws by part are the weights."""
     q = unequal(RIDGES)

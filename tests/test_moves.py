@@ -15,7 +15,6 @@ from analytic_targets import (
     one_step,
     two_modes,
 )
-from biaxbayes.sampling import independence_move as moves
 from biaxbayes.sampling.convergence import autocorrelation_time, split_rhat
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
@@ -53,19 +52,9 @@ def test_sweeps_do_not_change_what_is_right(sweeps):
     assert reversible[0] < limit(reversible[1])
 
 
-class WrongRatio(AdaptedIndependenceMove):
-    """The proposal density left out of the acceptance ratio."""
+class Scaled:
+    """A proposal whose density is ten percent wrong in its logarithm."""
 
-    def propose(self, model, state):
-        own = self.proposal
-        self.proposal = _Flat(own)
-        try:
-            return super().propose(model, state)
-        finally:
-            self.proposal = own
-
-
-class _Flat:
     def __init__(self, proposal):
         self.proposal = proposal
 
@@ -73,75 +62,15 @@ class _Flat:
         return self.proposal.sample(rng, size)
 
     def log_density(self, x):
-        return np.zeros(len(x))
-
-
-class Scaled(_Flat):
-    """A proposal density that is ten percent wrong in its logarithm."""
-
-    def log_density(self, x):
         return 0.9 * self.proposal.log_density(x)
-
-
-class Unfolded(_Flat):
-    """A folded sample with a density that forgets the images."""
-
-    def log_density(self, x):
-        q = self.proposal
-        r, log_jacobian = q.transport.to_reference(x)
-        out = np.log(q.mixture.density(r)) + log_jacobian
-        return np.where(np.isfinite(q.log_density(x)), out, -np.inf)
-
-
-def is_caught(move, target):
-    stationary, reversible = largest_departures(move, target)
-    return stationary[0] > limit(stationary[1]) or reversible[0] > limit(reversible[1])
-
-
-@pytest.mark.parametrize("target", TARGETS[:5], ids=IDS[:5])
-def test_a_wrong_acceptance_ratio_is_caught(target):
-    right = fitted_move(target)
-    wrong = WrongRatio(np.random.default_rng(1), proposal=right.proposal)
-    assert is_caught(wrong, target)
 
 
 def test_a_slightly_wrong_proposal_density_is_caught():
     target = half_bounded(6, with_bounds=True)
     move = fitted_move(target)
-    assert not is_caught(move, target)
     move.proposal = Scaled(move.proposal)
-    assert is_caught(move, target)
-
-
-def test_forgotten_images_at_an_edge_are_caught():
-    """With a mixture that is not symmetric about the edge; a fitted one nearly is."""
-    target = half_bounded(6, with_bounds=True)
-    d = target.dimension
-    mean = np.full((1, d), 0.5)
-    right = first_proposal(
-        mean, [np.diag([1.0, 0.3, *np.full(d - 2, 1.5)])], np.ones(1), target.bounds
-    )
-    move = AdaptedIndependenceMove(np.random.default_rng(2), proposal=right)
-    assert not is_caught(move, target)
-    move.proposal = Unfolded(right)
-    assert is_caught(move, target)
-
-
-def test_a_later_sweep_judged_against_the_first_state_is_caught(monkeypatch):
-    """A mistake easy to make: every proposal compared with where the walker stood at first."""
-
-    def accept(log_prob, log_q, proposed_prob, proposed_q, log_u):
-        ok = log_u < (proposed_prob - proposed_q) - (log_prob - log_q)
-        chosen = np.where(ok.any(axis=0), len(ok) - 1 - ok[::-1].argmax(axis=0), -1)
-        return chosen, int(ok.sum())
-
-    target = gaussian(6)
-    move = AdaptedIndependenceMove(np.random.default_rng(1), sweeps=8, components=1)
-    draws = target.sample(np.random.default_rng(2), 3000)
-    move.adapt(draws.mean(axis=0) + 1.5 * (draws - draws.mean(axis=0)))  # too wide
-    assert not is_caught(move, target)
-    monkeypatch.setattr(moves, "_accept", accept)
-    assert is_caught(move, target)
+    stationary, reversible = largest_departures(move, target)
+    assert stationary[0] > limit(stationary[1]) or reversible[0] > limit(reversible[1])
 
 
 # --- chains from dispersed starts ------------------------------------------------------------

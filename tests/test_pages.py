@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import time
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ import pytest
 import browser
 import reported
 from biaxbayes.comparison.compare import Member, compare
-from biaxbayes.comparison.law_weights import STACKED, LawComparison
+from biaxbayes.comparison.law_weights import weigh_laws
 from biaxbayes.figures.comparisons import law_misfit_figure, law_mounting_figure
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.reports.comparison import laws_page, write_comparison
@@ -23,9 +24,9 @@ from biaxbayes.runs.run import open_run
 from biaxbayes.studies.result import StudyResult
 from quick_posteriors import sampled, specimen
 from test_compare import SOFT, STIFF
+from test_compare_laws import predicted
 from test_study_page import distances, table
 
-LEVELS = ("q05", "q50", "q95")
 REASON = "laws that describe the record equally well differ above it: goh, fung"
 
 
@@ -47,38 +48,16 @@ def write_a_comparison(folder) -> None:
 
 
 def write_weighed_laws(folder) -> None:
-    rng = np.random.default_rng(3)
-    rows = []
-    for law, weight in (("goh", 0.7), ("fung", 0.3), (STACKED, 1.0)):
-        row = {"law": law, "state": "" if law == STACKED else "converged", "rms_kPa": 2.0 * weight}
-        row |= {
-            "left_out_rms_kPa": 3.0 * weight,
-            "left_out_density_nats": -40.0 * weight,
-            "weight": weight,
-        }
-        row |= {"weight_low": weight - 0.1, "weight_high": weight + 0.1}
-        for name in ("mounting_stretch_x", "mounting_stretch_y"):
-            three = np.sort(1.02 + 0.005 * rng.standard_normal(3))
-            row |= dict(zip((f"{name}_{q}" for q in LEVELS), three, strict=True))
-        rows.append(row)
-    part = {
-        "part": "<b>1:1</b>",
-        "left_out_rms_kPa": 2.5,
-        "readings": 80,
-        "effective_readings": 7.2,
-    }
-    part |= {"band_coverage": 0.91, "band_width": 8.1}
-    compared = LawComparison(
-        "<script>alert(1)</script>",
-        pd.DataFrame(rows),
-        pd.DataFrame([part | {"law": law} for law in ("goh", "fung", STACKED)]),
-        pd.DataFrame(),
-        pd.DataFrame(),
-        (
-            Reported("mounting_stretch_x", "", 1.0123, np.nan, "bounded", REASON),
-            Reported("mounting_stretch_y", "", 1.01, 1.03, "identified", "the laws agree (goh)"),
-        ),
-        {"hgo": "1:1: <img src=x onerror=alert(1)>"},
+    record, predictions = predicted()
+    record = replace(record, name="<script>alert(1)</script>")
+    reported_rows = (
+        Reported("mounting_stretch_x", "", 1.0123, np.nan, "bounded", REASON),
+        Reported("mounting_stretch_y", "", 1.01, 1.03, "identified", "the laws agree (goh)"),
+    )
+    compared = replace(
+        weigh_laws(record, {"noise": "independent"}, predictions, ["goh", "hgo"]),
+        reported=reported_rows,
+        left_out={"fung": "1:1: <img src=x onerror=alert(1)>"},
     )
     misfit, mounting = law_misfit_figure(compared), law_mounting_figure(compared)
     figures = {"law-misfit": misfit, "law-mounting": mounting, "stacked-bands": misfit}

@@ -1,7 +1,5 @@
 """The sampler on densities that are no posterior of a specimen, from search to judged draws."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -154,18 +152,3 @@ def test_a_density_that_is_zero_everywhere_is_refused():
     nowhere = Target(lambda x: np.full(len(x), -np.inf), bounds_array({}, 2))
     with pytest.raises(NotConverged, match="no region of positive density"):
         sampled(nowhere, np.zeros((1, 2)), np.ones(2))
-
-
-def test_the_sampler_imports_nothing_of_specimens():
-    code = (
-        "import pkgutil, sys\n"
-        "import biaxbayes.sampling as room\n"
-        "for module in pkgutil.iter_modules(room.__path__, room.__name__ + '.'):\n"
-        "    __import__(module.name)\n"
-        "rooms = {name.split('.')[1] for name in sys.modules if name.startswith('biaxbayes.')}\n"
-        # of no tissue
-        "general = {'errors', 'progress_bar', 'tasks'}\n"
-        "assert rooms == general | {'sampling'}, rooms\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
