@@ -456,20 +456,6 @@ def test_an_earlier_export_is_neither_mixed_with_nor_lost(tmp_path):
     assert names == [MANIFEST, "media-0003.feb", "notes.txt"]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"program": "ansys"}, "abaqus, febio"),
-        ({"program": "abaqus", "units": "psi-inch"}, "kPa-mm, MPa-mm, Pa-m"),
-        ({"program": "abaqus", "bulk_ratio": -1.0}, "bulk ratio"),
-    ],
-)
-def test_unknown_options_are_named(options, message, tmp_path):
-    with pytest.raises(InputError, match=message):
-        export_cards(draws(1), specimen(), GOH_LAW, [0], tmp_path / "out", **options)
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_manifest_leads_from_card_to_draw(tmp_path):
     frame = draws(30)
     export_cards(frame, specimen(), GOH_LAW, [4, 7], tmp_path, program="abaqus", units="Pa-m")

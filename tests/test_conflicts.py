@@ -116,11 +116,6 @@ def test_a_prior_of_a_parameter_that_the_errors_do_not_have_is_named():
     assert unused_prior_findings(Posterior(SPECIMEN, noise_growth=True, **options)) == []
 
 
-def test_the_noise_of_the_specimen_is_that_of_its_load_cell():
-    assert SPECIMEN.noise_sd == pytest.approx(0.005)
-    assert np.all(SPECIMEN.mounting_readings(shared=True)[1] < 0.005)
-
-
 # --- mounting stretches far from one, and at the limits of the search ---
 
 FAR_VALUES = {"C1": 12.0, "k1": 8.0, "k2": 0.4, "alpha": 41.0, "kappa": 0.15}

@@ -27,7 +27,7 @@ def ar1(rho, shape=SHAPE, seed=0):
 
 
 def as_walkers(x):
-    """ArviZ chains, one a walker."""
+    """ArviZ chains, one per walker."""
     return x.transpose(0, 2, 1).reshape(-1, x.shape[1])
 
 

@@ -13,14 +13,13 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import click
 import nbclient
 import nbformat
 import pytest
 
 import docs_verbs
 import study
-from biaxbayes.cli import VERBS, group, main
+from biaxbayes.cli import VERBS, main
 from biaxbayes.specimens.keys import KEYS
 from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA
 from biaxbayes.specimens.specimen import STRESS_PAIRS
@@ -89,18 +88,6 @@ def test_the_page_of_the_specimen_file_is_complete():
     assert f"{STRESS_LIMIT_KPA:g}" in keys and "unloaded with stresses" in keys
     for page in ("README.md", "docs/tutorial.md", "docs/how-to.md", "docs/index.md"):
         assert "specimen-file.md" in text_of(ROOT / page), page
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_the_reference_shows_every_option(verb):
-    section = text_of(docs_verbs.PAGE).split(f"\n## {verb}\n")[1].split("\n## ")[0]
-    assert f"biaxbayes {verb} [OPTIONS]" in section
-    command = group.get_command(click.Context(group), verb)
-    shown = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
-    assert shown
-    for option in shown:
-        assert f"`{option.opts[0]}" in section, option.opts
-    assert "--break" not in section
 
 
 def test_the_map_of_rooms_is_complete():

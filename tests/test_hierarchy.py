@@ -27,7 +27,7 @@ def layout(*, low: float = -INF, high: float = INF, b: int = 1, eta: float = 0.0
 
 
 def covariance(of: Layout, omega: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Of all values of the specimens, means and effects integrated out: by its definition."""
+    """Covariance of all values, means and effects integrated out: by its definition."""
     n, b = len(GROUP), len(omega)
     out = np.zeros((n, b, n, b))
     for i in range(n):
@@ -136,7 +136,7 @@ def test_draws_of_the_whole_model_keep_its_prior():
         seen.append(
             np.column_stack([np.log(sd_donors[:, 0]), np.log(sd[:, 0, 0]), mu[:, 0, 0] ** 2])
         )
-    result = np.mean(seen[10:], axis=0)  # one mean a chain, the chains independent
+    result = np.mean(seen[10:], axis=0)  # one mean per chain, the chains independent
     error = np.sqrt(result.var(axis=0) / C + prior.var(axis=0) / len(prior))
     assert (np.abs(result.mean(axis=0) - prior.mean(axis=0)) < 4.0 * error).all()
 

@@ -15,7 +15,7 @@ from goh_functions import GOH_LAW
 from quick_posteriors import small_specimen
 
 LEVELS = (np.arange(20_000) + 0.5) / 20_000
-"""Of draws that are spread as evenly as their distribution: without Monte Carlo error."""
+"""Levels of draws spread as evenly as their distribution: without Monte Carlo error."""
 
 
 # --- smoothed densities --------------------------------------------------------------------------

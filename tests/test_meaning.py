@@ -279,7 +279,7 @@ def test_one_specimen_written_in_many_ways(tmp_path):
     ],
 )  # fmt: skip
 def test_per_cent_anywhere_in_a_name_is_per_cent(tmp_path, name):
-    """Of small strains: 2 % read as a strain of 2 would be a stretch of 2.2, which could be."""
+    """With small strains: 2 % read as a strain of 2 would be a stretch of 2.2, a possible one."""
     stretch, force = next(iter(TRUE.values()))
     small = 1.0 + 0.1 * (stretch - 1.0)
     path = tmp_path / "a.csv"
@@ -375,7 +375,7 @@ def test_a_force_with_two_units_or_a_factor_is_refused(tmp_path, name, words):
     ],
 )
 def test_a_row_of_units_counts_as_the_names_do(tmp_path, units, scale, words):
-    """Of small strains, which stay possible if a factor is missed."""
+    """With small strains, which stay possible if a factor is missed."""
     small = 1.0 + 0.1 * (STRETCH - 1.0)
     suffix = " [N]" if words == "has two units" else ""
     names = ["Green X", "Green Y", f"Load X{suffix}", f"Load Y{suffix}"]

@@ -158,11 +158,6 @@ def test_whatever_force_is_given_the_sampled_specimen_can_be_read_again(force, s
     assert parse_specimen(lines, Path("specimen.csv")).protocols == result.protocols
 
 
-def test_a_sound_force_is_taken():
-    result = prepared(TARED, FORCE, Path("unused")).specimen
-    assert tuple(result.mounting_readings(shared=True)[0][0]) == pytest.approx(FORCE, abs=2e-3)
-
-
 def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
     """In a new folder, and in one that holds half a run: the wrong command has spoilt neither."""
     path, folder = tmp_path / "tared.csv", tmp_path / "run"

@@ -117,7 +117,7 @@ def peer(components, seed):
 
 
 def mean_log_density(x, fit):
-    """Of the Gaussian mixture whose covariances became scale matrices."""
+    """Score of the Gaussian mixture whose covariances became scale matrices."""
     gaussians = peer(len(fit.weights), 0)
     gaussians.weights_, gaussians.means_ = fit.weights, fit.means
     gaussians.precisions_cholesky_ = np.linalg.inv(fit.factors).transpose(0, 2, 1)

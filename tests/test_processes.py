@@ -136,19 +136,6 @@ def test_a_look_at_a_file_imports_nothing_of_runs():
     assert not result & (HEAVY | {"pandas", "h5py", "emcee", "matplotlib", "biaxbayes.runs.run"})
 
 
-@pytest.mark.parametrize(("given", "expected"), [({}, "1 {1}"), ({"OMP_NUM_THREADS": "4"}, "4")])
-def test_a_command_takes_one_thread_for_its_matrices_by_default(given, expected):
-    code = called("check", str(DATA)) + (
-        "\nimport os, numpy, threadpoolctl\nfound = threadpoolctl.threadpool_info()\n"
-        "print('threads', os.environ['OMP_NUM_THREADS'], {f['num_threads'] for f in found})"
-    )
-    rest = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=rest | given
-    )
-    assert done.stdout.rsplit("threads ", 1)[1].startswith(expected)
-
-
 @pytest.mark.parametrize("stream", [1, 2])
 def test_a_closed_stream_is_no_error(stream):
     command = f'exec "{sys.executable}" -m biaxbayes check "{DATA}" {stream}>&-'
@@ -168,13 +155,6 @@ def test_code_that_may_not_be_compiled_is_refused_in_one_line():
     assert "NUMBA_DISABLE_JIT is set" in done.stderr
 
 
-def test_the_package_runs_as_a_module():
-    done = subprocess.run(
-        [sys.executable, "-m", "biaxbayes", "--version"], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith("biaxbayes")
-
-
 # --- compiled code: what was compiled just now and what the cache gives back are the same ---
 
 DENSITY = """
@@ -190,7 +170,7 @@ print(posterior.log_prob(u).tobytes().hex())
 
 
 def test_compiled_functions_of_two_laws_have_two_names():
-    """Of one name, and compiled by two processes, one would run in the environment of the other.
+    """With one name, compiled by two processes, one would run in the environment of the other.
 
     A name tells types by their text, and processes count what they compile from the same number.
     """

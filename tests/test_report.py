@@ -14,7 +14,6 @@ import pytest
 import biaxbayes
 import quick_posteriors as quick
 import reported
-from biaxbayes.errors import RunError
 from biaxbayes.reports import page as report
 from biaxbayes.reports.methods import closing_message
 from biaxbayes.reports.page import write_report
@@ -133,14 +132,6 @@ def test_no_export_is_read_back(media_run, copied):
         if path.name != "specimen.csv":
             path.unlink()
     assert report.report_page(open_run(folder)) == page
-
-
-@pytest.mark.parametrize("text", ["{", "[]", '{"law": "goh"}', "null"])
-def test_a_damaged_result_is_one_line(media_run, copied, text):
-    folder = copied(media_run.path)
-    (folder / "results.json").write_text(text)
-    with pytest.raises(RunError, match="results"):
-        report.report_page(open_run(folder))
 
 
 def test_hostile_names_are_text(html):
