@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import io
 import math
 import os
 import re
 import stat
 import traceback
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -302,13 +301,6 @@ def _with_texts(table: pd.DataFrame, change: Any) -> pd.DataFrame:
     words = table.select_dtypes(exclude=["number", "bool"]).columns
     changed = table.assign(**{name: table[name].map(change) for name in words})
     return changed.rename(columns=change)
-
-
-def rows_text(rows: Iterable[Sequence]) -> str:
-    """Rows as CSV text; numbers with the digits that read back the same."""
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows(rows)
-    return out.getvalue()
 
 
 def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:

@@ -74,13 +74,7 @@ def export_cards(
     records = []
     for row in rows:
         draw = draws.iloc[[int(row)]]
-        # total stretches (m, 2) of the tested states
-        states = np.vstack(
-            [
-                p.stretch[evenly_chosen(p.rows, STATES)] * protocol_mounting(draw, p)
-                for p in specimen.protocols
-            ]
-        )
+        states = _tested_states(draw, specimen)
         material = _exported(law, [float(draw.iloc[0][name]) for name in law.names], states)
         bulk_kPa = None
         if bulk_ratio is not None:
@@ -166,6 +160,14 @@ def _exported(law: Law, values: Sequence[float], states: np.ndarray) -> Exported
         notes = (*notes, warning)
     columns = {"smallest_fibre_strain": smallest, "switch_changes_stress_kPa": change}
     return Exported(goh, written, 2.0 * goh.C1_kPa, notes, columns)
+
+
+def _tested_states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
+    """Total stretches (m, 2) of the tested states for one draw."""
+    states = []
+    for p in specimen.protocols:
+        states.append(p.stretch[evenly_chosen(p.rows, STATES)] * protocol_mounting(draw, p))
+    return np.vstack(states)
 
 
 def _write_and_check(

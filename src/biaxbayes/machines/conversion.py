@@ -42,6 +42,37 @@ def convert(
     paths: Sequence[Path], choice: Choice, *, header: Header, protocol_names: Sequence[str] = ()
 ) -> Conversion:
     """Read machine exports as one specimen, as :func:`biaxbayes.convert` does."""
+    recordings = _named_recordings(paths, choice, header, protocol_names)
+    # As measured: a reader divides by the stretch at rest, and sees the drift.
+    timed = all(r.time_s is not None for r in recordings)
+    recorded = []
+    for r in recordings:
+        (x, y), (load_x, load_y) = r.stretch.T, r.load.T
+        recorded.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
+    stress_pair = recordings[0].stress_pair
+    unit, other = ("N", "kPa") if stress_pair == "force" else ("kPa", "N")
+    if f"load_noise_{other}" in header:
+        raise InputError(
+            f"`load_noise_{other}` does not fit: the columns are in {unit}",
+            remedy=f"give `load_noise_{unit}`",
+        )
+    noise = header.get(f"load_noise_{unit}")
+    specimen = Specimen(
+        name=str(header.get("specimen", paths[0].stem)),
+        protocols=tuple(recorded),
+        stress_pair=stress_pair,
+        geometry=str(header.get("geometry", "unloaded")),
+        load_noise=None if noise is None else float(noise),
+        metadata=_metadata(recordings, paths, choice, header),
+        **{key: header[key] for key in FIELDS if key in header},  # type: ignore[arg-type]
+    )
+    return Conversion(specimen, tuple(recordings), tuple(recorded), "geometry" in header)
+
+
+def _named_recordings(
+    paths: Sequence[Path], choice: Choice, header: Header, protocol_names: Sequence[str]
+) -> list[Recording]:
+    """Recordings of all files with the given names, or those of files, sheets and protocols."""
     recordings: list[Recording] = []
     for path in paths:
         in_file = _recordings(path, choice, header)
@@ -66,30 +97,7 @@ def convert(
                 f"protocol name {name[:40]!r} is empty or duplicated",
                 remedy="give `protocol_names`, one per protocol",
             )
-    # As measured: a reader divides by the stretch at rest, and sees the drift.
-    timed = all(r.time_s is not None for r in recordings)
-    recordings = [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
-    recorded = []
-    for r in recordings:
-        (x, y), (load_x, load_y) = r.stretch.T, r.load.T
-        recorded.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
-    unit, other = ("N", "kPa") if pairs == {"force"} else ("kPa", "N")
-    if f"load_noise_{other}" in header:
-        raise InputError(
-            f"`load_noise_{other}` does not fit: the columns are in {unit}",
-            remedy=f"give `load_noise_{unit}`",
-        )
-    noise = header.get(f"load_noise_{unit}")
-    specimen = Specimen(
-        name=str(header.get("specimen", paths[0].stem)),
-        protocols=tuple(recorded),
-        stress_pair=pairs.pop(),
-        geometry=str(header.get("geometry", "unloaded")),
-        load_noise=None if noise is None else float(noise),
-        metadata=_metadata(recordings, paths, choice, header),
-        **{key: header[key] for key in FIELDS if key in header},  # type: ignore[arg-type]
-    )
-    return Conversion(specimen, tuple(recordings), tuple(recorded), "geometry" in header)
+    return [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
 
 
 def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:

@@ -99,25 +99,11 @@ def _recording(
     stretches = []
     for k, axis in enumerate("xy"):
         column = columns[f"stretch_{axis}"]
-        unit = column.unit
-        assert unit is not None
-        if unit.quantity in STRAINS:
-            stretches.append(_stretch_of_strain(table, column, unit, rows))
+        if column.unit is not None and column.unit.quantity in STRAINS:
+            stretches.append(_stretch_from_strain(table, column, column.unit, rows))
             continue
-        displaced = unit.quantity == "displacement"
-        if pair == "cauchy" and displaced and gauge.given_mm[k] is None:
-            # Nominal stress is Cauchy stress over the stretch that the lab multiplied it by.
-            raise InputError(
-                f"{column.name!r} is a displacement without a gauge length, and the loads are "
-                "Cauchy stresses: stretch and nominal stress would depend on an assumed length",
-                file=table.path,
-                column=column.name,
-                remedy=f"give the gauge length that the stresses were computed with, "
-                f"`gauge_{axis}_mm`, or the forces in place of the stresses",
-            )
-        first = float(table.numbers(column.index, np.array([0]))[0]) * unit.factor
-        convert = gauge.from_displacement if displaced else gauge.from_distance
-        stretch, note = convert(scaled(f"stretch_{axis}"), first, k, column.name, table.path)
+        lengths = scaled(f"stretch_{axis}")
+        stretch, note = _stretch_from_length(table, column, lengths, k, pair, gauge)
         stretches.append(stretch)
         assumptions.append(note)
     stretch = np.column_stack(stretches)
@@ -147,7 +133,29 @@ def _recording(
     )
 
 
-def _stretch_of_strain(table: Table, column: Column, unit: Unit, rows: np.ndarray) -> np.ndarray:
+def _stretch_from_length(
+    table: Table, column: Column, lengths_mm: np.ndarray, k: int, pair: str, gauge: Gauge
+) -> tuple[np.ndarray, str]:
+    """Stretches from a displacement or a distance between marks or grips, and a note."""
+    unit = column.unit
+    assert unit is not None
+    displaced = unit.quantity == "displacement"
+    if pair == "cauchy" and displaced and gauge.given_mm[k] is None:
+        # Nominal stress is Cauchy stress over the stretch that the lab multiplied it by.
+        raise InputError(
+            f"{column.name!r} is a displacement without a gauge length, and the loads are "
+            "Cauchy stresses: stretch and nominal stress would depend on an assumed length",
+            file=table.path,
+            column=column.name,
+            remedy=f"give the gauge length that the stresses were computed with, "
+            f"`gauge_{'xy'[k]}_mm`, or the forces in place of the stresses",
+        )
+    first = float(table.numbers(column.index, np.array([0]))[0]) * unit.factor
+    convert = gauge.from_displacement if displaced else gauge.from_distance
+    return convert(lengths_mm, first, k, column.name, table.path)
+
+
+def _stretch_from_strain(table: Table, column: Column, unit: Unit, rows: np.ndarray) -> np.ndarray:
     """Stretches from a column of stretches or strains, which must start near no deformation."""
     start = float(table.numbers(column.index, np.array([0]))[0])
     is_stretch = unit.quantity == "stretch"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +17,7 @@ from biaxbayes.specimens.protocol import AUTOMATIC, CURVES, Protocol, ReadingErr
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.table import STRETCHES, Table, read_table
 from biaxbayes.tables.units import likely_name
-from biaxbayes.text_files import atomic_write_text, cells_of, one_line, read_lines, rows_text
+from biaxbayes.text_files import atomic_write_text, cells_of, one_line, read_lines
 
 DIMENSIONS = ("edge_x_mm", "edge_y_mm", "thickness_mm")
 MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
@@ -268,4 +270,6 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
         curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         numbers = zip(*(curve.tolist() for curve in curves if curve is not None), strict=True)
         rows += [[one_line(p.name), *row] for row in numbers] if named else numbers
-    return header + rows_text(rows)
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows(rows)
+    return header + table.getvalue()

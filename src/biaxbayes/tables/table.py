@@ -158,7 +158,12 @@ class Table:
         rows = np.flatnonzero(lacks.any(axis=0))
         if not rows.size:
             return self
-        where = row_ranges(self.lines[rows])
+        # "rows 5, 9-14 and 3 more"
+        runs = np.split(self.lines[rows], np.flatnonzero(np.diff(self.lines[rows]) != 1) + 1)
+        where = "row " if rows.size == 1 else "rows "
+        where += ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:20])
+        if len(runs) > 20:
+            where += f" and {sum(map(len, runs[20:]))} more"
         complete = np.flatnonzero(~lacks.any(axis=0)).tolist()
         if drop and complete:
             columns = tuple([cells[i] for i in complete] for cells in self.columns)
@@ -178,15 +183,6 @@ class Table:
             column=self.names[column],
             remedy=f"{mend}, or {remedy}",
         )
-
-
-def row_ranges(lines: Sequence[int] | np.ndarray) -> str:
-    """Rows in one line: ``rows 5, 9-14 and 3 more``."""
-    runs = np.split(np.asarray(lines), np.flatnonzero(np.diff(lines) != 1) + 1)
-    shown = [f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:20]]
-    more = sum(map(len, runs[20:]))
-    word = "row" if len(lines) == 1 else "rows"
-    return f"{word} {', '.join(shown)}" + (f" and {more} more" if more else "")
 
 
 def _bare(name: str) -> str:
@@ -213,7 +209,7 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
     others: dict[str, str] = {}
     for name in wanted or available:
         try:
-            tables[name] = table_of(available[name], path)
+            tables[name] = table_from_sheet(available[name], path)
         except InputError as error:
             if wanted or len(available) == 1:
                 label = f"sheet {name[:40]!r} " if name else ""
@@ -231,7 +227,7 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
     return tables, others
 
 
-def table_of(sheet: Sheet, path: Path) -> Table:
+def table_from_sheet(sheet: Sheet, path: Path) -> Table:
     """Names, an optional row of units, and the body of a table, below any preamble."""
     rows, lines = sheet.rows, sheet.lines
     start = _first_row_of_numbers(rows, path)
