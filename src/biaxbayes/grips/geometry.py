@@ -24,7 +24,7 @@ def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
         If they are incomplete, or do not fit on the sheet.
     """
     stated = specimen.metadata
-    count = hook_count(str(stated["grips"]), specimen.name)
+    count = hook_count(str(stated["grips"]))
     for key in ("edge_x_mm", "edge_y_mm"):
         if getattr(specimen, key) is None:
             raise InputError(

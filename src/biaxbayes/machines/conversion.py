@@ -12,6 +12,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.recording import Gauge, Recording
+from biaxbayes.specimens.keys import ARGUMENT_KEYS, DIMENSIONS
 from biaxbayes.specimens.plausibility import NEGATIVE, check_load
 from biaxbayes.specimens.protocol import CURVES, LOAD_ROWS, Protocol, ReadingError
 from biaxbayes.specimens.specimen import Specimen
@@ -19,9 +20,6 @@ from biaxbayes.tables.table import read_tables
 
 Header = Mapping[str, float | str]
 """Values by their key in a specimen file."""
-DIMENSIONS = ("edge_x_mm", "edge_y_mm", "thickness_mm")
-FIELDS = ("layer", "axis_x", "axis_y", *DIMENSIONS, "reference")
-"""Header keys that are arguments of a specimen of the same name."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ def convert(
         geometry=str(header.get("geometry", "unloaded")),
         load_noise=None if noise is None else float(noise),
         metadata=_metadata(recordings, paths, choice, header),
-        **{key: header[key] for key in FIELDS if key in header},  # type: ignore[arg-type]
+        **{key: header[key] for key in ARGUMENT_KEYS if key in header},  # type: ignore[arg-type]
     )
     return Conversion(specimen, tuple(recordings), tuple(recorded), "geometry" in header)
 
@@ -194,7 +192,7 @@ def _metadata(
     recordings: Sequence[Recording], paths: Sequence[Path], choice: Choice, header: Header
 ) -> dict[str, float | str]:
     """Other header values, and the origin of the record."""
-    arguments = (*FIELDS, "specimen", "geometry", "load_noise_N", "load_noise_kPa")
+    arguments = (*ARGUMENT_KEYS, "specimen", "geometry", "load_noise_N", "load_noise_kPa")
     metadata = {key: value for key, value in header.items() if key not in arguments}
     metadata["source"] = f"{choice.machine}: " + ", ".join(path.name for path in paths)
     cycles = [r.cycle for r in recordings]

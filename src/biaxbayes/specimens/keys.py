@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from typing import NamedTuple
 
@@ -165,6 +164,9 @@ KEYS = {
     "largest_shear_angle_deg": Key("The same as an angle", NONE, (0.0, 90.0), extra=True),
 }
 """Known header keys by name."""
+DIMENSIONS = ("edge_x_mm", "edge_y_mm", "thickness_mm")
+ARGUMENT_KEYS = ("layer", "axis_x", "axis_y", *DIMENSIONS, "reference")
+"""Keys that are arguments of a specimen of the same name, without a default of their own."""
 METADATA_KEYS = tuple(name for name, key in KEYS.items() if key.extra)
 NO_GRIPS = "none"
 """Value of `grips` for loads of a uniform test."""
@@ -180,18 +182,17 @@ CHOICE_REMEDIES = {
 }
 
 
-def checked_value(
-    key: str, value: object, row: int | None = None, path: object = None
-) -> float | str:
+def checked_value(key: str, value: object) -> float | str:
     """Value of a known key from a number or text; refuses impossible ones."""
-    if KEYS[key].range is not None:
-        return _number(key, value, row, path)
-    text, choices = one_line(str(value)), KEYS[key].choices
+    text = one_line(str(value))
+    choices, between = KEYS[key].choices, KEYS[key].range
     problem = remedy = ""
+    if between is not None:
+        return _number(key, str(value), *between)
     if key in ("mounting_stretch_x", "mounting_stretch_y"):
-        measured_stretch(text, path, row)
+        measured_stretch(text)
     elif key == "grips" and text != NO_GRIPS:
-        hook_count(text, path, row)
+        hook_count(text)
     elif choices and text not in choices:
         problem = f"{key} must be {' or '.join(map(repr, choices))}"
         remedy = CHOICE_REMEDIES[key]
@@ -199,53 +200,45 @@ def checked_value(
         problem = "rest_rows must be a whole number from 1"
         remedy = "give one for all protocols, or one each, separated by commas"
     if problem:
-        raise InputError(f"{problem}, not {text[:40]!r}", file=path, row=row, remedy=remedy)
+        raise InputError(f"{problem}, not {text[:40]!r}", remedy=remedy)
     return text
 
 
-def _number(key: str, value: object, row: int | None, path: object) -> float:
-    low, high = KEYS[key].range or (-math.inf, math.inf)
+def _number(key: str, text: str, low: float, high: float) -> float:
     try:
-        number = number_in(str(value))
+        number = number_in(text)
     except ValueError:
-        number = None
-    if number is None or number < 0.0 or (number == 0.0 and low > 0.0):
+        number = -1.0
+    if number < 0.0 or (number == 0.0 and low > 0.0):
         kind = "a positive number" if low > 0.0 else "a number from 0"
         remedy = "write it with a decimal point and without unit, as in '# thickness_mm: 1.35'"
-        problem = f"{key} must be {kind}, not {str(value)[:40]!r}"
         remedy = "leave the line out where it is not known" if number == 0.0 else remedy
-        raise InputError(problem, file=path, row=row, remedy=remedy)
+        raise InputError(f"{key} must be {kind}, not {text[:40]!r}", remedy=remedy)
     if not low <= number <= high:
         unit = "" if key.startswith("mounted_state") else f" in {key.rsplit('_', 1)[1]}"
         remedy = f"give it{unit}, between {low:g} and {high:g}"
-        raise InputError(f"{key} of {number:g} is out of range", file=path, row=row, remedy=remedy)
+        raise InputError(f"{key} of {number:g} is out of range", remedy=remedy)
     return number
 
 
-def measured_stretch(text: str, path: object = None, row: int | None = None) -> tuple[float, float]:
+def measured_stretch(text: str) -> tuple[float, float]:
     """Mean and standard deviation from text such as ``1.03 +- 0.01`` (or ``±``)."""
-    parts = text.replace("±", "+-").split("+-")
     try:
-        mean, sd = (number_in(part) for part in parts)
+        mean, sd = (number_in(part) for part in text.replace("±", "+-").split("+-"))
     except ValueError:
         mean = sd = 0.0
     low, high = STRETCH_RANGE
     if not (low < mean < high and 0.0 < sd < high):
-        raise InputError(
-            "a mounting stretch known from an image must be of the form '1.03 +- 0.01', not "
-            f"{text[:40]!r}",
-            file=path,
-            row=row,
-            remedy="give value and standard deviation",
-        )
+        problem = "a mounting stretch known from an image must be of the form '1.03 +- 0.01', not "
+        raise InputError(f"{problem}{text[:40]!r}", remedy="give value and standard deviation")
     return mean, sd
 
 
-def hook_count(text: str, path: object = None, row: int | None = None) -> int:
+def hook_count(text: str) -> int:
     """Hooks per edge from text such as ``hooks 5``."""
     match = re.fullmatch(r"hooks\s+([1-9]\d?)", text)
     if match is None:
         problem = f"grips must be of the form 'hooks 5', five hooks per edge, not {text[:40]!r}"
         remedy = "write 'none' for rakes, clamps and uniform tests, which are not corrected"
-        raise InputError(problem, file=path, row=row, remedy=remedy)
+        raise InputError(problem, remedy=remedy)
     return int(match[1])

@@ -11,6 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import (
+    DIMENSIONS,
     GEOMETRIES,
     METADATA_KEYS,
     NO_GRIPS,
@@ -91,7 +92,7 @@ class Specimen:
                 problem = f"{argument} {str(value)[:40]!r} is not one of the choices"
                 remedy = f"use one of {', '.join(filter(None, choices))}"
                 raise ReadingError(problem, argument=argument, remedy=remedy)
-        for argument in ("edge_x_mm", "edge_y_mm", "thickness_mm"):
+        for argument in DIMENSIONS:
             value = getattr(self, argument)
             if value is not None:
                 object.__setattr__(self, argument, _checked(argument, value))

@@ -11,15 +11,22 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import GRIP_DETAILS, KEYS, METADATA_KEYS, NO_GRIPS, checked_value
+from biaxbayes.specimens.keys import (
+    ARGUMENT_KEYS,
+    DIMENSIONS,
+    GRIP_DETAILS,
+    KEYS,
+    METADATA_KEYS,
+    NO_GRIPS,
+    checked_value,
+)
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.protocol import AUTOMATIC, CURVES, Protocol, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
-from biaxbayes.specimens.table import STRETCHES, Table, read_table
+from biaxbayes.specimens.table import STRETCHES, SpecimenTable, read_table
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import atomic_write_text, cells_of, one_line, read_lines
 
-DIMENSIONS = ("edge_x_mm", "edge_y_mm", "thickness_mm")
 MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
 """Measured stretch of the mounted state, in a record with one common reference."""
 
@@ -56,7 +63,11 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[
                 "comment",
             )
         if value:
-            values[key] = checked_value(key, value, row, path)
+            try:
+                values[key] = checked_value(key, value)
+            except InputError as error:
+                problem, remedy = error.problem, error.remedy
+                raise InputError(problem, file=path, row=row, remedy=remedy) from None
             rows[key] = row
     remedy = "give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows"
     raise InputError("the file has no table", file=path, remedy=remedy)
@@ -94,8 +105,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     stress_pair = _stress_pair(table, path)
     unit = "N" if stress_pair == "force" else "kPa"
     _check_keys(values, rows, stress_pair, path)
-    names = (*DIMENSIONS, "layer", "axis_x", "axis_y", "reference")
-    arguments: dict[str, Any] = {key: values.get(key) for key in names}
+    arguments: dict[str, Any] = {key: values.get(key) for key in ARGUMENT_KEYS}
     try:
         specimen = Specimen(
             name=values.get("specimen") or one_line(path.stem),
@@ -125,7 +135,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     return replace(specimen, notes=(*table.notes, *notes))
 
 
-def _stress_pair(table: Table, path: Path) -> str:
+def _stress_pair(table: SpecimenTable, path: Path) -> str:
     """The one stress pair of a table, with both its columns."""
     present = [
         pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
@@ -173,7 +183,7 @@ def _check_keys(
 
 
 def _protocols(
-    table: Table,
+    table: SpecimenTable,
     values: Mapping[str, Any],
     lines: Mapping[str, int],
     stress_pair: str,

@@ -13,7 +13,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import COLUMNS, STRETCH_RANGE
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
-from biaxbayes.tables.table import Table as CellTable
+from biaxbayes.tables.table import Table
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import (
     cells_of,
@@ -30,7 +30,7 @@ MAX_PROTOCOLS = 1_000
 
 
 @dataclass(frozen=True)
-class Table:
+class SpecimenTable:
     """Numbers by column, and their places in the file."""
 
     columns: dict[str, np.ndarray]
@@ -42,7 +42,7 @@ class Table:
 
 def read_table(
     lines: Sequence[str], first: int, path: Path, *, drop_missing: bool = False
-) -> Table:
+) -> SpecimenTable:
     """Read the table with its column names in line `first`; an error names row and column."""
     names = _column_names(lines[first], first + 1, path)
     rows, numbers = [], []
@@ -54,7 +54,7 @@ def read_table(
         problem = "only 1 row of data" if rows else "no row of data below the column names"
         remedy = "a test needs the mounted state and at least one stretched state"
         raise InputError(problem, file=path, row=numbers[0] if rows else first + 1, remedy=remedy)
-    table = CellTable(path, tuple(names), tuple(zip(*rows, strict=True)), np.array(numbers))
+    table = Table(path, tuple(names), tuple(zip(*rows, strict=True)), np.array(numbers))
     numeric = [index for index, name in enumerate(names) if name != "protocol"]
     table = table.without_missing(
         numeric,
@@ -62,7 +62,7 @@ def read_table(
         remedy="leave such rows out with a line '# missing_rows: drop' at the top",
     )
     labels = table.text(names.index("protocol")) if "protocol" in names else ["1"] * table.rows
-    return Table(
+    return SpecimenTable(
         columns={names[index]: table.numbers(index) for index in numeric},
         lines=table.lines,
         groups=_protocol_rows(labels, table.lines, path),
