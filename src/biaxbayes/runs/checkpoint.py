@@ -133,7 +133,7 @@ def packed(record: Any) -> bytes:
     return hashlib.sha256(data).digest() + data
 
 
-def _unpacked(data: bytes) -> dict[str, Any]:
+def unpacked(data: bytes) -> dict[str, Any]:
     """Inverse of :func:`packed`; no array is larger than the archive itself."""
     digest, body = data[:32], data[32:]
     if hashlib.sha256(body).digest() != digest:
@@ -158,7 +158,7 @@ def unpack(
 ) -> tuple[Any, dict[str, Any]]:
     """State and identity of a checkpoint; RunError if another version wrote it."""
     try:
-        stored = _unpacked(data)
+        stored = unpacked(data)
         if stored["format"] == FORMAT:
             return from_record(stored["state"]), dict(stored["identity"])
     except DamagedCheckpoint:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,12 +36,19 @@ from biaxbayes.options import (
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
+from biaxbayes.runs.checkpoint import DamagedCheckpoint, packed, unpacked
 from biaxbayes.runs.folder import stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.runs.result import REPORT
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import aligned, atomic_write_bytes, atomic_write_text, write_csv
+from biaxbayes.text_files import (
+    aligned,
+    atomic_write_bytes,
+    atomic_write_text,
+    read_bytes,
+    write_csv,
+)
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
@@ -224,28 +230,18 @@ def _sampled(
 
 
 def _store(path: Path, prediction: Prediction) -> None:
-    """Write a prediction as arrays and a JSON text."""
-    about = {name: getattr(prediction, name) for name in ("state", "reason", "rmse_kPa")}
-    about |= {
-        "protocols": len(prediction.residuals),
-        "columns": [str(c) for c in prediction.draws.columns],
-    }
-    arrays: dict[str, Any] = {f"residual_{i}": r for i, r in enumerate(prediction.residuals)}
-    whole = io.BytesIO()
-    np.savez(whole, about=json.dumps(about), draws=prediction.draws.to_numpy(), **arrays)
+    draws = {"draws": prediction.draws.to_numpy(), "columns": list(prediction.draws.columns)}
     path.parent.mkdir(exist_ok=True)
-    atomic_write_bytes(path, whole.getvalue())
+    atomic_write_bytes(path, packed(vars(prediction) | draws))
 
 
 def _read(path: Path) -> Prediction | None:
     """A stored prediction; None if it is missing or damaged and has to be made again."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            about = json.loads(str(data["about"]))
-            residuals = tuple(data[f"residual_{i}"] for i in range(about["protocols"]))
-            draws = pd.DataFrame(data["draws"], columns=about["columns"])
-        return Prediction(about["state"], about["reason"], about["rmse_kPa"], residuals, draws)
-    except (OSError, ValueError, KeyError, TypeError):
+        record = unpacked(read_bytes(path))
+        draws = pd.DataFrame(record["draws"], columns=record.pop("columns"))
+        return Prediction(**record | {"residuals": tuple(record["residuals"]), "draws": draws})
+    except (InputError, DamagedCheckpoint, ValueError, KeyError, TypeError):
         return None
 
 

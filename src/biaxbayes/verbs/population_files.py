@@ -170,7 +170,8 @@ def write_population(
     for key, table in tables.items():
         write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
     atomic_write_bytes(folder / "population.nc", archive(result))
-    draw_figures(folder, result, tables)
+    if result.state != "unusable":
+        draw_figures(folder, result, tables)
     convergence = result.sampled.convergence
     record = {
         "biaxbayes": biaxbayes.__version__,
@@ -215,14 +216,10 @@ def write_population(
 
 
 def draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFrame]) -> None:
-    """Draw forest, pairs and stress bands; no figure if the draws are unusable."""
+    """Draw forest, pairs and stress bands."""
     from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
     from biaxbayes.figures.style import save_pictures
 
-    if result.state == "unusable":
-        for stem in FIGURES:
-            save_pictures(None, folder, stem)
-        return
     specimen = result.sources[0].run.specimen
     parameters = [v.parameter for v in result.values]
     bands = bands_table(result)
