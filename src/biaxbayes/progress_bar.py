@@ -61,9 +61,10 @@ def terminal_line() -> Iterator[OnProgress]:
         def show(progress: Progress) -> None:
             if progress.note:
                 bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
-            share = progress.share
-            total = None if share is None else 1.0
-            bar.update(task, description=progress.phase, total=total, completed=share or 0.0)
+            # A task of rich that is complete once stays so, and its clock stops.
+            share = min(progress.share or 0.0, 0.999)
+            bar.tasks[0].total = None if progress.share is None else 1.0
+            bar.update(task, description=progress.phase, completed=share)
 
         yield show
 
@@ -149,7 +150,8 @@ def with_progress(verb: Verb) -> Verb:
                 return verb(*arguments, progress=progress, **options)
             shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
             in_notebook = getattr(shell, "kernel", None) is not None
-            if not (sys.stderr.isatty() or in_notebook if progress is None else progress):
+            on_terminal = sys.stderr is not None and sys.stderr.isatty()
+            if not (on_terminal or in_notebook if progress is None else progress):
                 return verb(*arguments, **options)
             with notebook_line() if in_notebook else terminal_line() as show:
                 return verb(*arguments, progress=show, **options)
