@@ -121,8 +121,7 @@ class Specimen:
 
     def _referenced_protocols(self) -> tuple[Protocol, ...]:
         """The protocols with stretches relative to the mounted state, and their rows there."""
-        several = isinstance(self.protocols, Iterable)
-        protocols = tuple(self.protocols) if several else ()
+        protocols = tuple(self.protocols) if isinstance(self.protocols, Iterable) else ()
         if not protocols or not all(isinstance(p, Protocol) for p in protocols):
             problem = "must be a sequence of at least one Protocol"
             remedy = "for example [Protocol(name, stretch_x, stretch_y, load_x, load_y)]"
@@ -148,9 +147,9 @@ class Specimen:
                 problem = "rest_rows must be at least 1 where each protocol has its own reference"
                 remedy = "count its first row, or state '# reference: common'"
                 raise ReadingError(problem, argument="rest_rows", protocol=p.name, remedy=remedy)
-        at_rest = (p.stretch[: p.rest_rows].mean(axis=0) for p in protocols)
-        pairs = zip(protocols, at_rest, strict=True)
-        return tuple(p.divided_by(stretch, self.stress_pair) for p, stretch in pairs)
+        return tuple(
+            p.divided_by(p.stretch[: p.rest_rows].mean(axis=0), self.stress_pair) for p in protocols
+        )
 
     def __hash__(self) -> int:
         return hash((self.name, self.stress_pair, len(self.protocols)))

@@ -293,29 +293,15 @@ def record_tests(
     `dimensions` are unloaded, whatever `machine.geometry` is.
     """
     machine, labels = machine or Machine(), labels or {}
-    rng = np.random.default_rng(seed)
     stated = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
     # N per unit of the record: 1 for forces, section in mm^2 times 1e-3 (kPa mm^2) for stresses.
     divisor = np.ones(2) if machine.stress_pair == "force" else stated.section_mm2() * 1e-3
     # One header value stands for both directions; sections differ by the mounting stretch only.
     noise = machine.noise_N / float(np.sqrt(divisor.prod()))
-    protocols, disturbed = [], {}
-    for label, test in tests.items():
-        # twelve digits, to avoid 1.0020000000000002 in the file
-        stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
-        true_force = np.column_stack([test.force_x_N, test.force_y_N])
-        force, readings = _disturb(true_force, machine, rng)
-        load = readings / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
-        if noise > 0.0:
-            # To a thousandth of the noise, as a machine writes readings
-            load = np.round(load, 3 + math.ceil(-math.log10(noise)))
-        shown = label if len(tests) > 1 else "1"
-        protocols.append(Protocol(shown, *stretch.T, *load.T))
-        x, y = (force[0] / divisor).tolist()
-        disturbed[shown] = (x, y)
+    protocols, disturbed = _record(tests, machine, divisor, noise, np.random.default_rng(seed))
     specimen = Specimen(
         name,
-        tuple(protocols),
+        protocols,
         machine.stress_pair,
         machine.geometry,
         **asdict(stated),
@@ -357,14 +343,34 @@ def _material_values(material: MaterialResponse) -> dict[str, float | bool | str
     return {"law": law.name, **values, **switch}
 
 
-def _disturb(
-    force: np.ndarray, machine: Machine, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forces with smooth misfit, and the same as read by the load cells; shape (n, 2)."""
-    path = np.arange(len(force), dtype=float)
-    # always drawn, so that the noise of a seed does not depend on the misfit
-    misfit = [smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)]
-    noise = rng.standard_normal(force.shape)
-    # f_j = f_true_j (1 + misfit_j)
-    disturbed = force * (1.0 + machine.misfit * np.column_stack(misfit))
-    return disturbed, disturbed + machine.noise_N * noise
+def _record(
+    tests: Mapping[str, VirtualTest | SheetTest],
+    machine: Machine,
+    divisor: np.ndarray,
+    noise_sd: float,
+    rng: np.random.Generator,
+) -> tuple[tuple[Protocol, ...], dict[str, tuple[float, float]]]:
+    """Protocols with the readings of a machine, and loads at the mounted state before noise.
+
+    ``divisor`` is N per unit of the record, ``noise_sd`` the noise in that unit.
+    """
+    protocols, disturbed = [], {}
+    for label, test in tests.items():
+        # twelve digits, to avoid 1.0020000000000002 in the file
+        stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
+        force = np.column_stack([test.force_x_N, test.force_y_N])
+        path = np.arange(len(force), dtype=float)
+        # always drawn, so that the noise of a seed does not depend on the misfit
+        misfit = [smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)]
+        noise = machine.noise_N * rng.standard_normal(force.shape)
+        # f_j = f_true_j (1 + misfit_j)
+        force = force * (1.0 + machine.misfit * np.column_stack(misfit))
+        load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
+        if noise_sd > 0.0:
+            # To a thousandth of the noise, as a machine writes readings
+            load = np.round(load, 3 + math.ceil(-math.log10(noise_sd)))
+        name = label if len(tests) > 1 else "1"
+        protocols.append(Protocol(name, *stretch.T, *load.T))
+        x, y = (force[0] / divisor).tolist()
+        disturbed[name] = (x, y)
+    return tuple(protocols), disturbed
