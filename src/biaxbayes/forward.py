@@ -96,14 +96,6 @@ class LoadResponse:
             slope[1, 1] -= self.stress.stress[1]
         return self.per_stress[:, None] * slope
 
-    def split(self, at: int) -> tuple[LoadResponse, LoadResponse]:
-        """The first ``at`` states and the others."""
-        first, second = self.stress.split(at)
-        return (
-            LoadResponse(first, self.per_stress[:, :at], self.mounted),
-            LoadResponse(second, self.per_stress[:, at:], self.mounted),
-        )
-
 
 @dataclass(frozen=True)
 class ForwardModel:

@@ -39,7 +39,6 @@ def tail_probabilities(counts: np.ndarray, replications: int, z: float | np.ndar
     return 2.0 * np.minimum(below, above)
 
 
-@lru_cache(maxsize=64)
 def _allowed(replications: int, draws: int, level: float) -> tuple[tuple[int, int], ...]:
     """Smallest and largest count whose tail probability exceeds the level, for each rank."""
     out = []

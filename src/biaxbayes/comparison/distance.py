@@ -101,14 +101,15 @@ def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
     level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
     columns: dict[str, np.ndarray] = {}
     scales = parameter_scales(posterior.priors, posterior.quantities, draws)
-    for scale in scales:
-        if scale.parameter.kind == MATERIAL and isinstance(scale.prior, Prior):
-            columns[scale.name] = scale.prior.ppf(rng.permutation(level))
-        elif scale.parameter.kind == MATERIAL and isinstance(scale.prior, int | float):
-            columns[scale.name] = np.full(PRIOR_DRAWS, float(scale.prior))
-    for scale in scales:
-        if isinstance(scale.prior, Tie) and scale.parameter.kind == MATERIAL:
-            columns[scale.name] = scale.prior.factor * columns[scale.prior.other]
+    material = {s.name: s.prior for s in scales if s.parameter.kind == MATERIAL}
+    for name, prior in material.items():
+        if isinstance(prior, Prior):
+            columns[name] = prior.ppf(rng.permutation(level))
+        elif isinstance(prior, int | float):
+            columns[name] = np.full(PRIOR_DRAWS, float(prior))
+    for name, prior in material.items():
+        if isinstance(prior, Tie):
+            columns[name] = prior.factor * columns[prior.other]
     return pd.DataFrame(columns)
 
 

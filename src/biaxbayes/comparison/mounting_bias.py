@@ -65,7 +65,6 @@ class Ledger:
         inferred one in units of that.
     states : dict
         State of each treatment's draws.
-    specimen : str
     known : Quantities
         What the parameters are.
     """

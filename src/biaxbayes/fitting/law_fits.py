@@ -141,8 +141,7 @@ def _with_errors(
     sd, mounting_widening = plain.sd, None
     if isinstance(problem, BalancedMounting):
         lm = problem.mounting(unknowns)
-        state = problem.forward.response(problem.fit_coordinates(unknowns), 1.0, lm)
-        slope = problem.log_stretch_by_unknowns(unknowns, state)[:, moved]
+        slope = problem.log_stretch_by_unknowns(unknowns, lm)[:, moved]
         total, within = (
             (np.sqrt(np.einsum("ij,jk,ik->i", slope, c, slope)).reshape(lm.shape) * lm).T
             for c in (full, own)

@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 
 from biaxbayes.error_model import CONSTANT
-from biaxbayes.forward import ForwardModel, LoadResponse
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
 from biaxbayes.specimens.specimen import Specimen
 
@@ -126,7 +126,7 @@ class LoadResiduals:
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative; the caller suppresses NumPy's warnings."""
-        r, by_point, _, _ = self._rows(self.fit_coordinates(unknowns), self.mounting_stretch)
+        r, by_point, _ = self._rows(self.fit_coordinates(unknowns), self.mounting_stretch)
         return r, by_point[self.free].T
 
     @property
@@ -144,16 +144,10 @@ class LoadResiduals:
         """Mounting stretches, shape (2, m)."""
         return self.mounting_stretch
 
-    def _rows(
-        self, point: np.ndarray, lm: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, LoadResponse]:
-        """Residuals (2n,), by theta (p, 2n), by all ln lm (2n, 2m), and the mounted states."""
+    def _rows(self, point: np.ndarray, lm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (2n,), by theta (p, 2n) and by all ln lm (2n, 2m)."""
         data = self.data
-        lmr = lm if lm.shape[1] == 1 else lm[:, data.group]
-        # one call for rows and mounted states: NumPy's calls take longer than the arithmetic
-        stretch = np.hstack([data.stretch, np.ones_like(lm)])
-        mounting = np.hstack([np.broadcast_to(lmr, data.stretch.shape), lm])
-        rows, state = self.forward.response(point, stretch, mounting).split(data.group.size)
+        rows = self.forward.response(point, data.stretch, lm[:, data.group])
         miss, by_point, by_lm = rows.load - data.load, rows.by_coordinate, rows.by_log_mounting
         if self.quantity == "cauchy":
             # s - f l lm / A0 (unloaded), s - f l / Am (mounted)
@@ -166,7 +160,7 @@ class LoadResiduals:
         # a row depends on the mounting stretches of its own group, columns ordered (k, group)
         member = data.group[:, None] == np.arange(lm.shape[1])
         by_all = (by_lm / self.scale).transpose(0, 2, 1)[..., None] * member[:, None, :]
-        return miss.ravel() / self.scale, by_point, by_all.reshape(-1, lm.size), state
+        return miss.ravel() / self.scale, by_point, by_all.reshape(-1, lm.size)
 
 
 @dataclass(eq=False)
@@ -188,12 +182,13 @@ class FreeMounting(LoadResiduals):
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative."""
-        lm = self.mounting(unknowns)
-        r, by_point, by_lm, state = self._rows(self.fit_coordinates(unknowns), lm)
+        point, lm = self.fit_coordinates(unknowns), self.mounting(unknowns)
+        r, by_point, by_lm = self._rows(point, lm)
         by_lm = (by_lm / lm.ravel())[:, self.free_mounting]
         if self.reading_sd is None:
             return r, np.hstack([by_point[self.free].T, by_lm])
         sd, groups = self.reading_sd, lm.shape[1]
+        state = self.forward.response(point, 1.0, lm)
         z = (state.load - self.data.mounting_load) / sd
         z_by_point = (state.by_coordinate / sd[:, None]).transpose(0, 2, 1).reshape(2 * groups, -1)
         slope = state.by_log_mounting / sd[:, None] / lm
@@ -231,13 +226,14 @@ class BalancedMounting(LoadResiduals):
             self.fit_coordinates(unknowns), load, compiled=self.compiled
         )
 
-    def log_stretch_by_unknowns(self, unknowns: np.ndarray, state: LoadResponse) -> np.ndarray:
-        """Derivative of all ln lm by the unknowns, shape (2m, unknowns).
+    def log_stretch_by_unknowns(self, unknowns: np.ndarray, lm: np.ndarray) -> np.ndarray:
+        """Derivative of all ln lm, at mounting stretches lm, by the unknowns: (2m, unknowns).
 
         By the implicit function theorem: with the mounting load f0 = q(theta, lm),
 
             dq/d(ln lm) d(ln lm) = d f0 - dq/d(theta) d(theta)
         """
+        state = self.forward.response(self.fit_coordinates(unknowns), 1.0, lm)
         inverse = np.linalg.inv(state.by_log_mounting.transpose(2, 0, 1))
         by_theta = -np.einsum("gij,jpg->igp", inverse, state.by_coordinate)
         groups = len(inverse)
@@ -256,8 +252,8 @@ class BalancedMounting(LoadResiduals):
         if not np.isfinite(lm).all():
             rows = 2 * self.data.group.size + offsets.size
             return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
-        r, by_point, by_lm, state = self._rows(self.fit_coordinates(unknowns), lm)
-        jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, state)
+        r, by_point, by_lm = self._rows(self.fit_coordinates(unknowns), lm)
+        jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, lm)
         jacobian[:, : self.free.size] += by_point[self.free].T
         # an offset has itself for a residual
         by_offset = np.eye(offsets.size, unknowns.size, self.free.size)

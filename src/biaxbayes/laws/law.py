@@ -54,14 +54,6 @@ class StressResponse:
     by_coordinate: np.ndarray  # (2, p, n), by fit coordinates
     by_log_stretch: np.ndarray  # (2, 2, n): stress, total stretch; symmetric
 
-    def split(self, at: int) -> tuple[StressResponse, StressResponse]:
-        """The first ``at`` states and the others."""
-        s, c, j = self.stress, self.by_coordinate, self.by_log_stretch
-        return (
-            StressResponse(s[:, :at], c[:, :, :at], j[:, :, :at]),
-            StressResponse(s[:, at:], c[:, :, at:], j[:, :, at:]),
-        )
-
 
 class SamplingLayout(NamedTuple):
     """Constants of a specimen and of a search that sampling coordinates may depend on."""

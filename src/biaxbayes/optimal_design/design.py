@@ -65,8 +65,6 @@ class Design:
 
     Attributes
     ----------
-    quantities : tuple of str
-    expected : tuple of Expected
     skipped : tuple of str
         Candidates whose loads overflow for some draws.
     candidates : tuple
