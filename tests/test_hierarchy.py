@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Tuning, spread_apart
 from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
-from biaxbayes.populations.predictive import cut_median
+from biaxbayes.populations.result import cut_median
 from biaxbayes.populations.sampler import PopulationPlan, draw_population
 
 INF = math.inf

@@ -23,7 +23,7 @@ from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import Parameter
 from biaxbayes.populations.hierarchy import Layout, is_allowed
 from biaxbayes.populations.model import Grouping, PooledValue, make_design, pooled_values
-from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.result import Hyper
 from biaxbayes.populations.verdicts import (
     derived_verdict,
     mean_verdicts,

@@ -1,4 +1,4 @@
-"""A sampled population: what its draws say of groups, donors and specimens."""
+"""A sampled population: its draws, and predictions for specimens and donors not tested."""
 
 from __future__ import annotations
 
@@ -6,19 +6,204 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtr, ndtri
 
 from biaxbayes.laws.law import Law
 from biaxbayes.populations.ensemble import Design
+from biaxbayes.populations.hierarchy import LEAST_INSIDE, Layout
 from biaxbayes.populations.model import Grouping, PooledValue
-from biaxbayes.populations.predictive import PRIOR_DRAWS, Hyper, correlation_factors
 from biaxbayes.populations.sampler import History, PopulationDraws
 from biaxbayes.populations.specimens import Source
 from biaxbayes.prediction.bands import evenly_chosen
 
-NATURAL_DRAWS = 2000
+MOST_TRIES, PRIOR_TRIES = 1000, 50
+NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14
+
+
+def cut_median(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
+    """Median of a normal cut to a range."""
+    below, above = ndtr((low - location) / sd), ndtr((high - location) / sd)
+    return np.clip(location + sd * ndtri(0.5 * (below + above)), low, high)
+
+
+def _enough_inside(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
+    """True where the model allows the location of a normal cut to a range."""
+    inside = ndtr((high - location) / sd) - ndtr((low - location) / sd)
+    return np.asarray(inside >= LEAST_INSIDE)
+
+
+def correlation_factors(partial: np.ndarray, b: int) -> np.ndarray:
+    """Cholesky factors (M, b, b) of correlations from canonical partial ones (M, pairs or 0)."""
+    if not partial.size:
+        return np.tile(np.eye(b), (len(partial), 1, 1))
+    out = np.zeros((len(partial), b, b))
+    k = 0
+    for i in range(b):
+        rest = np.ones(len(partial))
+        for j in range(i):
+            out[:, i, j] = partial[:, k] * np.sqrt(rest)
+            rest = rest * (1.0 - partial[:, k] ** 2)
+            k += 1
+        out[:, i, i] = np.sqrt(np.maximum(rest, 1e-12))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Hyper:
+    """Draws of means and spreads, on the model's scale; first axis the draw."""
+
+    values: tuple[PooledValue, ...]
+    set_of: np.ndarray  # (groups,)
+    mu: np.ndarray  # (M, groups, p)
+    sd_donors: np.ndarray  # (M, p)
+    sd: np.ndarray  # (M, sets, p)
+    factor_donors: np.ndarray  # (M, p, p), Cholesky factor of the correlations
+    factor: np.ndarray  # (M, p, p)
+
+    @classmethod
+    def from_prior(
+        cls, values: Sequence[PooledValue], layout: Layout, draws: int, rng: np.random.Generator
+    ) -> tuple[Hyper, np.ndarray]:
+        """Draws of the prior without correlations, which leave that of each value as it is.
+
+        Locations that the model excludes are left out. Also returns locations (draws, groups, p)
+        of a tested donor's specimens.
+        """
+        parts = [_prior_draws(v, layout, draws, rng) for v in values]
+        mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
+        whole = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))
+        return cls(tuple(values), layout.set_of, mu, sd_donors, sd, whole, whole), location
+
+    @property
+    def draws(self) -> int:
+        """Number of draws."""
+        return len(self.mu)
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Lower and upper ends of the values, shape (2, p)."""
+        return np.array([v.edges for v in self.values]).T
+
+    def at(self, rows: np.ndarray) -> Hyper:
+        """Some of the draws."""
+        parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
+        return Hyper(self.values, self.set_of, *(a[rows] for a in parts))
+
+    def repeated(self, times: int) -> Hyper:
+        """Each draw repeated, one copy after the other."""
+        return self.at(np.repeat(np.arange(self.draws), times))
+
+    def log_prior(self) -> np.ndarray:
+        """Log prior density of means and spreads, up to a constant, shape (M,)."""
+        total = np.zeros(self.draws)
+        for k, v in enumerate(self.values):
+            total -= 0.5 * (((self.mu[:, :, k] - v.mean) / v.mean_sd) ** 2).sum(axis=1)
+            total -= 0.5 * (self.sd_donors[:, k] / v.donor_scale) ** 2
+            total -= 0.5 * ((self.sd[:, :, k] / v.specimen_scale) ** 2).sum(axis=1)
+        return total
+
+    # --- what follows ---
+
+    def spread(self, group: int) -> np.ndarray:
+        """Sds between specimens of a donor, shape (M, p)."""
+        return self.sd[:, self.set_of[group]]
+
+    def total_spread(self, group: int) -> np.ndarray:
+        """Sds between specimens of different donors, shape (M, p)."""
+        return np.hypot(self.sd_donors, self.spread(group))
+
+    def median(self, location: np.ndarray, group: int) -> np.ndarray:
+        """Medians of the specimens at a location, shape (M, p)."""
+        return cut_median(location, self.spread(group), *self.edges)
+
+    def typical(self, group: int) -> np.ndarray:
+        """Median of the typical donor's specimens, shape (M, p)."""
+        return self.median(self.mu[:, group], group)
+
+    def donors(self, group: int, rng: np.random.Generator) -> np.ndarray:
+        """Locations of new donors, one per draw, shape (M, p)."""
+        out, sd = np.array(self.mu[:, group]), self.spread(group)
+        left = np.arange(self.draws)
+        for _ in range(MOST_TRIES):
+            z = rng.standard_normal((len(left), len(self.values)))
+            effect = np.einsum("mij,mj->mi", self.factor_donors[left], z) * self.sd_donors[left]
+            out[left] = self.mu[left, group] + effect
+            left = left[~_enough_inside(out[left], sd[left], *self.edges).all(axis=1)]
+            if not len(left):
+                break
+        return out
+
+    def specimens(self, location: np.ndarray, group: int, rng: np.random.Generator) -> np.ndarray:
+        """Specimens at locations, one per draw, shape (M, p)."""
+        (low, high), sd = self.edges, self.spread(group)
+        out = np.clip(location, low, high)
+        left = np.arange(self.draws)
+        for _ in range(MOST_TRIES):
+            z = rng.standard_normal((len(left), len(self.values)))
+            new = location[left] + np.einsum("mij,mj->mi", self.factor[left], z) * sd[left]
+            inside = ((new >= low) & (new <= high)).all(axis=1)
+            out[left[inside]] = new[inside]
+            left = left[~inside]
+            if not len(left):
+                break
+        return out
+
+    def new_specimens(self, group: int, rng: np.random.Generator) -> np.ndarray:
+        """Specimens of new donors, one per draw, shape (M, p)."""
+        return self.specimens(self.donors(group, rng), group, rng)
+
+    def conflict(
+        self, theta: np.ndarray, group: int, rng: np.random.Generator
+    ) -> tuple[float, np.ndarray]:
+        """Posterior predictive p of a specimen (M, p) in its group: jointly, and value by value.
+
+        The squared distance from the group's mean in units of the spread (donors included), beside
+        that of a new specimen of the same draw (Gelman, Meng and Stern 1996). A specimen
+        pulls its own group, so that p is rather too large.
+        """
+        covariance = np.zeros_like(self.factor)
+        for sd, factor in ((self.sd_donors, self.factor_donors), (self.spread(group), self.factor)):
+            root = sd[:, :, None] * factor
+            covariance += root @ root.transpose(0, 2, 1)
+        inverse = np.linalg.inv(covariance)
+        new = self.new_specimens(group, rng)
+        off = [x - self.mu[:, group] for x in (theta, new)]
+        own, other = (np.einsum("mi,mij,mj->m", x, inverse, x) for x in off)
+        each = (np.abs(off[1]) >= np.abs(off[0])).mean(axis=0)
+        return float((other >= own).mean()), each
+
+
+def _prior_draws(
+    v: PooledValue, layout: Layout, draws: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Means (M, groups), sds of donors (M,) and specimens (M, sets), locations (M, groups)."""
+    first = [int(np.flatnonzero(layout.group == g)[0]) for g in range(layout.set_of.size)]
+    accepted: list[tuple[np.ndarray, ...]] = []
+    for _ in range(PRIOR_TRIES):
+        sd_donors = np.abs(rng.standard_normal(draws)) * v.donor_scale
+        sd = np.abs(rng.standard_normal((draws, layout.sets))) * v.specimen_scale
+        mu = v.mean + v.mean_sd * rng.standard_normal((draws, layout.set_of.size))
+        effect = sd_donors[:, None] * rng.standard_normal((draws, layout.donors))
+        location = mu[:, layout.group] + effect[:, layout.donor]
+        own = sd[:, layout.set_of[layout.group]]
+        ok = _enough_inside(location, own, *v.edges).all(axis=1)
+        accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
+        if sum(len(part[1]) for part in accepted) >= draws:
+            break
+    mu, sd_donors, sd, location = (
+        np.concatenate(part)[:draws] for part in zip(*accepted, strict=True)
+    )
+    if len(sd_donors) < draws:  # priors that hardly leave a location inside: some draws stand twice
+        at = np.arange(draws) % max(len(sd_donors), 1)
+        mu, sd_donors, sd, location = (a[at] for a in (mu, sd_donors, sd, location))
+    return mu, sd_donors, sd, location
+
+
+# --- the population -------------------------------------------------------------------------------
 
 
 def assessed_quantities(

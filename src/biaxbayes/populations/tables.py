@@ -16,8 +16,7 @@ from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.verdict import NO_VERDICT
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
 from biaxbayes.populations.model import LARGER, LINEAR, LOG, OPEN, SMALLER
-from biaxbayes.populations.predictive import PRIOR_DRAWS, Hyper
-from biaxbayes.populations.result import NATURAL_DRAWS, Population
+from biaxbayes.populations.result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
 from biaxbayes.populations.verdicts import (
     derived_verdict,
     mean_verdicts,

@@ -34,7 +34,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
 from biaxbayes.parameters import STRETCH, Parameter, Quantity
 from biaxbayes.populations.model import PooledValue
-from biaxbayes.populations.predictive import PRIOR_DRAWS, Hyper
+from biaxbayes.populations.result import PRIOR_DRAWS, Hyper
 from biaxbayes.populations.specimens import Source
 
 CONSTANT = 1e-9

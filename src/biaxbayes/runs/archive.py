@@ -17,11 +17,9 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 import pandas as pd
-from numpy.random import Generator
 
 from biaxbayes.error_model import log_likelihood, simulate
 from biaxbayes.errors import RunError
-from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_bytes
@@ -135,66 +133,63 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     """Groups of the archive by name."""
     import xarray as xr
 
-    unit = {"units": posterior.specimen.unit}
+    unit = _units(posterior.specimen.unit)
     ensembles, steps, walkers, _ = draws.chain.shape
-    chain_draw = ("chain", "draw")
+    count = steps * walkers
     coords = {
         "chain": np.arange(ensembles),
-        "draw": np.arange(steps * walkers),
+        "draw": np.arange(count),
         "walker": ("draw", np.repeat(np.arange(walkers), steps)),
         "step": ("draw", np.tile(np.arange(steps) * draws.thin, walkers)),
     }
     flat = {name: flatten(values) for name, values in draws.quantities.items()}
+    by_draw, by_row, by_mount = ("chain", "draw"), ("row", "direction"), ("mount", "direction")
     parameters = {
-        name.replace("/", SLASH): (chain_draw, flat[name], _units(posterior.quantities[name].unit))
+        name.replace("/", SLASH): (by_draw, flat[name], _units(posterior.quantities[name].unit))
         for name in posterior.parameter_names
     }
     stats = {
-        "lp": (chain_draw, flat["lp"]),
-        "tempered_log_likelihood": (chain_draw, flat["log_likelihood"]),
+        "lp": (by_draw, flat["lp"]),
+        "tempered_log_likelihood": (by_draw, flat["log_likelihood"]),
     }
-    count = steps * walkers
-    pick = np.linspace(0, count - 1, min(count, POINTWISE_DRAWS)).round().astype(int)
     measured = posterior.rows
-    natural = {name: flat[name][:, pick] for name in posterior.parameter_names}
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
     rows = {"row": np.arange(len(measured.load)), "direction": ["x", "y"]}
-    plane, reading = ("row", "direction"), ("mount", "direction")
-    mounting_reading, mounting_reading_sd = posterior.specimen.mounting_readings(
-        shared=posterior.settings.shared
-    )
+    reading, reading_sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
     constant = {
-        "stretch": (plane, measured.stretch, {"units": "1"}),
+        "stretch": (by_row, measured.stretch, {"units": "1"}),
         "protocol": ("row", np.asarray(measured.protocol)),
-        "mounting_reading": (reading, mounting_reading, unit),
-        "mounting_reading_sd": (reading, mounting_reading_sd, unit),
+        "mounting_reading": (by_mount, reading, unit),
+        "mounting_reading_sd": (by_mount, reading_sd, unit),
     }
-    pointwise = {"chain": coords["chain"], "draw": pick} | rows
+    pick = np.linspace(0, count - 1, min(count, POINTWISE_DRAWS)).round().astype(int)
+    some = {name: flat[name][:, pick] for name in posterior.parameter_names}
+    pointwise = _pointwise(posterior, some, seed)
     return {
         "posterior": xr.Dataset(parameters, coords),
         "sample_stats": xr.Dataset(stats, coords),
         **{
-            name: xr.Dataset(variables, pointwise)
-            for name, variables in _pointwise(posterior, measured, natural, rng).items()
+            name: xr.Dataset(variables, {"chain": coords["chain"], "draw": pick} | rows)
+            for name, variables in pointwise.items()
         },
-        "observed_data": xr.Dataset({"load": (plane, measured.load, unit)}, rows),
+        "observed_data": xr.Dataset({"load": (by_row, measured.load, unit)}, rows),
         "constant_data": xr.Dataset(constant, rows),
     }
 
 
 def _pointwise(
-    posterior: Posterior, rows: MeasuredRows, natural: Mapping[str, np.ndarray], rng: Generator
+    posterior: Posterior, natural: Mapping[str, np.ndarray], seed: int
 ) -> dict[str, dict[str, Any]]:
-    """Variables with a number for each draw and reading, in single precision."""
+    """Variables with a number for each of some draws and reading, in single precision."""
     chains, draws = next(iter(natural.values())).shape
-    values = {name: drawn.ravel() for name, drawn in natural.items()}
-    mean, sd = posterior.forward.predict_rows(values, rows)
+    rows = posterior.rows
+    mean, sd = posterior.forward.predict_rows({k: v.ravel() for k, v in natural.items()}, rows)
 
     def variable(values: np.ndarray, unit: str = "") -> tuple[Any, ...]:
         by_draw = values.reshape(chains, draws, len(rows.load), 2).astype(np.float32)
         return ("chain", "draw", "row", "direction"), by_draw, _units(unit)
 
     unit = posterior.specimen.unit
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
     predicted = variable(simulate(mean, sd, rng), unit)
     exact = log_likelihood(mean, sd, rows.load, rows.scatter)
     return {

@@ -48,13 +48,13 @@ OUTPUTS = (
     *("population-forest", "population-pairs", "new-specimen-bands"),
 )
 """Stems of tables with a figure."""
-TABLES = (
+EXPORTS = (
     *("profile-intervals", "report", "report-stresses", "identifiability", "law-fits"),
     *("determined", "same-curves", "edges", "misfit"),
 )
 RECORDS = ("results", "profile-provenance", "identify", "study-rows", "study-layers")
 DERIVED = re.compile(
-    rf"({'|'.join((*OUTPUTS, *TABLES))})\.csv|({'|'.join(RECORDS)})\.json|README\.txt"
+    rf"({'|'.join((*OUTPUTS, *EXPORTS))})\.csv|({'|'.join(RECORDS)})\.json|README\.txt"
     rf"|({'|'.join((*OUTPUTS, *PLOTS.values()))})(-.+mm)?\.({'|'.join(PICTURES)})"
     rf"|{'|'.join(map(re.escape, REPORTS.values()))}|report\.md"
 )

@@ -42,25 +42,30 @@ README = "README.txt"
 DIGITS, STORED_DIGITS = 8, 12
 """Significant digits of the exported tables and of results.json."""
 TABLES = {
-    "identifiability": "identifiability.csv: how much the data narrow each parameter, which others "
-    "it is correlated with, and which ends of its range stay open (prior and posterior within the "
-    "law).",
-    "law_fits": "law-fits.csv: every material law fitted to the same record. Laws that fit it "
-    "and disagree on a mounting stretch are why it has no value.",
-    "determined": "determined.csv: stresses, stiffnesses and structure tensors within the law. The "
-    "data can fix these where they leave single parameters open. The stresses to report are in "
-    "report-stresses.csv.",
-    "same_curves": "same-curves.csv: sets of parameters that give the same curves.",
-    "checks": "misfit.csv: by how much the law misses each curve, beside the noise of a reading.",
+    "identifiability": (
+        "identifiability.csv",
+        "how much the data narrow each parameter, which others it is correlated with, and which "
+        "ends of its range stay open (prior and posterior within the law).",
+    ),
+    "law_fits": (
+        "law-fits.csv",
+        "every material law fitted to the same record. Laws that fit it and disagree on a mounting "
+        "stretch are why it has no value.",
+    ),
+    "determined": (
+        "determined.csv",
+        "stresses, stiffnesses and structure tensors within the law. The data can fix these where "
+        "they leave single parameters open. The stresses to report are in report-stresses.csv.",
+    ),
+    "same_curves": ("same-curves.csv", "sets of parameters that give the same curves."),
+    "checks": (
+        "misfit.csv",
+        "by how much the law misses each curve, beside the noise of a reading.",
+    ),
 }
-"""The tables of evidence, and the sentence on what each shows."""
+"""The tables of evidence: file, and what it shows."""
 LITTLE = 1.0 / 3.0
 """A test that identifies or bounds at most this share of its parameters determines little."""
-
-
-def file_of(table: str) -> str:
-    """Name of the exported file of a table of evidence."""
-    return TABLES[table].partition(":")[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,28 +229,23 @@ def _advice(
 
 def write_result(result: RunResult, folder: Path) -> list[str]:
     """Write ``results.json``, ``report.csv`` and the tables of evidence; return the file names."""
+    (folder / EVIDENCE).mkdir(exist_ok=True)
     text = json.dumps(as_record(result), indent=1, ensure_ascii=False, allow_nan=False)
     atomic_write_text(folder / RESULTS, text + "\n")
-    write_csv(folder / REPORT, result.to_frame(), digits=DIGITS)
-    names = [RESULTS, REPORT]
-    if result.stresses.empty:
-        (folder / STRESSES).unlink(missing_ok=True)
-    else:
-        write_csv(folder / STRESSES, result.stresses, digits=DIGITS)
-        names.append(STRESSES)
-    evidence = folder / EVIDENCE
-    evidence.mkdir(exist_ok=True)
-    names.append(f"{EVIDENCE}/{README}")
+    tables = {REPORT: result.to_frame(), STRESSES: result.stresses}
     lines = ["What the reported table rests on. No interval here is the one to report.", ""]
-    for name, sentence in TABLES.items():
-        table: pd.DataFrame = getattr(result, name)
-        if table.empty:
-            (evidence / file_of(name)).unlink(missing_ok=True)
+    for name, (file, sentence) in TABLES.items():
+        tables[f"{EVIDENCE}/{file}"] = getattr(result, name)
+        if not getattr(result, name).empty:
+            lines.append(f"{file}: {sentence}")
+    atomic_write_text(folder / EVIDENCE / README, "\n".join(lines) + "\n")
+    names = [RESULTS, f"{EVIDENCE}/{README}"]
+    for name, table in tables.items():
+        if table.empty and name != REPORT:
+            (folder / name).unlink(missing_ok=True)
             continue
-        write_csv(evidence / file_of(name), table, digits=DIGITS)
-        lines.append(sentence)
-        names.append(f"{EVIDENCE}/{file_of(name)}")
-    atomic_write_text(evidence / README, "\n".join(lines) + "\n")
+        write_csv(folder / name, table, digits=DIGITS)
+        names.append(name)
     return names
 
 

@@ -59,18 +59,9 @@ def summarise(
 ) -> pd.DataFrame:
     """ArviZ's summary of the draws within the law; ``report.csv`` has what to report.
 
-    Where the chains are ``tentative`` the effective sample sizes are left empty, where they are
-    ``unusable`` every number but R-hat is.
-
-    Parameters
-    ----------
-    quantities : dict of ndarray, shape (ensembles, steps, walkers)
-    names : tuple of str
-        Rows, in order.
-    known : Quantities
-        What each name is.
-    law : str
-        Name of the law, which every row states.
+    ``quantities`` are arrays (ensembles, steps, walkers) by name, ``names`` the rows. Where the
+    chains are ``tentative`` the effective sample sizes are left empty, where they are ``unusable``
+    every number but R-hat is.
     """
     position = {name: i for i, name in enumerate(convergence.names)}
     rows = []
@@ -254,14 +245,6 @@ class Run:
 
 def open_run(path: str | Path) -> Run:
     """Open a run folder.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Run
 
     Raises
     ------

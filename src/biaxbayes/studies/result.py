@@ -39,18 +39,11 @@ NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
 
 @dataclass(frozen=True)
 class SpecimenOutcome:
-    """Outcome of one specimen.
+    """Outcome of one specimen."""
 
-    Attributes
-    ----------
-    state : str
-        State of the run, ``failed`` or ``interrupted``.
-    rows : list of dict
-        Rows of the study table without the columns of the study.
-    """
-
-    state: str
+    state: str  # of the run, or ``failed`` or ``interrupted``
     reason: str = ""
+    # of the study table, without the columns of the study
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -167,19 +160,12 @@ USABLE = ("converged", "tentative")
 
 @dataclass(frozen=True)
 class ComparedLayers:
-    """Distances between the layers of one donor.
-
-    Attributes
-    ----------
-    donor : str
-    distances : DataFrame
-        As of :func:`biaxbayes.comparison.compare.compare`, with ``layer_a`` and ``layer_b``.
-    notes : list of str
-        Differences that are not of the tissue, or why there is no comparison.
-    """
+    """Distances between the layers of one donor."""
 
     donor: str
+    # as of :func:`biaxbayes.comparison.compare.compare`, with ``layer_a`` and ``layer_b``
     distances: pd.DataFrame = field(default_factory=pd.DataFrame)
+    # differences that are not of the tissue, or why there is no comparison
     notes: list[str] = field(default_factory=list)
 
 
@@ -221,7 +207,6 @@ class StudyResult:
 
     Attributes
     ----------
-    name : str
     folder : Path
         Holds ``study.csv``, ``study.html`` and, in ``runs``, a run folder of each specimen.
     table : DataFrame
