@@ -11,39 +11,21 @@ from typing import Any, NamedTuple
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
 
-# --- consistent unit systems of finite-element input ---------------------------------------------
-
 
 class UnitSystem(NamedTuple):
     """Units that belong together: force = mass length / time^2, stress = force / length^2."""
 
-    name: str
     stress: str
-    length: str
-    force: str
-    mass: str
-    time: str
-    per_kPa: float  # the stress unit's number for 1 kPa
-
-    def __str__(self) -> str:
-        return (
-            f"{self.name}: stress {self.stress}, length {self.length}, force {self.force}, "
-            f"mass {self.mass}, time {self.time}"
-        )
+    per_kPa: float  # number of the stress unit for 1 kPa
+    description: str
 
 
 UNIT_SYSTEMS = {
-    system.name: system
-    for system in (
-        UnitSystem("kPa-mm", "kPa", "mm", "mN", "kg", "s", 1.0),
-        UnitSystem("MPa-mm", "MPa", "mm", "N", "tonne", "s", 1e-3),
-        UnitSystem("Pa-m", "Pa", "m", "N", "kg", "s", 1e3),
-    )
+    "kPa-mm": UnitSystem("kPa", 1.0, "kPa-mm: stress kPa, length mm, force mN, mass kg, time s"),
+    "MPa-mm": UnitSystem("MPa", 1e-3, "MPa-mm: stress MPa, length mm, force N, mass tonne, time s"),
+    "Pa-m": UnitSystem("Pa", 1e3, "Pa-m: stress Pa, length m, force N, mass kg, time s"),
 }
-
-
-# --- the card ---
-
+"""Consistent units of finite-element input."""
 K2_FLOOR = 1e-9
 """Smallest exponent written. The programs divide by k2; at 1e-9 the stress differs from its
 limit by less than k2 E^2, 1e-9 of itself while the fibre strain is below one."""
@@ -122,7 +104,7 @@ def header_lines(card: Card, version: str, conventions: list[str]) -> list[str]:
         f"biaxbayes {version}: material card",
         f"Specimen: {plain_text(card.specimen)}",
         f"Material: {plain_text(card.origin)}",
-        f"Units: {card.units}",
+        f"Units: {card.units.description}",
         UNLOADED if card.prestretch else MOUNTED,
         *conventions,
         "Density is not part of the fit: add it, in these units, where inertia or weight matter.",

@@ -31,13 +31,15 @@ MIXTURE = "uncoupled solid mixture"
 class Mixture(NamedTuple):
     """A law as a mixture."""
 
-    # from parameters by name: type, stresses (kPa), other parameters, angle from x (degrees)
+    # from parameters by name: type, FEBio's parameters (stresses in kPa), angle from x (degrees)
     parts: Callable[[Mapping[str, float]], list[Part]]
     matrix_shear_kPa: Callable[[Mapping[str, float]], float]
     conventions: tuple[str, ...]
 
 
-Part = tuple[str, dict[str, float], dict[str, float], float]
+Part = tuple[str, dict[str, float], float]
+STRESSES = ("c", "c1", "c2", "k1", "ksi", "E1", "E2", "E3", "G12", "G23", "G31")
+"""Parameters of FEBio that are stresses."""
 
 AXES = (
     "The first material axis (a) is the x axis of the test; d lies in the plane, towards its y "
@@ -65,22 +67,19 @@ def _fung_parts(p: Mapping[str, float]) -> list[Part]:
     young = 1.0 / np.diag(compliance)
     # as if the plane were isotropic on average: b_x - b_xy = 2 mu / c there
     shear = 0.25 * p["c"] * (p["b_x"] + p["b_y"] - 2.0 * p["b_xy"])
-    stresses = {"E1": young[0], "E2": young[1], "E3": THICKNESS * young.min(), "c": p["c"]}
-    stresses |= dict.fromkeys(("G12", "G23", "G31"), shear)
-    poisson = {"v12": -compliance[0, 1] * young[0], "v23": 0.0, "v31": 0.0}
-    return [(MATRIX, {"c1": p["c0"], "c2": 0.0}, {}, 0.0), (FUNG, stresses, poisson, 0.0)]
+    values = {"E1": young[0], "E2": young[1], "E3": THICKNESS * young.min(), "c": p["c"]}
+    values |= dict.fromkeys(("G12", "G23", "G31"), shear)
+    values |= {"v12": -compliance[0, 1] * young[0], "v23": 0.0, "v31": 0.0}
+    return [(MATRIX, {"c1": p["c0"], "c2": 0.0}, 0.0), (FUNG, values, 0.0)]
 
 
 def _four_fibre_parts(p: Mapping[str, float]) -> list[Part]:
-    parts: list[Part] = [(MATRIX, {"c1": 0.5 * p["c"], "c2": 0.0}, {}, 0.0)]
+    parts: list[Part] = [(MATRIX, {"c1": 0.5 * p["c"], "c2": 0.0}, 0.0)]
     for family, angles in (("x", (0.0,)), ("y", (90.0,)), ("d", (p["alpha"], -p["alpha"]))):
         k1, k2 = p[f"k1_{family}"], max(p[f"k2_{family}"], K2_FLOOR)
         # k1 / (4 k2) (exp(k2 E^2) - 1) with E = In - 1: ksi = k1 / 2, alpha = k2, beta = 2
-        parts += [
-            (FIBRE, {"ksi": 0.5 * k1}, {"alpha": k2, "beta": 2.0}, angle)
-            for angle in angles
-            if k1 > 0.0
-        ]
+        fibre = {"ksi": 0.5 * k1, "alpha": k2, "beta": 2.0}
+        parts += [(FIBRE, fibre, angle) for angle in angles if k1 > 0.0]
     return parts
 
 
@@ -129,8 +128,9 @@ def write_febio(card: Card, version: str) -> str:
     )
     if goh:
         conventions = HGO_CONVENTIONS
-        numbers = {"k2": material.k2, "gamma": material.alpha_deg, "kappa": material.kappa}
-        _add_numbers(node, card, {"c": 2.0 * material.C1_kPa, "k1": material.k1_kPa}, numbers)
+        values = {"c": 2.0 * material.C1_kPa, "k1": material.k1_kPa, "k2": material.k2}
+        values |= {"gamma": material.alpha_deg, "kappa": material.kappa}
+        _add_values(node, card, values)
     axis = ElementTree.SubElement(node, "mat_axis", type="vector")
     ElementTree.SubElement(axis, "a").text = "1,0,0"
     ElementTree.SubElement(axis, "d").text = "0,1,0"
@@ -138,9 +138,9 @@ def write_febio(card: Card, version: str) -> str:
         law = material.law
         conventions = MIXTURES[law.name].conventions
         parameters = dict(zip(law.names, material.values, strict=True))
-        for kind, stresses, numbers, angle_deg in MIXTURES[law.name].parts(parameters):
+        for kind, values, angle_deg in MIXTURES[law.name].parts(parameters):
             part = ElementTree.SubElement(node, "solid", type=kind)
-            _add_numbers(part, card, stresses, numbers)
+            _add_values(part, card, values)
             if kind == FIBRE:
                 angle = np.radians(angle_deg)
                 direction = f"{float(np.cos(angle))!r},{float(np.sin(angle))!r},0"
@@ -162,15 +162,11 @@ def write_febio(card: Card, version: str) -> str:
     )
 
 
-def _add_numbers(
-    node: ElementTree.Element,
-    card: Card,
-    stresses: Mapping[str, float],
-    numbers: Mapping[str, float],
-) -> None:
-    """Elements of the stresses (kPa), in the units of the card, and of other numbers."""
-    for name, value in {**{n: card.stress(v) for n, v in stresses.items()}, **numbers}.items():
-        ElementTree.SubElement(node, name).text = repr(float(value))
+def _add_values(node: ElementTree.Element, card: Card, values: Mapping[str, float]) -> None:
+    """An element for each parameter, stresses (kPa) in the units of the card."""
+    for name, value in values.items():
+        number = card.stress(value) if name in STRESSES else value
+        ElementTree.SubElement(node, name).text = repr(float(number))
 
 
 # --- the card as FEBio reads it ------------------------------------------------------------------
