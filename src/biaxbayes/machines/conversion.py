@@ -29,7 +29,7 @@ class Conversion:
     specimen: Specimen
     recordings: tuple[Recording, ...]
     recorded: tuple[Protocol, ...]
-    geometry_stated: bool
+    geometry_given: bool
 
     def __repr__(self) -> str:
         sources = ", ".join(r.source for r in self.recordings)

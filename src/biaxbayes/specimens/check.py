@@ -567,17 +567,17 @@ def _dimensions(specimen: Specimen) -> Iterator[Finding]:
 
 def _noise(specimen: Specimen) -> Iterator[Finding]:
     """Load noise that is large, differs from the scatter of the rows, or is absent."""
-    stated, seen = specimen.load_noise, specimen.high_frequency_scatter()
+    given, scatter = specimen.load_noise, specimen.high_frequency_scatter()
     noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
     if noise > LARGE_NOISE * peak:
         share = f"{100 * noise / peak:.0f} % of the largest load"
         yield warning("units", f"the load noise of {noise:.2g} {unit} is {share}")
-    if stated is not None and seen > 0.0 and not 0.2 < seen / stated < 5.0:
-        smoothed = ": the record was smoothed or averaged" if seen < stated else ""
+    if given is not None and scatter > 0.0 and not 0.2 < scatter / given < 5.0:
+        smoothed = ": the record was smoothed or averaged" if scatter < given else ""
         yield warning(
             "noise-differs",
-            f"the header states a load noise of {stated:.2g} {unit}; neighbouring rows "
-            f"scatter by {seen:.2g} {unit}{smoothed}",
+            f"the header states a load noise of {given:.2g} {unit}; neighbouring rows "
+            f"scatter by {scatter:.2g} {unit}{smoothed}",
         )
     if noise == 0.0:
         yield warning(

@@ -42,7 +42,7 @@ class Dimensions:
     thickness_mm: float = 1.0
 
     def mounted(self, mounting_stretch: Sequence[float]) -> Dimensions:
-        """Dimensions of the same specimen in the mounted state; the volume is kept."""
+        """Dimensions of the same specimen in the mounted state; the volume is constant."""
         lx, ly = mounting_stretch
         return Dimensions(self.edge_x_mm * lx, self.edge_y_mm * ly, self.thickness_mm / (lx * ly))
 
@@ -293,9 +293,9 @@ def record_tests(
     `dimensions` are unloaded, whatever `machine.geometry` is.
     """
     machine, labels = machine or Machine(), labels or {}
-    stated = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
+    nominal = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
     # N per unit of the record: 1 for forces, section in mm^2 times 1e-3 (kPa mm^2) for stresses.
-    divisor = np.ones(2) if machine.stress_pair == "force" else stated.section_mm2() * 1e-3
+    divisor = np.ones(2) if machine.stress_pair == "force" else nominal.section_mm2() * 1e-3
     # One header value stands for both directions; sections differ by the mounting stretch only.
     noise = machine.noise_N / float(np.sqrt(divisor.prod()))
     protocols, disturbed = _record(tests, machine, divisor, noise, np.random.default_rng(seed))
@@ -304,7 +304,7 @@ def record_tests(
         protocols,
         machine.stress_pair,
         machine.geometry,
-        **asdict(stated),
+        **asdict(nominal),
         load_noise=noise or None,
         layer=labels.get("layer"),
         axis_x=labels.get("axis_x"),

@@ -262,7 +262,7 @@ def _print_conversion(conversion: Conversion, out: Path) -> None:
     for note in str(specimen.metadata.get("conversion", "")).split("; "):
         if note:
             click.echo(f"  {note}")
-    if not conversion.geometry_stated:
+    if not conversion.geometry_given:
         click.echo("  geometry not stated: the stresses are taken to refer to the unloaded state")
     shear: Any = specimen.metadata.get("largest_shear")
     if shear is not None:
