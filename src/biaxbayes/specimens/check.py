@@ -175,8 +175,9 @@ def _tared(specimen: Specimen) -> Iterator[Finding]:
         return
     limit = 1e-9 * specimen.peak_load
     for p in specimen.protocols:
-        curves = (p.load_x, p.load_y)
-        for axis, value, curve in zip("xy", specimen.mounting_reading(p), curves, strict=True):
+        for axis, value, curve in zip(
+            "xy", specimen.mounting_reading(p), p.recorded_load.T, strict=True
+        ):
             # A direction without any load is the free direction of a uniaxial strip.
             if abs(value) <= limit and np.any(curve != 0.0):
                 message = f"the mounting force in {axis} is exactly zero, as after a tare in this "
@@ -196,7 +197,7 @@ def _clipped(specimen: Specimen) -> Iterator[Finding]:
         return int(same.sum()) if enough and fine and same[resting:].any() else 0
 
     for p in specimen.protocols:
-        for axis, curve in zip("xy", (p.load_x, p.load_y), strict=True):
+        for axis, curve in zip("xy", p.recorded_load.T, strict=True):
             zeros = repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
             if zeros:
                 yield Finding(
@@ -380,7 +381,7 @@ def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
 def _camera_lag(p: Protocol) -> Iterator[Finding]:
     """A load that rises at constant stretch by more than small changes of stretch explain."""
     still = still_rows(p.stretch_x, p.stretch_y)
-    load = np.column_stack([p.load_x, p.load_y])
+    load = p.recorded_load
     rest = rest_rows(p.stretch_x, p.stretch_y, load)
     if rest == still or 2 * still > p.rows:
         return

@@ -70,7 +70,7 @@ def check_readings(specimen: Specimen) -> None:
             protocol=protocols[largest].name,
         )
     noise, unit = specimen.load_noise, specimen.unit
-    peak = max(float(np.abs([p.load_x, p.load_y]).max()) for p in protocols)
+    peak = max(float(np.abs(p.recorded_load).max()) for p in protocols)
     if noise is not None and noise > peak:
         problem = f"load_noise_{unit} of {noise:g} exceeds every load of the record (at most "
         remedy = f"give the standard deviation of one reading in {unit}"

@@ -127,8 +127,8 @@ class Protocol:
             problem = f"a time of {time[index]:g} s is out of range"
             raise self._error(problem, "time_s", int(index), remedy)
         if self.rest_rows == AUTOMATIC:
-            load = np.column_stack([self.load_x, self.load_y])
-            object.__setattr__(self, "rest_rows", rest_rows(self.stretch_x, self.stretch_y, load))
+            rest = rest_rows(self.stretch_x, self.stretch_y, self.recorded_load)
+            object.__setattr__(self, "rest_rows", rest)
         if not 0 <= self.rest_rows <= self.rows:
             raise self._error("must lie between 1 and the number of rows", "rest_rows")
 
@@ -167,6 +167,11 @@ class Protocol:
     def stretch(self) -> np.ndarray:
         """Measured stretches in x and y, shape (rows, 2)."""
         return np.column_stack([self.stretch_x, self.stretch_y])
+
+    @property
+    def recorded_load(self) -> np.ndarray:
+        """The stress pair as recorded, in x and y, shape (rows, 2)."""
+        return np.column_stack([self.load_x, self.load_y])
 
     @property
     def rows(self) -> int:

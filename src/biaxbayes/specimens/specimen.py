@@ -198,10 +198,9 @@ class Specimen:
         A Cauchy stress, computed by the lab with the mounted state as reference, is divided
         by the measured stretch.
         """
-        pair = np.column_stack([protocol.load_x, protocol.load_y])
         if self.stress_pair == "cauchy":
-            pair = pair / np.column_stack([protocol.stretch_x, protocol.stretch_y])
-        return pair
+            return protocol.recorded_load / protocol.stretch
+        return protocol.recorded_load
 
     def mounting_reading(self, protocol: Protocol) -> np.ndarray:
         """Mean load of the rows at rest, (x, y), in :attr:`unit`; NaN where there are none."""
@@ -227,9 +226,7 @@ class Specimen:
         whichever the tare subtracted.
         """
         for p in self.protocols:
-            for written, reading in zip(
-                (p.load_x, p.load_y), self.mounting_reading(p), strict=True
-            ):
+            for written, reading in zip(p.recorded_load.T, self.mounting_reading(p), strict=True):
                 if p.rest_rows == 0 or written[0] == 0.0:
                     continue
                 # Zero mean at rest; a Cauchy stress as it is written, or as a nominal stress
