@@ -54,9 +54,14 @@ def profile_figure(
             drawn.stiffness(row[1])
             drawn.structure(row[2])
             drawn.mounting(row[3])
+            value = drawn.table["value"]
             for ax in row:
                 ax.set_xlabel(axis_text(profile.quantity).label)
-                drawn.set_scale(ax)
+                if drawn.log and value.max() > 5.0 * value.min():
+                    ax.set_xscale("log")
+                else:
+                    ax.margins(x=0.03)
+                few_ticks(ax.xaxis, 3)
             if titles is not None:
                 row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
     return figure
@@ -81,14 +86,6 @@ class _Curves:
             return value, y
         fine = (np.geomspace if self.log else np.linspace)(value[0], value[-1], 300)
         return fine, PchipInterpolator(value, y)(fine)
-
-    def set_scale(self, ax: Axes) -> None:
-        value = self.table["value"]
-        if self.log and value.max() > 5.0 * value.min():
-            ax.set_xscale("log")
-        else:
-            ax.margins(x=0.03)
-        few_ticks(ax.xaxis, 3)
 
     def deviance(self, ax: Axes) -> None:
         table, blue = self.table, colour("run")

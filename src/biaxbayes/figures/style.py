@@ -49,50 +49,12 @@ LOADS = {
 FINER_UNIT = {"N": "mN", "kPa": "Pa"}
 PRINT_AND_SCREEN = ("pdf", "png")
 """Formats of a figure beside its tables."""
-
-# Okabe and Ito (2008): distinguishable with every common colour vision deficiency.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 RUNS = ("run", "other", "third", "fourth", "fifth", "sixth")
 """Roles of up to six runs, ensembles or mounted states side by side."""
 _ROLES = {"x": 0, "y": 1, **{role: k for k, role in enumerate(RUNS)}}
 
-STYLE: dict[str, Any] = {
-    "axes.prop_cycle": "cycler('color', [{}])".format(", ".join(f"'{c}'" for c in _COLOURS)),
-    "axes.labelsize": 8.0,
-    "axes.linewidth": 0.6,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": 8.0,
-    "figure.titlesize": 8.0,
-    "figure.labelsize": 8.0,
-    "figure.constrained_layout.w_pad": 1.2 * MM,
-    "figure.constrained_layout.h_pad": 0.8 * MM,
-    "figure.constrained_layout.wspace": 0.0,
-    "figure.constrained_layout.hspace": 0.0,
-    "font.size": 8.0,
-    "legend.fontsize": 7.0,
-    "legend.title_fontsize": 7.0,
-    "legend.frameon": False,
-    "legend.handlelength": 1.6,
-    "lines.linewidth": 1.1,
-    "patch.linewidth": 0.6,
-    "savefig.dpi": 300.0,
-    "xtick.labelsize": 7.0,
-    "xtick.major.size": 2.5,
-    "xtick.major.width": 0.6,
-    "xtick.minor.size": 1.5,
-    "xtick.minor.width": 0.4,
-    "ytick.labelsize": 7.0,
-    "ytick.major.size": 2.5,
-    "ytick.major.width": 0.6,
-    "ytick.minor.size": 1.5,
-    "ytick.minor.width": 0.4,
-    # Letters stay letters: TrueType inside a PDF; in an SVG text by the name of its font, which can
-    # be searched and changed (svg.fonttype: path draws outlines instead).
-    "pdf.fonttype": 42,
-    "ps.fonttype": 42,
-    "svg.fonttype": "none",
-}
+_PAPER = Path(__file__).with_name("paper.mplstyle")
+STYLE = mpl.rc_params_from_file(_PAPER, use_default_template=False)
 """Matplotlib settings of every figure; a style file overrides them one by one."""
 
 # Settings that a style file cannot change: the width in millimetres is fixed, so nothing is
@@ -155,7 +117,8 @@ def print_style(style: Style = None) -> Iterator[None]:
 
 def colour(role: str) -> str:
     """Colour of ``x``, ``y`` or one of :data:`RUNS` in the active style."""
-    cycle = mpl.rcParams["axes.prop_cycle"].by_key().get("color", _COLOURS)
+    cycler = mpl.rcParams["axes.prop_cycle"]
+    cycle = (cycler if "color" in cycler.keys else STYLE["axes.prop_cycle"]).by_key()["color"]
     return to_hex(cycle[_ROLES[role] % len(cycle)])
 
 

@@ -91,13 +91,12 @@ def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
 
 def print_design(result: Design, unit: str) -> None:
     """Print a row per candidate, cautions, and what to measure next."""
-    from biaxbayes.reports.text import NATS
+    from biaxbayes.reports.text import GLOSSARY
 
     names = [p.name for p in result.known.material if p.name in result.quantities]
     columns = [result.quantities.index(name) for name in names]
-    click.echo(
-        f"expected reduction of the standard deviation, per cent; information in nats:\n{NATS}\n"
-    )
+    head = "expected reduction of the standard deviation, per cent; information in nats:"
+    click.echo(f"{head}\n{GLOSSARY['nats']}\n")
     cells = [["", "information", *names, "draws", f"peak load ({unit})"]]
     for expected, load in zip(result.expected, result.peaks, strict=True):
         name = expected.name + ("" if expected.trusted else "*")
