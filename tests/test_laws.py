@@ -11,7 +11,7 @@ from biaxbayes.fitting.fit import fit
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.law import SamplingLayout
-from biaxbayes.laws.response import (
+from biaxbayes.laws.materials import (
     cauchy_stress,
     constants_at,
     energy,

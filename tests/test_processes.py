@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from biaxbayes.laws import LAWS
-from biaxbayes.laws.response import constants_at, derivatives
+from biaxbayes.laws.materials import constants_at, derivatives
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen import Protocol, Specimen
 

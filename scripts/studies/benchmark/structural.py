@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from biaxbayes.laws.dispersed_fibres import chart_from_angles, softening_of
+from biaxbayes.laws.dispersed_fibres import chart_from_angles, median_softening
 
 REFERENCE = 0.95
 """Squared reference stretch over the largest squared total stretch."""
@@ -39,7 +39,7 @@ class Structural:
 
     def __init__(self, squared: tuple[float, float], mounted: Any, draws: np.ndarray) -> None:
         self._mounted = mounted
-        self._softening = softening_of(draws[:, 3], draws[:, 4])
+        self._softening = median_softening(draws[:, 3], draws[:, 4])
         x, y = REFERENCE * np.array(squared) * np.median(draws[:, 5:7], axis=0) ** 2
         self._reference = (x, y, 1.0 / (x * y))
         self.draws = self._of(draws)

@@ -120,12 +120,12 @@ def forest_figure(
         tall, names = row_mm * len(rows) + 1.0, list(labels.values())
         figure, axes = row_panels(len(parameters), tall, list(labels), names, NOTE)
         for ax, p in zip(axes, parameters, strict=True):
-            of_parameter = {
+            tables = {
                 kind: table[table["quantity"] == p.name].set_index(kind)
                 for kind, table in (("specimen", specimens), ("group", groups))
             }
             for i, (kind, name, k) in enumerate(rows):
-                record, (hue, marker) = of_parameter[kind].loc[name], group_look(k)
+                record, (hue, marker) = tables[kind].loc[name], group_look(k)
                 if kind == "group":
                     _draw_interval(ax, record, "new_specimen", i, hue, 0.6)
                     _draw_interval(ax, record, "mean", i, hue, 2.0, "D", 3.6)

@@ -6,11 +6,10 @@ Interface 3 (2006) 15), in which both families have the strain E = Hx X + Hy Y +
 squared stretches X, Y, Z.
 
 The chart is (d, v). Data determine d = ln(Hx / Hy). v stands for h = (1 - 3 kappa) sin 2 alpha,
-twice
-the in-plane shear component of each family's structure tensor: what an axis-aligned test does not
-see. With R = 1 - 3 kappa and D = Hx - Hy = R cos 2 alpha, the pair (D, h) are Cartesian coordinates
-of the polar pair (R, 2 alpha). At a given d, h runs from 0, where alpha is 0 or 90 degrees, to
-h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
+twice the in-plane shear component of each family's structure tensor: what an axis-aligned test does
+not see. With R = 1 - 3 kappa and D = Hx - Hy = R cos 2 alpha, the pair (D, h) are Cartesian
+coordinates of the polar pair (R, 2 alpha). At a given d, h runs from 0, where alpha is 0 or 90
+degrees, to h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
 
     v = asinh(h / s) / asinh(h_max / s)
 
@@ -32,8 +31,7 @@ import numpy as np
 from biaxbayes.compilation import inlined
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.laws.response import exponential_energy
+from biaxbayes.laws.materials import MaterialResponse, exponential_energy
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 DEFAULT_SOFTENING = 0.3
@@ -42,11 +40,11 @@ DEFAULT_SOFTENING = 0.3
 @inlined
 def structure_tensor(alpha, kappa):
     """Diagonal (Hx, Hy, Hz) of the generalised structure tensor; ``alpha`` in radians."""
-    return structure_tensor_of(np.cos(alpha) ** 2, kappa)
+    return structure_tensor_from_cos2(np.cos(alpha) ** 2, kappa)
 
 
 @inlined
-def structure_tensor_of(cos2, kappa):
+def structure_tensor_from_cos2(cos2, kappa):
     """Diagonal (Hx, Hy, Hz) from cos^2 of the angle."""
     # Hx = kappa + (1 - 3 kappa) cos^2 alpha,  Hy = kappa + (1 - 3 kappa) sin^2 alpha,  Hz = kappa
     return kappa + (1.0 - 3.0 * kappa) * cos2, kappa + (1.0 - 3.0 * kappa) * (1.0 - cos2), kappa
@@ -157,7 +155,7 @@ def chart_from_angles(alpha, kappa, softening):
     return d, np.clip(v, 0.0, 1.0)
 
 
-def softening_of(alpha, kappa) -> float:
+def median_softening(alpha, kappa) -> float:
     """Softening for tissue around these angles (radians) and dispersions: |Hx - Hy|, not tiny."""
     D = (1.0 - 3.0 * np.asarray(kappa)) * np.cos(2.0 * np.asarray(alpha))
     return float(np.clip(np.median(np.abs(D)), 0.02, 1.0))
@@ -214,7 +212,7 @@ class DispersedFibreLaw(Law):
 
     def softening(self, values: Mapping[str, Any]) -> float:
         """Scale of the chart near isotropy for materials by parameter, in their own units."""
-        return softening_of(np.deg2rad(values["alpha"]), values["kappa"])
+        return median_softening(np.deg2rad(values["alpha"]), values["kappa"])
 
     def derived_quantities(self, material: MaterialResponse) -> dict[str, np.ndarray]:
         """The structure tensor: what an axis-aligned test sees of the fibres."""

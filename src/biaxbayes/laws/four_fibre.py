@@ -34,7 +34,7 @@ from biaxbayes.laws.coordinates import (
     to_root_stress,
 )
 from biaxbayes.laws.law import MATRIX_LOAD, Law, SamplingLayout
-from biaxbayes.laws.response import (
+from biaxbayes.laws.materials import (
     constants_at,
     derivatives,
     energy,

@@ -24,8 +24,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import STIFFNESS_SHARE, Law, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
+from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_natural
 from biaxbayes.parameters import Parameter, scale
 
 # --- the model ---------------------------------------------------------------------------------

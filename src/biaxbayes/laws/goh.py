@@ -41,11 +41,10 @@ from biaxbayes.laws.dispersed_fibres import (
     fibre_strain,
     reference_state,
     structure_tensor,
-    structure_tensor_of,
+    structure_tensor_from_cos2,
 )
 from biaxbayes.laws.law import STIFFNESS_SHARE, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
+from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_natural
 from biaxbayes.parameters import Parameter, scale
 
 # --- the model ---------------------------------------------------------------------------------
@@ -154,7 +153,7 @@ class GOHLaw(DispersedFibreLaw):
 
     def constants_at_point(self, C1, k1, k2, t, kappa) -> GOHConstants:
         """Constants at t = cos^2 alpha."""
-        Hx, Hy, Hz = structure_tensor_of(t, kappa)
+        Hx, Hy, Hz = structure_tensor_from_cos2(t, kappa)
         return GOHConstants(C1, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
 
     def exponents_at(self, constants: GOHConstants, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:

@@ -28,11 +28,11 @@ from biaxbayes.laws.dispersed_fibres import (
     fibre_slope,
     fibre_strain,
     structure_tensor,
-    structure_tensor_of,
+    structure_tensor_from_cos2,
 )
 from biaxbayes.laws.goh import GOHCoordinates, GOHLaw
 from biaxbayes.laws.law import SamplingLayout
-from biaxbayes.laws.response import (
+from biaxbayes.laws.materials import (
     constants_at,
     derivatives,
     energy,
@@ -145,7 +145,7 @@ class GOHExponentialLaw(DispersedFibreLaw):
 
     def constants_at_point(self, C1, b, k1, k2, t, kappa) -> GOHExponentialConstants:
         """Constants at t = cos^2 alpha."""
-        Hx, Hy, Hz = structure_tensor_of(t, kappa)
+        Hx, Hy, Hz = structure_tensor_from_cos2(t, kappa)
         return GOHExponentialConstants(C1, b, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
 
     def exponents_at(

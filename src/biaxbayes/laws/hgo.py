@@ -20,11 +20,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.laws.coordinates import from_log_stress, log_fibre_strain, to_log_stress
-from biaxbayes.laws.dispersed_fibres import fibre_strain, structure_tensor, structure_tensor_of
+from biaxbayes.laws.dispersed_fibres import (
+    fibre_strain,
+    structure_tensor,
+    structure_tensor_from_cos2,
+)
 from biaxbayes.laws.goh import GOH, GOHConstants, GOHLaw
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.laws.response import constants_at, to_natural
+from biaxbayes.laws.materials import MaterialResponse, constants_at, to_natural
 from biaxbayes.parameters import Parameter
 
 _C1, _K1, _K2, _ALPHA = range(4)
@@ -82,7 +85,7 @@ class HGOLaw(Law):
 
     def constants_at_point(self, C1, k1, k2, t) -> GOHConstants:
         """Constants at t = cos^2 alpha."""
-        Hx, Hy, Hz = structure_tensor_of(t, 0.0)
+        Hx, Hy, Hz = structure_tensor_from_cos2(t, 0.0)
         return GOHConstants(C1, k1, k2, Hx, Hy, Hz, 0.0)
 
     def exponents_at(self, constants: GOHConstants, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:

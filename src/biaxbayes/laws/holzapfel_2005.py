@@ -27,7 +27,7 @@ import numpy as np
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.coordinates import from_log_stress, to_log_stress
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.response import (
+from biaxbayes.laws.materials import (
     constants_at,
     derivatives,
     energy,

@@ -4,7 +4,7 @@ The file of a law holds
 
 - a ``NamedTuple`` of its constants, with the energy and its first derivatives;
 - a ``NamedTuple`` of what its sampling coordinates depend on, with their transformation (both are
-  registered with the generic functions of :mod:`biaxbayes.laws.response`);
+  registered with the generic functions of :mod:`biaxbayes.laws.materials`);
 - a subclass of :class:`Law`, with ``name``, ``title``, ``source``, ``description``, ``parameters``,
   ``amplitudes``, ``exponents``, :meth:`~Law.constants_at_point`, :meth:`~Law.exponents_at`,
   :meth:`~Law.coordinates`, :meth:`~Law.to_coordinates` and :meth:`~Law.typical`. The other members
@@ -24,8 +24,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.materials import CheckedMaterial, Material, MaterialResponse
-from biaxbayes.laws.response import STEP, cauchy_stress, squared_stretches
+from biaxbayes.laws.materials import (
+    STEP,
+    CheckedMaterial,
+    Material,
+    MaterialResponse,
+    cauchy_stress,
+    squared_stretches,
+)
 from biaxbayes.parameters import DEGREE, Parameter
 
 MATRIX_LOAD = 0.3

@@ -37,7 +37,7 @@ from biaxbayes.laws.coordinates import (
     to_root_stress,
 )
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
+from biaxbayes.laws.materials import constants_at, derivatives, energy, to_natural
 from biaxbayes.parameters import Parameter, fibre_angle, scale, share
 
 # --- the model ---------------------------------------------------------------------------------

@@ -1,15 +1,129 @@
-"""Materials: a law with values of its parameters, and its stresses."""
+r"""Materials and their stress, from the derivatives of the strain energy of a law.
+
+Planar biaxial test, incompressible, no shear: F = diag(lx, ly, 1/(lx ly)), plane stress sz = 0. A
+law is a strain energy W of the squared stretches X = lx^2, Y = ly^2, Z = 1/(X Y), even in shear.
+With A, B, C = dW/dX, dW/dY, dW/dZ the Cauchy stresses are
+
+    s_x = 2 (X A - Z C)        s_y = 2 (Y B - Z C)
+
+The file of a law implements four generic functions: :func:`derivatives` and :func:`energy` for the
+``NamedTuple`` of its constants, :func:`to_natural` and :func:`constants_at` for that of its
+sampling coordinates. They are plain arithmetic, which serves numbers, arrays, complex numbers
+(complex-step differentiation) and the compiled density: in Python ``functools.singledispatch``
+chooses the implementation by the type of the first argument, in compiled code
+``numba.extending.overload`` does, so that one kernel is compiled for each law.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
+from numba.extending import overload
 
+from biaxbayes.compilation import WITHIN, implementation, inlined
 from biaxbayes.errors import InputError
-from biaxbayes.laws.response import STEP, cauchy_stress, energy, plain, squared_stretches
 from biaxbayes.parameters import DEGREE
+
+STEP = 1e-30
+"""Imaginary step of complex-step differentiation: f'(x) = Im f(x + i h) / h, exact to rounding."""
+
+
+# --- what a law implements -----------------------------------------------------------------------
+
+
+@singledispatch
+def derivatives(constants, X, Y, Z):
+    """(dW/dX, dW/dY, dW/dZ) in kPa at squared stretches."""
+    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
+
+
+@singledispatch
+def energy(constants, X, Y, Z):
+    """Strain energy per reference volume in kPa (mJ/mm^3), zero where unloaded; not compiled."""
+    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
+
+
+@singledispatch
+def to_natural(coordinates, value):
+    """Turn sampling coordinates, the first entries of ``value``, into natural values in place.
+
+    Positive scales are logs before and after, angles radians. Returns the log Jacobian of natural
+    values by sampling coordinates, -inf outside the law's range.
+    """
+    raise NotImplementedError(f"no law has the coordinates {type(coordinates).__name__}")
+
+
+@singledispatch
+def constants_at(coordinates, value):
+    """Constants of the law at natural values (no logs, radians), the first entries of ``value``."""
+    raise NotImplementedError(f"no law has the coordinates {type(coordinates).__name__}")
+
+
+@overload(derivatives, jit_options=WITHIN)
+def _compiled_derivatives(constants, X, Y, Z):
+    return implementation(derivatives, constants)
+
+
+@overload(to_natural, jit_options=WITHIN)
+def _compiled_to_natural(coordinates, value):
+    return implementation(to_natural, coordinates)
+
+
+@overload(constants_at, jit_options=WITHIN)
+def _compiled_constants_at(coordinates, value):
+    return implementation(constants_at, coordinates)
+
+
+def exponential_energy(k: Any, x: Any) -> Any:
+    """Give (exp(k x) - 1) / k, which is x where k is zero; numbers and arrays, complex ones too."""
+    k = np.asarray(k)
+    safe = np.where(k == 0.0, 1.0, k)
+    return np.where(k == 0.0, x, np.expm1(k * x) / safe)
+
+
+# --- the stress ----------------------------------------------------------------------------------
+
+
+@inlined
+def cauchy_stress(constants, X, Y, Z):
+    """Cauchy stresses (s_x, s_y) in kPa at squared stretches."""
+    A, B, C = derivatives(constants, X, Y, Z)
+    # s_x = 2 (X A - Z C),  s_y = 2 (Y B - Z C)
+    return 2.0 * (X * A - Z * C), 2.0 * (Y * B - Z * C)
+
+
+@inlined
+def stress_and_slope(constants, x, y):
+    """(s_x, s_y), and their derivatives (xx, xy, yy) by the log stretches x, y: numbers only.
+
+    With W a function of (ln lx, ln ly), s_k = dW/d ln lk, so the slope is the Hessian of W, which
+    is symmetric.
+    """
+    X, Y = np.exp(2.0 * (x + 1j * STEP)), np.exp(2.0 * (y + 0j))
+    sx, sy = cauchy_stress(constants, X, Y, 1.0 / (X * Y))
+    X, Y = np.exp(2.0 * (x + 0j)), np.exp(2.0 * (y + 1j * STEP))
+    _, ty = cauchy_stress(constants, X, Y, 1.0 / (X * Y))
+    return sx.real, sy.real, sx.imag / STEP, sy.imag / STEP, ty.imag / STEP
+
+
+def squared_stretches(stretch_x: Any, stretch_y: Any) -> tuple[Any, Any, Any]:
+    """Squared stretches (X, Y, Z); lists and columns of tables become arrays."""
+    lx, ly = plain(stretch_x), plain(stretch_y)
+    X, Y = lx * lx, ly * ly
+    return X, Y, 1.0 / (X * Y)
+
+
+def plain(stretch: Any) -> Any:
+    """Numbers and arrays as they are, lists and columns of tables as arrays."""
+    if isinstance(stretch, (float, complex, np.ndarray, np.generic)):
+        return stretch
+    return np.asarray(stretch)
+
+
+# --- materials -----------------------------------------------------------------------------------
 
 
 class MaterialResponse:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.response import cauchy_stress, squared_stretches
+from biaxbayes.laws.materials import cauchy_stress, squared_stretches
 
 MATRIX_SHARE = 0.01
 """Least stiffness of the matrix to start from, over the peak stress, if prestretch is inferred.

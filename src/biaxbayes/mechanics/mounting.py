@@ -26,8 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.compilation import compiled, inlined
-from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.laws.response import stress_and_slope
+from biaxbayes.laws.materials import MaterialResponse, stress_and_slope
 
 # --- what the load cell reads of a stress: the load law and the sections of a specimen -----------
 

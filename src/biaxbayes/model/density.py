@@ -4,7 +4,7 @@ A walker's coordinates are spread over *slots*, one entry per parameter, whether
 tied to another: the parameters of the law first, then those of the errors and of measured
 dimensions, then two per mounted state. They are turned into material, mounted state and errors, and
 the curves are compared with the readings. The stress is that of the law
-(:mod:`biaxbayes.laws.response`), the mounted state and the load law those of
+(:mod:`biaxbayes.laws.materials`), the mounted state and the load law those of
 :mod:`biaxbayes.mechanics.mounting`, the errors those of :mod:`biaxbayes.error_model`; one
 kernel is compiled for each law and error model. In NumPy :mod:`biaxbayes.forward` does the
 same.
@@ -19,7 +19,7 @@ from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
 from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, from_slots, misfit
-from biaxbayes.laws.response import cauchy_stress, constants_at, to_natural
+from biaxbayes.laws.materials import cauchy_stress, constants_at, to_natural
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,

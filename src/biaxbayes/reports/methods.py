@@ -82,8 +82,9 @@ def _grips(run: Run) -> str:
     """Sentence on the correction of the loads for the grips, or empty."""
     record = run.provenance.get("grips")
     if not isinstance(record, dict):
-        stated = "grips" in run.specimen.metadata
-        return "" if stated else "Loads were taken as those of a uniform test, whatever the grips."
+        if "grips" in run.specimen.metadata:
+            return ""
+        return "Loads were taken as those of a uniform test, whatever the grips."
     words = cut(record.get("in_words", ""), 300)
     text = (
         f"{words[:1].upper()}{words[1:]}: the force of a finite-element sheet at the least-squares "
