@@ -54,7 +54,7 @@ RUNS = ("run", "other", "third", "fourth", "fifth", "sixth")
 _ROLES = {"x": 0, "y": 1, **{role: k for k, role in enumerate(RUNS)}}
 
 _PAPER = Path(__file__).with_name("paper.mplstyle")
-STYLE = mpl.rc_params_from_file(_PAPER, use_default_template=False)
+STYLE: Any = mpl.rc_params_from_file(_PAPER, use_default_template=False)
 """Matplotlib settings of every figure; a style file overrides them one by one."""
 
 # Settings that a style file cannot change: the width in millimetres is fixed, so nothing is
