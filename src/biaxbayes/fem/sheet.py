@@ -296,8 +296,16 @@ class Sheet:
 
     def displacement_at(self, x_mm: float, y_mm: float) -> np.ndarray:
         """Rows that give (u_x, u_y) at a material point from the free unknowns, shape (2, n)."""
-        rows = self.basis.probes(np.array([[x_mm], [y_mm]])).toarray()
-        return rows[:, self.free]
+        # Basis.probes does not take vector elements before scikit-fem 12
+        mapping = self.basis.mapping
+        point = np.array([[x_mm], [y_mm]])
+        cell = self.basis.mesh.element_finder(mapping=mapping)(*point)
+        local = mapping.invF(point[:, :, None], tind=cell)
+        out = np.zeros((2, self.basis.N))
+        for i, dof in enumerate(self.basis.element_dofs[:, cell[0]]):
+            shape = self.basis.elem.gbasis(mapping, local, i, tind=cell)[0]
+            out[:, dof] = np.asarray(shape)[:, 0, 0]
+        return out[:, self.free]
 
     def load_vector(self, weight, direction: int) -> np.ndarray:
         """Integral of weight(X, Y) times the displacement functions of one direction.
