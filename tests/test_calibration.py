@@ -40,7 +40,7 @@ from biaxbayes.parameters import Quantities
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.verbs.calibrate import (
-    Outcome,
+    CalibrationResult,
     closing_message,
     read_ranks,
     run_calibration,
@@ -421,7 +421,7 @@ def test_what_cannot_be_studied_is_refused(arguments, problem, capsys, tmp_path)
 def test_few_replications_conclude_nothing(tmp_path, replications, p):
     row = {"parameter": "C1", "uniformity_p": p, "inside_band": "yes"}
     row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
-    outcome = Outcome(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
+    outcome = CalibrationResult(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
     message = closing_message(tmp_path, outcome, True)
     assert ("replications are too few" in message) == (replications < 50 and p >= 0.05)
     assert ("are uniform" in message) == (replications >= 50 and p >= 0.05)

@@ -21,7 +21,7 @@ import biaxbayes
 from studies.common import DATA, options_of, parser, print_table, write_table
 
 if TYPE_CHECKING:
-    from biaxbayes.verbs.calibrate import Outcome
+    from biaxbayes.verbs.calibrate import CalibrationResult
 
 SPECIMENS = ("donor2-media", "donor2-adventitia")
 THREE_RATIOS = "three-ratios"
@@ -85,7 +85,7 @@ def specimen_of(case: Case) -> biaxbayes.Specimen:
     return specimen
 
 
-def run(case: Case, folder: Path, replications: int, workers: int) -> Outcome:
+def run(case: Case, folder: Path, replications: int, workers: int) -> CalibrationResult:
     """Run one case, or what is missing of it."""
     specimen = specimen_of(case)
     priors = {}

@@ -61,7 +61,7 @@ TEXT = ("parameter", "unit", "state", "reason")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CalibrationResult:
     """The result of a finished study.
 
     Attributes
@@ -82,7 +82,7 @@ class Outcome:
 
     def __repr__(self) -> str:
         states = ", ".join(f"{n} {state}" for state, n in self.states.items())
-        return f"Outcome(replications {states}; p of uniform ranks {self.p:.3g})"
+        return f"CalibrationResult(replications {states}; p of uniform ranks {self.p:.3g})"
 
 
 def make_study(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
@@ -128,7 +128,7 @@ def run_calibration(
     resume: bool = False,
     progress: OnProgress = inputs.no_progress,
     stop: Stop = inputs.no_stop,
-) -> Outcome:
+) -> CalibrationResult:
     """Run the replications that are missing, and write every file."""
     with inputs.claimed_folder(folder, {RECORD}, "a study's"):
         rows = _stored_rows(study, folder, resume=resume)
@@ -162,7 +162,7 @@ def run_calibration(
         write_csv(folder / "calibration.csv", table, digits=4)
         save_pictures(rank_figure(ranked, RANKED_DRAWS), folder, "calibration")
     states = ranks.drop_duplicates("replication")["state"].value_counts().to_dict()
-    return Outcome(table, {str(k): int(v) for k, v in states.items()}, *verdict(table))
+    return CalibrationResult(table, {str(k): int(v) for k, v in states.items()}, *verdict(table))
 
 
 def _stored_rows(study: Study, folder: Path, *, resume: bool) -> dict[int, list[dict[str, Any]]]:
@@ -265,7 +265,7 @@ def calibrate(
     progress: OnProgress = inputs.no_progress,
     stop: Stop = inputs.no_stop,
     **options: Any,
-) -> Outcome:
+) -> CalibrationResult:
     """Simulation-based calibration on the protocols of a specimen.
 
     Parameters
@@ -322,7 +322,7 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     return opt.NOT_CONVERGED if tested and not outcome.calibrated else 0
 
 
-def closing_message(folder: Path, outcome: Outcome, tested: bool) -> str:
+def closing_message(folder: Path, outcome: CalibrationResult, tested: bool) -> str:
     """Uniformity and coverage of each quantity, and the conclusion."""
     from biaxbayes.calibration.ranks import FEWEST
 

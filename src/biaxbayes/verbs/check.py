@@ -130,6 +130,7 @@ GRIPS_NOT_STATED = (
     "hooks per edge carry about a tenth less. Add 'grips: hooks 5' and 'grip_inset_mm: 1.5', or "
     "'grips: none'"
 )
+PLAIN_KEYS = ("layer", "axis_x", "axis_y", "geometry", "edge_x_mm", "edge_y_mm", "thickness_mm")
 FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis in "xy")
 
 
@@ -139,13 +140,7 @@ def understood(specimen: Specimen) -> dict[str, Any]:
     area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
     return {
         "specimen": specimen.name,
-        "layer": specimen.layer,
-        "axis_x": specimen.axis_x,
-        "axis_y": specimen.axis_y,
-        "geometry": specimen.geometry,
-        "edge_x_mm": specimen.edge_x_mm,
-        "edge_y_mm": specimen.edge_y_mm,
-        "thickness_mm": specimen.thickness_mm,
+        **{key: getattr(specimen, key) for key in PLAIN_KEYS},
         "section_x_mm2": None if area[0] is None else float(area[0]),
         "section_y_mm2": None if area[1] is None else float(area[1]),
         "stress_pair": specimen.stress_pair,

@@ -17,7 +17,7 @@ from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, check_new
-from biaxbayes.verbs.options import Decorator, argument, file_option, flag, options
+from biaxbayes.verbs.options import Decorator, argument, file_option, flag, options, together
 
 if TYPE_CHECKING:
     from biaxbayes.machines.conversion import Conversion
@@ -166,21 +166,15 @@ HEADER_OPTIONS = {
 """Header keys that have an option, and what the help prints for their values."""
 
 
-def header_options() -> Decorator:
-    """An option for each header key of a specimen file."""
-
-    def add(function: Any) -> Any:
-        for key, metavar in reversed(HEADER_OPTIONS.items()):
-            meaning, default = KEYS[key].meaning, KEYS[key].default
-            default = "name of the first file" if key == "specimen" else default
-            without = default if default == OF_FORCES else f"default: {default}"
-            text = f"{meaning}." if default == NONE else f"{meaning} ({without})."
-            option = f"--{key.replace('_', '-')}"
-            names = [option] if option == option.lower() else [option, option.lower()]
-            function = click.option(*names, key.lower(), metavar=metavar, help=text)(function)
-        return function
-
-    return add
+def _header_option(key: str, metavar: str) -> Decorator:
+    """An option for a header key of a specimen file."""
+    meaning, default = KEYS[key].meaning, KEYS[key].default
+    default = "name of the first file" if key == "specimen" else default
+    without = default if default == OF_FORCES else f"default: {default}"
+    text = f"{meaning}." if default == NONE else f"{meaning} ({without})."
+    flag = f"--{key.replace('_', '-')}"
+    flags = dict.fromkeys([flag, flag.lower()])
+    return click.option(*flags, key.lower(), metavar=metavar, help=text)
 
 
 @click.command("convert")
@@ -202,7 +196,7 @@ def header_options() -> Decorator:
     "--protocol-names", metavar="NAME,...", help="One per protocol (default: names of the files)."
 )
 @flag("overwrite", "Replace a file of the same name.")
-@header_options()
+@together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
 def command(
     raw: tuple[Path, ...], out: Path, overwrite: bool, protocol_names: str | None, **given: Any
 ) -> None:
