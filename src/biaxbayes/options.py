@@ -252,7 +252,7 @@ class Settings(Options):
         if self.priors is None:
             object.__setattr__(self, "priors", {})
         if not isinstance(self.priors, Mapping):
-            raise InputError("priors must be a table", remedy="one key a parameter")
+            raise InputError("priors must be a table", remedy="one key per parameter")
 
     @property
     def material_law(self) -> Law:

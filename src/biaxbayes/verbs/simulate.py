@@ -72,7 +72,7 @@ class VirtualTest(Options):
     )
     hooks: int | None = option(
         None,
-        "Finite elements with N hooks an edge (default 5).",
+        "Finite elements with N hooks per edge (default 5).",
         kind=int,
         least=1,
         most=50,
