@@ -175,16 +175,17 @@ class Sampling:
         stop: Stop,
     ) -> Draws:
         """Draw from the posterior, from a checkpoint if there is one and ``resume``."""
+        known = identity(posterior, self.plan)
         state = None  # an old checkpoint stays until the first new one is written
         if resume:
-            state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
+            state, note = checkpoint.load(self.folder, known)
             if note:
                 progress(Progress("resuming", note=note))
         draws = draw_posterior(
             posterior,
             self.plan,
             state=state,
-            on_block=lambda s: checkpoint.save(self.folder, s, identity(posterior, self.plan)),
+            on_block=lambda s: checkpoint.save(self.folder, s, known),
             progress=progress,
             stop=stop,
         )
@@ -230,17 +231,16 @@ class Sampling:
         from biaxbayes.runs.result import run_result, write_result
 
         specimen, state = self.specimen, draws.convergence.state
-        correction, ratios = self.correction, None
-        if correction is not None:
-            ratios = correction.table(correction.spread(draws.quantities, posterior.forward))
-            findings = (*findings, *grip_findings(correction, ratios))
         record = provenance(posterior, self.plan, draws, self.source)
-        record["findings"] = [finding.record() for finding in findings]
         write_specimen(specimen, folder / "specimen.csv")
-        if correction is not None and ratios is not None:
-            record["grips"] = grip_record(correction, ratios)
+        if self.correction is not None:
+            spread = self.correction.spread(draws.quantities, posterior.forward)
+            ratios = self.correction.table(spread)
+            findings = (*findings, *grip_findings(self.correction, ratios))
+            record["grips"] = grip_record(self.correction, ratios)
             write_csv(folder / "grips.csv", ratios, digits=8)
             save_pictures(grips_figure(specimen, ratios), folder, "grips")
+        record["findings"] = [finding.record() for finding in findings]
         attributes = {
             "biaxbayes_version": record["biaxbayes"],
             "specimen": specimen.name,
