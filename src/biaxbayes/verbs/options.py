@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError, NotConverged
-from biaxbayes.options import ModelOptions, Options, options_of
+from biaxbayes.options import ModelOptions, Option, Options, options_of
 from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
@@ -57,37 +57,46 @@ RATIO = Pair("ratio", ":", "1:0.5", zero=True)
 # --- options of a table --------------------------------------------------------------------------
 
 
-def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
-    """Add options of a table (default all); `changes` by option go to ``click.option``."""
-    described = options_of(table)
+def together(*decorators: Decorator) -> Decorator:
+    """Several options as one decorator, in the order of the help page."""
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for name in reversed(names or tuple(described)):
-            option, default = described[name], getattr(table, name)
-            settings: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
-            if option.kind is bool:
-                settings |= {"is_flag": True, "default": default}
-            else:
-                if option.choices:
-                    settings["type"] = click.Choice(option.choices)
-                elif option.show_range:
-                    kind: Any = click.IntRange if option.kind is int else click.FloatRange
-                    most = None if option.most == math.inf else option.most
-                    ends = option.open_ends
-                    settings["type"] = kind(option.least, most, min_open=ends, max_open=ends)
-                elif option.kind is not None:
-                    settings["type"] = option.kind
-                if default is not None:
-                    # A count is shown as a user would write it: 2000, not 2000.0.
-                    whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
-                    settings |= {"default": int(default) if whole else default}
-                    settings |= {"show_default": True}
-            function = click.option(f"--{option.flag}", name, **(settings | changes.get(name, {})))(
-                function
-            )
+        for decorator in reversed(decorators):
+            function = decorator(function)
         return function
 
     return add
+
+
+def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
+    """Options of a table (default all); `changes` by option go to ``click.option``."""
+    described = options_of(table)
+    return together(
+        *(
+            _option(name, described[name], getattr(table, name), changes.get(name, {}))
+            for name in names or described
+        )
+    )
+
+
+def _option(name: str, option: Option, default: Any, changes: dict[str, Any]) -> Decorator:
+    settings: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
+    if option.kind is bool:
+        settings |= {"is_flag": True, "default": default}
+        return click.option(f"--{option.flag}", name, **(settings | changes))
+    if option.choices:
+        settings["type"] = click.Choice(option.choices)
+    elif option.show_range:
+        kind: Any = click.IntRange if option.kind is int else click.FloatRange
+        most, ends = None if option.most == math.inf else option.most, option.open_ends
+        settings["type"] = kind(option.least, most, min_open=ends, max_open=ends)
+    elif option.kind is not None:
+        settings["type"] = option.kind
+    if default is not None:
+        # A count is shown as a user would write it: 2000, not 2000.0.
+        whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
+        settings |= {"default": int(default) if whole else default, "show_default": True}
+    return click.option(f"--{option.flag}", name, **(settings | changes))
 
 
 # --- further arguments and options ------------------------------------------------
@@ -131,17 +140,6 @@ def json_option(help_text: str) -> Decorator:
 def overwrite_option(kind: str) -> Decorator:
     """``--overwrite`` for results that took long to sample."""
     return flag("overwrite", f"Replace a finished {kind}, and everything derived from it.")
-
-
-def together(*decorators: Decorator) -> Decorator:
-    """Several options as one decorator, in the order of the help page."""
-
-    def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for decorator in reversed(decorators):
-            function = decorator(function)
-        return function
-
-    return add
 
 
 executor_options = together(
