@@ -11,7 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.cycles import RecordedCycle, chosen_number, take_branch
+from biaxbayes.machines.cycles import Cycle, chosen_number, take_branch
 from biaxbayes.machines.recording import Gauge, Recording
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.table import Table
@@ -103,7 +103,7 @@ def _chosen_sets(table: Table, names: Sequence[str], wanted: Sequence[str]) -> S
 
 def _cycles(
     table: Table, numbers: np.ndarray, phases: np.ndarray, name: str, rows: np.ndarray
-) -> list[RecordedCycle]:
+) -> list[Cycle]:
     """Cycles of a set that have a Stretch phase."""
     labels = dict.fromkeys(numbers[rows][phases[rows] == "stretch"].tolist())
     if not labels:
@@ -114,7 +114,7 @@ def _cycles(
     for label in labels:
         of_cycle = numbers[rows] == label
         up, down = (rows[of_cycle & (phases[rows] == phase)] for phase in ("stretch", "recover"))
-        cycles.append(RecordedCycle(label, up, down))
+        cycles.append(Cycle(label, up, down))
     return cycles
 
 
@@ -122,7 +122,7 @@ def _cycles(
 
 
 def _recording(
-    table: Table, name: str, choice: Choice, gauge: Gauge, cycle: RecordedCycle, branch: str
+    table: Table, name: str, choice: Choice, gauge: Gauge, cycle: Cycle, branch: str
 ) -> Recording:
     """Convert a branch of a cycle; stretches are those of tracked points if there are any."""
     rows = cycle.rows(branch)

@@ -22,7 +22,7 @@ SAME_PEAK = 0.05
 
 
 @dataclass(frozen=True)
-class RecordedCycle:
+class Cycle:
     """Rows of one cycle up to its peak, and from the peak on."""
 
     label: str
@@ -37,7 +37,7 @@ class RecordedCycle:
 
 def recorded_cycles(
     stretch: np.ndarray, load: np.ndarray, labels: Sequence[str] | None, table: Table
-) -> list[RecordedCycle]:
+) -> list[Cycle]:
     """Cycles by the labels of a column, otherwise from the curves."""
     if labels is None:
         groups = {"": np.arange(len(stretch))}
@@ -50,13 +50,12 @@ def recorded_cycles(
             problem = "the record never rises: no loading branch"
             raise InputError(problem, file=table.path, remedy=f"check the columns; {table.listing}")
         first = len(rises) if labels is None else 1
-        for number, cycle in enumerate(rises[-first:], start=1):
-            branches = rows[cycle.loading], rows[cycle.unloading]
-            recorded.append(RecordedCycle(label or str(number), *branches))
+        for number, (up, down) in enumerate(rises[-first:], start=1):
+            recorded.append(Cycle(label or str(number), rows[up], rows[down]))
     return recorded
 
 
-def chosen_number(which: str, recorded: Sequence[RecordedCycle], table: Table) -> int:
+def chosen_number(which: str, recorded: Sequence[Cycle], table: Table) -> int:
     """Index of the selected cycle, ``last`` or a label."""
     labels = [cycle.label for cycle in recorded]
     if which == "last":
@@ -70,8 +69,8 @@ def chosen_number(which: str, recorded: Sequence[RecordedCycle], table: Table) -
 
 
 def take_branch(
-    record: Callable[[RecordedCycle, str], Recording],
-    recorded: Sequence[RecordedCycle],
+    record: Callable[[Cycle, str], Recording],
+    recorded: Sequence[Cycle],
     group: Sequence[int],
     branch: str,
     label: str,
@@ -104,7 +103,7 @@ def take_branch(
 
 
 def by_ratio(
-    stretch: np.ndarray, load: np.ndarray, recorded: Sequence[RecordedCycle]
+    stretch: np.ndarray, load: np.ndarray, recorded: Sequence[Cycle]
 ) -> dict[str, list[int]]:
     """Cycle numbers by the ratio x:y of peak stretches or loads, whichever is steadier."""
     ways = []

@@ -11,7 +11,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import SHEAR, Column, column_map, parse_columns
 from biaxbayes.machines.cycles import (
-    RecordedCycle,
+    Cycle,
     by_ratio,
     chosen_number,
     recorded_cycles,
@@ -72,7 +72,7 @@ def _protocols(
         note = f"the record holds the ratios {', '.join(ratios)}: one protocol for each"
         whole = replace(whole, notes=(*whole.notes, note))
 
-    def record(cycle: RecordedCycle, branch: str) -> Recording:
+    def record(cycle: Cycle, branch: str) -> Recording:
         return whole.at(cycle.rows(branch))
 
     out = []

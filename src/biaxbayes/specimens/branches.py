@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from biaxbayes.specimens.protocol import second_difference_scatter
@@ -12,14 +10,6 @@ CYCLE_SHARE = 0.3
 """Share of the whole range that a rise and a fall must have to count as a cycle."""
 TOLERATED_DROP = 0.05
 """Tolerated drop below the running maximum, as a share of the range."""
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """Rows of one cycle: ``loading`` up to the peak, ``unloading`` from it on."""
-
-    loading: slice
-    unloading: slice
 
 
 def path_progress(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -59,8 +49,11 @@ def reversal(path: np.ndarray) -> int | None:
     return near + int(np.argmax(path[near : near + 3]))
 
 
-def cycles(path: np.ndarray) -> list[Cycle]:
-    """Cycles of a record: a rise and a fall of at least 30 % of the range; a mere rise is one."""
+def cycles(path: np.ndarray) -> list[tuple[slice, slice]]:
+    """Cycles of a record as rows up to the peak, and from it on.
+
+    A cycle is a rise and a fall of at least 30 % of the range; a mere rise is one, too.
+    """
     range_ = float(np.ptp(path))
     # The valley is the lowest of many noisy rows: allow for both ends of the noise.
     level = 0.001 * range_ + 6.0 * path_scatter(path)
@@ -76,7 +69,7 @@ def cycles(path: np.ndarray) -> list[Cycle]:
         stop = turns[number + 1][0] if number + 1 < len(turns) else path.size
         if reversal(path[start:stop]) is None:
             peak = stop - 1  # the end of the record is the peak, up to noise
-        cycles.append(Cycle(slice(start, peak + 1), slice(peak, stop)))
+        cycles.append((slice(start, peak + 1), slice(peak, stop)))
     return cycles
 
 
