@@ -19,7 +19,7 @@ import pytest
 import biaxbayes
 from biaxbayes.cli import VERBS
 from biaxbayes.errors import InputError, as_options
-from biaxbayes.progress_bar import Progress, minute_lines, with_progress
+from biaxbayes.progress_bar import Progress, minute_lines, terminal_line, with_progress
 from biaxbayes.specimens.specimen_file import write_specimen
 from commands import exit_code
 from quick_posteriors import runs_of_few_walkers
@@ -392,6 +392,16 @@ def test_long_calls_show_their_progress_where_somebody_watches(monkeypatch):
     assert lines.texts == ["starting", "sampling 50 %", ""]
     for name in ("sample", "batch", "compare", "ledger", "design", "calibrate"):
         assert getattr(biaxbayes, name).__wrapped__, name
+
+
+def test_the_live_line_counts_on_after_a_finished_share(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with terminal_line() as show:
+        show(Progress("sampling", 1.0))
+        show(Progress("writing"))
+        time.sleep(1.3)
+    line = sys.stderr.getvalue().rpartition("writing")[2]
+    assert "elapsed" in line and "0:00:00" not in line and "%" not in line
 
 
 def test_a_terminal_without_a_live_line_gets_a_line_each_minute(capsys):
