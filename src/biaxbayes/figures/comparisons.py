@@ -19,7 +19,6 @@ from biaxbayes.figures.panels import draw_cells, group_look, row_panels
 from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, number, plain, quantity
 from biaxbayes.figures.style import (
     PAGE_MM,
-    RUNS,
     add_note,
     blank_figure,
     colour,
@@ -179,7 +178,7 @@ def law_misfit_figure(compared: LawComparison) -> Figure:
     rows, places = _weighted_rows(compared)
     laws = rows["law"] != STACKED
     with print_style():
-        blue = colour("run")
+        blue = colour(0)
         figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
         misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
         left_out = rows["left_out_rms_kPa"]
@@ -214,7 +213,7 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
         for ax, name in zip(panels, names, strict=True):
             low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
             # a law that hardly predicts is drawn lightly
-            hues = np.where(rows["weight"] >= 0.05, colour("run"), "0.65")
+            hues = np.where(rows["weight"] >= 0.05, colour(0), "0.65")
             ax.hlines(places, low, high, color=hues, linewidth=1.6)
             for place, m, hue in zip(places, median, hues, strict=True):
                 ax.plot(m, place, "o", markersize=3.5, color=hue)
@@ -304,7 +303,7 @@ def _draw_treatments(ax: Axes, values: np.ndarray, labels: Sequence[str]) -> Non
     rows = np.arange(len(labels))
     for k, (label, (marker, offset)) in enumerate(TREATMENTS.items()):
         low, median, high = values[:, k].T
-        hue, y = colour(RUNS[k]), rows + offset
+        hue, y = colour(k), rows + offset
         ax.hlines(y, low, high, color=hue, linewidth=1.4)
         ax.plot(median, y, marker, color=hue, markersize=3.2, label=label)
     ax.axvline(0.0, color="0.6", linewidth=0.6, zorder=0)

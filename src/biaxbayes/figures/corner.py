@@ -35,7 +35,6 @@ from biaxbayes.figures.style import (
     DASHES,
     MM,
     PAGE_MM,
-    RUNS,
     SIDE_BY_SIDE_MM,
     Style,
     blank_figure,
@@ -126,10 +125,9 @@ def corner_figure(
         if true_columns:
             handles.append(Line2D([], [], label="truth", **line))
         if compare is not None:
-            first, second = (colour(role) for role in RUNS[:2])
-            handles.insert(0, Patch(fc=first, ec=first, label=plain(names[0], 20)))
+            handles.insert(0, Patch(color=colour(0), label=plain(names[0], 20)))
             outline = f"{plain(names[1], 20)} (90 %)"
-            handles.append(Patch(fc="none", ec=second, label=outline))
+            handles.append(Patch(fc="none", ec=colour(1), label=outline))
             handles += [Line2D([], [], alpha=0.0, label=row[1]) for row in texts]
         _add_legend(figure, handles, title, 1 if compare is None else 2)
     return figure
@@ -151,7 +149,7 @@ def overlay_figure(
         figure, grid = _panels(columns, PAGE_MM)
         handles = []
         for run, label in enumerate(labels):
-            hue = colour(RUNS[run % len(RUNS)])
+            hue = colour(run)
             _draw_pairs(grid, columns, run, filled=None)
             for ax, column in zip(grid.diagonal(), columns, strict=True):
                 values, axis = column.draws[run], column.own[run]
@@ -250,7 +248,7 @@ def _draw_pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bo
         pair = [columns[k].draws[run] for k in (j, i)]
         axes = [columns[k].own[run] for k in (j, i)]
         if not any(draws is None for draws in pair):
-            hue = colour(RUNS[run % len(RUNS)])
+            hue = colour(run)
             draw_regions(grid[i, j], pair, axes, hue, filled=filled)  # type: ignore[arg-type]
 
 
@@ -261,7 +259,7 @@ def _draw_marginal(
     texts = []
     top, log, label = 0.0, column.axis.log, column.quantity.label
     for run, (values, axis) in enumerate(zip(column.draws, column.own, strict=True)):
-        hue = colour(RUNS[run])
+        hue = colour(run)
         if values is None or axis is None:
             value = fixed[run].get(column.name)
             if value is not None:

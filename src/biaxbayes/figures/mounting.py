@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,7 +24,7 @@ from biaxbayes.figures.style import (
     CREDIBLE,
     FINER_UNIT,
     PAGE_MM,
-    RUNS,
+    REFERENCE,
     SIDE_BY_SIDE_MM,
     Style,
     blank_figure,
@@ -116,7 +115,6 @@ def _draw_sketch(ax: Axes, specimen: Specimen) -> None:
 
 MAX_STATES = 12
 ROW_MM = 9.0
-ZERO: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "linestyle": ":", "zorder": 0.5}
 
 
 @dataclass(frozen=True)
@@ -182,7 +180,7 @@ def _states(
     return [
         MountedState(
             plain(label, 16),
-            colour(RUNS[i % len(RUNS)]),
+            colour(i),
             draws[list(mounting_names("stretch", label))].to_numpy(dtype=float),
             draws[list(mounting_names("force", label))].to_numpy(dtype=float),
             readings[0 if shared else rows[label]],
@@ -212,8 +210,8 @@ def _draw_stretches(ax: Axes, states: list[MountedState]) -> None:
             ax.plot(*median, marker=".", ms=4.0, color=state.colour)
     for value in true_values:
         ax.plot(*value, marker="x", ms=5.0, color="black", linestyle="none")
-    ax.axvline(1.0, **ZERO)
-    ax.axhline(1.0, **ZERO)
+    ax.axvline(1.0, **REFERENCE)
+    ax.axhline(1.0, **REFERENCE)
     ax.set(
         xlim=(axes[0].low, axes[0].high),
         ylim=(axes[1].low, axes[1].high),
@@ -256,7 +254,7 @@ def _draw_forces(ax: Axes, states: list[MountedState], unit: str, probability: f
     reach = 1.05 * (float(np.abs(ax.dataLim.intervalx).max()) or 1e-3)
     ax.set_xlim(-reach, reach)
     few_ticks(ax.xaxis, 5)
-    ax.axvline(0.0, **ZERO)
+    ax.axvline(0.0, **REFERENCE)
     ax.set_xlabel(f"mounting force less its reading ({shown_unit})")
     content = f"{100 * probability:g} %"
     title = f"grey: reading, {content};  colour: posterior, {content}"

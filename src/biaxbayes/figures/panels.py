@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from biaxbayes.figures.style import (
     PAGE_MM,
-    RUNS,
     add_note,
     blank_figure,
     colour,
@@ -48,7 +47,7 @@ def row_panels(
 
 def group_look(k: int) -> tuple[str, str]:
     """Colour and marker of the k-th group, layer or run."""
-    return colour(RUNS[k % len(RUNS)]), MARKERS[k % len(MARKERS)]
+    return colour(k), MARKERS[k % len(MARKERS)]
 
 
 def draw_cells(

@@ -120,7 +120,7 @@ def inflation_figure(
     stem, other = ("pressure_kPa", "outer_diameter_mm")[:: 1 if upright else -1]
     along, median = table[other].to_numpy(), table[f"{stem}_median"]
     with print_style(style):
-        tint = colour("run")
+        tint = colour(0)
         figure = blank_figure(width_mm, 0.85 * width_mm)
         if upright:
             ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))

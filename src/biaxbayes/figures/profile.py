@@ -30,7 +30,8 @@ from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
 ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
 CEILING = THRESHOLD + 2.0
 """Deviance up to which a curve is drawn."""
-STYLES = (("run", "-"), ("other", "--"), ("third", "-."))
+LINES = ((0, "-"), (1, "--"), (2, "-."))
+"""Colour and dashes of the curves of a panel."""
 
 
 def profile_figure(
@@ -88,7 +89,7 @@ class _Curves:
         return fine, PchipInterpolator(value, y)(fine)
 
     def deviance(self, ax: Axes) -> None:
-        table, blue = self.table, colour("run")
+        table, blue = self.table, colour(0)
         ends = [max(self.profile.low, table["value"].min())]
         ends.append(min(self.profile.high, table["value"].max()))
         if ends[0] < ends[1]:
@@ -108,13 +109,13 @@ class _Curves:
     def stiffness(self, ax: Axes) -> None:
         """Stiffnesses and exponents relative to the best fit, on a logarithmic axis."""
         scales = [q for q in self.profile.known.of_kind(MATERIAL) if q.parameter.logarithmic]
-        for (role, line), q in zip(cycle(STYLES), scales, strict=False):
+        for (hue, line), q in zip(cycle(LINES), scales, strict=False):
             if q.name == self.profile.parameter or not self.best[q.name] > 0.0:
                 continue
             ratio = np.maximum(self.table[q.name].to_numpy() / self.best[q.name], 1e-4)
             x, log_ratio = self.smooth(np.log(ratio))
             label = axis_text(q).symbol
-            ax.plot(x, np.exp(log_ratio), color=colour(role), linestyle=line, label=label)
+            ax.plot(x, np.exp(log_ratio), color=colour(hue), linestyle=line, label=label)
         ax.set_yscale("log")
         low, high = ax.get_ylim()
         ax.set_ylim(min(low, 0.5), max(high, 2.0))
@@ -128,10 +129,10 @@ class _Curves:
         shown = [q for q in bounded if q.name != self.profile.parameter][:2]
         for k, q in enumerate(shown):
             side = ax if k == 0 else ax.twinx()
-            role, line = STYLES[k]
+            hue, line = LINES[k]
             values = self.table[q.name]
-            side.plot(*self.smooth(values), color=colour(role), linestyle=line)
-            side.set_ylabel(axis_text(q).label, color=colour(role) if len(shown) > 1 else "black")
+            side.plot(*self.smooth(values), color=colour(hue), linestyle=line)
+            side.set_ylabel(axis_text(q).label, color=colour(hue) if len(shown) > 1 else "black")
             least = 1.0 if q.parameter.unit == DEGREE else 0.005
             pad, top = max(0.08 * float(np.ptp(values)), least), q.parameter.high
             side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))

@@ -87,7 +87,7 @@ def design_figure(design: Design) -> Figure:
             [max(e.gain, 0.0) for e in expected],
             xerr=[e.gain_error for e in expected],
             height=0.6,
-            color=colour("run"),
+            color=colour(0),
             error_kw={"linewidth": 0.8},
         )
         bars.tick_params(axis="y", labelleft=False, which="both", length=0.0)

@@ -49,9 +49,8 @@ LOADS = {
 FINER_UNIT = {"N": "mN", "kPa": "Pa"}
 PRINT_AND_SCREEN = ("pdf", "png")
 """Formats of a figure beside its tables."""
-RUNS = ("run", "other", "third", "fourth", "fifth", "sixth")
-"""Roles of up to six runs, ensembles or mounted states side by side."""
-_ROLES = {"x": 0, "y": 1, **{role: k for k, role in enumerate(RUNS)}}
+REFERENCE: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "linestyle": ":", "zorder": 0.5}
+"""Line of a value to compare with, such as a mounting stretch of one."""
 
 _PAPER = Path(__file__).with_name("paper.mplstyle")
 STYLE: Any = mpl.rc_params_from_file(_PAPER, use_default_template=False)
@@ -115,11 +114,12 @@ def print_style(style: Style = None) -> Iterator[None]:
         yield
 
 
-def colour(role: str) -> str:
-    """Colour of ``x``, ``y`` or one of :data:`RUNS` in the active style."""
+def colour(which: str | int) -> str:
+    """Colour of direction ``x`` or ``y``, or of the k-th run, group or ensemble, from 0."""
     cycler = mpl.rcParams["axes.prop_cycle"]
     cycle = (cycler if "color" in cycler.keys else STYLE["axes.prop_cycle"]).by_key()["color"]
-    return to_hex(cycle[_ROLES[role] % len(cycle)])
+    k = "xy".index(which) if isinstance(which, str) else which
+    return to_hex(cycle[k % len(cycle)])
 
 
 def text_colour(face: str) -> str:

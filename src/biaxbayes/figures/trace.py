@@ -13,7 +13,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.figures.quantities import LOG_SPREAD, AxisText, known_or_default, quantity
 from biaxbayes.figures.style import (
     PAGE_MM,
-    RUNS,
+    REFERENCE,
     SIDE_BY_SIDE_MM,
     Style,
     blank_figure,
@@ -69,8 +69,8 @@ def trace_figure(
         panels[-1, 0].set_xlabel("stored step")
         panels[-1, 1].set_xlabel("rank among all" if narrow else "rank among all draws")
         figure.align_ylabels()
-        ensembles = min(len(chains[rows[0]]), len(RUNS))
-        handles = [Line2D([], [], color=colour(RUNS[i]), label=i + 1) for i in range(ensembles)]
+        ensembles = len(chains[rows[0]])
+        handles = [Line2D([], [], color=colour(i), label=i + 1) for i in range(ensembles)]
         first, last = (f"{100.0 * q:g}" for q in (LEVELS[0], LEVELS[-1]))
         figure.legend(
             handles=[Line2D([], [], linestyle="none", label="ensemble"), *handles],
@@ -102,7 +102,7 @@ def _draw_trace(ax: Axes, values: np.ndarray, q: AxisText) -> None:
     quantiles = np.quantile(values[:, steps], LEVELS, axis=2)
     for i in range(len(values)):
         for level, width in zip(quantiles[:, i], (0.3, 0.8, 0.3), strict=True):
-            ax.plot(steps + 1, level, color=colour(RUNS[i % len(RUNS)]), linewidth=width)
+            ax.plot(steps + 1, level, color=colour(i), linewidth=width)
     low, high = float(quantiles.min()), float(quantiles.max())
     if q.scale and low > 0.0 and high > LOG_SPREAD * low:
         ax.set_yscale("log")
@@ -116,8 +116,7 @@ def _draw_ranks(ax: Axes, values: np.ndarray) -> None:
     ranks = (values.ravel().argsort(kind="stable").argsort() + 0.5) / values.size
     for i, own in enumerate(ranks.reshape(len(values), -1)):
         density, edges = np.histogram(own, RANK_BINS, (0.0, 1.0), density=True)
-        hue = colour(RUNS[i % len(RUNS)])
-        ax.stairs(density, edges, baseline=None, color=hue, linewidth=0.7)
-    ax.axhline(1.0, color="0.6", linewidth=0.6, linestyle=":", zorder=0.5)
+        ax.stairs(density, edges, baseline=None, color=colour(i), linewidth=0.7)
+    ax.axhline(1.0, **REFERENCE)
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.05 * max(ax.dataLim.y1, 1.5)))
     few_ticks(ax.yaxis, 3)

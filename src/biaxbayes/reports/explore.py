@@ -76,7 +76,7 @@ def explore_page(
         )
     few = thinned_draws(draws)
     with print_style():
-        hues = {"x": colour("x"), "y": colour("y"), "selected": colour("third")}
+        hues = {"x": colour("x"), "y": colour("y"), "selected": colour(2)}
     axes, priors = _axes(posterior.quantities, draws, few, rows), _prior_controls(posterior, few)
     # draws for all panels: axes of the corner, quantities with a prior, weights
     columns: dict[str, Any] = {f"axis {a.name}": a.values for a in axes}
