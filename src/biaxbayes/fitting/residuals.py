@@ -192,10 +192,7 @@ class FreeMounting(LoadResiduals):
         z = (state.load - self.data.mounting_load) / sd
         z_by_point = (state.by_coordinate / sd[:, None]).transpose(0, 2, 1).reshape(2 * groups, -1)
         slope = state.by_log_mounting / sd[:, None] / lm
-        z_by_lm = np.zeros((2, groups, 2, groups))
-        for g in range(groups):
-            z_by_lm[:, g, :, g] = slope[:, :, g]
-        z_by_lm = z_by_lm.reshape(2 * groups, -1)[:, self.free_mounting]
+        z_by_lm = _block_diagonal(slope)[:, self.free_mounting]
         jacobian = [[by_point[self.free].T, by_lm], [z_by_point[:, self.free], z_by_lm]]
         return np.concatenate([r, z.ravel()]), np.block(jacobian)
 
@@ -240,10 +237,8 @@ class BalancedMounting(LoadResiduals):
         by_theta = by_theta[..., self.free].reshape(2 * groups, -1)
         if self.reading_sd is None:
             return by_theta
-        by_offset = np.zeros((2, groups, 2, groups))
-        for g in range(groups):
-            by_offset[:, g, :, g] = inverse[g] * self.reading_sd[:, g]
-        return np.hstack([by_theta, by_offset.reshape(2 * groups, -1)])
+        by_offset = inverse * self.reading_sd.T[:, None]
+        return np.hstack([by_theta, _block_diagonal(by_offset.transpose(1, 2, 0))])
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative."""
@@ -258,3 +253,12 @@ class BalancedMounting(LoadResiduals):
         # an offset has itself for a residual
         by_offset = np.eye(offsets.size, unknowns.size, self.free.size)
         return np.concatenate([r, offsets]), np.vstack([jacobian, by_offset])
+
+
+def _block_diagonal(blocks: np.ndarray) -> np.ndarray:
+    """(2, 2, m), one matrix per mounted state, as (2 m, 2 m) by all, ordered (k, group)."""
+    groups = blocks.shape[2]
+    out = np.zeros((2, groups, 2, groups))
+    for g in range(groups):
+        out[:, g, :, g] = blocks[:, :, g]
+    return out.reshape(2 * groups, -1)

@@ -208,16 +208,23 @@ def expect(
     simulated = candidate.outcomes(draws.iloc[outer], rng)
     log_weight = candidate.log_likelihood(simulated, draws.iloc[inner])
     at_truth = np.diag(candidate.log_likelihood(simulated, draws.iloc[outer]))
-    by_outcome = _reweighted(log_weight, at_truth, values[inner])
+    values = values[inner]
+    sd, blocks = values.std(axis=0), [slice(b, None, BLOCKS) for b in range(BLOCKS)]
+    spread, effective = weighted_spread(log_weight, values)
+    by_outcome = _ByOutcome(
+        spread / sd,
+        at_truth - log_mean(log_weight),
+        effective,
+        np.array([weighted_spread(log_weight[:, b], values[b])[0] / sd for b in blocks]),
+        np.array([at_truth - log_mean(log_weight[:, b]) for b in blocks]),
+    )
     if posterior is not None and by_outcome.few > SOME_SHARE and len(posterior.mounts) <= 1:
         # the stretch of all draws, as in the names of the quantities
         stretch = largest_equibiaxial(draws, posterior.specimen)
         names = tuple(quantities)
         after = OutcomePosterior(posterior, candidate, draws.iloc[inner], names, stretch)
-        by_outcome = _resampled(
-            by_outcome, after, simulated, log_weight, at_truth, values[inner].std(axis=0), rng
-        )
-    return by_outcome.averaged(candidate.name, _linear_reduction(*response, values[inner]))
+        by_outcome = _resampled(by_outcome, after, simulated, log_weight, at_truth, sd, rng)
+    return by_outcome.averaged(candidate.name, _linear_reduction(*response, values))
 
 
 @dataclass(frozen=True)
@@ -253,20 +260,6 @@ class _ByOutcome:
             float(np.median(self.effective)),
             self.few,
         )
-
-
-def _reweighted(log_weight: np.ndarray, at_truth: np.ndarray, values: np.ndarray) -> _ByOutcome:
-    """Outcomes by reweighting draws with the given values, shape (draws, quantities)."""
-    sd = values.std(axis=0)
-    spread, effective = weighted_spread(log_weight, values)
-    blocks = [slice(b, None, BLOCKS) for b in range(BLOCKS)]
-    return _ByOutcome(
-        spread / sd,
-        at_truth - log_mean(log_weight),
-        effective,
-        np.array([weighted_spread(log_weight[:, b], values[b])[0] / sd for b in blocks]),
-        np.array([at_truth - log_mean(log_weight[:, b]) for b in blocks]),
-    )
 
 
 def _resampled(
