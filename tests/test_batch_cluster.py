@@ -1,4 +1,4 @@
-"""A study on a Dask cluster that loses a worker: the results of one process."""
+"""A study on worker processes and on a Dask cluster that loses a worker: equal results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 import quick_posteriors
 from biaxbayes.cluster import Cluster
 from biaxbayes.laws.goh import GOH
-from biaxbayes.parallel import InThisProcess
+from biaxbayes.parallel import InThisProcess, Processes
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs.batch import run_study
@@ -77,6 +77,11 @@ def cluster(tmp_path):
     for process in (*workers, scheduler):
         process.kill()  # a worker may take long to end when it has to
         process.wait(30)
+
+
+def test_processes_find_what_one_process_finds(study, alone, tmp_path):
+    run_study(study, tmp_path / "study", Processes(2))
+    assert contents(tmp_path / "study") == alone
 
 
 def test_a_cluster_that_loses_a_worker_finds_the_same(study, alone, cluster, tmp_path):

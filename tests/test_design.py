@@ -147,10 +147,10 @@ def test_materials_whose_stress_overflows_have_no_part_in_the_spreads(run, preci
     monkeypatch.setattr(information_gain, "explore", lambda *a, **k: (None, x, np.zeros(len(x))))
     monkeypatch.setattr(information_gain, "design_quantities", overflowing)
     equal = np.zeros(len(run.draws))
-    found = fresh.after(np.array([40.0]), equal, np.random.default_rng(1))
-    assert found.effective == pytest.approx(len(x) - 1)
+    result = fresh.after(np.array([40.0]), equal, np.random.default_rng(1))
+    assert result.effective == pytest.approx(len(x) - 1)
     alpha = run.draws["alpha"].iloc[1:300]
-    assert found.sd[after.quantities.index("alpha")] == pytest.approx(alpha.std(), rel=1e-6)
+    assert result.sd[after.quantities.index("alpha")] == pytest.approx(alpha.std(), rel=1e-6)
 
 
 @pytest.mark.long
@@ -286,6 +286,14 @@ def test_a_design_ends_with_what_to_measure_next(run):
     assert useless.conclusion.startswith("no candidate narrows a material parameter by 10 %")
     doubtful = replace(result, expected=(replace(result.expected[0], few=1.0),))
     assert doubtful.conclusion.startswith("no candidate can be recommended")
+
+
+def test_a_design_is_the_same_twice(run):
+    chosen = [c for c in standard_candidates(run.posterior()) if ":" in c.name][:2]
+    first, again = (
+        design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=10) for _ in range(2)
+    )
+    pd.testing.assert_frame_equal(first.to_frame(), again.to_frame())
 
 
 def test_fixed_parameters_are_no_candidates():

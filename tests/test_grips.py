@@ -1,6 +1,7 @@
 """The correction for hooks against the finite-element sheet, and the grips of a specimen file."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from matplotlib.patches import Circle
 
 import biaxbayes
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import Hooks, SheetTester
 from biaxbayes.figures.mounting import sketch_figure
@@ -17,9 +18,12 @@ from biaxbayes.fitting.fit import fit
 from biaxbayes.grips.correction import corrected_for_grips
 from biaxbayes.grips.geometry import stated_hooks
 from biaxbayes.laws.goh import GOH
+from biaxbayes.runs import checkpoint
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from biaxbayes.verbs import sample as sampling
 
 DATA = Path(__file__).parents[1] / "data"
 MATERIAL = GOH(14.0, 140.0, 11.9, 38.4, 0.21)
@@ -218,6 +222,27 @@ def file(tmp_path):
     specimen = replace(measured, protocols=(Protocol(p.name, *curves),), metadata=keys)
     write_specimen(specimen, tmp_path / "a.csv")
     return tmp_path / "a.csv"
+
+
+@pytest.mark.long
+def test_a_run_with_hooks_resumes_to_the_same_draws(file, tmp_path, monkeypatch):
+    monkeypatch.setattr(sampling, "Plan", partial(Plan, walkers=32, first_block=16))
+    options = {"ess": 2000, "workers": 1, "progress": False}
+    whole = biaxbayes.sample(file, out=tmp_path / "whole", **options)
+    saved = []
+    save = checkpoint.save
+
+    def counted(*arguments):
+        save(*arguments)
+        saved.append(arguments)
+
+    monkeypatch.setattr(checkpoint, "save", counted)
+    with pytest.raises(Interrupted, match="interrupted after"):
+        biaxbayes.sample(file, out=tmp_path / "run", stop=lambda: len(saved) >= 2, **options)
+    resumed = biaxbayes.sample(file, out=tmp_path / "run", resume=True, **options)
+    pd.testing.assert_frame_equal(resumed.draws, whole.draws)
+    for name in ("grips.csv", "specimen.csv"):
+        assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 @pytest.mark.long

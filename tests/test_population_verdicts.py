@@ -198,6 +198,17 @@ def test_an_open_edge_and_a_ridge_are_named(values, prior):
     assert result["C1"].posterior_verdict == IDENTIFIED
 
 
+def test_an_angle_means_nothing_where_fibres_may_be_isotropic(values, prior):
+    rng = np.random.default_rng(6)
+    mu = known(values, rng)
+    mu[:, 4] = 1.0 / 3.0 - np.abs(0.01 * rng.standard_normal(DRAWS))
+    result = judged(hyper_of(values, mu), prior)
+    assert (
+        result["alpha"].posterior_verdict == NOT_IDENTIFIED
+        and "no angle means anything" in result["alpha"].text
+    )
+
+
 @pytest.mark.parametrize("state", ["tentative", "unusable"])
 def test_no_verdict_of_chains_that_have_not_converged(values, prior, state):
     rng = np.random.default_rng(7)

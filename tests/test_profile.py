@@ -240,6 +240,15 @@ def test_an_exact_mounting_force_is_balanced_at_every_point():
         np.testing.assert_allclose(P * data.area, load, rtol=1e-8)
 
 
+@pytest.mark.slow
+def test_processes_change_nothing():
+    names = ["kappa", "k1"]
+    for one, other in zip(
+        profiles(determined(), names), profiles(determined(), names, workers=2), strict=True
+    ):
+        pd.testing.assert_frame_equal(one.table, other.table)
+
+
 def test_fixed_and_unknown_parameters_are_refused():
     fixed = Posterior(determined().specimen, noise="independent", priors={"kappa": 0.1})
     for name, text in (("kappa", "fixed"), ("gamma", "unknown parameter")):
