@@ -302,23 +302,26 @@ def test_stopped_and_resumed_writes_the_same_bytes(study, population, tmp_path, 
 
 def test_words_for_difficult_studies(study):
     _, members = members_of_study(study)
+    sources, _ = open_sources(members, anyway=True)
 
-    def notes(**changes):
-        changed = [
-            replace(m, **{k: v[i] for k, v in changes.items()}) for i, m in enumerate(members)
-        ]
-        sources, left_out = open_sources(changed, anyway=True)
-        return " | ".join(group_sources(changed, sources)[1]), left_out
+    def changed(**values):
+        rows = (dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True))
+        return [replace(m, **row) for m, row in zip(members, rows, strict=True)]
 
-    assert "one donor" in notes(donor=["D"] * 4)[0]
-    assert "split" in notes(donor=list("pqrs"))[0]
-    assert "no donor is given" in notes(donor=["", "D", "D", "D"])[0]
-    assert "group x has one specimen" in notes(group=["x", "y", "y", "y"])[0]
-    assert "no donor in common" in notes(donor=["p", "p", "q", "q"])[0]
-    _, left_out = notes(state=["converged", "unusable", "converged", "converged"])
+    for values, words in (
+        ({"donor": "DDDD"}, "one donor"),
+        ({"donor": "pqrs"}, "split"),
+        ({"donor": ["", "D", "D", "D"]}, "no donor is given"),
+        ({"group": "xyyy"}, "group x has one specimen"),
+        ({"donor": "ppqq"}, "no donor in common"),
+    ):
+        assert words in " | ".join(group_sources(changed(**values), sources)[1])
+    states = ["converged", "unusable", "converged", "converged"]
+    _, left_out = open_sources(changed(state=states), anyway=True)
     assert list(left_out) == ["b"] and "did not converge" in left_out["b"]
     with pytest.raises(InputError, match="1 of 4 specimens can be pooled"):
-        notes(state=["converged", "unusable", "unusable", "failed"])
+        states = ["converged", "unusable", "unusable", "failed"]
+        open_sources(changed(state=states), anyway=True)
 
 
 def test_columns_of_the_study_file(study, tmp_path, capsys):
