@@ -260,17 +260,17 @@ def as_record(result: RunResult) -> dict[str, Any]:
     record["reported"] = [vars(r) for r in result.reported]
     record["summary"] = result.summary.to_dict("records")
     record["evidence"] = {name: getattr(result, name).to_dict("records") for name in TABLES}
-    cleaned = _finite(record)
+    cleaned = json_values(record)
     assert isinstance(cleaned, dict)
     return cleaned
 
 
-def _finite(value: Any) -> Any:
-    """A value that JSON knows."""
+def json_values(value: Any) -> Any:
+    """Values that JSON knows: numbers to twelve digits; NaN and infinity become null."""
     if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
+        return {str(k): json_values(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
+        return [json_values(v) for v in value]
     if isinstance(value, bool | str) or value is None:
         return value
     number = value.item() if hasattr(value, "item") else value

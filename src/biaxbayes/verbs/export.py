@@ -143,9 +143,9 @@ def _export_population(
     from biaxbayes.prediction.draws import chosen_draws
     from biaxbayes.specimens.protocol import Protocol
     from biaxbayes.specimens.specimen import Specimen
-    from biaxbayes.verbs.population_files import new_materials, read_population
+    from biaxbayes.verbs.population_files import new_materials, population_state
 
-    if read_population(folder).state == "unusable" and not anyway:
+    if population_state(folder) == "unusable" and not anyway:
         raise NotConverged(
             f"{folder}: the chains of this population have not converged; sample longer, or add "
             "`anyway=True` to use them nevertheless"

@@ -36,6 +36,7 @@ from biaxbayes.runs.folder import (
     finish_moving,
     manifest,
 )
+from biaxbayes.runs.result import json_values
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
@@ -119,8 +120,8 @@ class PopulationResult:
         return f"<p>{escape(self.name)}: {escape(self.state)}</p>{table}"
 
 
-def read_population(folder: Path) -> PopulationResult:
-    """Open a finished population."""
+def population_state(folder: Path) -> str:
+    """Convergence of a finished population."""
     if (folder / READY).is_dir():  # as in open_run
         with folder_lock(folder):
             finish_moving(folder, POPULATION)
@@ -136,16 +137,7 @@ def read_population(folder: Path) -> PopulationResult:
         raise RunError(f"{folder}: {problem}")
     try:
         record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
-        tables = {k: read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
-        return PopulationResult(
-            name=str(record["name"]),
-            folder=folder,
-            state=str(record["convergence"]["state"]),
-            reason=str(record["convergence"]["reason"]),
-            notes=[str(n) for n in record["notes"]],
-            left_out={str(k): str(v) for k, v in record["left_out"].items()},
-            **tables,
-        )
+        return str(record["convergence"]["state"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise RunError(
             f"{folder}: its population cannot be read, a file is missing or damaged; copy the "
@@ -202,6 +194,7 @@ def write_population(
         "identity": identity,
     }
     atomic_write_text(folder / PAGE, population_page(folder, tables, record))
+    record |= {name: json_values(table.to_dict("records")) for name, table in tables.items()}
     record["files"] = manifest(folder)
     atomic_write_text(folder / POPULATION, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
     return PopulationResult(
