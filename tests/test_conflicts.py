@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import biaxbayes
+from biaxbayes.errors import InputError
 from biaxbayes.fitting.fit import fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.mounting import BRACKET
@@ -15,6 +16,8 @@ from biaxbayes.model.conflicts import (
 )
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
+from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 VALUES = {"C1": 12.0, "k1": 60.0, "k2": 6.0, "alpha": 41.0, "kappa": 0.12}
@@ -61,13 +64,23 @@ def test_a_prior_that_contradicts_the_data_is_named(parameter, prior, alone):
     assert posterior.readings.total < 0.6 * alone.readings.total
 
 
+def test_free_mounting_stretches_need_an_error_of_the_mounting_force(tmp_path):
+    stretch = np.linspace(1.0, 1.2, 40)
+    load = np.round(50.0 * (stretch - 0.98), 4)
+    record = Protocol("1to1", stretch, stretch, load, load)
+    specimen = Specimen("smooth", (record,), "piola", "unloaded")
+    with pytest.raises(InputError, match="`mounting=free` needs an error of the mounting force"):
+        biaxbayes.sample(specimen, out=tmp_path / "run", mounting="free")
+
+
 @pytest.mark.long
 def test_no_parameter_is_reported_under_a_prior_that_contradicts_the_data(tmp_path):
     """With the angle 20 sd from its prior, the stiffness k1 is far from the truth in any run."""
     priors = {"alpha": normal(0.7, 0.05)}
     radians = pytest.warns(RuntimeWarning, match="radians")
-    with radians, pytest.warns(RuntimeWarning, match="contradicts the data"):
+    with radians, pytest.warns(RuntimeWarning, match="contradicts the data") as shown:
         run = biaxbayes.sample(SPECIMEN, out=tmp_path / "run", priors=priors, ess=100, seed=1)
+    assert {warning.filename for warning in shown} == {__file__}  # of the caller
     assert run.state == "converged"
     low, high = run.summary.loc["k1", ["q05", "q95"]]
     assert not low < VALUES["k1"] < high

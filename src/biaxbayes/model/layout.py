@@ -202,7 +202,8 @@ def _check(specimen: Specimen, settings: Settings) -> None:
         _, sd = specimen.mounting_readings(shared=settings.shared)
         if np.any(sd <= 0.0):
             raise InputError(
-                "the file has no load noise, so the mounting force cannot be noisy",
+                f"`mounting={settings.mounting}` needs an error of the mounting force, and the "
+                "file has no load noise",
                 file=specimen.name,
                 remedy="use `mounting=exact`, or state load_noise_N (or load_noise_kPa)",
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import time
 import warnings
@@ -157,7 +158,7 @@ class Sampling:
             names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
             stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
             limits = bracket_findings(stretches)
-            _show(limits, progress)
+            _show(limits, progress, "sampling")
             progress(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - start
             # All files are replaced together.
@@ -305,15 +306,17 @@ def write_figures(
         atomic_write_text(folder / EXPLORE, page)
 
 
-def _show(findings: Sequence[Finding], progress: OnProgress) -> None:
+def _show(findings: Sequence[Finding], progress: OnProgress, phase: str = "fitting") -> None:
     for finding in findings:
-        progress(Progress("fitting", note=str(finding)))
+        progress(Progress(phase, note=str(finding)))
 
 
 def _warn(progress: Progress) -> None:
     """Without a progress callback, notes are issued as warnings."""
     if progress.note:
-        warnings.warn(progress.note, RuntimeWarning, stacklevel=4)
+        package = str(Path(__file__).parents[1])
+        level = next((i for i, f in enumerate(inspect.stack(0)) if package not in f.filename), 0)
+        warnings.warn(progress.note, RuntimeWarning, stacklevel=level + 1)
 
 
 def _resolved_mounting(
@@ -328,7 +331,7 @@ def _resolved_mounting(
             remedy="state the force before taring with `mounting_force=(X, Y)`, or take the "
             "mounted state as unloaded with `mounting=zeroed`",
         )
-    if options["mounting"] in ("noisy", "free"):
+    if options["mounting"] == "noisy":
         shared = options["mounting_stretch"] == "shared"
         _, sd = specimen.mounting_readings(shared=shared)
         if (sd <= 0.0).any():
