@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 
 from biaxbayes.laws.goh import GOH
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Dimensions, Machine, virtual_specimen

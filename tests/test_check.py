@@ -12,8 +12,8 @@ import pytest
 from biaxbayes import GOH, Protocol, Specimen, write_specimen
 from biaxbayes.identifiability.fit_quality import misfit_finding, quick_fit
 from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import Settings
 from biaxbayes.prediction.predictive_checks import fit_in_words, predictive_checks
 from biaxbayes.runs.archive import draw_table

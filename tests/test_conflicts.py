@@ -8,14 +8,14 @@ from biaxbayes.errors import InputError
 from biaxbayes.fitting.fit import fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.model.conflicts import (
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.prior_checks import (
     bracket_findings,
     prior_findings,
     radian_findings,
     unused_prior_findings,
 )
-from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import prepare
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen

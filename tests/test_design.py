@@ -11,9 +11,9 @@ from scipy.stats import multivariate_normal
 from biaxbayes.figures.simulations import design_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.laws.goh import GOH
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.optimal_design import information_gain
 from biaxbayes.optimal_design.candidates import FurtherProtocol, Reading, standard_candidates
 from biaxbayes.optimal_design.design import design

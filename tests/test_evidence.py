@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 import biaxbayes
 from analytic_targets import TARGETS, gaussian
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.marginal_likelihood import (
     log_prior_mass,
     marginal_likelihood,
@@ -18,7 +19,6 @@ from biaxbayes.model.marginal_likelihood import (
 )
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.bridge import bridge
 from biaxbayes.sampling.proposal import fit_transported_mixture
 from biaxbayes.sampling.sampler import Plan
@@ -34,7 +34,7 @@ def media():
 
 
 def bridged(target, seed, *, draws=(4, 100, 20), constant=0.0):
-    """Evidence of an analytic target, its density multiplied by exp(constant)."""
+    """Diagnostics of an analytic target, its density multiplied by exp(constant)."""
     rng = np.random.default_rng(seed)
     q = fit_transported_mixture(target.sample(rng, 2000), rng, bounds=target.bounds)
     x, y = target.sample(rng, int(np.prod(draws))), q.sample(rng, 5000)

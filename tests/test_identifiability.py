@@ -65,14 +65,14 @@ def case(name: str) -> Sampled:
 def test_three_ratios_to_high_stretch_determine_all_five():
     result = identify(case("determined"))
     assert [result[name].posterior_verdict for name in PARAMETERS] == [IDENTIFIED] * 5
-    assert all(result[name].evidence.contraction > 0.99 for name in PARAMETERS)
+    assert all(result[name].diagnostics.contraction > 0.99 for name in PARAMETERS)
 
 
 @pytest.mark.long
 def test_the_angle_of_an_isotropic_material_is_not_determined():
     result = identify(case("isotropic"))
     assert result["kappa"].posterior_verdict == BOUNDED
-    assert result["kappa"].evidence.edges[1].support > 0.147
+    assert result["kappa"].diagnostics.edges[1].support > 0.147
     assert "1/3 (isotropic)" in result["kappa"].text
     assert result["alpha"].posterior_verdict == NOT_IDENTIFIED
     assert "kappa = 1/3" in result["alpha"].text
@@ -89,10 +89,10 @@ def test_the_angle_of_an_isotropic_material_is_not_determined():
 def test_low_stretch_does_not_determine_the_exponent():
     result = identify(case("low"))["k2"]
     assert result.posterior_verdict == NOT_IDENTIFIED
-    assert result.evidence.contraction < 0.75
-    assert result.evidence.edges[0].support > 0.147
+    assert result.diagnostics.contraction < 0.75
+    assert result.diagnostics.edges[0].support > 0.147
     # the exponent carries prior information only: it moves with the prior more than any other
-    assert result.evidence.prior_sensitivity > 0.05
+    assert result.diagnostics.prior_sensitivity > 0.05
 
 
 @pytest.mark.long
@@ -101,13 +101,13 @@ def test_one_ratio_trades_dispersion_for_angle():
     for name, other in (("kappa", "alpha"), ("alpha", "kappa")):
         assert result[name].posterior_verdict == COMBINATION
         assert other in result[name].partners
-        assert result[name].evidence.partners.spread_given_partners < 0.5
+        assert result[name].diagnostics.partners.spread_given_partners < 0.5
 
 
 def test_aligned_fibres_are_one_sided_not_undetermined():
     result = identify(case("aligned"))["kappa"]
     assert result.posterior_verdict == BOUNDED
-    low, high = result.evidence.edges
+    low, high = result.diagnostics.edges
     assert low.value == 0.0 and low.kind == "physical"
     assert low.mass > 10 * low.prior_mass and low.prior_mass == pytest.approx(0.06)
     assert high.support < 0.01
@@ -124,7 +124,7 @@ def test_a_stuck_chain_gives_no_verdict():
     assert state == "unusable"
     result = identify_draws(good.posterior(), draws, state)
     assert {p.posterior_verdict for p in result.parameters} == {NO_VERDICT}
-    assert all(p.evidence is None for p in result.parameters)  # no number to be misread either
+    assert all(p.diagnostics is None for p in result.parameters)  # no number to be misread either
     assert "not converged" in result["kappa"].text
 
 
@@ -132,7 +132,7 @@ def test_tentative_draws_give_evidence_but_no_verdict():
     good = case("determined")
     result = identify_draws(good.posterior(), good.draws, "tentative")
     assert {p.posterior_verdict for p in result.parameters} == {NO_VERDICT}
-    assert result["C1"].evidence.contraction > 0.99
+    assert result["C1"].diagnostics.contraction > 0.99
 
 
 # --- draws made up, so that each rule is met alone ---
@@ -161,17 +161,17 @@ def test_draws_from_the_prior_are_prior_dominated():
     result = identify(made_up())
     assert {p.posterior_verdict for p in result.parameters} == {NOT_IDENTIFIED}
     for p in result.parameters:
-        assert abs(p.evidence.contraction) < 0.06
-        assert p.evidence.prior_excluded < 0.03
-        for edge in p.evidence.edges:
+        assert abs(p.diagnostics.contraction) < 0.06
+        assert p.diagnostics.prior_excluded < 0.03
+        for edge in p.diagnostics.edges:
             assert edge.support > 0.5
             if edge.mass > 0.02:
                 assert edge.mass == pytest.approx(edge.prior_mass, rel=0.25)
     # the information is the prior's alone
-    assert result["C1"].evidence.prior_sensitivity > 0.05
-    assert result["C1"].evidence.likelihood_sensitivity < 0.01
+    assert result["C1"].diagnostics.prior_sensitivity > 0.05
+    assert result["C1"].diagnostics.likelihood_sensitivity < 0.01
     # a flat prior has no power to scale
-    assert result["kappa"].evidence.prior_sensitivity < 0.01
+    assert result["kappa"].diagnostics.prior_sensitivity < 0.01
 
 
 @pytest.mark.long
@@ -181,7 +181,7 @@ def test_a_users_bound_is_not_a_physical_edge():
     cut = {"kappa": {"distribution": "uniform", "low": 0.0, "high": 0.1}}
     result = identify(made_up(priors=cut, kappa=piled))["kappa"]
     assert result.posterior_verdict == NOT_IDENTIFIED
-    assert [e.kind for e in result.evidence.edges] == ["physical", "user"]
+    assert [e.kind for e in result.diagnostics.edges] == ["physical", "user"]
     assert "limited by the prior bound 0.100" in result.text
     # the same draws below a physical edge
     physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
@@ -194,8 +194,8 @@ def test_a_narrow_angle_at_a_mirror_is_identified(mirror):
     kappa = np.random.default_rng(9).normal(0.15, 0.01, 8000)
     result = identify(made_up(alpha=np.abs(mirror - away), kappa=kappa))["alpha"]
     assert result.posterior_verdict == IDENTIFIED
-    assert result.evidence.edges == ()
-    assert result.evidence.modes == 1
+    assert result.diagnostics.edges == ()
+    assert result.diagnostics.modes == 1
 
 
 def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
@@ -326,8 +326,8 @@ def test_a_mounting_stretch_says_which_of_its_ends_are_the_priors():
     result = identify(made_up())
     for axis in "xy":
         row = result[f"mounting_stretch_{axis}"]
-        assert row.evidence.by_prior == (True, True)
-    assert not any(any(result[name].evidence.by_prior) for name in PARAMETERS)
+        assert row.diagnostics.by_prior == (True, True)
+    assert not any(any(result[name].diagnostics.by_prior) for name in PARAMETERS)
     rng = np.random.default_rng(5)
     half = identify(
         made_up(
@@ -335,8 +335,8 @@ def test_a_mounting_stretch_says_which_of_its_ends_are_the_priors():
             mounting_stretch_y=1.0 + 0.01 * rng.standard_normal(8000),
         )
     )
-    assert half["mounting_stretch_x"].evidence.by_prior == (False, True)
-    assert half["mounting_stretch_y"].evidence.by_prior == (False, False)
+    assert half["mounting_stretch_x"].diagnostics.by_prior == (False, True)
+    assert half["mounting_stretch_y"].diagnostics.by_prior == (False, False)
 
 
 # --- what is written ---
@@ -492,7 +492,7 @@ def test_two_narrow_peaks_are_no_prior():
     rng = np.random.default_rng(11)
     alpha = np.where(rng.random(8000) < 0.5, 15.0, 75.0) + rng.normal(0.0, 2.0, 8000)
     result = identify(made_up(alpha=alpha, kappa=rng.normal(0.1, 0.01, 8000)))["alpha"]
-    assert result.posterior_verdict == IDENTIFIED and result.evidence.modes == 2
+    assert result.posterior_verdict == IDENTIFIED and result.diagnostics.modes == 2
     assert "loosely" in result.text and "2 separate peaks" in result.text
     wide = identify(made_up(alpha=rng.uniform(5.0, 70.0, 8000)))["alpha"]
     assert wide.posterior_verdict == NOT_IDENTIFIED

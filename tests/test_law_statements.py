@@ -14,7 +14,7 @@ from biaxbayes.laws.law import LOAD_SHARE, SamplingLayout
 from biaxbayes.laws.materials import Material
 from biaxbayes.laws.screening import MATRIX_SHARE, Screening, screen
 from biaxbayes.mechanics.mounting import load_per_stress
-from biaxbayes.model.layout import to_slot
+from biaxbayes.model.assembly import to_slot
 from test_laws import RECOVERED, TYPICAL, random_materials, stress_at_point
 
 # --- sampling coordinates at a reference state ---------------------------------------------------

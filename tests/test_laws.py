@@ -16,10 +16,10 @@ from biaxbayes.laws.materials import (
     constants_at,
     energy,
     squared_stretches,
-    to_natural,
+    to_slots,
 )
 from biaxbayes.mechanics.virtual_test import virtual_test
-from biaxbayes.model.layout import to_slot
+from biaxbayes.model.assembly import to_slot
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
 STEP = 1e-30
@@ -146,7 +146,7 @@ def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(nam
 
         def natural(at):
             value = at.copy()
-            return value, to_natural(coordinates, value)
+            return value, to_slots(coordinates, value)
 
         value, log_jacobian = natural(u)
         natural_slots = [slots[n][0] for n in law.names]

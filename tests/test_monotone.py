@@ -19,8 +19,8 @@ from biaxbayes.identifiability.identify import (
 )
 from biaxbayes.identifiability.verdict import ParameterVerdict
 from biaxbayes.laws.goh import GOH
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
@@ -81,11 +81,11 @@ def check_monotone(seed: int) -> None:
             first.mounting is not None and second.mounting is not None and wide.mounting is not None
         )
         assert first.mounting.is_value or not second.mounting.is_value, output
-        assert first.evidence is not None and wide.evidence is not None
+        assert first.diagnostics is not None and wide.diagnostics is not None
         # four ends, each with its error
-        error = 2.0 * end_error((first.evidence.high - first.evidence.low) / 3.3)
-        width = wide.evidence.high - wide.evidence.low
-        assert width > first.evidence.high - first.evidence.low - 3.0 * error, output
+        error = 2.0 * end_error((first.diagnostics.high - first.diagnostics.low) / 3.3)
+        width = wide.diagnostics.high - wide.diagnostics.low
+        assert width > first.diagnostics.high - first.diagnostics.low - 3.0 * error, output
         if first.mounting.is_value and wide.mounting.is_value:
             width = wide.mounting.high - wide.mounting.low
             assert width > first.mounting.high - first.mounting.low - 3.0 * error, output

@@ -40,10 +40,10 @@ def state(*fits: LawFit, noise: float = 1.0, interval=(1.018, 1.022), measured: 
     )
     result = LawFits(tuple(sorted(fits, key=lambda f: f.rms)), noise, 100.0)
     low, high = interval
-    evidence = SimpleNamespace(
+    diagnostics = SimpleNamespace(
         low=low, median=0.5 * (low + high), high=high, by_prior=(False, False)
     )
-    out = mounting_intervals(posterior, result, dict.fromkeys(NAMES, evidence))
+    out = mounting_intervals(posterior, result, dict.fromkeys(NAMES, diagnostics))
     assert out[NAMES[0]] == out[NAMES[1]] or np.isnan(out[NAMES[0]].high)
     return out[NAMES[0]]
 

@@ -75,9 +75,9 @@ def test_the_range_of_the_refits_is_reported_and_holds_the_truth():
         row = result[name]
         assert row.posterior_verdict == NOT_IDENTIFIED
         assert (
-            not row.evidence.low <= true <= row.evidence.high
+            not row.diagnostics.low <= true <= row.diagnostics.high
         )  # what the narrow interval is worth
-        assert row.evidence.refits[0] < true < row.evidence.refits[1]
+        assert row.diagnostics.refits[0] < true < row.diagnostics.refits[1]
     assert result["C1"].posterior_verdict != NOT_IDENTIFIED
 
 
@@ -85,7 +85,7 @@ def test_an_interval_as_wide_as_the_refits_stands():
     posterior = prepare(missed())
     low, high = identify_draws(posterior, narrow_draws(posterior), "converged")[
         NAMES[0]
-    ].evidence.refits
+    ].diagnostics.refits
     wide = identify_draws(posterior, narrow_draws(posterior, sd=0.25 * (high - low)), "converged")
     assert wide[NAMES[0]].posterior_verdict != NOT_IDENTIFIED
 

@@ -144,7 +144,7 @@ def test_one_rule_for_runs_and_populations():
     assert len(drawn) == 5
     for name in NAMES:
         assert again[name].posterior_verdict == own[name].posterior_verdict, name
-        first, second = own[name].evidence, again[name].evidence
+        first, second = own[name].diagnostics, again[name].diagnostics
         assert second.contraction == pytest.approx(first.contraction, abs=0.01)
         assert second.prior_excluded == pytest.approx(first.prior_excluded, abs=0.05)
     assert len({p.posterior_verdict for p in own.parameters}) > 1
@@ -162,7 +162,7 @@ def test_a_value_known_to_a_factor_of_more_than_ten_is_not_identified(values, pr
     mu = known(values, rng)
     mu[:, 0] += 0.8 * rng.standard_normal(DRAWS)  # 90 % of the draws span a factor of 14
     verdicts = judged(hyper_of(values, mu), prior)
-    assert verdicts["C1"].evidence.contraction > 0.75
+    assert verdicts["C1"].diagnostics.contraction > 0.75
     assert (
         verdicts["C1"].posterior_verdict == NOT_IDENTIFIED and reported_text(verdicts["C1"]) == ""
     )
@@ -181,7 +181,7 @@ def test_a_group_nobody_looked_at_is_that_of_the_prior(values, prior):
     other, _ = Hyper.from_prior(values, layout(values), DRAWS, np.random.default_rng(4))
     result = judged(other, prior)
     assert {result[n].posterior_verdict for n in NAMES} == {NOT_IDENTIFIED}
-    assert all(abs(result[n].evidence.contraction) < 0.1 for n in NAMES)
+    assert all(abs(result[n].diagnostics.contraction) < 0.1 for n in NAMES)
 
 
 def test_an_open_edge_and_a_ridge_are_named(values, prior):
@@ -237,7 +237,7 @@ def test_spreads_are_judged_by_the_same_rule(values):
     same, near = (np.abs(rng.standard_normal(DRAWS)) for _ in range(2))
     result = spread(values, same, 0.1 * near)
     assert result["sd_donors"].posterior_verdict == NOT_IDENTIFIED
-    assert result["sd_donors"].evidence.contraction == pytest.approx(0.0, abs=0.1)
+    assert result["sd_donors"].diagnostics.contraction == pytest.approx(0.0, abs=0.1)
     assert result["sd_specimens"].posterior_verdict == BOUNDED
     assert "0 (no spread)" in result["sd_specimens"].text
     known = 0.6 + 0.05 * rng.standard_normal(DRAWS)
@@ -254,4 +254,4 @@ def test_spreads_of_which_only_the_sum_is_known_are_a_combination(values):
     total = result["sd_total"]
     assert total.posterior_verdict == IDENTIFIED
     # 1.5 times the scale 0.5 of a log
-    assert total.evidence.median == pytest.approx(0.75, abs=0.01)
+    assert total.diagnostics.median == pytest.approx(0.75, abs=0.01)

@@ -10,9 +10,9 @@ import pytest
 import biaxbayes
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare, start_parameters, with_sampling_constants
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.thinning import thinned_specimen

@@ -11,8 +11,8 @@ import pytest
 from biaxbayes import Specimen, read_specimen, sample
 from biaxbayes.fitting.fit import fit
 from biaxbayes.identifiability.fit_quality import quick_fit, swapped_columns
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.check import check_specimen

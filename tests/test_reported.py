@@ -9,7 +9,7 @@ import pytest
 import biaxbayes
 from biaxbayes.fitting.law_fits import LawFit, LawFits
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
-from biaxbayes.model.search import draw_posterior
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
 
@@ -43,7 +43,7 @@ def rows(result: Identifiability):
 
 
 def with_fit(result: Identifiability, **changes) -> Identifiability:
-    """The same evidence where the run's own law fits in another way."""
+    """The same diagnostics where the run's own law fits in another way."""
     assert result.fits is not None
     fits = tuple(replace(f, **changes) if f.law == "goh" else f for f in result.fits.fits)
     return replace(result, fits=replace(result.fits, fits=fits))
@@ -68,12 +68,14 @@ def test_a_clean_record_identifies_and_holds_the_truth(clean):
 def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
     plain = rows(with_fit(clean, widening={}))["C1"]
     row = rows(with_fit(clean, widening={"C1": 1.5}, misfit=0.021))["C1"]
-    evidence = clean["C1"].evidence
+    diagnostics = clean["C1"].diagnostics
     assert plain.verdict == row.verdict == "identified"
-    assert plain.low == pytest.approx(evidence.low) and plain.high == pytest.approx(evidence.high)
+    assert plain.low == pytest.approx(diagnostics.low) and plain.high == pytest.approx(
+        diagnostics.high
+    )
     # C1 is compared in logs
-    assert math.log(row.high / evidence.median) == pytest.approx(
-        1.5 * math.log(plain.high / evidence.median)
+    assert math.log(row.high / diagnostics.median) == pytest.approx(
+        1.5 * math.log(plain.high / diagnostics.median)
     )
     assert row.reason.startswith("widened 1.5 times for the model error of GOH")
 
@@ -89,11 +91,13 @@ def test_what_the_misfit_leaves_open_is_not_identified(clean):
 
 def test_what_trades_with_an_unknown_parameter_needs_a_sharp_interval(clean):
     """A factor of 3.2 is a value beside a known partner, not where that may be anywhere."""
-    evidence = clean["k1"].evidence
-    traded = replace(evidence.partners, names=("kappa",), spread_given_partners=0.2)
-    ends = {"low": evidence.median / 1.8, "high": evidence.median * 1.8}
-    wide = replace(evidence, partners=traded, **ends)
-    parameters = tuple(replace(p, evidence=wide) if p.name == "k1" else p for p in clean.parameters)
+    diagnostics = clean["k1"].diagnostics
+    traded = replace(diagnostics.partners, names=("kappa",), spread_given_partners=0.2)
+    ends = {"low": diagnostics.median / 1.8, "high": diagnostics.median * 1.8}
+    wide = replace(diagnostics, partners=traded, **ends)
+    parameters = tuple(
+        replace(p, diagnostics=wide) if p.name == "k1" else p for p in clean.parameters
+    )
     loose = replace(clean, parameters=parameters)
     assert rows(with_fit(loose, widening={}))["k1"].verdict == "identified"
     row = rows(with_fit(loose, widening={"kappa": 40.0}))["k1"]
@@ -101,12 +105,12 @@ def test_what_trades_with_an_unknown_parameter_needs_a_sharp_interval(clean):
 
 
 def test_a_value_spans_no_order_of_magnitude(clean):
-    evidence = clean["k1"].evidence
-    alone = replace(evidence.partners, spread_given_partners=1.0)
-    ends = {"low": evidence.median / 20.0, "high": evidence.median * 20.0}
-    wide = replace(evidence, partners=alone, **ends)
+    diagnostics = clean["k1"].diagnostics
+    alone = replace(diagnostics.partners, spread_given_partners=1.0)
+    ends = {"low": diagnostics.median / 20.0, "high": diagnostics.median * 20.0}
+    wide = replace(diagnostics, partners=alone, **ends)
     parameters = tuple(
-        replace(p, evidence=wide, posterior_verdict="identified") if p.name == "k1" else p
+        replace(p, diagnostics=wide, posterior_verdict="identified") if p.name == "k1" else p
         for p in clean.parameters
     )
     row = rows(replace(clean, parameters=parameters, fits=None))["k1"]
@@ -139,7 +143,7 @@ def test_stretches_are_those_of_the_laws_that_fit(clean):
     for name in STRETCHES:
         interval, row = clean[name].mounting, rows(clean)[name]
         np.testing.assert_equal((row.low, row.high), (interval.low, interval.high))
-        assert row.low <= clean[name].evidence.low and row.high >= clean[name].evidence.high
+        assert row.low <= clean[name].diagnostics.low and row.high >= clean[name].diagnostics.high
 
 
 def test_a_law_fit_without_errors_widens_nothing():

@@ -1,4 +1,4 @@
-"""Verdicts and their sentences, decided by evidence that is written down."""
+"""Verdicts and their sentences, decided by diagnostics that is written down."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from biaxbayes.identifiability.verdict import (
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
-    Evidence,
+    Diagnostics,
     Thresholds,
     decide,
     verdict_sentence,
@@ -25,7 +25,7 @@ from biaxbayes.parameters import Quantity
 from goh_functions import GOH_LAW
 
 KAPPA, K1 = GOH_LAW.parameter("kappa"), GOH_LAW.parameter("k1")
-LOOSE = Evidence(
+LOOSE = Diagnostics(
     parameter=KAPPA,
     median=0.15,
     low=0.05,
@@ -53,7 +53,7 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
 
 
 @pytest.mark.parametrize(
-    ("evidence", "verdict"),
+    ("diagnostics", "verdict"),
     [
         (LOOSE, IDENTIFIED),
         (SHARP, IDENTIFIED),
@@ -88,8 +88,8 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
         (replace(LOOSE, refits=(0.1, 0.49)), IDENTIFIED),
     ],
 )
-def test_evidence_decides(evidence, verdict):
-    assert decide(evidence, T) == verdict
+def test_evidence_decides(diagnostics, verdict):
+    assert decide(diagnostics, T) == verdict
 
 
 def test_a_partner_that_may_lie_at_its_end_asks_for_a_sharp_interval():
@@ -104,13 +104,13 @@ def test_what_may_mean_nothing_is_never_identified():
     assert decide(replace(SHARP, partners=TRADED), T, undefined=True) == COMBINATION
 
 
-def kappa(verdict: str, evidence: Evidence | None, prior: object = 0.1, **how: str) -> str:
+def kappa(verdict: str, diagnostics: Diagnostics | None, prior: object = 0.1, **how: str) -> str:
     scale = Scale(Quantity(KAPPA), prior)
-    return verdict_sentence(scale, verdict, evidence, T, "tentative", **how)
+    return verdict_sentence(scale, verdict, diagnostics, T, "tentative", **how)
 
 
 @pytest.mark.parametrize(
-    ("verdict", "evidence", "parts"),
+    ("verdict", "diagnostics", "parts"),
     [
         (IDENTIFIED, replace(SHARP, prior_sensitivity=0.049), ["0.100 to 0.190 (90 %)"]),
         (IDENTIFIED, LOOSE, ["identified, but loosely, 0.050 to 0.250 (90 %)"]),
@@ -131,11 +131,11 @@ def kappa(verdict: str, evidence: Evidence | None, prior: object = 0.1, **how: s
         (FIXED, None, ["fixed at 0.1"]),
     ],
 )
-def test_a_verdict_is_one_sentence_with_its_numbers(verdict, evidence, parts):
-    sentence = kappa(verdict, evidence)
+def test_a_verdict_is_one_sentence_with_its_numbers(verdict, diagnostics, parts):
+    sentence = kappa(verdict, diagnostics)
     assert sentence.startswith("kappa: ") and "\n" not in sentence
     assert all(part in sentence for part in parts), sentence
-    sensitive = evidence is not None and evidence.prior_sensitivity >= 0.05
+    sensitive = diagnostics is not None and diagnostics.prior_sensitivity >= 0.05
     assert ("sensitive to the prior" in sentence) == sensitive
 
 

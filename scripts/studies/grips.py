@@ -32,7 +32,7 @@ from biaxbayes.grips.correction import (
     grip_ratios,
 )
 from biaxbayes.model import density
-from biaxbayes.model.search import draw_posterior
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen

@@ -23,8 +23,8 @@ from biaxbayes import GOH, read_specimen
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.published import MATERIALS, PublishedMaterial
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.virtual_specimen import Truth
 from make_specimens import MISFIT, table6_specimen

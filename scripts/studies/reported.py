@@ -20,8 +20,8 @@ from biaxbayes.errors import BiaxbayesError
 from biaxbayes.identifiability.identify import identify_draws, run_law_fits
 from biaxbayes.laws import LAWS
 from biaxbayes.mechanics.virtual_test import smooth_misfit
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Protocol, Specimen

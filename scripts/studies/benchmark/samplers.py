@@ -7,10 +7,10 @@ import time
 import emcee
 import numpy as np
 
+from biaxbayes.model.draw import draw_posterior, find_start
 from biaxbayes.model.marginal_likelihood import marginal_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
-from biaxbayes.model.search import draw_posterior, find_start
 from biaxbayes.sampling.sampler import Plan, State, restored_ensembles, warmed_up
 from biaxbayes.sampling.target import Target
 from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries

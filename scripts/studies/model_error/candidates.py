@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from biaxbayes import Specimen, prepare
-from biaxbayes.model.search import draw_posterior
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.options import Settings
 from biaxbayes.sampling.sampler import Plan
 

@@ -97,7 +97,7 @@ def _mounting(case: Case, found: Identifiability) -> list[Row]:
     for axis, true in enumerate(case.mounting):
         name = f"mounting_stretch_{'xy'[axis]}"
         row = found[name]
-        e, stated = row.evidence, row.mounting
+        e, stated = row.diagnostics, row.mounting
         assert e is not None and stated is not None
         ends = (e.low, e.high)
         out.append(("mounting", name, float(true), *ends))

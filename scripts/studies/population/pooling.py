@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.model.layout import SamplingConstants
+from biaxbayes.model.assembly import SamplingConstants
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations import sampler
 from biaxbayes.populations.model import Grouping, PopulationPriors, make_design, pooled_values

@@ -20,10 +20,10 @@ from biaxbayes.calibration.simulated_specimen import draw_truth, simulate_specim
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import Prior, Tie
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, CalibrationPlan, ModelOptions
 from biaxbayes.parallel import InThisProcess
 from biaxbayes.parameters import Quantities

@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import NotConverged
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen

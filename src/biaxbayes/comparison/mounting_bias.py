@@ -22,9 +22,9 @@ from biaxbayes.identifiability.determined import (
     some_draws,
 )
 from biaxbayes.identifiability.marginals import Scale, parameter_scales
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.parameters import Quantities, mounting_names
 from biaxbayes.prediction.stress import covered_stretches
 from biaxbayes.sampling.sampler import Plan, Progress

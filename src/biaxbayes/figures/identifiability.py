@@ -88,16 +88,20 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
     ax.set_ylabel(label, rotation=0.0, ha="right", va="center")
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
-    evidence = row.evidence
-    if evidence is None or evidence.prior_density is None or evidence.posterior_density is None:
+    diagnostics = row.diagnostics
+    if (
+        diagnostics is None
+        or diagnostics.prior_density is None
+        or diagnostics.posterior_density is None
+    ):
         ax.set_xticks([])
         ax.spines["bottom"].set_visible(False)
         return
     if row.scale.logarithmic:
         ax.set_xscale("log")
     for density, face, edge in (
-        (evidence.prior_density, PRIOR_GREY, "0.6"),
-        (evidence.posterior_density, POSTERIOR, None),
+        (diagnostics.prior_density, PRIOR_GREY, "0.6"),
+        (diagnostics.posterior_density, POSTERIOR, None),
     ):
         x, height = row.scale.from_scale(density.x), density.height / density.peak
         ax.fill_between(x, height, color=face, alpha=1.0 if edge else 0.75, linewidth=0.0)
@@ -106,7 +110,7 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
     prior, (low, high) = row.scale.prior, row.scale.limits
     if not (np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low)))):
         assert isinstance(prior, Prior)
-        ends = row.scale.from_scale(evidence.posterior_density.x[[0, -1]])
+        ends = row.scale.from_scale(diagnostics.posterior_density.x[[0, -1]])
         low, high = prior.ppf(np.array([0.01, 0.99]))
         low, high = min(low, ends[0]), max(high, ends[1])
     ax.set(xlim=(low, high), ylim=(0.0, 1.08))
@@ -117,9 +121,9 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
 def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:
     """Draw a bar of the share of the prior variance that the data remove."""
     ax.set_axis_off()
-    if row.evidence is None:
+    if row.diagnostics is None:
         return
-    share = max(row.evidence.contraction, 0.0)
+    share = max(row.diagnostics.contraction, 0.0)
     ax.barh(0.0, 1.0, height=0.4, color="0.92")
     ax.barh(0.0, share, height=0.4, color="0.35")
     ax.set(xlim=(0.0, 1.9), ylim=(-0.6, 0.6))

@@ -1,4 +1,4 @@
-"""Verdicts on the parameters of a run, with their evidence.
+"""Verdicts on the parameters of a run, with their diagnostics.
 
 The verdicts follow from the draws of a run, its priors and the fits of all laws to its record. What
 they mean and every threshold are in ``docs/identifiability.md``.
@@ -36,21 +36,21 @@ from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.reported import Reported, reported
 from biaxbayes.identifiability.verdict import (
     NO_VERDICT,
-    Evidence,
+    Diagnostics,
     ParameterVerdict,
     Thresholds,
     assess_parameters,
 )
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
-from biaxbayes.model.conflicts import prior_conflicts
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.prior_checks import prior_conflicts
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH, mounting_names
 from biaxbayes.prediction.draws import protocol_mounting
 
 MOST_DRAWS = 20_000
-"""Draws, evenly chosen, that the evidence is computed from; medians and intervals are those of
+"""Draws, evenly chosen, that the diagnostics are computed from; medians and intervals are those of
 all draws, as in ``summary.csv``."""
 
 
@@ -100,12 +100,12 @@ class Identifiability:
         return dict(self.thresholds.items(p.scale.parameter for p in self.parameters))
 
     def to_frame(self) -> pd.DataFrame:
-        """The evidence, one row per parameter: ``identifiability.csv``."""
+        """The diagnostics, one row per parameter: ``identifiability.csv``."""
         rows = []
         for p in self.parameters:
             row: dict[str, Any] = {"parameter": p.name, "unit": p.scale.unit}
             rows.append(row)
-            e = p.evidence
+            e = p.diagnostics
             if e is None:
                 continue
             row |= {
@@ -149,7 +149,7 @@ class Identifiability:
             p.name: e.refits
             for p in self.parameters
             if p.posterior_verdict != NO_VERDICT
-            and (e := p.evidence) is not None
+            and (e := p.diagnostics) is not None
             and e.refits is not None
             and e.is_contradicted(self.thresholds)
         }
@@ -216,8 +216,8 @@ def identify_draws(
     draws : DataFrame
         Natural quantities by the names of ``summary.csv``, with ``log_likelihood``.
     state : {"converged", "tentative", "unusable"}
-        Anything but ``converged`` gives no verdict; the evidence of tentative draws is there all
-        the same, unusable ones give none.
+        Anything but ``converged`` gives no verdict; parameters of tentative draws have diagnostics
+        all the same, those of unusable ones have none.
     fits : LawFits, optional
         From :func:`run_law_fits`: without them mounting stretches have no interval to report.
     priors : mapping, optional
@@ -227,32 +227,32 @@ def identify_draws(
     few = some_draws(draws, MOST_DRAWS)
     scales = parameter_scales(priors or posterior.priors, posterior.quantities, few)
     free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
-    evidence: dict[str, Evidence] = {}
+    diagnostics: dict[str, Diagnostics] = {}
     law, protocols = posterior.law, posterior.specimen.protocols
     if state != "unusable":
         logs = (power_scaling.log_prior(free, few), power_scaling.log_likelihood(posterior, few))
         tops = [p.stretch.max(axis=0) * protocol_mounting(few, p) for p in protocols]
         distances = law.edge_distances(law.material(few), tops)
-        evidence = evidence_of_draws(free, few, draws, logs, distances, chosen)
-        _add_mounting_evidence(evidence, posterior, draws, free, chosen)
+        diagnostics = diagnostics_from_draws(free, few, draws, logs, distances, chosen)
+        _add_mounting_diagnostics(diagnostics, posterior, draws, free, chosen)
     if state != "converged":
         fits = None
-    mounting = {} if fits is None else mounting_intervals(posterior, fits, evidence)
+    mounting = {} if fits is None else mounting_intervals(posterior, fits, diagnostics)
     parameters = assess_parameters(
-        scales, evidence, law, state, thresholds=chosen, mounting=mounting
+        scales, diagnostics, law, state, thresholds=chosen, mounting=mounting
     )
     return Identifiability(parameters, state, len(draws), chosen, law, fits)
 
 
-def evidence_of_draws(
+def diagnostics_from_draws(
     free: Sequence[Scale],
     draws: pd.DataFrame,
     all_draws: pd.DataFrame,
     log_components: tuple[np.ndarray, np.ndarray | None],
     distances: Mapping[str, float],
     thresholds: Thresholds,
-) -> dict[str, Evidence]:
-    """Evidence by name from some of the draws; medians and intervals are of all draws.
+) -> dict[str, Diagnostics]:
+    """Diagnostics by name from some of the draws; medians and intervals are of all draws.
 
     `log_components` are log prior and log likelihood of each draw, `distances` those from a
     physical edge that count as near, by parameter.
@@ -271,7 +271,7 @@ def evidence_of_draws(
         # posterior over prior density: the density of the draws' cumulative prior probability
         likelihood = density(prior.cdf(natural), (0.0, 1.0))
         q05, q50, q95 = np.quantile(all_draws[scale.name], [INTERVAL[0], 0.5, INTERVAL[1]])
-        out[scale.name] = Evidence(
+        out[scale.name] = Diagnostics(
             parameter=scale.parameter,
             median=float(q50),
             low=float(q05),
@@ -290,8 +290,8 @@ def evidence_of_draws(
     return out
 
 
-def _add_mounting_evidence(
-    evidence: dict[str, Evidence],
+def _add_mounting_diagnostics(
+    diagnostics: dict[str, Diagnostics],
     posterior: Posterior,
     draws: pd.DataFrame,
     free: Sequence[Scale],
@@ -301,7 +301,7 @@ def _add_mounting_evidence(
     mounting = [s for s in free if s.parameter.kind == STRETCH]
     parts = mounting_refits(posterior) if mounting else None
     for scale in mounting:
-        e = evidence[scale.name]
+        e = diagnostics[scale.name]
         if not posterior.specimen.metadata.get(scale.name):  # a prior that is no measurement
             values = draws[scale.name].to_numpy(dtype=float)
             log_prior = power_scaling.log_prior((scale,), draws)
@@ -310,20 +310,20 @@ def _add_mounting_evidence(
             assert isinstance(scale.prior, Prior | DrawnPrior)
             span = parts.range(scale.name, (e.low, e.high), thresholds.refit_errors, scale.prior)
             e = replace(e, refits=span)
-        evidence[scale.name] = e
+        diagnostics[scale.name] = e
 
 
 def mounting_intervals(
-    posterior: Posterior, fits: LawFits, evidence: Mapping[str, Evidence]
+    posterior: Posterior, fits: LawFits, diagnostics: Mapping[str, Diagnostics]
 ) -> dict[str, MountingInterval]:
-    """Reported intervals of the mounting stretches by name, from `evidence` within the law."""
+    """Reported intervals of the mounting stretches by name, from `diagnostics` within the law."""
     law = posterior.law.name
     own, out = fits[law], {}
     for i, state in enumerate(posterior.mounts):
         for axis, name in enumerate(mounting_names("stretch", state)):
-            if name not in evidence:
+            if name not in diagnostics:
                 continue
-            e = evidence[name]
+            e = diagnostics[name]
             if posterior.specimen.metadata.get(name) is not None:
                 out[name] = MountingInterval(e.low, e.high, MEASURED)
                 continue

@@ -4,7 +4,7 @@ Kallioinen, Paananen, Buerkner and Vehtari, Statistics and Computing 34 (2024) 5
 prior (or the likelihood) to a power near one by reweighting the draws, and measure how far a
 marginal moves by the cumulative Jensen-Shannon distance (Nguyen and Vreeken, ECML 2015), per
 doubling of the power. A flat prior has no power to scale: its sensitivity is zero even where it
-decides everything, which is why this is evidence and not the verdict.
+decides everything, which is why this is a diagnostic and not the verdict.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from biaxbayes.identifiability.verdict import (
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
-    Evidence,
+    Diagnostics,
     ParameterVerdict,
     Thresholds,
     decide,
@@ -87,14 +87,14 @@ def reported(
 ) -> tuple[Reported, ...]:
     """Rows of the inferred parameters, in their order, without fixed and tied ones."""
     intervals = {
-        p.name: _widened(p, p.evidence, fits, law, thresholds)
+        p.name: _widened(p, p.diagnostics, fits, law, thresholds)
         for p in parameters
-        if p.evidence is not None and p.scale.parameter.kind == MATERIAL
+        if p.diagnostics is not None and p.scale.parameter.kind == MATERIAL
     }
     unknown = {
         name
         for name, wide in intervals.items()
-        if wide.open_sides or wide.evidence.contraction < thresholds.contraction
+        if wide.open_sides or wide.diagnostics.contraction < thresholds.contraction
     }
     unusable = "" if fits is None else better_law_message(fits, law.name)
     if contradicted_priors:
@@ -103,7 +103,7 @@ def reported(
     for p in parameters:
         if p.posterior_verdict == FIXED:
             continue
-        if p.posterior_verdict == NO_VERDICT or p.evidence is None:
+        if p.posterior_verdict == NO_VERDICT or p.diagnostics is None:
             out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NO_VERDICT, UNCONVERGED))
         elif p.scale.parameter.kind != MATERIAL:
             out.append(mounting_row(p.name, p.mounting))
@@ -125,15 +125,15 @@ def mounting_row(name: str, interval: MountingInterval | None) -> Reported:
 
 @dataclass(frozen=True)
 class _Widened:
-    """Evidence on a parameter with its interval widened for the model error of the law."""
+    """Diagnostics on a parameter with its interval widened for the model error of the law."""
 
-    evidence: Evidence  # interval and posterior sd are the widened ones
+    diagnostics: Diagnostics  # interval and posterior sd are the widened ones
     open_sides: frozenset[int]  # 0 low, 1 high: ends of the range that are not excluded
     factor: float  # by which the interval is widened about its median
 
 
 def _widened(
-    p: ParameterVerdict, e: Evidence, fits: LawFits | None, law: Law, thresholds: Thresholds
+    p: ParameterVerdict, e: Diagnostics, fits: LawFits | None, law: Law, thresholds: Thresholds
 ) -> _Widened:
     scale, own = p.scale, None if fits is None else fits[law.name]
     factor = 1.0 if own is None else own.widening.get(scale.kind, 1.0)
@@ -153,7 +153,7 @@ def _material_row(
     p: ParameterVerdict, wide: _Widened, unknown: set[str], law: Law, thresholds: Thresholds
 ) -> Reported:
     """The row of a parameter of the law; `unknown` are those that may lie at an end or anywhere."""
-    e, open_sides, scale = wide.evidence, wide.open_sides, p.scale
+    e, open_sides, scale = wide.diagnostics, wide.open_sides, p.scale
     parameter = scale.parameter
     undefined = bool(p.undefined)
     again = decide(e, thresholds, undefined=undefined)  # for the widened interval

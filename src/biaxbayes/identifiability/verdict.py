@@ -1,4 +1,4 @@
-"""Verdict on a parameter from its evidence, with every threshold in one place."""
+"""Verdict on a parameter from its diagnostics, with every threshold in one place."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Diagnostics:
     """Diagnostics of a sampled parameter; spreads are on its sampling scale."""
 
     parameter: Parameter
@@ -110,7 +110,7 @@ class ParameterVerdict:
     scale: Scale
     posterior_verdict: str  # from posterior and prior alone: one of VERDICTS, NO_VERDICT or FIXED
     text: str  # the same as a sentence
-    evidence: Evidence | None = None  # None if fixed or tied, or if draws are unusable
+    diagnostics: Diagnostics | None = None  # None if fixed or tied, or if draws are unusable
     # of a mounting stretch: the interval all laws agree on
     mounting: MountingInterval | None = None
     undefined: str = ""  # text, if another parameter may lie where this one is undefined
@@ -123,18 +123,18 @@ class ParameterVerdict:
     @property
     def partners(self) -> tuple[str, ...]:
         """Parameters that it trades with, whatever the verdict."""
-        return self.evidence.partners.names if self.evidence else ()
+        return self.diagnostics.partners.names if self.diagnostics else ()
 
 
 def decide(
-    evidence: Evidence,
+    diagnostics: Diagnostics,
     thresholds: Thresholds,
     *,
     undefined: bool = False,
     partner_at_end: bool = False,
 ) -> str:
     """The verdict on a sampled parameter of converged draws; the first condition that applies."""
-    e, t = evidence, thresholds
+    e, t = diagnostics, thresholds
     if e.is_contradicted(t):
         return NOT_IDENTIFIED
     traded = e.is_traded(t)
@@ -157,17 +157,17 @@ def decide(
 
 def assess_parameters(
     scales: Sequence[Scale],
-    evidence: Mapping[str, Evidence],
+    diagnostics: Mapping[str, Diagnostics],
     law: Law,
     state: str,
     *,
     thresholds: Thresholds,
     mounting: Mapping[str, MountingInterval] | None = None,
 ) -> tuple[ParameterVerdict, ...]:
-    """Verdicts on parameters; `evidence` lacks fixed parameters and those of unusable draws."""
+    """Verdicts on parameters; `diagnostics` lacks fixed parameters and those of unusable draws."""
     at_end = {  # parameters that may lie at an end of the law, with its sides
         name: sides
-        for name, e in evidence.items()
+        for name, e in diagnostics.items()
         if (sides := {x.side for x in e.open_edges(thresholds) if x.kind == "physical"})
     }
     undefined = {}  # parameters that are undefined at an end of another one
@@ -180,7 +180,7 @@ def assess_parameters(
             )
     out = []
     for scale in scales:
-        e, interval = evidence.get(scale.name), (mounting or {}).get(scale.name)
+        e, interval = diagnostics.get(scale.name), (mounting or {}).get(scale.name)
         why = undefined.get(scale.name, "")
         free = isinstance(scale.prior, Prior | DrawnPrior)
         verdict = NO_VERDICT if free else FIXED
@@ -204,14 +204,14 @@ SENSITIVE = 0.05
 def verdict_sentence(
     scale: Scale,
     verdict: str,
-    evidence: Evidence | None,
+    diagnostics: Diagnostics | None,
     thresholds: Thresholds,
     state: str,
     *,
     undefined: str = "",
 ) -> str:
-    """One sentence on one parameter; no evidence for a fixed or tied one."""
-    name, p, e = scale.name, scale.parameter, evidence
+    """One sentence on one parameter; no diagnostics for a fixed or tied one."""
+    name, p, e = scale.name, scale.parameter, diagnostics
     if verdict == NO_VERDICT:
         return f"{name}: no verdict, the chains have not converged ({state})"
     if verdict == FIXED or e is None:

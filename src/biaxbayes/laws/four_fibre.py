@@ -39,7 +39,7 @@ from biaxbayes.laws.materials import (
     derivatives,
     energy,
     exponential_energy,
-    to_natural,
+    to_slots,
 )
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
@@ -142,7 +142,7 @@ def _log_strains(coordinates, alpha):
 
 
 @inlined
-def _family_to_natural(value, k1, k2, k1_sampled, k2_sampled, log_scale, log_E):
+def _family_to_slots(value, k1, k2, k1_sampled, k2_sampled, log_scale, log_E):
     """Natural k1 and k2 of a family in place; the log Jacobian."""
     # q = k2 E*^2,  S = k1 E* exp(q)
     log_jacobian = from_root_exponent(value, k2, k2_sampled, 2.0 * log_E)
@@ -150,17 +150,17 @@ def _family_to_natural(value, k1, k2, k1_sampled, k2_sampled, log_scale, log_E):
     return log_jacobian + from_root_stress(value, k1, k1_sampled, log_scale, q, log_E)
 
 
-@to_natural.register(FourFibreCoordinates)
-def four_fibre_to_natural(coordinates, value):
+@to_slots.register(FourFibreCoordinates)
+def four_fibre_to_slots(coordinates, value):
     """Natural values in place of the roots; the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
     log_x, log_y, log_d = _log_strains(coordinates, alpha)
     u, s = coordinates, coordinates.log_scale
-    log_jacobian = _family_to_natural(value, _K1X, _K2X, u.k1_x, u.k2_x, s, log_x)
-    log_jacobian += _family_to_natural(value, _K1Y, _K2Y, u.k1_y, u.k2_y, s, log_y)
-    log_jacobian += _family_to_natural(value, _K1D, _K2D, u.k1_d, u.k2_d, s, log_d)
+    log_jacobian = _family_to_slots(value, _K1X, _K2X, u.k1_x, u.k2_x, s, log_x)
+    log_jacobian += _family_to_slots(value, _K1Y, _K2Y, u.k1_y, u.k2_y, s, log_y)
+    log_jacobian += _family_to_slots(value, _K1D, _K2D, u.k1_d, u.k2_d, s, log_d)
     return log_jacobian + from_root_stress(value, _C, u.c, s, 0.0, u.log_matrix)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import STIFFNESS_SHARE, Law, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_natural
+from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_slots
 from biaxbayes.parameters import Parameter, scale
 
 # --- the model ---------------------------------------------------------------------------------
@@ -86,8 +86,8 @@ class FungCoordinates(NamedTuple):
     Ey: float
 
 
-@to_natural.register(FungCoordinates)
-def fung_to_natural(coordinates, value):
+@to_slots.register(FungCoordinates)
+def fung_to_slots(coordinates, value):
     """Natural values in place of (ln c0, ln T, ln Q*, d, rho); the log Jacobian."""
     if coordinates.rho > 0.0 and not (-1.0 < value[_BXY] < 1.0):
         return -np.inf

@@ -44,7 +44,7 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor_from_cos2,
 )
 from biaxbayes.laws.law import STIFFNESS_SHARE, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_natural
+from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_slots
 from biaxbayes.parameters import Parameter, scale
 
 # --- the model ---------------------------------------------------------------------------------
@@ -102,8 +102,8 @@ class GOHCoordinates(NamedTuple):
     switch: float
 
 
-@to_natural.register(GOHCoordinates)
-def goh_to_natural(coordinates, value):
+@to_slots.register(GOHCoordinates)
+def goh_to_slots(coordinates, value):
     """Natural values in place of (ln C1, ln S, ln q, d, v); the log Jacobian."""
     log_jacobian = 0.0
     if coordinates.chart > 0.0:

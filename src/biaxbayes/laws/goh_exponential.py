@@ -37,7 +37,7 @@ from biaxbayes.laws.materials import (
     derivatives,
     energy,
     exponential_energy,
-    to_natural,
+    to_slots,
 )
 from biaxbayes.parameters import Parameter, scale
 
@@ -103,13 +103,13 @@ class GOHExponentialCoordinates(NamedTuple):
         return self.fibres.chart
 
 
-@to_natural.register(GOHExponentialCoordinates)
-def goh_exponential_to_natural(coordinates, value):
+@to_slots.register(GOHExponentialCoordinates)
+def goh_exponential_to_slots(coordinates, value):
     """Natural values in place of (ln S_m, ln q_m, ln S, ln q, d, v); the log Jacobian."""
     # S_m = C1 exp(q_m),  q_m = b (I1* - 3)
     from_log_stress(value, _C1, _B, coordinates.C1, coordinates.b, coordinates.log_I, 0.0)
     # the places of GOH, with b in that of C1, which its fibres do not need
-    return to_natural(coordinates.fibres, value[_B:])
+    return to_slots(coordinates.fibres, value[_B:])
 
 
 @constants_at.register(GOHExponentialCoordinates)

@@ -27,7 +27,7 @@ from biaxbayes.laws.dispersed_fibres import (
 )
 from biaxbayes.laws.goh import GOH, GOHConstants, GOHLaw
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse, constants_at, to_natural
+from biaxbayes.laws.materials import MaterialResponse, constants_at, to_slots
 from biaxbayes.parameters import Parameter
 
 _C1, _K1, _K2, _ALPHA = range(4)
@@ -46,8 +46,8 @@ class HGOCoordinates(NamedTuple):
     Y: float
 
 
-@to_natural.register(HGOCoordinates)
-def hgo_to_natural(coordinates, value):
+@to_slots.register(HGOCoordinates)
+def hgo_to_slots(coordinates, value):
     """Natural values in place of (ln C1, ln S, ln q, alpha); the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:

@@ -32,7 +32,7 @@ from biaxbayes.laws.materials import (
     derivatives,
     energy,
     exponential_energy,
-    to_natural,
+    to_slots,
 )
 from biaxbayes.parameters import Parameter, fibre_angle, scale, share
 
@@ -113,8 +113,8 @@ def _reference_state(coordinates, alpha, rho):
     return np.log(F), np.log(G)
 
 
-@to_natural.register(Holzapfel2005Coordinates)
-def holzapfel_2005_to_natural(coordinates, value):
+@to_slots.register(Holzapfel2005Coordinates)
+def holzapfel_2005_to_slots(coordinates, value):
     """Natural values in place of (ln mu, ln S, ln q, alpha, rho); the log Jacobian."""
     alpha, rho = value[_ALPHA], value[_RHO]
     if not (0.0 <= alpha <= 0.5 * np.pi and 0.0 <= rho <= 1.0):

@@ -37,7 +37,7 @@ from biaxbayes.laws.coordinates import (
     to_root_stress,
 )
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.materials import constants_at, derivatives, energy, to_natural
+from biaxbayes.laws.materials import constants_at, derivatives, energy, to_slots
 from biaxbayes.parameters import Parameter, fibre_angle, scale, share
 
 # --- the model ---------------------------------------------------------------------------------
@@ -105,8 +105,8 @@ class LeeSacksCoordinates(NamedTuple):
     Y: float
 
 
-@to_natural.register(LeeSacksCoordinates)
-def lee_sacks_to_natural(coordinates, value):
+@to_slots.register(LeeSacksCoordinates)
+def lee_sacks_to_slots(coordinates, value):
     """Natural values in place of the roots; the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:

@@ -7,7 +7,7 @@ With A, B, C = dW/dX, dW/dY, dW/dZ the Cauchy stresses are
     s_x = 2 (X A - Z C)        s_y = 2 (Y B - Z C)
 
 The file of a law implements four generic functions: :func:`derivatives` and :func:`energy` for the
-``NamedTuple`` of its constants, :func:`to_natural` and :func:`constants_at` for that of its
+``NamedTuple`` of its constants, :func:`to_slots` and :func:`constants_at` for that of its
 sampling coordinates. They are plain arithmetic, which serves numbers, arrays, complex numbers
 (complex-step differentiation) and the compiled density: in Python ``functools.singledispatch``
 chooses the implementation by the type of the first argument, in compiled code
@@ -47,7 +47,7 @@ def energy(constants, X, Y, Z):
 
 
 @singledispatch
-def to_natural(coordinates, value):
+def to_slots(coordinates, value):
     """Turn sampling coordinates, the first entries of ``value``, into natural values in place.
 
     Positive scales are logs before and after, angles radians. Returns the log Jacobian of natural
@@ -67,9 +67,9 @@ def _compiled_derivatives(constants, X, Y, Z):
     return implementation(derivatives, constants)
 
 
-@overload(to_natural, jit_options=WITHIN)
-def _compiled_to_natural(coordinates, value):
-    return implementation(to_natural, coordinates)
+@overload(to_slots, jit_options=WITHIN)
+def _compiled_to_slots(coordinates, value):
+    return implementation(to_slots, coordinates)
 
 
 @overload(constants_at, jit_options=WITHIN)

@@ -28,7 +28,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_natural
+from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_slots
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 # --- the model ---------------------------------------------------------------------------------
@@ -121,8 +121,8 @@ def _log_stress(reference, log_k2, log_k3):
     return np.log((k2 * of_k2 + k3 * of_k3) / (k2 + k3)) + Q
 
 
-@to_natural.register(MayNewmanCoordinates)
-def may_newman_to_natural(coordinates, value):
+@to_slots.register(MayNewmanCoordinates)
+def may_newman_to_slots(coordinates, value):
     """Natural values in place of (ln c0, ln S, ln Q*, d, alpha); the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:

@@ -19,7 +19,7 @@ from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
 from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, from_slots, misfit
-from biaxbayes.laws.materials import cauchy_stress, constants_at, to_natural
+from biaxbayes.laws.materials import cauchy_stress, constants_at, to_slots
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,
@@ -241,7 +241,7 @@ def _density(problem, u, value):
     o = size + len(problem.errors)
     for i in range(problem.slot.size):
         value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]
-    total = jacobian = to_natural(problem.coordinates, value)
+    total = jacobian = to_slots(problem.coordinates, value)
     for i in range(size):
         if problem.tie[i] >= 0:
             value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]

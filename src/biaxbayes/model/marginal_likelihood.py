@@ -1,6 +1,6 @@
 """The marginal likelihood of the data, from the draws of a posterior.
 
-A tempered likelihood is not a density of the data and has no marginal likelihood ("evidence").
+A tempered likelihood is not a density of the data.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ def marginal_likelihood_record(posterior: Posterior, draws: Draws, seed: int) ->
 def _reason_without(posterior: Posterior) -> str:
     """Why a posterior has no marginal likelihood; empty where it has one."""
     if posterior.settings.noise != "independent" or posterior.beta != 1.0:
-        return "a tempered likelihood has no evidence (--noise independent has one)"
+        return "a tempered likelihood has no marginal likelihood (--noise independent has one)"
     if posterior.settings.thin:
-        return "averaged rows have no evidence (--thin none has one)"
+        return "averaged rows have no marginal likelihood (--thin none has one)"
     return ""
 
 

@@ -22,8 +22,7 @@ from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density
-from biaxbayes.model.density import REASONS
-from biaxbayes.model.layout import (
+from biaxbayes.model.assembly import (
     Assembly,
     SamplingConstants,
     assemble,
@@ -31,6 +30,7 @@ from biaxbayes.model.layout import (
     sampling_coordinates,
     to_slot,
 )
+from biaxbayes.model.density import REASONS
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.options import ModelOptions, Settings, takes_options
 from biaxbayes.parameters import Quantities, Quantity, mounting_names

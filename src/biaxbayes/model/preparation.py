@@ -14,7 +14,7 @@ import numpy as np
 
 from biaxbayes.error_model import CONSTANT
 from biaxbayes.fitting.effective_readings import EffectiveReadings, effective_readings
-from biaxbayes.model.layout import SamplingConstants
+from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import DIMENSION, ERROR, FORCE, STRETCH, mounting_names

@@ -19,7 +19,7 @@ from biaxbayes.compilation import compiled
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.model import density as kernel
-from biaxbayes.model.layout import SamplingConstants
+from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FIXED, UNIFORM, Prior
 from biaxbayes.parameters import STRETCH

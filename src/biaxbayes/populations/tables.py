@@ -102,8 +102,8 @@ def _pooled_rows(
         verdicts: dict[str, Any] = {"in_words": mean.text, "reported": reported_text(mean)}
         for stem, p in {"": mean, **{f"{k}_": p for k, p in spreads[v.name].items()}}.items():
             verdicts[f"{stem}verdict"] = p.posterior_verdict
-            if p.evidence is not None:
-                verdicts[f"{stem}contraction"] = p.evidence.contraction
+            if p.diagnostics is not None:
+                verdicts[f"{stem}contraction"] = p.diagnostics.contraction
         parts = {
             "mean": v.from_scale(typical[:, k]),
             "sd_donors": hyper.sd_donors[:, k],

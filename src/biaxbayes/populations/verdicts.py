@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.determined import NORMAL_90
-from biaxbayes.identifiability.identify import evidence_of_draws, identify_draws
+from biaxbayes.identifiability.identify import diagnostics_from_draws, identify_draws
 from biaxbayes.identifiability.marginals import INTERVAL, Scale
 from biaxbayes.identifiability.reported import WIDEST, interval_text
 from biaxbayes.identifiability.verdict import (
@@ -66,7 +66,7 @@ def mean_verdicts(
 
 def unless_wide(p: ParameterVerdict) -> ParameterVerdict:
     """The verdict, but not identified where a positive scale is known only to a factor of ten."""
-    e = p.evidence
+    e = p.diagnostics
     wide = e is not None and p.scale.logarithmic and e.high > WIDEST * e.low
     if e is None or not wide or p.posterior_verdict != IDENTIFIED:
         return p
@@ -80,7 +80,7 @@ def unless_wide(p: ParameterVerdict) -> ParameterVerdict:
 
 def reported_text(p: ParameterVerdict) -> str:
     """The interval or the bound of a verdict; empty where there is nothing to report."""
-    e = p.evidence
+    e = p.diagnostics
     if e is None or p.posterior_verdict not in (IDENTIFIED, COMBINATION, BOUNDED):
         return ""
     low, high = e.low, e.high
@@ -153,11 +153,13 @@ def _assessed(
     state: str,
 ) -> dict[str, ParameterVerdict]:
     thresholds = Thresholds()
-    evidence = {}
+    diagnostics = {}
     if state != "unusable":
         draws = pd.DataFrame(dict(columns))
-        evidence = evidence_of_draws(scales, draws, draws, (log_prior, None), distances, thresholds)
-    verdicts = assess_parameters(scales, evidence, law, state, thresholds=thresholds)
+        diagnostics = diagnostics_from_draws(
+            scales, draws, draws, (log_prior, None), distances, thresholds
+        )
+    verdicts = assess_parameters(scales, diagnostics, law, state, thresholds=thresholds)
     return {p.name: p for p in verdicts}
 
 

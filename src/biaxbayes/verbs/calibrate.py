@@ -21,9 +21,9 @@ from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, p
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.parameters import Quantities

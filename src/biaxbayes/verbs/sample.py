@@ -26,15 +26,15 @@ from biaxbayes.grips.correction import (
 from biaxbayes.grips.geometry import stated_hooks
 from biaxbayes.identifiability.fit_quality import swapped_columns
 from biaxbayes.laws import law_named
-from biaxbayes.model.conflicts import (
+from biaxbayes.model.draw import draw_posterior
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.prior_checks import (
     bracket_findings,
     prior_findings,
     radian_findings,
     unused_prior_findings,
 )
-from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import prepare
-from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import Progress, with_progress
