@@ -129,7 +129,7 @@ def assemble(
         prior = priors.get(name)
         if isinstance(prior, Prior):
             kinds[i], table[i] = prior.encode(log_scale=p.logarithmic)
-            # a density in natural units, turned into one in units of the slot
+            # p(slot) = p(natural) d natural / d slot: degrees per radian
             table[i][4] += math.log(_per_unit(p))
             if i < first or settings.reads_force:
                 slot[i] = len(free)
@@ -263,12 +263,14 @@ def _references(
     stretch = (float(top[0]), float(top[1])) if stretch is None else stretch
     squared = measured**2
     widest = measured[np.argmax(squared.sum(axis=1) + 1.0 / squared.prod(axis=1))]
+    # I1 = X + Y + Z is largest at the widest row; its stretches, moved as the reference is
     x, y = np.asarray(stretch) * widest / top
     return _above_one(stretch), _above_one((float(x), float(y)))
 
 
 def _above_one(stretch: tuple[float, float]) -> tuple[float, float, float]:
     """Squares (X, Y, Z) of a stretch, moved to where all fibres are extended."""
+    # fibres at any angle are extended where both exceed one: l >= 1 + max(l_max - 1, 0.02) / 4
     least = 1.0 + 0.25 * max(max(stretch) - 1.0, 0.02)
     lx, ly = (max(s, least) for s in stretch)
     return lx * lx, ly * ly, 1.0 / (lx * ly) ** 2

@@ -106,11 +106,11 @@ def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Targe
     inside = np.isfinite(start.log_weight)
     points, weights = start.points[inside], start.log_weight[inside]
     label = start.proposal.nearest_part(points)
-    softer = posterior.replaced(
+    rescaled = posterior.replaced(
         sampling_constants=replace(posterior.sampling_constants, softening=softening)
     )
     with np.errstate(divide="ignore"):
-        u = softer.coordinates(posterior.natural(points))
+        u = rescaled.coordinates(posterior.natural(points))
     regular = np.isfinite(u).all(axis=1)  # kappa = 0 to the last digit lies at infinity
     u, weights, label = u[regular], weights[regular], label[regular]
     label = np.unique(label, return_inverse=True)[1]
@@ -119,11 +119,11 @@ def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Targe
         proposal = fit_mixture_proposal(
             u[picked],
             rng,
-            bounds=softer.bounds,
+            bounds=rescaled.bounds,
             components=SEARCH_COMPONENTS * len(start.proposal.parts),
             label=label[picked],
         )
-    return softer.target(target.counts), Start(proposal, u, weights, rng)
+    return rescaled.target(target.counts), Start(proposal, u, weights, rng)
 
 
 def _extra_starts(

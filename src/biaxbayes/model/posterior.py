@@ -154,7 +154,7 @@ class Posterior:
 
     @cached_property
     def natural_assembly(self) -> Assembly:
-        """The same density with slots as coordinates."""
+        """The same density with slots as coordinates, which are finite at kappa = 0 as well."""
         return assemble(
             self.specimen,
             self.settings,
