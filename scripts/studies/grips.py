@@ -185,9 +185,7 @@ def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.
         raise ValueError("rows of the likelihood are not those of the specimen")
 
     def log_prob(u: np.ndarray, follow: bool) -> np.ndarray:
-        out, natural = (
-            getattr(density.evaluate(problem, u), n) for n in ("log_density", "natural")
-        )
+        out, natural = (getattr(density.evaluate(problem, u), n) for n in ("log_density", "values"))
         for i in np.flatnonzero(np.isfinite(out)) if follow else ():
             theta, mounting = natural[i, :5].copy(), natural[i, -2:]
             theta[3] = np.degrees(theta[3])

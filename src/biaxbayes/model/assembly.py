@@ -300,10 +300,10 @@ def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
 # --- between sampling coordinates and natural quantities of draws --------------------------------
 
 
-def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
+def natural_values(assembly: Assembly, values: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
     """Natural values of slots and mounting forces by name, from an ``Evaluation`` at ``u``."""
     problem = assembly.problem
-    out = {name: natural[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
+    out = {name: values[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
     if problem.mounting_mode == MODE_UNSTRETCHED:
         return out
     forward = assembly.forward

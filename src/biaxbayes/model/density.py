@@ -235,7 +235,7 @@ def _curves(problem, value, constants, p, x, y, area_x, area_y):
 def _density(problem, u, value):
     """(log density, log likelihood of the curves, log Jacobian of the coordinates, reason).
 
-    Natural values are written into ``value``.
+    The values of :class:`Evaluation` are written into ``value``.
     """
     size = problem.size
     o = size + len(problem.errors)
@@ -286,11 +286,11 @@ def _walkers(problem, u, rejected):
     """The arrays of :class:`Evaluation` for each walker; counts the reasons."""
     n = u.shape[0]
     total, likelihood, jacobian = np.empty(n), np.empty(n), np.empty(n)
-    natural = np.empty((n, problem.slot.size))
+    values = np.empty((n, problem.slot.size))
     for i in range(n):
-        total[i], likelihood[i], jacobian[i], reason = _density(problem, u[i], natural[i])
+        total[i], likelihood[i], jacobian[i], reason = _density(problem, u[i], values[i])
         rejected[reason] += 1
-    return total, likelihood, jacobian, natural
+    return total, likelihood, jacobian, values
 
 
 class Evaluation(NamedTuple):
@@ -304,7 +304,7 @@ class Evaluation(NamedTuple):
         Tempered log likelihood of the curves.
     log_jacobian : ndarray, shape (walkers,)
         ln |d slots / d sampling coordinates|: the log density less it is that in slots.
-    natural : ndarray, shape (walkers, s)
+    values : ndarray, shape (walkers, s)
         Parameters of the law (angles in radians) and of the errors, edge, thickness and offset
         factors, then the mounting *stretches*.
     """
@@ -312,7 +312,7 @@ class Evaluation(NamedTuple):
     log_density: np.ndarray
     log_likelihood: np.ndarray
     log_jacobian: np.ndarray
-    natural: np.ndarray
+    values: np.ndarray
 
 
 def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.ndarray:
@@ -334,5 +334,5 @@ def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.nda
 
 
 def evaluate(problem: Problem, u: np.ndarray) -> Evaluation:
-    """The density of each walker with likelihood, Jacobian and natural values."""
+    """The density of each walker with likelihood, Jacobian and values."""
     return Evaluation(*_walkers(problem, u, np.zeros(1 + len(REASONS), dtype=np.int64)))

@@ -318,7 +318,7 @@ class Posterior:
         """
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
         at = density.evaluate(self.assembly.problem, u)
-        values = natural_values(self.assembly, at.natural, u)
+        values = natural_values(self.assembly, at.values, u)
         out = {name: values[name] for name in self.parameter_names}
         return out | {
             "log_likelihood": at.log_likelihood,
