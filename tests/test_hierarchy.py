@@ -9,9 +9,9 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
 
-from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Tuning, spread_apart
+from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Tuning, scale_deviations
 from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
-from biaxbayes.populations.result import cut_median
+from biaxbayes.populations.result import truncated_median
 from biaxbayes.populations.sampler import PopulationPlan, draw_population
 
 INF = math.inf
@@ -144,10 +144,10 @@ def test_draws_of_the_whole_model_keep_its_prior():
 def test_median_of_a_cut_normal():
     x = np.random.default_rng(2).normal(0.1, 0.2, 400_000)
     known = np.median(x[(x > 0.0) & (x < 0.3)])
-    assert cut_median(np.array([0.1]), np.array([0.2]), 0.0, 0.3)[0] == pytest.approx(
+    assert truncated_median(np.array([0.1]), np.array([0.2]), 0.0, 0.3)[0] == pytest.approx(
         known, abs=1e-3
     )
-    assert cut_median(np.array([0.1]), np.array([0.2]), -INF, INF)[0] == 0.1
+    assert truncated_median(np.array([0.1]), np.array([0.2]), -INF, INF)[0] == 0.1
 
 
 # --- the whole sampler, on specimens whose likelihoods are normal --------------------------------
@@ -291,10 +291,10 @@ def test_specimens_are_drawn_apart_by_a_map_of_known_determinant(of):
     direction = rng.standard_normal((6, 2))
     direction[4] = 0.0  # takes no part
     u, by = rng.standard_normal((1, 6, 2)), np.array([0.3])
-    new, log_jacobian = spread_apart(u, tuning, direction, of, by)
-    assert spread_apart(new, tuning, direction, of, -by)[0] == pytest.approx(u)
+    new, log_jacobian = scale_deviations(u, tuning, direction, of, by)
+    assert scale_deviations(new, tuning, direction, of, -by)[0] == pytest.approx(u)
     unit = np.eye(12).reshape(12, 6, 2)
-    columns = spread_apart(u + unit, tuning, direction, of, np.repeat(by, 12))[0] - new
+    columns = scale_deviations(u + unit, tuning, direction, of, np.repeat(by, 12))[0] - new
     sign, log_determinant = np.linalg.slogdet(columns.reshape(12, 12))
     assert sign > 0 and log_determinant == pytest.approx(log_jacobian[0])
     assert (new[0, 4] == u[0, 4]).all() and np.abs(new - u).max() > 0.05

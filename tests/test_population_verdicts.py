@@ -68,7 +68,7 @@ def hyper_of(values, mu, *, sd_donors=0.05, sd=0.05) -> Hyper:
 
 def judged(hyper, prior, state="converged"):
     materials = pd.DataFrame(
-        {v.name: v.from_scale(hyper.typical(0)[:, k]) for k, v in enumerate(hyper.values)}
+        {v.name: v.from_scale(hyper.typical_median(0)[:, k]) for k, v in enumerate(hyper.values)}
     )
     return mean_verdicts(hyper, prior[0], 0, GOH_LAW, materials, 1.2, state)
 
@@ -121,7 +121,7 @@ def test_prior_leaves_out_what_the_sampler_excludes(values, prior):
         (hyper.sd[:, 0, 4], sd[ok]),
     ):
         assert ks_2samp(result, expected).pvalue > 1e-3
-    typical = hyper.typical(0)[:, 4]
+    typical = hyper.typical_median(0)[:, 4]
     assert (typical >= 0.0).all() and (typical <= 1.0 / 3.0).all()
 
 

@@ -19,7 +19,7 @@ from scipy.stats import norm
 import studies
 import study
 from biaxbayes.laws.dispersed_fibres import chart_from_angles
-from biaxbayes.populations.hierarchy import LEAST_INSIDE
+from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY
 from biaxbayes.specimens.specimen_file import read_specimen
 from studies.benchmark.natural_density import NaturalDensity
 from studies.benchmark.nuts import jax_log_density
@@ -158,7 +158,7 @@ def test_truths_are_cut_as_the_model_cuts_them():
         assert np.all((t.theta[:, kappa] >= low) & (t.theta[:, kappa] <= high))
         location = (t.mu[t.group] + t.effect[t.donor])[:, kappa]
         of = norm(location, t.sd[kappa])
-        assert np.all(of.cdf(high) - of.cdf(low) >= LEAST_INSIDE)
+        assert np.all(of.cdf(high) - of.cdf(low) >= MIN_INSIDE_PROBABILITY)
         assert len(t.named()) == 5 * (len(GROUPS) + 2)
     # what is not cut keeps its prior: mean and sd of 240 means, sds half-normal
     C1 = np.array([t.mu[:, 0] for t in drawn]).ravel()

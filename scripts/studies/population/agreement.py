@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logit
 
 import biaxbayes
-from biaxbayes.populations.hierarchy import LEAST_INSIDE
+from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY
 from studies.population.virtual import LOGS, PARAMETERS, PLANS, made, on_scale, write
 
 SEED = 5
@@ -148,7 +148,9 @@ class _Model:
         total += (norm.logpdf(tau, 0.0, self.donor_scale) + log_tau).sum()
         total += (norm.logpdf(sigma, 0.0, self.specimen_scale) + log_sigma).sum()
         total += self._likelihoods(x)
-        return jnp.where((share >= LEAST_INSIDE).all() & jnp.isfinite(total), -total, jnp.inf)
+        return jnp.where(
+            (share >= MIN_INSIDE_PROBABILITY).all() & jnp.isfinite(total), -total, jnp.inf
+        )
 
     def starts(self) -> Any:
         """A dispersed start for each chain."""

@@ -18,7 +18,7 @@ from biaxbayes.calibration.simulated_specimen import draw_truth, simulate_specim
 from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
-from biaxbayes.populations.hierarchy import LEAST_INSIDE
+from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY
 from biaxbayes.populations.model import PooledValue, PopulationPriors, pooled_values
 from biaxbayes.populations.result import Population
 from biaxbayes.specimens.specimen import Specimen
@@ -84,7 +84,7 @@ class Truths:
             self.sd[k] = abs(rng.normal(0.0, v.specimen_scale))
             self.effect[:, k] = rng.normal(0.0, self.sd_donors[k], DONORS)
             location = self.mu[self.group, k] + self.effect[self.donor, k]
-            if np.all(self._inside(k, location) >= LEAST_INSIDE):
+            if np.all(self._inside(k, location) >= MIN_INSIDE_PROBABILITY):
                 return
 
     def _inside(self, k: int, location: np.ndarray) -> np.ndarray:
@@ -109,7 +109,7 @@ class Truths:
         for k in range(len(self.values)):
             while True:
                 location[k] = self.rng.normal(self.mu[g, k], self.sd_donors[k])
-                if self._inside(k, location[k]) >= LEAST_INSIDE:
+                if self._inside(k, location[k]) >= MIN_INSIDE_PROBABILITY:
                     break
         return self.specimen(location)
 

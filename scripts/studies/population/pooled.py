@@ -40,7 +40,7 @@ def pooled_study(kind: str, seed: int) -> dict[str, Any]:
         "truth": _rounded(np.array([m.theta for m in members])),
         "single": _rounded([np.quantile(x, LEVELS, axis=0) for x in single]),
         "pooled": _rounded(np.quantile(theta, LEVELS, axis=0).transpose(1, 0, 2)),
-        "mean": _rounded(np.quantile(hyper.typical(0), LEVELS, axis=0)),
+        "mean": _rounded(np.quantile(hyper.typical_median(0), LEVELS, axis=0)),
         "sd_donors": _rounded(np.quantile(hyper.sd_donors, LEVELS, axis=0)),
         "sd_specimens": _rounded(np.quantile(hyper.sd[:, 0], LEVELS, axis=0)),
         "cpu": [round(alone, 1), round(time.process_time() - clock, 1)],

@@ -5,13 +5,14 @@ A chain holds the coordinates of every specimen and the means, donor effects and
 1. each specimen moves by its own density: differential evolution on an archive of the warm-up, and
    draws of a mixture fitted to it;
 2. all specimens move together along leading principal components of the stacked warm-up draws, or
-   apart along them (:func:`spread_apart`), group means and donor effects integrated out;
+   scale their deviations along them (:func:`scale_deviations`), group means and donor effects
+   integrated out;
 3. some rounds without a likelihood: each specimen is offered draws of its own run, accepted on the
    ratio of the population's density to the run's prior (Lunn, Barrett, Sweeting and Thompson,
    JRSS C 62 (2013) 551); spreads, means and donor effects move as in :mod:`.hierarchy`. Where
    single posteriors are wide, spreads and specimens wait for one another: that takes rounds.
 
-Nothing here knows what a specimen is: an :class:`Individual` is a density, a pool and bounds.
+The sampler is independent of tissue: an :class:`Individual` is a density, a pool and bounds.
 """
 
 from __future__ import annotations
@@ -39,19 +40,19 @@ from biaxbayes.sampling.proposal import TransportedMixture
 POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
 """Draws of the run offered to a specimen in a round, draws of the mixture and joint moves in a
 sweep. With more draws of the run, its finite number has more influence."""
-ROUNDS = 4
+POOL_ROUNDS = 4
 """Rounds in a sweep of draws of the run, spreads and means: they cost no likelihood."""
-JOINT = ("together", "apart", "apart in donors")
+JOINT_MOVE_NAMES = ("together", "apart", "apart in donors")
 """Kinds of joint moves: all in one direction, or apart from the mean of a group or donor."""
-SPREAD = 0.5
-"""Share of these moves that draw specimens apart or together."""
-MIN_SHARE = 1e-9
-"""Specimens with a smaller share in a direction, relative to the largest, are left out of it."""
+DEVIATION_MOVE_PROBABILITY = 0.5
+"""Probability that a joint move scales deviations from the mean of a group or donor."""
+MIN_WEIGHT = 1e-9
+"""Specimens with a smaller weight in a direction, relative to the largest, do not take part."""
 
 
 @dataclass(frozen=True, eq=False)
 class Individual:
-    """A specimen as the sampler knows it."""
+    """A specimen of the sampler: its density, prior, bounds and pool of draws."""
 
     name: str
     # coordinates (n, d) to the log density without the prior of the pooled values, (n,), and those
@@ -104,10 +105,10 @@ class Tuning:
     sd: np.ndarray
 
 
-def spread_apart(
+def scale_deviations(
     u: np.ndarray, tuning: Tuning, direction: np.ndarray, label: np.ndarray, log_factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates (C, n, dmax) drawn apart, and the log of the Jacobian (C,).
+    """Coordinates (C, n, dmax) with scaled deviations, and the log of the Jacobian (C,).
 
     Does what an sd is slow to do one specimen at a time: where single posteriors are long ridges,
     an sd between specimens and the positions of all specimens on their ridges constrain each
@@ -117,7 +118,7 @@ def spread_apart(
     """
     along = direction / np.where(tuning.sd > 0.0, tuning.sd, 1.0) ** 2
     share = (direction * along).sum(axis=1)
-    taking = share > MIN_SHARE * share.max()
+    taking = share > MIN_WEIGHT * share.max()
     share = np.where(taking, share, 0.0)
     names, label = np.unique(label, return_inverse=True)
     cells = (label == np.arange(len(names))[:, None]).astype(float)
@@ -180,7 +181,7 @@ def _visit(rng, current, pool, rows, m, precision):
 
 
 class Ensemble:
-    """Chains that share only what was tuned; `number` selects the pool."""
+    """Chains that share only the tuning; `number` selects the pool."""
 
     def __init__(
         self, design: Design, number: int, chains: int, seed: np.random.SeedSequence
@@ -202,7 +203,7 @@ class Ensemble:
         self.blocks = []
         for columns, own in design.blocks:
             b, theta = own.low.size, np.ascontiguousarray(self.theta[..., columns])
-            mu = [theta[:, self.group == g].mean(axis=1) for g in range(own.set_of.size)]
+            mu = [theta[:, self.group == g].mean(axis=1) for g in range(own.covariance_index.size)]
             scale = np.vstack([own.scale[:1], np.repeat(own.scale[1:], own.sets, axis=0)])
             self.blocks.append(
                 Block(
@@ -270,9 +271,11 @@ class Ensemble:
         """Inverse covariance of every chain and specimen, shape (chains, n, p, p)."""
         C, n, p = self.theta.shape
         out = np.zeros((C, n, p, p))
-        set_of = 1 + self.design.layout.set_of[self.group]
+        covariance_index = 1 + self.design.layout.covariance_index[self.group]
         for (columns, _), block in zip(self.design.blocks, self.blocks, strict=True):
-            root = np.linalg.inv(block.factor[:, 1])[:, None] / block.sd[:, set_of, None, :]
+            root = (
+                np.linalg.inv(block.factor[:, 1])[:, None] / block.sd[:, covariance_index, None, :]
+            )
             out[:, :, columns, columns] = root.swapaxes(-1, -2) @ root
         return out
 
@@ -284,7 +287,7 @@ class Ensemble:
         ]
 
     def augmented(self) -> list[Augmented]:
-        """Draws outside of the box, by block."""
+        """Rejected draws outside the box, by block."""
         return [augment(self.rng, *pair) for pair in self._with_values(self.theta)]
 
     def log_marginal(self, theta: np.ndarray, augmented: list[Augmented]) -> np.ndarray:
@@ -326,7 +329,7 @@ class Ensemble:
             marginal = self.log_marginal(self.theta, augmented)
             for _ in range(JOINT_MOVES):
                 self.move_together(tuning, augmented, marginal)
-        for _ in range(ROUNDS):
+        for _ in range(POOL_ROUNDS):
             rows = self.rng.integers(self.pool.log.shape[1], size=(C, n, POOL_VISITS))
             self._offer("pool", self.pool, rows, self._prior_weight)
             for layout, block in self._with_values(self.theta):
@@ -371,13 +374,13 @@ class Ensemble:
         """One joint move; ``marginal``, that of the current values, follows in place."""
         rng, C = self.rng, len(self.u)
         chosen, kind = int(rng.integers(len(tuning.directions))), 0
-        if self.labels and rng.random() < SPREAD:
+        if self.labels and rng.random() < DEVIATION_MOVE_PROBABILITY:
             kind = 1 + int(rng.integers(len(self.labels)))
         direction = tuning.directions[chosen]
         step = tuning.steps[kind, chosen] * rng.standard_normal(C)
         if kind:
             label = self.labels[kind - 1]
-            new, log_jacobian = spread_apart(self.u, tuning, direction, label, step)
+            new, log_jacobian = scale_deviations(self.u, tuning, direction, label, step)
         else:
             new, log_jacobian = self.u + step[:, None, None] * direction, np.zeros(C)
         known, log, theta = self._densities(new)
@@ -398,4 +401,4 @@ class Ensemble:
         moved = yes & allowed
         marginal[moved] = there[moved]
         tried = np.eye(len(tuning.directions))[chosen]
-        self._count(JOINT[kind], moved.mean() * tried, tried)
+        self._count(JOINT_MOVE_NAMES[kind], moved.mean() * tried, tried)

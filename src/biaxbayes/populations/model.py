@@ -1,8 +1,8 @@
 """Pooled values with scales and priors; the group and donor of each specimen.
 
 The pooled values are the law's parameters: natural logs of positive scales, angles in degrees,
-bounded ones as they are, cut at their physical edges. The structural coordinates that single runs
-are sampled in are never pooled: an average of them is no material.
+bounded ones untransformed, truncated at their physical bounds. The sampling coordinates of single
+runs are never pooled: an average of them is not a material.
 
 A priors file is TOML::
 
@@ -42,7 +42,7 @@ from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.text_files import read_toml
 
 LOG, LINEAR = "log", "linear"
-LARGER, SMALLER, OPEN = "larger", "smaller", "open"
+LARGER, SMALLER, INCONCLUSIVE = "larger", "smaller", "open"
 """Directions of a contrast; open where its 90 % interval includes equal groups."""
 SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
 """Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""
@@ -239,7 +239,9 @@ def make_design(
     """Arrays for the sampler; ``priors`` are of the correlations."""
     chosen = priors or PopulationPriors()
     donors, groups = grouping.donors, grouping.groups
-    set_of = np.arange(len(groups)) if options.spread == "by-group" else np.zeros(len(groups), int)
+    covariance_index = (
+        np.arange(len(groups)) if options.spread == "by-group" else np.zeros(len(groups), int)
+    )
     eta = np.array(
         [
             eta if correlated(options.correlations, count, len(values)) else 0.0
@@ -253,9 +255,9 @@ def make_design(
     whole = Layout(
         group=np.array([groups.index(g) for g in grouping.group]),
         donor=np.array([donors.index(d) for d in grouping.donor]),
-        set_of=set_of,
+        covariance_index=covariance_index,
         donors=len(donors),
-        sets=len(np.unique(set_of)),
+        sets=len(np.unique(covariance_index)),
         low=np.array([v.edges[0] for v in values]) - centre,
         high=np.array([v.edges[1] for v in values]) - centre,
         mean_sd=np.array([v.mean_sd for v in values]),

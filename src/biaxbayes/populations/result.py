@@ -14,26 +14,26 @@ from scipy.special import ndtr, ndtri
 
 from biaxbayes.laws.law import Law
 from biaxbayes.populations.ensemble import Design
-from biaxbayes.populations.hierarchy import LEAST_INSIDE, Layout
+from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY, Layout
 from biaxbayes.populations.model import Grouping, PooledValue
 from biaxbayes.populations.sampler import History, PopulationDraws
 from biaxbayes.populations.specimens import Source
 from biaxbayes.prediction.bands import evenly_chosen
 
-MOST_TRIES, PRIOR_TRIES = 1000, 50
+MAX_REJECTIONS, MAX_PRIOR_BATCHES = 1000, 50
 NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14
 
 
-def cut_median(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
-    """Median of a normal cut to a range."""
+def truncated_median(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
+    """Median of a normal truncated to a range."""
     below, above = ndtr((low - location) / sd), ndtr((high - location) / sd)
     return np.clip(location + sd * ndtri(0.5 * (below + above)), low, high)
 
 
-def _enough_inside(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
-    """True where the model allows the location of a normal cut to a range."""
+def _is_allowed(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
+    """True where at least 1 % of the normal lies inside the range, as the model requires."""
     inside = ndtr((high - location) / sd) - ndtr((low - location) / sd)
-    return np.asarray(inside >= LEAST_INSIDE)
+    return np.asarray(inside >= MIN_INSIDE_PROBABILITY)
 
 
 def correlation_factors(partial: np.ndarray, b: int) -> np.ndarray:
@@ -57,7 +57,7 @@ class Hyper:
     """Draws of means and spreads, on the model's scale; first axis the draw."""
 
     values: tuple[PooledValue, ...]
-    set_of: np.ndarray  # (groups,)
+    covariance_index: np.ndarray  # (groups,)
     mu: np.ndarray  # (M, groups, p)
     sd_donors: np.ndarray  # (M, p)
     sd: np.ndarray  # (M, sets, p)
@@ -76,7 +76,9 @@ class Hyper:
         parts = [_prior_draws(v, layout, draws, rng) for v in values]
         mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
         whole = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))
-        return cls(tuple(values), layout.set_of, mu, sd_donors, sd, whole, whole), location
+        return cls(
+            tuple(values), layout.covariance_index, mu, sd_donors, sd, whole, whole
+        ), location
 
     @property
     def draws(self) -> int:
@@ -91,7 +93,7 @@ class Hyper:
     def at(self, rows: np.ndarray) -> Hyper:
         """Some of the draws."""
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
-        return Hyper(self.values, self.set_of, *(a[rows] for a in parts))
+        return Hyper(self.values, self.covariance_index, *(a[rows] for a in parts))
 
     def repeated(self, times: int) -> Hyper:
         """Each draw repeated, one copy after the other."""
@@ -108,41 +110,41 @@ class Hyper:
 
     # --- what follows ---
 
-    def spread(self, group: int) -> np.ndarray:
+    def specimen_sd(self, group: int) -> np.ndarray:
         """Sds between specimens of a donor, shape (M, p)."""
-        return self.sd[:, self.set_of[group]]
+        return self.sd[:, self.covariance_index[group]]
 
-    def total_spread(self, group: int) -> np.ndarray:
+    def total_sd(self, group: int) -> np.ndarray:
         """Sds between specimens of different donors, shape (M, p)."""
-        return np.hypot(self.sd_donors, self.spread(group))
+        return np.hypot(self.sd_donors, self.specimen_sd(group))
 
     def median(self, location: np.ndarray, group: int) -> np.ndarray:
         """Medians of the specimens at a location, shape (M, p)."""
-        return cut_median(location, self.spread(group), *self.edges)
+        return truncated_median(location, self.specimen_sd(group), *self.edges)
 
-    def typical(self, group: int) -> np.ndarray:
+    def typical_median(self, group: int) -> np.ndarray:
         """Median of the typical donor's specimens, shape (M, p)."""
         return self.median(self.mu[:, group], group)
 
     def donors(self, group: int, rng: np.random.Generator) -> np.ndarray:
         """Locations of new donors, one per draw, shape (M, p)."""
-        out, sd = np.array(self.mu[:, group]), self.spread(group)
+        out, sd = np.array(self.mu[:, group]), self.specimen_sd(group)
         left = np.arange(self.draws)
-        for _ in range(MOST_TRIES):
+        for _ in range(MAX_REJECTIONS):
             z = rng.standard_normal((len(left), len(self.values)))
             effect = np.einsum("mij,mj->mi", self.factor_donors[left], z) * self.sd_donors[left]
             out[left] = self.mu[left, group] + effect
-            left = left[~_enough_inside(out[left], sd[left], *self.edges).all(axis=1)]
+            left = left[~_is_allowed(out[left], sd[left], *self.edges).all(axis=1)]
             if not len(left):
                 break
         return out
 
     def specimens(self, location: np.ndarray, group: int, rng: np.random.Generator) -> np.ndarray:
         """Specimens at locations, one per draw, shape (M, p)."""
-        (low, high), sd = self.edges, self.spread(group)
+        (low, high), sd = self.edges, self.specimen_sd(group)
         out = np.clip(location, low, high)
         left = np.arange(self.draws)
-        for _ in range(MOST_TRIES):
+        for _ in range(MAX_REJECTIONS):
             z = rng.standard_normal((len(left), len(self.values)))
             new = location[left] + np.einsum("mij,mj->mi", self.factor[left], z) * sd[left]
             inside = ((new >= low) & (new <= high)).all(axis=1)
@@ -156,7 +158,7 @@ class Hyper:
         """Specimens of new donors, one per draw, shape (M, p)."""
         return self.specimens(self.donors(group, rng), group, rng)
 
-    def conflict(
+    def predictive_p(
         self, theta: np.ndarray, group: int, rng: np.random.Generator
     ) -> tuple[float, np.ndarray]:
         """Posterior predictive p of a specimen (M, p) in its group: jointly, and value by value.
@@ -166,7 +168,10 @@ class Hyper:
         pulls its own group, so that p is rather too large.
         """
         covariance = np.zeros_like(self.factor)
-        for sd, factor in ((self.sd_donors, self.factor_donors), (self.spread(group), self.factor)):
+        for sd, factor in (
+            (self.sd_donors, self.factor_donors),
+            (self.specimen_sd(group), self.factor),
+        ):
             root = sd[:, :, None] * factor
             covariance += root @ root.transpose(0, 2, 1)
         inverse = np.linalg.inv(covariance)
@@ -181,16 +186,16 @@ def _prior_draws(
     v: PooledValue, layout: Layout, draws: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Means (M, groups), sds of donors (M,) and specimens (M, sets), locations (M, groups)."""
-    first = [int(np.flatnonzero(layout.group == g)[0]) for g in range(layout.set_of.size)]
+    first = [int(np.flatnonzero(layout.group == g)[0]) for g in range(layout.covariance_index.size)]
     accepted: list[tuple[np.ndarray, ...]] = []
-    for _ in range(PRIOR_TRIES):
+    for _ in range(MAX_PRIOR_BATCHES):
         sd_donors = np.abs(rng.standard_normal(draws)) * v.donor_scale
         sd = np.abs(rng.standard_normal((draws, layout.sets))) * v.specimen_scale
-        mu = v.mean + v.mean_sd * rng.standard_normal((draws, layout.set_of.size))
+        mu = v.mean + v.mean_sd * rng.standard_normal((draws, layout.covariance_index.size))
         effect = sd_donors[:, None] * rng.standard_normal((draws, layout.donors))
         location = mu[:, layout.group] + effect[:, layout.donor]
-        own = sd[:, layout.set_of[layout.group]]
-        ok = _enough_inside(location, own, *v.edges).all(axis=1)
+        own = sd[:, layout.covariance_index[layout.group]]
+        ok = _is_allowed(location, own, *v.edges).all(axis=1)
         accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
         if sum(len(part[1]) for part in accepted) >= draws:
             break
@@ -281,7 +286,7 @@ class Population:
         factors = (correlation_factors(partial[:, side], len(self.values)) for side in range(2))
         return Hyper(
             self.values,
-            self.design.layout.set_of,
+            self.design.layout.covariance_index,
             flat(history.mu) + self.design.centre,
             flat(history.sd_donors),
             flat(history.sd),

@@ -1,7 +1,7 @@
 """Draws of a population and their convergence.
 
 Warm-up in rounds, each fitting archives, mixtures and principal components to the one before; then
-blocks of stored sweeps until R-hat and the effective sample size of all that is reported are good.
+blocks of stored sweeps until R-hat and effective sample size of all reported quantities suffice.
 As in :mod:`biaxbayes.sampling` every decision depends on the draws alone, so that a seed determines
 every byte, whatever the number of threads and however often it was interrupted.
 """
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.populations.ensemble import JOINT, Design, Ensemble, Tuning
+from biaxbayes.populations.ensemble import JOINT_MOVE_NAMES, Design, Ensemble, Tuning
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.convergence import (
     MIN_STEPS_PER_TAU,
@@ -28,16 +28,16 @@ from biaxbayes.sampling.convergence import (
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.tasks import one_blas_thread
 
-LENGTH_ROUNDS = 2
-ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
-GROWTH, LEAST_GROWTH, MOST_GROWTH = 1.5, 1.1, 2.0
+STEP_TUNING_ROUNDS = 2
+ARCHIVE_POINTS, MIXTURE_COMPONENTS, PRINCIPAL_COMPONENTS = 1500, 6, 6
+BLOCK_GROWTH, MIN_GROWTH, MAX_GROWTH = 1.5, 1.1, 2.0
 """Growth of the number of sweeps between assessments; the first while R-hat is too large."""
-AHEAD = 1.15
+BLOCK_MARGIN = 1.15
 """Sweeps until the next assessment, relative to those that seem to be needed."""
-SPECIMENS_OWN = ("theta", "u", "effect")
-EVERY, MOST_BYTES = 2, 2**27
+SPECIMEN_ARRAYS = ("theta", "u", "effect")
+SPECIMEN_STRIDE, MAX_HISTORY_BYTES = 2, 2**27
 """The specimens' values are stored every second sweep, half as often when they take more memory."""
-TOGETHER = 0.3
+JOINT_ACCEPTANCE = 0.3
 """Acceptance that the joint moves are tuned to."""
 
 
@@ -84,15 +84,15 @@ class History:
     def within_memory(self) -> History:
         """The history with values of the specimens seldom enough for the memory."""
         stored = self
-        while sum(stored.arrays[k].nbytes for k in SPECIMENS_OWN) > MOST_BYTES:
-            halved = {name: stored.arrays[name][:, ::2].copy() for name in SPECIMENS_OWN}
+        while sum(stored.arrays[k].nbytes for k in SPECIMEN_ARRAYS) > MAX_HISTORY_BYTES:
+            halved = {name: stored.arrays[name][:, ::2].copy() for name in SPECIMEN_ARRAYS}
             stored = replace(stored, **halved, every=2 * stored.every)
         return stored
 
 
 @dataclass
-class PopulationState:
-    """A population between two blocks, as a checkpoint stores it."""
+class PopulationCheckpoint:
+    """Sampler of a population between two blocks."""
 
     tuning: Tuning
     ensembles: list[dict[str, Any]]
@@ -111,7 +111,7 @@ class PopulationState:
         }
 
     @classmethod
-    def from_record(cls, record: dict[str, Any]) -> PopulationState:
+    def from_record(cls, record: dict[str, Any]) -> PopulationCheckpoint:
         """Inverse of :meth:`record`."""
         own, history = record["tuning"], record["history"]
         proposals = tuple(TransportedMixture.from_arrays(a) for a in own["proposals"])
@@ -141,8 +141,8 @@ def draw_population(
     plan: PopulationPlan,
     quantities: Callable[[History], list[dict[str, np.ndarray]]],
     *,
-    state: PopulationState | None = None,
-    on_block: Callable[[PopulationState], None] = lambda s: None,
+    state: PopulationCheckpoint | None = None,
+    on_block: Callable[[PopulationCheckpoint], None] = lambda s: None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], object] = lambda: False,
 ) -> PopulationDraws:
@@ -157,7 +157,7 @@ def draw_population(
     with one_blas_thread(), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
             tuning = _warm_up(ensembles, plan, pool, np.random.default_rng(seeds[-1]), progress)
-            state = PopulationState(
+            state = PopulationCheckpoint(
                 tuning, [e.snapshot() for e in ensembles], None, 0, plan.first_block
             )
             on_block(state)
@@ -173,11 +173,11 @@ def draw_population(
             convergence = _worst(assessments)
             finished = convergence.state == "converged" or done >= plan.max_steps
             block = _next_block(assessments, done, plan.ess)
-            state = PopulationState(
+            state = PopulationCheckpoint(
                 state.tuning, [e.snapshot() for e in ensembles], history, done, block, finished
             )
             on_block(state)
-        history = state.history or _stored_sweeps(ensembles, pool, state, EVERY)
+        history = state.history or _stored_sweeps(ensembles, pool, state, SPECIMEN_STRIDE)
     if convergence is None:
         convergence = _worst([assess(q, target_ess=plan.ess) for q in quantities(history)])
     acceptance = {}
@@ -200,12 +200,12 @@ def _worst(assessments: list[Convergence]) -> Convergence:
 
 def _next_block(assessments: list[Convergence], done: int, ess: float) -> int:
     """Sweeps until the next assessment, from the diagnostics so far."""
-    growth = GROWTH
+    growth = BLOCK_GROWTH
     assessed = [c for c in assessments if c.names]
     if assessed and max(c.worst_rhat for c in assessed) < RHAT_LIMIT:
-        few = max(ess / max(c.worst_ess, 1.0) for c in assessed)
+        shortfall = max(ess / max(c.worst_ess, 1.0) for c in assessed)
         short = max(MIN_STEPS_PER_TAU * c.tau.max() / c.steps for c in assessed)
-        growth = min(max(AHEAD * max(few, short), LEAST_GROWTH), MOST_GROWTH)
+        growth = min(max(BLOCK_MARGIN * max(shortfall, short), MIN_GROWTH), MAX_GROWTH)
     return math.ceil((growth - 1.0) * done)
 
 
@@ -221,10 +221,10 @@ def _report_progress(
 
 
 def _stored_sweeps(
-    ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: PopulationState, sweeps: int
+    ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: PopulationCheckpoint, sweeps: int
 ) -> History:
     """The history with further sweeps of all ensembles."""
-    every = EVERY if state.history is None else state.history.every
+    every = SPECIMEN_STRIDE if state.history is None else state.history.every
 
     def run(ensemble: Ensemble) -> History:
         stored: dict[str, list[np.ndarray]] = {f.name: [] for f in fields(History)}
@@ -259,7 +259,7 @@ def _warm_up(
     progress: Callable[[Progress], None],
 ) -> Tuning:
     members = ensembles[0].design.individuals
-    archives = tuple(_few(m.pool.reshape(-1, m.dimension), rng) for m in members)
+    archives = tuple(_subsample(m.pool.reshape(-1, m.dimension), rng) for m in members)
     size, kinds = max(ensembles[0].sizes), 1 + len(ensembles[0].labels)
     nothing = np.zeros((len(members), size))
     tuning = Tuning(archives, (), nothing[None][:0], np.zeros((kinds, 0)), nothing, nothing)
@@ -267,7 +267,7 @@ def _warm_up(
     def run(sweeps: int) -> np.ndarray:
         """Coordinates of the later half of some sweeps, (draws, n, dmax); counts begin anew."""
 
-        def of_ensemble(ensemble: Ensemble) -> np.ndarray:
+        def sweep_ensemble(ensemble: Ensemble) -> np.ndarray:
             ensemble.moves.clear()
             out = []
             for _ in range(sweeps):
@@ -275,18 +275,20 @@ def _warm_up(
                 out.append(ensemble.u.copy())
             return np.array(out[sweeps // 2 :])
 
-        return np.concatenate(list(pool.map(of_ensemble, ensembles)), axis=1).reshape(
+        return np.concatenate(list(pool.map(sweep_ensemble, ensembles)), axis=1).reshape(
             -1, *nothing.shape
         )
 
     def fitted(member: Any, points: np.ndarray, seed: int) -> TransportedMixture:
         own = np.random.default_rng(seed)
-        return fit_transported_mixture(points, own, bounds=member.bounds, components=COMPONENTS)
+        return fit_transported_mixture(
+            points, own, bounds=member.bounds, components=MIXTURE_COMPONENTS
+        )
 
     for number in range(plan.rounds):
         progress(Progress("warming up", number / plan.rounds))
         points = run(plan.round_sweeps)
-        own = tuple(_few(points[:, i, : m.dimension], rng) for i, m in enumerate(members))
+        own = tuple(_subsample(points[:, i, : m.dimension], rng) for i, m in enumerate(members))
         seeds = rng.integers(2**63, size=len(members))
         tuning = Tuning(
             own,
@@ -297,7 +299,7 @@ def _warm_up(
             points.std(axis=0),
         )
         tuning = replace(tuning, steps=_tuned_steps(tuning, ensembles))
-    for _ in range(LENGTH_ROUNDS):  # lengths of the joint moves alone, for the last components
+    for _ in range(STEP_TUNING_ROUNDS):  # lengths of the joint moves alone, for the last components
         run(plan.round_sweeps // 2)
         tuning = replace(tuning, steps=_tuned_steps(tuning, ensembles))
     for ensemble in ensembles:
@@ -305,20 +307,20 @@ def _warm_up(
     return tuning
 
 
-def _few(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    chosen = rng.choice(len(points), min(ARCHIVE, len(points)), replace=False)
+def _subsample(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    chosen = rng.choice(len(points), min(ARCHIVE_POINTS, len(points)), replace=False)
     return np.ascontiguousarray(points[np.sort(chosen)])
 
 
 def _principal_components(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Leading principal components of the stacked coordinates, times their sd, (L, n, dmax)."""
-    few = _few(points.reshape(len(points), -1), rng)
-    centred = few - few.mean(axis=0)
+    subsample = _subsample(points.reshape(len(points), -1), rng)
+    centred = subsample - subsample.mean(axis=0)
     sd = centred.std(axis=0)
     scale = np.where(sd > 0.0, sd, 1.0)
     _, singular, rows = np.linalg.svd(centred / scale, full_matrices=False)
-    most = min(DIRECTIONS, len(rows))
-    lengths = singular[:most] / math.sqrt(len(few))
+    most = min(PRINCIPAL_COMPONENTS, len(rows))
+    lengths = singular[:most] / math.sqrt(len(subsample))
     leading: np.ndarray = (lengths[:, None] * rows[:most] * scale).reshape(most, *points.shape[1:])
     return leading
 
@@ -328,8 +330,13 @@ def _tuned_steps(tuning: Tuning, ensembles: list[Ensemble]) -> np.ndarray:
     kinds, count = len(tuning.steps), len(tuning.directions)
     if tuning.steps.shape[1] != count:
         return np.full((kinds, count), 0.5)
-    moves = [[e.moves.get(name, np.zeros((2, count))) for e in ensembles] for name in JOINT[:kinds]]
+    moves = [
+        [e.moves.get(name, np.zeros((2, count))) for e in ensembles]
+        for name in JOINT_MOVE_NAMES[:kinds]
+    ]
     hits, tried = np.sum(moves, axis=1).swapaxes(0, 1)
     share = hits / np.maximum(tried, 1.0)
-    change = np.where(tried > 0.0, np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0), 1.0)
+    change = np.where(
+        tried > 0.0, np.clip((share + 0.02) / (JOINT_ACCEPTANCE + 0.02), 0.25, 2.0), 1.0
+    )
     return np.clip(tuning.steps * change, 1e-3, 3.0)

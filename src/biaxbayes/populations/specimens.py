@@ -27,9 +27,9 @@ from biaxbayes.populations.ensemble import Individual
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.runs.run import Run
 
-MOST_DRAWS = 1500
+MAX_DRAWS = 1500
 """Draws of a run for each ensemble."""
-LEAST_DRAWS = 50
+MIN_DRAWS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,14 +142,14 @@ def _pools(source: Source, ensembles: int, density: Callable[..., Any]) -> np.nd
         chosen = [e for e in range(own) if e % ensembles == k] or [k % own]
         flat = {name: v[chosen].reshape(-1) for name, v in chains.items()}
         size = len(next(iter(flat.values())))
-        rows = np.linspace(0, size - 1, min(size, MOST_DRAWS)).round().astype(int)
+        rows = np.linspace(0, size - 1, min(size, MAX_DRAWS)).round().astype(int)
         if own < ensembles:  # another part of the same ensemble for each
-            rows = (rows + (k // own) * max(1, size // (MOST_DRAWS * ensembles))) % size
+            rows = (rows + (k // own) * max(1, size // (MAX_DRAWS * ensembles))) % size
         u = source.posterior.coordinates({name: v[rows] for name, v in flat.items()})
         u = u[np.isfinite(u).all(axis=1)]
         out.append(u[np.isfinite(density(np.ascontiguousarray(u))[0])])
     least = min(len(u) for u in out)
-    if least < LEAST_DRAWS:
+    if least < MIN_DRAWS:
         raise RunError(
             f"{source.run.path}: its draws are not those of its density; sample it again"
         )

@@ -15,7 +15,7 @@ from biaxbayes.forward import ForwardModel
 from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.verdict import NO_VERDICT
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
-from biaxbayes.populations.model import LARGER, LINEAR, LOG, OPEN, SMALLER
+from biaxbayes.populations.model import INCONCLUSIVE, LARGER, LINEAR, LOG, SMALLER
 from biaxbayes.populations.result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
 from biaxbayes.populations.verdicts import (
     derived_verdict,
@@ -30,7 +30,7 @@ from biaxbayes.prediction.draws import protocol_mounting
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 SDS = ("sd_donors", "sd_specimens", "sd_total")
 PARTS = ("mean", *SDS, "new_specimen", "new_donor")
-SPLIT = ("sd_donors", "sd_specimens", "new_donor")
+NEEDS_SEVERAL_PER_DONOR = ("sd_donors", "sd_specimens", "new_donor")
 """Left empty with one specimen per donor, where the prior alone would decide them."""
 POPULATION_COLUMNS = (
     *("group", "quantity", "unit"),
@@ -51,12 +51,12 @@ CONTRAST_COLUMNS = (
     *("probability_positive", "direction"),
 )
 BAND_POINTS = 41
-EQUIBIAXIAL = 0.1
+EQUIBIAXIAL_TOLERANCE = 0.1
 """A record is equibiaxial where its strains differ by less than this share of the larger."""
 JOINT_P, SINGLE_P = 0.05, 0.01
 """Posterior predictive p of a specimen, and of one value, below which it contradicts its group."""
-CURVE_DRAWS = 400
-WITHIN, BETWEEN = 60, 30
+DERIVED_DRAWS = 400
+SPECIMENS_PER_DRAW, DONORS_PER_DRAW = 60, 30
 """Specimens of the typical donor, and donors, made for each draw of a derived quantity."""
 
 
@@ -84,9 +84,9 @@ def _pooled_rows(
     population: Population, g: int, rng: np.random.Generator
 ) -> Iterator[dict[str, Any]]:
     """Means and spreads of the pooled values of a group, with verdicts."""
-    hyper, few = population.hyper(), population.hyper(NATURAL_DRAWS * 2)
-    typical, location = hyper.typical(g), few.donors(g, rng)
-    donor, new = few.median(location, g), few.specimens(location, g, rng)
+    hyper, thinned = population.hyper(), population.hyper(NATURAL_DRAWS * 2)
+    typical, location = hyper.typical_median(g), thinned.donors(g, rng)
+    donor, new = thinned.median(location, g), thinned.specimens(location, g, rng)
     means = mean_verdicts(
         hyper,
         population.prior[0],
@@ -107,8 +107,8 @@ def _pooled_rows(
         parts = {
             "mean": v.from_scale(typical[:, k]),
             "sd_donors": hyper.sd_donors[:, k],
-            "sd_specimens": hyper.spread(g)[:, k],
-            "sd_total": hyper.total_spread(g)[:, k],
+            "sd_specimens": hyper.specimen_sd(g)[:, k],
+            "sd_total": hyper.total_sd(g)[:, k],
             "new_specimen": v.from_scale(new[:, k]),
             "new_donor": v.from_scale(donor[:, k]),
         }
@@ -118,14 +118,14 @@ def _pooled_rows(
 
 def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
     """Structure tensor, stiffness and stress of a group, draw by draw."""
-    hyper, rng = population.hyper(CURVE_DRAWS), population.rng(1 + g)
+    hyper, rng = population.hyper(DERIVED_DRAWS), population.rng(1 + g)
     typical, medians = _typical(population, hyper, g, rng)
-    between, wide = hyper.repeated(BETWEEN), hyper.repeated(4)
+    between, wide = hyper.repeated(DONORS_PER_DRAW), hyper.repeated(4)
     donors = derived(population, between.median(between.donors(g, rng), g))
     location = wide.donors(g, rng)
     new_specimens = derived(population, wide.specimens(location, g, rng))
     new_donors = derived(population, wide.median(location, g))
-    prior = population.prior[0].at(evenly_chosen(PRIOR_DRAWS, CURVE_DRAWS))
+    prior = population.prior[0].at(evenly_chosen(PRIOR_DRAWS, DERIVED_DRAWS))
     _, before = _typical(population, prior, g, population.rng(700 + g))
     shares = contractions(before, medians)
     for q, median, share, donor, new_specimen, new_donor in zip(
@@ -167,9 +167,9 @@ def _typical(
     population: Population, hyper: Hyper, g: int, rng: np.random.Generator
 ) -> tuple[list[Derived], list[Derived]]:
     """Quantities of the typical donor's specimens, and their median draw by draw."""
-    within = hyper.repeated(WITHIN)
+    within = hyper.repeated(SPECIMENS_PER_DRAW)
     single = derived(population, within.specimens(within.mu[:, g], g, rng))
-    shape = (hyper.draws, WITHIN)
+    shape = (hyper.draws, SPECIMENS_PER_DRAW)
     return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
 
 
@@ -177,7 +177,7 @@ def _numbers(population: Population, parts: dict[str, np.ndarray]) -> dict[str, 
     """Quantiles of the parts that the specimens can show."""
     if population.state == "unusable":
         return {}
-    empty = SPLIT if population.grouping.one_specimen_per_donor else ()
+    empty = NEEDS_SEVERAL_PER_DONOR if population.grouping.one_specimen_per_donor else ()
     shown = {part: values for part, values in parts.items() if part not in empty}
     return {k: x for part, values in shown.items() for k, x in _quantiles(part, values).items()}
 
@@ -195,7 +195,7 @@ def specimens_table(population: Population) -> pd.DataFrame:
     ]
     for i, source in enumerate(population.sources):
         g = population.grouping.groups.index(population.grouping.group[i])
-        joint, each = hyper.conflict(theta[:, i], g, population.rng(100 + i))
+        joint, each = hyper.predictive_p(theta[:, i], g, population.rng(100 + i))
         pooled = population.natural(i)
         verdicts = specimen_verdicts(
             source, pd.DataFrame(pooled), population.values, prior_specimens[g], population.state
@@ -233,18 +233,18 @@ def specimens_table(population: Population) -> pd.DataFrame:
 def contrasts_table(population: Population) -> pd.DataFrame:
     """Table of contrasts.csv: medians of typical donors of group b minus those of group a."""
     rows = []
-    many, few = population.hyper(), population.hyper(CURVE_DRAWS)
+    hyper, thinned = population.hyper(), population.hyper(DERIVED_DRAWS)
     groups = population.grouping.groups
     for a, b in combinations(range(len(groups)), 2):
         head = {"group_a": groups[a], "group_b": groups[b]}
-        first, second = many.typical(a), many.typical(b)
+        first, second = hyper.typical_median(a), hyper.typical_median(b)
         for k, v in enumerate(population.values):
             rows.append(
                 head
                 | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
                 | _difference(population, second[:, k] - first[:, k])
             )
-        pair = (derived(population, few.typical(g)) for g in (a, b))
+        pair = (derived(population, thinned.typical_median(g)) for g in (a, b))
         for q, other in zip(*pair, strict=True):
             key, unit, x, y = q.key, q.unit or "1", q.values, other.values
             log = unit != "1" and min(x.min(), y.min()) > 0.0
@@ -266,7 +266,7 @@ def _difference(population: Population, values: np.ndarray) -> dict[str, Any]:
     out: dict[str, Any] = _quantiles("difference", values) | {"probability_positive": share}
     if population.state == "converged":
         low, high = out["difference_q05"], out["difference_q95"]
-        out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else OPEN
+        out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else INCONCLUSIVE
     return out
 
 
@@ -296,7 +296,7 @@ def equibiaxial_records(population: Population) -> list[tuple[str, np.ndarray, n
             stretch = p.stretch
             lm = np.median(protocol_mounting(draws, p), axis=0)
             off = (stretch * lm)[-1] - 1.0
-            if abs(off[0] - off[1]) > EQUIBIAXIAL * np.abs(off).max():
+            if abs(off[0] - off[1]) > EQUIBIAXIAL_TOLERANCE * np.abs(off).max():
                 continue
             forward = ForwardModel.from_specimen(specimen, source.run.settings)
             per_stress = forward.per_stress(stretch.T, lm[:, None]).T

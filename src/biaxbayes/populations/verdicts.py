@@ -52,7 +52,7 @@ def mean_verdicts(
     state: str,
 ) -> dict[str, ParameterVerdict]:
     """Verdicts on a group's means by pooled value; ``top`` is the largest stretch."""
-    own, before = hyper.typical(group), prior.typical(group)
+    own, before = hyper.typical_median(group), prior.typical_median(group)
     columns = {v.name: v.from_scale(own[:, k]) for k, v in enumerate(hyper.values)}
     scales = [
         Scale(Quantity(v.parameter), DrawnPrior(v.from_scale(before[:, k])))
@@ -118,7 +118,7 @@ def spread_verdicts(
     for k, v in enumerate(hyper.values):
         sides = {
             "sd_donors": (hyper.sd_donors[:, k], v.donor_scale),
-            "sd_specimens": (hyper.spread(group)[:, k], v.specimen_scale),
+            "sd_specimens": (hyper.specimen_sd(group)[:, k], v.specimen_scale),
         }
         scales, columns, distances = [], {}, {}
         for side, (values, scale) in sides.items():
@@ -136,7 +136,7 @@ def spread_verdicts(
                 rng.normal(0.0, v.specimen_scale, PRIOR_DRAWS),
             )
         )
-        total = {p.name: hyper.total_spread(group)[:, k]}
+        total = {p.name: hyper.total_sd(group)[:, k]}
         verdicts |= _assessed(
             [Scale(Quantity(p), prior)], total, log_prior, {p.name: p.sharp}, law, state
         )

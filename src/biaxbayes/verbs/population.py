@@ -25,7 +25,7 @@ from biaxbayes.populations.model import (
     pooled_values,
 )
 from biaxbayes.populations.result import Population, assessed_quantities
-from biaxbayes.populations.sampler import PopulationPlan, PopulationState, draw_population
+from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan, draw_population
 from biaxbayes.populations.specimens import Source, make_individual, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
@@ -145,7 +145,7 @@ def sample_population(
     with inputs.locked_folder(folder, POPULATION, resume=resume, overwrite=overwrite):
         state = None
         if resume:
-            state, note = checkpoint.load(folder, identity, PopulationState.from_record)
+            state, note = checkpoint.load(folder, identity, PopulationCheckpoint.from_record)
             if note:
                 progress(Progress("resuming", note=note))
         individuals = [make_individual(s, values, plan.ensembles) for s in sources]
@@ -155,7 +155,7 @@ def sample_population(
             plan,
             lambda history: assessed_quantities(grouping, values, history),
             state=state,
-            on_block=lambda s: checkpoint.save(folder, s, identity, PopulationState.record),
+            on_block=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
             progress=progress,
             stop=stop,
         )

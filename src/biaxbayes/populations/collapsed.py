@@ -1,4 +1,4 @@
-"""Marginal likelihood over group means and donor effects, and their conditional draws.
+"""Collapsed Gibbs: the marginal likelihood without group means and donor effects, and their draws.
 
 Specimens theta_i ~ N(mu_g + b_d, Sigma_g), donor effects b_d ~ N(0, Omega), group means
 mu_g ~ N(0, S0) with S0 = diag(s0^2). With P_g = Sigma_g^-1, counts N_dg, sums S_dg and squares Q of
@@ -27,7 +27,7 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 
 class Workspace(NamedTuple):
-    """What the integral of one chain is computed from, and what it leaves for the draws."""
+    """Sufficient statistics of one chain, and the factors that :func:`draw_means` needs."""
 
     N: np.ndarray  # (donors, groups), counts of specimens
     S: np.ndarray  # (donors, groups, b), their sums
@@ -35,14 +35,14 @@ class Workspace(NamedTuple):
     P: np.ndarray  # (1 + sets, b, b), inverse covariances of donors and of specimens
     log_det: np.ndarray  # (1 + sets,), of the covariances
     A: np.ndarray  # (donors, b, b): covariance of a donor's effect given the means
-    M: np.ndarray  # (groups b, groups b): Cholesky factor of the precision of the means
-    r: np.ndarray  # (groups b,): its inverse times the linear term of the means
+    M: np.ndarray  # (groups b, groups b): Cholesky factor C of the precision M of the means
+    r: np.ndarray  # (groups b,): C^-1 r, the linear term of the means times C^-1
 
 
 @compiled()
 def workspace(layout):
     """An empty :class:`Workspace` of a layout."""
-    D, G, sets, b = layout.donors, layout.set_of.size, layout.sets, layout.low.size
+    D, G, sets, b = layout.donors, layout.covariance_index.size, layout.sets, layout.low.size
     return Workspace(
         np.empty((D, G)),
         np.empty((D, G, b)),
@@ -57,7 +57,10 @@ def workspace(layout):
 
 @compiled()
 def cholesky(a, n):
-    """Lower Cholesky factor in place; log determinant, NaN where not positive definite."""
+    """Lower Cholesky factor in place; log determinant, NaN where not positive definite.
+
+    Not ``np.linalg.cholesky``, which raises on a matrix that is not positive definite.
+    """
     total = 0.0
     for i in range(n):
         for j in range(i + 1):
@@ -105,15 +108,15 @@ def invert(sd, factor, s, work):
 
 
 @compiled()
-def accumulate(layout, theta, count, total, square, work):
-    """Sums of a chain: theta (n, b), and count, total and square of the augmented draws."""
+def accumulate(layout, theta, rejected, total, square, work):
+    """Sums of a chain: theta (n, b), and number, total and square of the rejected draws."""
     work.N[:] = 0.0
     work.S[:] = 0.0
     work.Q[:] = square
     for i in range(theta.shape[0]):
         g, d = layout.group[i], layout.donor[i]
-        s = layout.set_of[g]
-        work.N[d, g] += 1.0 + count[i]
+        s = layout.covariance_index[g]
+        work.N[d, g] += 1.0 + rejected[i]
         for k in range(theta.shape[1]):
             work.S[d, g, k] += theta[i, k] + total[i, k]
             for j in range(theta.shape[1]):
@@ -134,7 +137,7 @@ def integrate(layout, work):
             for j in range(b):
                 value -= 0.5 * P[1 + s, k, j] * Q[s, k, j]
     for g in range(G):
-        value -= 0.5 * N[:, g].sum() * (log_det[1 + layout.set_of[g]] + b * LOG_2PI)
+        value -= 0.5 * N[:, g].sum() * (log_det[1 + layout.covariance_index[g]] + b * LOG_2PI)
         for k in range(b):
             M[g * b + k, g * b + k] = 1.0 / layout.mean_sd[k] ** 2
             value -= math.log(layout.mean_sd[k])
@@ -145,7 +148,7 @@ def integrate(layout, work):
             for j in range(b):
                 inverse[k, j] = P[0, k, j]
         for g in range(G):
-            Pg = P[1 + layout.set_of[g]]
+            Pg = P[1 + layout.covariance_index[g]]
             for k in range(b):
                 for j in range(b):
                     inverse[k, j] += N[d, g] * Pg[k, j]
@@ -164,7 +167,7 @@ def integrate(layout, work):
         for g in range(G):
             if N[d, g] == 0.0:
                 continue
-            Pg = P[1 + layout.set_of[g]]
+            Pg = P[1 + layout.covariance_index[g]]
             for k in range(b):
                 for j in range(b):
                     r[g * b + k] += Pg[k, j] * (S[d, g, j] - N[d, g] * Ah[j])
@@ -173,7 +176,7 @@ def integrate(layout, work):
                         PA[k, j] += Pg[k, q] * A[d, q, j]
             for other in range(G):
                 both = N[d, g] * N[d, other]
-                Ph = P[1 + layout.set_of[other]]
+                Ph = P[1 + layout.covariance_index[other]]
                 for k in range(b):
                     for j in range(b):
                         for q in range(b):
@@ -206,7 +209,7 @@ def draw_means(rng, layout, work, mu, effect):
     for d in range(D):
         h[:] = 0.0
         for g in range(G):
-            Pg = P[1 + layout.set_of[g]]
+            Pg = P[1 + layout.covariance_index[g]]
             for k in range(b):
                 for j in range(b):
                     h[k] += Pg[k, j] * (S[d, g, j] - N[d, g] * mu[g, j])
