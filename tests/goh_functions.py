@@ -39,9 +39,9 @@ def stress_response(point, stretch, *, fibre_switch=False):
 
 
 def coordinates_of(material):
-    return material.law.point(material.values)
+    return material.law.to_fit_coordinates(material.values)
 
 
 def material_at(point, *, fibre_switch=False):
     law = GOHLaw(fibre_switch)
-    return law.material_at(law.values(point))
+    return law.material_at(law.from_fit_coordinates(point))

@@ -14,8 +14,8 @@ from biaxbayes.error_model import (
     ERROR_MODELS,
     GROWING,
     curve_log_likelihood,
+    deviance_term,
     log_likelihood,
-    misfit,
     simulate,
     standard_cdf,
     standard_quantile,
@@ -24,7 +24,7 @@ from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
-from biaxbayes.parameters import ERRORS, NOISE_SD
+from biaxbayes.parameters import NOISE_PARAMETERS, NOISE_SD
 from quick_posteriors import specimen
 
 MATERIAL = {"C1": 9.0, "k1": 20.0, "k2": 4.0, "alpha": 42.0, "kappa": 0.15}
@@ -105,7 +105,7 @@ def test_sd_likelihood_and_simulation_are_those_of_normal_errors(growth):
     np.testing.assert_allclose(result, np.mean(both, axis=0), rtol=1e-12)
     # and the sums that the kernel makes of it
     square = (MEASURED - LOAD) ** 2
-    total = sum(misfit(errors, f, s) for f, s in zip(LOAD, square, strict=True))
+    total = sum(deviance_term(errors, f, s) for f, s in zip(LOAD, square, strict=True))
     curve = curve_log_likelihood(errors, total, len(LOAD))
     assert curve == pytest.approx(expected.sum(), rel=1e-12)
     readings = simulate(np.tile(LOAD, (20_000, 1)), sd, np.random.default_rng(3))
@@ -125,4 +125,4 @@ def test_settings_choose_each_model_and_its_parameters_are_registered(model):
     settings = Settings(**({model.option: True} if model.option else {}))
     assert settings.error_model is model
     assert [p.name for p in model.parameters] == list(model.values._fields)
-    assert model.parameters[0] is NOISE_SD and set(model.parameters) <= set(ERRORS)
+    assert model.parameters[0] is NOISE_SD and set(model.parameters) <= set(NOISE_PARAMETERS)

@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import spearmanr
 
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.laws.law import LOAD_SHARE, SamplingLayout
+from biaxbayes.laws.law import ABSENT_STRESS_FRACTION, TransformInputs
 from biaxbayes.laws.materials import Material
-from biaxbayes.laws.screening import MATRIX_SHARE, Screening, screen
+from biaxbayes.laws.screening import MIN_MATRIX_FRACTION, Screening, screen
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.model.assembly import to_slot
 from test_laws import RECOVERED, TYPICAL, random_materials, stress_at_point
@@ -145,14 +145,14 @@ DEFINED = {
 @pytest.mark.parametrize("name", LAWS)
 def test_sampling_coordinates_are_what_the_law_says_of_its_reference_state(name):
     law = law_named(name)
-    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, (X, Y, Z), PEAK_KPA)
-    coordinates = law.coordinates(layout)
+    inputs = TransformInputs(law.names, (X, Y, Z), 0.3, True, (X, Y, Z), PEAK_KPA)
+    transform = law.sampling_transform(inputs)
     for material in random_materials(name, 20):
         slots = {
             p.name: to_slot(p, np.array([v]))
             for p, v in zip(law.parameters, material.values, strict=True)
         }
-        result = law.to_coordinates(coordinates, slots)
+        result = law.to_sampling_coordinates(transform, slots)
         expected = DEFINED[name](*(float(np.ravel(v)[0]) for v in material.theta))
         assert len(expected) >= len(law.names) - 2  # the chart of alpha and kappa has its own test
         for parameter, value in expected.items():
@@ -168,7 +168,7 @@ def readings(name: str, *, with_mounting: bool, fixed: tuple[int, ...] = ()) -> 
     up = np.linspace(1.02, 1.2, 8)
     stretch = np.array([np.concatenate([up, up, 0.5 * (1 + up)]), np.concatenate([up, 0.5 * (1 + up), up])])  # fmt: skip  # noqa: E501
     area = np.array([2.0, 3.0])
-    point = law.point(RECOVERED[name])
+    point = law.to_fit_coordinates(RECOVERED[name])
 
     def load_factor(total):
         return load_per_stress(area[:, None], 1.0, total, mounted=False)
@@ -188,7 +188,9 @@ def test_screened_points_have_the_cost_they_say_and_the_best_amplitudes(name, wi
     assert np.all((law.lower <= points) & (points <= law.upper))
     assert np.all(mounting == 1.0) or with_mounting
     assert np.all(mounting >= 1.0)
-    floor = MATRIX_SHARE * np.abs(data.load / data.area[:, None]).max() if with_mounting else 0.0
+    floor = (
+        MIN_MATRIX_FRACTION * np.abs(data.load / data.area[:, None]).max() if with_mounting else 0.0
+    )
 
     def cost(point, lm):
         total = data.stretch * lm[:, None]
@@ -256,7 +258,7 @@ def test_random_shapes_reach_from_straight_to_steep_at_the_largest_stretches(nam
     points, marks = law.random_materials(len(largest), largest, rng)
     assert len(points) == len(marks) == len(largest)
     X, Y = largest.T**2
-    reached = np.array(law.exponents_at(law.constants_at_point(*points.T), X, Y, 1.0 / (X * Y)))
+    reached = np.array(law.exponents_at(law.constants_from_fit(*points.T), X, Y, 1.0 / (X * Y)))
     assert np.all((reached >= 0.0) & (reached < 40.0))
     for exponent in reached:
         assert np.quantile(exponent, 0.1) < 0.3
@@ -276,7 +278,7 @@ def test_screened_goh_materials_reach_from_straight_to_steep():
     points, mounting, costs, _ = screen(law_named("goh"), data, np.random.default_rng(7))
     X, Y = (data.stretch * mounting[:, :, None]).transpose(1, 0, 2) ** 2
     law = law_named("goh")
-    constants = law.constants_at_point(*points.T[:, :, None])
+    constants = law.constants_from_fit(*points.T[:, :, None])
     (reached,) = law.exponents_at(constants, X, Y, 1.0 / (X * Y))
     reached = reached.max(axis=1)[np.isfinite(costs)]
     assert np.quantile(reached, 0.1) < 0.02
@@ -292,12 +294,12 @@ def test_screened_goh_materials_reach_from_straight_to_steep():
 @pytest.mark.parametrize("name", LAWS)
 def test_a_point_of_a_fit_moved_off_its_bounds_lies_inside_them(name):
     law, rng = law_named(name), np.random.default_rng(9)
-    inside = law.point(RECOVERED[name])
-    np.testing.assert_array_equal(law.point(law.clip_inside(RECOVERED[name])), inside)
+    inside = law.to_fit_coordinates(RECOVERED[name])
+    np.testing.assert_array_equal(law.to_fit_coordinates(law.clip_inside(RECOVERED[name])), inside)
     far = np.where(np.isfinite(law.upper), law.upper, 50.0)
     for _ in range(50):
         at = np.where(rng.random(inside.size) < 0.5, law.lower, np.where(rng.random(inside.size) < 0.5, far, inside))  # fmt: skip  # noqa: E501
-        moved = law.point(law.clip_inside(law.values(at)))
+        moved = law.to_fit_coordinates(law.clip_inside(law.from_fit_coordinates(at)))
         assert np.all((law.lower < moved) & (moved <= law.upper))
         # shares and angles leave their upper end too
         for i, p in enumerate(law.parameters):
@@ -309,14 +311,14 @@ def test_a_point_of_a_fit_moved_off_its_bounds_lies_inside_them(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(name):
     law = law_named(name)
-    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, (X, Y, Z), PEAK_KPA)
-    coordinates = law.coordinates(layout)
+    inputs = TransformInputs(law.names, (X, Y, Z), 0.3, True, (X, Y, Z), PEAK_KPA)
+    transform = law.sampling_transform(inputs)
 
     def finite(values) -> bool:
         slots = {
             p.name: to_slot(p, np.array([v])) for p, v in zip(law.parameters, values, strict=True)
         }
-        result = law.to_coordinates(coordinates, slots)
+        result = law.to_sampling_coordinates(transform, slots)
         return bool(np.all([np.isfinite(v).all() for v in result.values()]))
 
     inside = law.material_at(RECOVERED[name]).values
@@ -327,7 +329,7 @@ def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(na
                 if not np.isfinite(edge) or (edge and p.logarithmic):
                     continue
                 at_edge = [edge if i == j else v for j, v in enumerate(material.values)]
-                if not law.holds(dict(zip(law.names, at_edge, strict=True))):
+                if not law.is_admissible(dict(zip(law.names, at_edge, strict=True))):
                     continue
                 moved = law.clip_inside(at_edge)
                 assert finite(moved)
@@ -419,7 +421,7 @@ def one_draw(name: str):
 @pytest.mark.parametrize("name", NEAR_EXPONENT)
 def test_an_exponent_is_near_to_none_below_a_tenth_at_the_largest_stretch(name):
     law, material, values = one_draw(name)
-    result = law.edge_distances(material, [TOP])
+    result = law.bound_tolerances(material, [TOP])
     for parameter, per_unit in NEAR_EXPONENT[name].items():
         assert result[parameter] * per_unit(values, *TOP[0]) == pytest.approx(0.1, rel=1e-9)
 
@@ -427,7 +429,7 @@ def test_an_exponent_is_near_to_none_below_a_tenth_at_the_largest_stretch(name):
 @pytest.mark.parametrize("top", [(1.25, 1.3), (1.05, 1.08)])
 def test_fung_has_an_exponent_near_to_none_below_a_tenth_at_the_largest_stretch(top):
     law, material, values = one_draw("fung")
-    result = law.edge_distances(material, [np.array([[1.02, 1.01]]), np.array([top])])
+    result = law.bound_tolerances(material, [np.array([[1.02, 1.01]]), np.array([top])])
     x, y = (0.5 * (s**2 - 1.0) for s in top)
     Q = values["b_x"] * x**2 + values["b_y"] * y**2 + 2.0 * values["b_xy"] * x * y
     for name in ("b_x", "b_y"):
@@ -437,12 +439,16 @@ def test_fung_has_an_exponent_near_to_none_below_a_tenth_at_the_largest_stretch(
 @pytest.mark.parametrize("name", [n for n in LAWS if n not in ("goh", "fung")])
 def test_an_amplitude_is_near_to_none_where_it_carries_a_twentieth_of_the_stress(name):
     law, material, values = one_draw(name)
-    result = law.edge_distances(material, [TOP])
+    result = law.bound_tolerances(material, [TOP])
     whole = sum(float(np.ravel(s)[0]) for s in material.cauchy(TOP[:, :1], TOP[:, 1:]))
     for amplitude in law.amplitudes:
         alone = values | dict.fromkeys(law.amplitudes, 0.0) | {amplitude: result[amplitude]}
-        at = law.point([np.degrees(v) if n == "alpha" else v for n, v in alone.items()])
-        assert sum(stress_at_point(law, at, *TOP[0])) == pytest.approx(LOAD_SHARE * whole, rel=1e-9)
+        at = law.to_fit_coordinates(
+            [np.degrees(v) if n == "alpha" else v for n, v in alone.items()]
+        )
+        assert sum(stress_at_point(law, at, *TOP[0])) == pytest.approx(
+            ABSENT_STRESS_FRACTION * whole, rel=1e-9
+        )
 
 
 @pytest.mark.parametrize(("name", "matrix", "rest"), [("goh", "C1", "k1"), ("fung", "c0", "c")])
@@ -450,7 +456,7 @@ def test_stiffnesses_are_near_to_none_below_a_twentieth_of_the_small_strain_stif
     name, matrix, rest
 ):
     law, material, values = one_draw(name)
-    result = law.edge_distances(material, [TOP])
+    result = law.bound_tolerances(material, [TOP])
 
     def trace(of: dict[str, float]) -> float:
         """Trace of the Hessian of W by log stretches where unloaded, by central differences."""

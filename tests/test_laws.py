@@ -10,10 +10,10 @@ from biaxbayes.errors import InputError
 from biaxbayes.fitting.fit import fit
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.laws.goh import GOH
-from biaxbayes.laws.law import SamplingLayout
+from biaxbayes.laws.law import TransformInputs
 from biaxbayes.laws.materials import (
     cauchy_stress,
-    constants_at,
+    constants_from_theta,
     energy,
     squared_stretches,
     to_slots,
@@ -28,7 +28,7 @@ STEP = 1e-30
 def stress_at_point(law, point, stretch_x, stretch_y):
     """Cauchy stresses at fit coordinates and total stretches."""
     squared = squared_stretches(stretch_x, stretch_y)
-    return cauchy_stress(law.constants_at_point(*point), *squared)
+    return cauchy_stress(law.constants_from_fit(*point), *squared)
 
 
 STRESSES = [
@@ -87,7 +87,7 @@ def random_materials(name: str, size: int) -> list:
                 values.append(float(rng.uniform(p.low, p.high)))
             else:
                 values.append(v * float(rng.uniform(-1.0, 1.0)))
-        if law.holds(dict(zip(law.names, values, strict=True))):
+        if law.is_admissible(dict(zip(law.names, values, strict=True))):
             made.append(law.material_at(values))
     return made
 
@@ -130,28 +130,30 @@ def test_derivatives_are_those_of_the_energy(name):
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("structural", [True, False])
-def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(name, structural):
+@pytest.mark.parametrize("reparametrised", [True, False])
+def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(name, reparametrised):
     law = law_named(name)
     reference = (1.5, 1.4, 1.0 / (1.5 * 1.4))
-    layout = SamplingLayout(law.names, reference, 0.3, structural, reference, 100.0)
-    coordinates = law.coordinates(layout)
+    inputs = TransformInputs(law.names, reference, 0.3, reparametrised, reference, 100.0)
+    transform = law.sampling_transform(inputs)
     for material in random_materials(name, 30):
         slots = {
             p.name: to_slot(p, np.array([v]))
             for p, v in zip(law.parameters, material.values, strict=True)
         }
-        there = law.to_coordinates(coordinates, slots)
+        there = law.to_sampling_coordinates(transform, slots)
         u = np.array([there[n][0] for n in law.names])
 
         def natural(at):
             value = at.copy()
-            return value, to_slots(coordinates, value)
+            return value, to_slots(transform, value)
 
         value, log_jacobian = natural(u)
         natural_slots = [slots[n][0] for n in law.names]
         np.testing.assert_allclose(value, natural_slots, rtol=1e-9, atol=1e-9)
-        if not structural:  # the coordinates in which densities are defined: parameters themselves
+        if (
+            not reparametrised
+        ):  # the coordinates in which densities are defined: parameters themselves
             np.testing.assert_array_equal(u, natural_slots)
         step = 1e-6 * np.maximum(np.abs(u), 1e-2)
         columns = [
@@ -161,7 +163,7 @@ def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(nam
         _, expected = np.linalg.slogdet(np.column_stack(columns))
         assert log_jacobian == pytest.approx(expected, abs=2e-4)
         low, high = np.array(
-            [law.coordinate_bounds(coordinates).get(n, (-np.inf, np.inf)) for n in law.names]
+            [law.sampling_bounds(transform).get(n, (-np.inf, np.inf)) for n in law.names]
         ).T
         assert np.all((low <= u) & (u <= high))
         for i in range(u.size):
@@ -177,7 +179,9 @@ def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(nam
             [np.exp(v) if p.logarithmic else v for p, v in zip(law.parameters, value, strict=True)]
         )
         np.testing.assert_allclose(
-            cauchy_stress(constants_at(coordinates, parameters), *squared_stretches([1.1], [1.2])),
+            cauchy_stress(
+                constants_from_theta(transform, parameters), *squared_stretches([1.1], [1.2])
+            ),
             np.array(material.cauchy(np.array([1.1]), np.array([1.2]))),
             rtol=1e-8,
         )
@@ -187,9 +191,11 @@ def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(nam
 def test_coordinates_of_fits_turn_back(name):
     law = law_named(name)
     for material in random_materials(name, 30):
-        point = law.point(material.values)
+        point = law.to_fit_coordinates(material.values)
         assert np.all((law.lower <= point) & (point <= law.upper))
-        np.testing.assert_allclose(law.values(point), material.values, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            law.from_fit_coordinates(point), material.values, rtol=1e-9, atol=1e-9
+        )
         np.testing.assert_allclose(
             stress_at_point(law, point, 1.1, 1.2), material.cauchy(1.1, 1.2), rtol=1e-9
         )
@@ -291,7 +297,7 @@ def test_fung_holds_where_its_form_is_definite(sign):
         most = sign * np.sqrt(b_x * b_y)
         for share, holds in ((0.999, True), (1.001, False)):
             values = {"c0": 1.0, "c": 1.0, "b_x": b_x, "b_y": b_y, "b_xy": share * most}
-            assert bool(law.holds(values)) is holds
+            assert bool(law.is_admissible(values)) is holds
 
 
 def test_a_stress_that_overflows_is_refused():
@@ -306,7 +312,9 @@ def test_a_stress_that_overflows_is_refused():
 @pytest.mark.parametrize("stretch", [1.1, 1.3])
 def test_exponents_of_a_typical_material_are_one(name, stretch):
     law = law_named(name)
-    values = {p.name: 45.0 if p.mirror else 1.0 for p in law.parameters} | law.typical(stretch)
+    values = {p.name: 45.0 if p.mirror else 1.0 for p in law.parameters} | law.prior_medians(
+        stretch
+    )
     material = law.material(values)
     squared = stretch**2, stretch**2, stretch**-4
     exponents = law.exponents_at(material.constants, *squared)

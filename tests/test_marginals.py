@@ -10,7 +10,7 @@ from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, sp
 from biaxbayes.identifiability.marginals import Scale, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.parameters import MOUNTED, Quantity
+from biaxbayes.parameters import MOUNTING_PARAMETERS, Quantity
 from goh_functions import GOH_LAW
 from quick_posteriors import small_specimen
 
@@ -97,7 +97,7 @@ def test_widths_above_a_share_of_the_peak():
 
 def scale_of(name: str, **prior: object) -> Scale:
     target = Posterior(small_specimen(), noise="independent", priors={name: prior} if prior else {})
-    parameter = MOUNTED[0] if name.startswith("mounting") else GOH_LAW.parameter(name)
+    parameter = MOUNTING_PARAMETERS[0] if name.startswith("mounting") else GOH_LAW.parameter(name)
     return Scale(Quantity(parameter), target.priors[name])
 
 

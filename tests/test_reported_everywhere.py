@@ -18,7 +18,7 @@ from biaxbayes.identifiability.identify import MOST_DRAWS, identify_draws
 from biaxbayes.identifiability.reported import DASH, interval_text
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
-from biaxbayes.parameters import MOUNTED
+from biaxbayes.parameters import MOUNTING_PARAMETERS
 from biaxbayes.reports.comparison import write_comparison
 from biaxbayes.reports.methods import (
     MOST_LINES,
@@ -192,7 +192,7 @@ def test_evidence_and_summary_have_the_same_quantiles(media_run):
 
 def test_digits():
     C1, alpha = (p for p in law_named("goh").parameters if p.name in ("C1", "alpha"))
-    stretch = MOUNTED[0]
+    stretch = MOUNTING_PARAMETERS[0]
     nan = float("nan")
     assert interval_text(1.01493, 1.02118, stretch) == "1.0149 to 1.0212"
     assert interval_text(1.00712, nan, stretch) == "above 1.0071"

@@ -45,7 +45,7 @@ def of_law(name: str) -> Callable[..., Stress]:
                 n: float(Prior.from_numbers(*stated).sample(rng, 1)[0])
                 for n, stated in prior.items()
             }
-            if not law.holds(values):
+            if not law.is_admissible(values):
                 continue
             material = law.material_at([values[n] for n in law.names])
             at_rest, last = (np.array(material.cauchy(*s)) for s in (mounting, top))

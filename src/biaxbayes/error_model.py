@@ -7,7 +7,7 @@ A reading f of a model load q has an independent normal error about it,
 The mounting force is not among these readings: it is one reading with the load cell's own sd.
 
 :data:`ERROR_MODELS` is the registry. The values of a model's parameters are a ``NamedTuple``, whose
-type selects the implementation of the generic functions :func:`variance`, :func:`misfit`,
+type selects the implementation of the generic functions :func:`variance`, :func:`deviance_term`,
 :func:`curve_log_likelihood` and :func:`from_slots`: in Python by ``functools.singledispatch``, in
 the compiled density by ``numba.extending.overload``. A model needs its variance and
 :func:`from_slots`; the other two follow from the variance.
@@ -34,7 +34,10 @@ HALF_LOG_2PI = 0.9189385332046727
 
 @singledispatch
 def from_slots(errors, value, first):
-    """Values of the parameters from the entries of ``value`` that begin at ``first``."""
+    """Values of the parameters from the entries of ``value`` that begin at ``first``.
+
+    Only the type of ``errors`` matters.
+    """
     raise NotImplementedError(f"no error model has the values {type(errors).__name__}")
 
 
@@ -45,15 +48,15 @@ def variance(errors, load):
 
 
 @singledispatch
-def misfit(errors, load, square):
-    """Term of one reading in the sum over its curve, from its squared residual: r^2 / v + ln v."""
+def deviance_term(errors, load, square):
+    """Deviance of one reading less ln 2 pi, from its squared residual: r^2 / v + ln v."""
     v = variance(errors, load)
     return square / v + np.log(v)
 
 
 @singledispatch
 def curve_log_likelihood(errors, total, n):
-    """Log likelihood of a curve of n readings from the sum of their misfits."""
+    """Log likelihood of a curve of n readings from the sum of their deviance terms."""
     # sum ln N = -(1/2) sum (r^2 / v + ln v) - n ln sqrt(2 pi)
     return -0.5 * total - n * HALF_LOG_2PI
 
@@ -68,9 +71,12 @@ def _compiled_variance(errors, load):
     return implementation(variance, errors)
 
 
-@overload(misfit, jit_options=WITHIN)
-def _compiled_misfit(errors, load, square):
-    return misfit.dispatch(errors.instance_class)
+# these two have defaults, which ``dispatch`` returns for models that register none
+
+
+@overload(deviance_term, jit_options=WITHIN)
+def _compiled_deviance_term(errors, load, square):
+    return deviance_term.dispatch(errors.instance_class)
 
 
 @overload(curve_log_likelihood, jit_options=WITHIN)
@@ -82,7 +88,7 @@ def _compiled_curve_log_likelihood(errors, total, n):
 
 
 class ConstantSd(NamedTuple):
-    """The same sd for all readings: v = w^2. Its misfits are the squares alone, to be fast."""
+    """The same sd for all readings: v = w^2. Its deviance terms are r^2 alone, to be fast."""
 
     noise_sd: Any
 
@@ -97,8 +103,8 @@ def _constant_variance(errors, load):
     return errors.noise_sd * errors.noise_sd
 
 
-@misfit.register(ConstantSd)
-def _constant_misfit(errors, load, square):
+@deviance_term.register(ConstantSd)
+def _constant_deviance_term(errors, load, square):
     return square
 
 

@@ -13,9 +13,9 @@ the same functions.
 table of draws. Missing quantities default to lm = 1, factors of one, z = 0.
 Results have the shape (draws, rows, 2), x and y last.
 
-Least squares use the fit coordinates of the law (:meth:`.Law.point`) and need derivatives:
-:meth:`ForwardModel.response` and :meth:`ForwardModel.mounting_roots` take one point and arrays of
-shape (2, n), one column per state.
+Least squares use the fit coordinates of the law (:meth:`.Law.to_fit_coordinates`) and need
+derivatives: :meth:`ForwardModel.response` and :meth:`ForwardModel.solve_mounting` take those of one
+material and arrays of shape (2, n), one column per state of deformation.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from biaxbayes.mechanics.mounting import (
     unloaded_section,
 )
 from biaxbayes.options import Settings
-from biaxbayes.parameters import DIMENSIONS, mounting_names
+from biaxbayes.parameters import DIMENSION_PARAMETERS, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen
 
-EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = (p.name for p in DIMENSIONS)
+EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = (p.name for p in DIMENSION_PARAMETERS)
 
 
 @dataclass(frozen=True)
 class MeasuredRows:
-    """Rows after the mounted state, concatenated over protocols."""
+    """Rows of the likelihood: those after the mounted state, concatenated over protocols."""
 
     stretch: np.ndarray  # (rows, 2)
     load: np.ndarray  # (rows, 2)
@@ -71,11 +71,11 @@ class MeasuredRows:
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
-    """Loads of one material at n states, and their derivatives."""
+    """Loads of one material at n states of deformation, and their derivatives."""
 
     stress: StressResponse
     per_stress: np.ndarray  # load per Cauchy stress, (2, n)
-    mounted: bool  # whether the dimensions are those of the mounted state
+    mounted_dimensions: bool  # whether the dimensions are those of the mounted state
 
     @property
     def load(self) -> np.ndarray:
@@ -83,15 +83,15 @@ class LoadResponse:
         return self.per_stress * self.stress.stress
 
     @property
-    def by_coordinate(self) -> np.ndarray:
+    def by_fit_coordinate(self) -> np.ndarray:
         """Derivatives with respect to the fit coordinates, shape (2, p, n)."""
-        return self.per_stress[:, None] * self.stress.by_coordinate
+        return self.per_stress[:, None] * self.stress.by_fit_coordinate
 
     @property
     def by_log_mounting(self) -> np.ndarray:
         """Derivatives with respect to the log mounting stretches, shape (load, stretch, n)."""
         slope = self.stress.by_log_stretch.copy()
-        if not self.mounted:  # f = A0 s / (l lm)
+        if not self.mounted_dimensions:  # f = A0 s / (l lm)
             slope[0, 0] -= self.stress.stress[0]
             slope[1, 1] -= self.stress.stress[1]
         return self.per_stress[:, None] * slope
@@ -103,7 +103,7 @@ class ForwardModel:
 
     law: Law
     area: np.ndarray  # load per kPa from the dimensions of the file, (2,)
-    mounted: bool  # whether the dimensions are those of the mounted state
+    mounted_dimensions: bool  # whether the dimensions are those of the mounted state
     errors: ErrorModel
 
     @classmethod
@@ -112,28 +112,28 @@ class ForwardModel:
         mounted = specimen.geometry == "mounted"
         return cls(settings.material_law, specimen.area, mounted, settings.error_model)
 
-    # --- one point in fit coordinates, one column per state ---
+    # --- one material in fit coordinates, one column per state of deformation ---
 
     def per_stress(self, stretch: Any, mounting: Any) -> np.ndarray:
         """Load per Cauchy stress at measured and mounting stretches, shape (..., 2, n)."""
-        factor = load_per_stress(self.area[:, None], stretch, mounting, self.mounted)
+        factor = load_per_stress(self.area[:, None], stretch, mounting, self.mounted_dimensions)
         return np.asarray(factor)
 
     def response(self, point: np.ndarray, stretch: Any, mounting: np.ndarray) -> LoadResponse:
         """Loads at measured and mounting stretches of shape (2, n), with derivatives."""
         stress = self.law.response(point, stretch * mounting)
-        return LoadResponse(stress, self.per_stress(stretch, mounting), self.mounted)
+        return LoadResponse(stress, self.per_stress(stretch, mounting), self.mounted_dimensions)
 
-    def mounting_roots(
+    def solve_mounting(
         self, point: np.ndarray, load: np.ndarray, *, compiled: bool = True
     ) -> np.ndarray:
         """Mounting stretches that balance mounting loads, both (2, m); NaN without a root."""
         # for a law that is fitted once, running in Python is faster than compiling
         solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
-        constants = self.law.constants_at_point(*point)
+        constants = self.law.constants_from_fit(*point)
         roots = np.full(load.shape, np.nan)
         for m, (px, py) in enumerate((load / self.area[:, None]).T):
-            ok, x, y, *_ = solve(constants, px, py, self.mounted)
+            ok, x, y, *_ = solve(constants, px, py, self.mounted_dimensions)
             if ok:
                 roots[:, m] = np.exp(x), np.exp(y)
         return roots
@@ -141,7 +141,7 @@ class ForwardModel:
     # --- parts of the model, (draws, 1, 2) unless noted ---
 
     def mounting_stretch(self, values: Any, protocol: str = "") -> np.ndarray:
-        """Mounting stretches of a protocol: its own, the shared ones, or one."""
+        """Mounting stretches of a protocol: its own, the shared ones, or 1."""
         own = mounting_names("stretch", protocol)
         x, y = own if own[0] in values else mounting_names("stretch")
         return _pair(_column(values, x, 1.0), _column(values, y, 1.0))
@@ -153,16 +153,18 @@ class ForwardModel:
 
     def unloaded_section(self, values: Any, mounting: np.ndarray) -> np.ndarray:
         """Load per first Piola-Kirchhoff stress at mounting stretches of that shape."""
-        return unloaded_section(self.section(values), mounting, self.mounted)
+        return unloaded_section(self.section(values), mounting, self.mounted_dimensions)
 
     def offset(self, values: Any) -> np.ndarray:
-        """Zero of the load cell."""
+        """Load offsets z, the readings of the cell without load."""
         return _pair(_column(values, OFFSET_X, 0.0), _column(values, OFFSET_Y, 0.0))
 
     def load_per_stress(self, values: Any, stretch: Any, protocol: str = "") -> np.ndarray:
         """Load per Cauchy stress at measured stretches (rows, 2); (draws, rows, 2)."""
         lm = self.mounting_stretch(values, protocol)
-        return load_per_stress(self.section(values), np.asarray(stretch)[None], lm, self.mounted)
+        return load_per_stress(
+            self.section(values), np.asarray(stretch)[None], lm, self.mounted_dimensions
+        )
 
     # --- loads and readings ---
 
@@ -206,7 +208,10 @@ class ForwardModel:
     def piola_sd(
         self, values: Any, axis: int, piola_kPa: np.ndarray, mounting: np.ndarray
     ) -> np.ndarray:
-        """Sd of a reading as a stress: ``piola_kPa`` (draws, rows), ``mounting`` (draws, 2)."""
+        """Sd of a reading in kPa of first Piola-Kirchhoff stress.
+
+        ``piola_kPa`` is the stress (draws, rows), ``mounting`` the mounting stretch (draws, 2).
+        """
         area = self.unloaded_section(values, mounting[:, None])[:, :, axis]
         return self.sd(values, (piola_kPa * area)[..., None])[..., 0] / area
 

@@ -53,19 +53,18 @@ class Parameter:
     words : str
         Description on a page.
     low, high : float
-        Physical range. A finite end is an edge that draws may lie on, except zero for a positive
-        scale.
+        Physical bounds. Draws may lie on a finite one, except on zero for a positive parameter.
     logarithmic : bool
-        A positive scale: sampled and compared as its natural log.
+        A positive parameter: sampled and compared as its natural log.
     positive : bool
         Whether it cannot be fixed at zero.
     at_low, at_high : str
-        Kind of material at that end of the range; may be empty.
+        Kind of material at that bound; may be empty.
     mirror : bool
-        The ends of the range are mirrors of the material rather than edges.
+        The material is mirrored at the bounds (an angle at 0 and 90 degrees): they limit nothing.
     sharp : float
-        A 90 % interval narrower than this is sharp: known in practice, whatever it correlates
-        with. The ratio of the ends for logarithmic parameters.
+        A 90 % interval narrower than this determines the parameter for practical purposes, whatever
+        it correlates with. The ratio of the limits for logarithmic parameters.
     digits : str
         Format of a single value.
     width : float
@@ -73,7 +72,7 @@ class Parameter:
     axis : int or None
         0 for x, 1 for y, None for quantities without a direction.
     largest : float
-        Largest value in a fit, where the range has no end.
+        Upper bound in a fit, where the range has none.
     prior : (str, float, float), optional
         Default prior: its distribution and two numbers, as in a priors file.
     """
@@ -118,12 +117,12 @@ class Parameter:
 
     @property
     def bounded(self) -> bool:
-        """Whether draws may lie on the ends of the range, whatever the prior."""
+        """Whether the range has two bounds that draws may lie on, whatever the prior."""
         return not self.logarithmic and self.kind == MATERIAL and math.isfinite(self.high)
 
     @property
     def edges(self) -> tuple[float | None, float | None]:
-        """Physical edges (low, high); None where the range is open or a mirror."""
+        """Physical bounds (low, high); None where there is none, or a mirror."""
         low = None if self.mirror or not math.isfinite(self.low) else self.low
         high = None if self.mirror or not math.isfinite(self.high) else self.high
         return low, high
@@ -133,13 +132,13 @@ class Parameter:
         return format(value, self.digits)
 
     def is_sharp(self, low: float, high: float, times: float = 1.0) -> bool:
-        """Whether an interval in natural units is at most ``times`` as wide as a sharp one."""
+        """Whether an interval in natural units is at most ``times`` as wide as :attr:`sharp`."""
         if self.logarithmic:
             return high <= self.sharp**times * low
         return high - low <= self.sharp * times
 
-    def holds(self, values: np.ndarray) -> bool:
-        """Whether draws lie in the physical range, which is open at zero for a stretch."""
+    def in_range(self, values: np.ndarray) -> bool:
+        """Whether all values lie in the physical range; a stretch is larger than zero."""
         low = values > self.low if self.kind == STRETCH else values >= self.low
         return bool((low & (values <= self.high + 1e-12)).all())
 
@@ -157,7 +156,7 @@ class Parameter:
         return unit_words(self.unit_in(load_unit))
 
 
-def scale(
+def positive_parameter(
     name: str,
     symbol: str,
     words: str,
@@ -169,7 +168,7 @@ def scale(
     *,
     positive: bool = False,
 ) -> Parameter:
-    """A stiffness or an exponent: a positive scale with a lognormal prior, sampled in logs."""
+    """A stiffness or an exponent: positive, with a lognormal prior, sampled as its log."""
     return Parameter(
         name,
         symbol,
@@ -187,7 +186,7 @@ def scale(
 
 
 def fibre_angle(name: str, symbol: str, words: str) -> Parameter:
-    """An angle from x, 0 to 90 degrees with a uniform prior; its ends are mirrors."""
+    """An angle from x, 0 to 90 degrees with a uniform prior, mirrored at both bounds."""
     return Parameter(
         name,
         symbol,
@@ -202,10 +201,10 @@ def fibre_angle(name: str, symbol: str, words: str) -> Parameter:
     )
 
 
-def share(
+def fraction_parameter(
     name: str, symbol: str, words: str, at_low: str, at_high: str, *, width: float = 0.3
 ) -> Parameter:
-    """A share between 0 and 1 with a uniform prior."""
+    """A fraction between 0 and 1 with a uniform prior."""
     return Parameter(
         name,
         symbol,
@@ -235,7 +234,7 @@ def _pair(name: str, symbol: str, words: str, **rest: object) -> tuple[Parameter
     )
 
 
-MOUNTED = (
+MOUNTING_PARAMETERS = (
     *_pair(
         "mounting_stretch",
         r"\lambda_{\mathrm{m},{}}",
@@ -276,16 +275,14 @@ NOISE_GROWTH = Parameter(
     kind=ERROR,
     prior=("lognormal", 0.03, 1.0),
 )
-ERRORS = (NOISE_SD, NOISE_GROWTH)
+NOISE_PARAMETERS = (NOISE_SD, NOISE_GROWTH)
 """Parameters of all error models; a fit starts from the medians of their priors."""
-DIMENSIONS = (
+DIMENSION_PARAMETERS = (
     *_pair("edge", "", "edge in {} over the stated one", low=0.0, kind=DIMENSION),
     Parameter("thickness", words="thickness over the stated one", low=0.0, kind=DIMENSION),
     *_pair("load_offset", "", "load offset in {}", unit=LOAD, kind=DIMENSION),
 )
-"""Factors of measured dimensions, and the zero of the load cell."""
-COMMON = (*MOUNTED, *ERRORS, *DIMENSIONS)
-"""Parameters that do not belong to a law."""
+"""True over stated dimensions, and the load offset, the reading of the cell without load."""
 
 
 def _name(parameter: str, state: str) -> str:
@@ -293,7 +290,7 @@ def _name(parameter: str, state: str) -> str:
 
 
 def mounting_names(what: str, state: str = "") -> tuple[str, str]:
-    """Names, in x and y, of the ``stretch`` or ``force`` of one mounted state."""
+    """Names, in x and y, of the mounting ``stretch`` or ``force`` of one mounted state."""
     return _name(f"mounting_{what}_x", state), _name(f"mounting_{what}_y", state)
 
 
@@ -353,31 +350,35 @@ class Quantities(Mapping[str, Quantity]):
         self.material = tuple(material)
         self.states = tuple(states)
         self.load_unit = load_unit
-        known = [Quantity(p, "", load_unit) for p in self.material]
+        quantities = [Quantity(p, "", load_unit) for p in self.material]
         for what in (STRETCH, FORCE):
             for state in self.states:
-                known += [Quantity(p, state, load_unit) for p in MOUNTED if p.kind == what]
-        known += [Quantity(p, "", load_unit) for p in (*ERRORS, *DIMENSIONS)]
-        self._known = {q.name: q for q in known}
+                quantities += [
+                    Quantity(p, state, load_unit) for p in MOUNTING_PARAMETERS if p.kind == what
+                ]
+        quantities += [
+            Quantity(p, "", load_unit) for p in (*NOISE_PARAMETERS, *DIMENSION_PARAMETERS)
+        ]
+        self._quantities = {q.name: q for q in quantities}
 
     def __getitem__(self, name: str) -> Quantity:
-        return self._known[name]
+        return self._quantities[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._known)
+        return iter(self._quantities)
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._quantities)
 
     def of_kind(self, *kinds: Kind) -> tuple[Quantity, ...]:
-        """Quantities of some kinds, in their order."""
-        return tuple(q for q in self._known.values() if q.parameter.kind in kinds)
+        """Quantities of the given kinds, in their order."""
+        return tuple(q for q in self._quantities.values() if q.parameter.kind in kinds)
 
     def assessed(self) -> tuple[Quantity, ...]:
         """Material parameters and mounting stretches, which get a verdict."""
         return self.of_kind(MATERIAL, STRETCH)
 
-    def mounted(self) -> tuple[Quantity, ...]:
+    def mounting(self) -> tuple[Quantity, ...]:
         """Stretches, then forces, of every mounted state."""
         return self.of_kind(STRETCH, FORCE)
 
@@ -386,13 +387,13 @@ class Quantities(Mapping[str, Quantity]):
         p = quantity.parameter
         if p.kind != STRETCH:
             return quantity
-        force = next(f for f in MOUNTED if f.kind == FORCE and f.axis == p.axis)
+        force = next(f for f in MOUNTING_PARAMETERS if f.kind == FORCE and f.axis == p.axis)
         return Quantity(force, quantity.state, quantity.load_unit)
 
     def sibling(self, name: str, parameter: str) -> str:
         """Name of another parameter in the mounted state of a quantity."""
-        return _name(parameter, self._known[name].state)
+        return _name(parameter, self._quantities[name].state)
 
     def of_parameter(self, name: str) -> tuple[Quantity, ...]:
         """One parameter in every mounted state."""
-        return tuple(q for q in self._known.values() if q.parameter.name == name)
+        return tuple(q for q in self._quantities.values() if q.parameter.name == name)

@@ -61,7 +61,7 @@ def draw_truth(
         for name, prior in priors.items():
             if isinstance(prior, Tie):
                 truth[name] = prior.factor * truth[quantities.sibling(name, prior.other)]
-        if model.law.holds(truth) and _add_mounting_forces(model, truth):
+        if model.law.is_admissible(truth) and _add_mounting_forces(model, truth):
             return truth, rejected
     raise ValueError("the prior has hardly any mass where a stable mounted state exists")
 
@@ -118,7 +118,12 @@ def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
             # stable: the derivative of the balance is positive definite
             px, py = force / section
             _, _, jxx, jxy, jyy = balance(
-                material.constants, px, py, model.forward.mounted, np.log(lm[0]), np.log(lm[1])
+                material.constants,
+                px,
+                py,
+                model.forward.mounted_dimensions,
+                np.log(lm[0]),
+                np.log(lm[1]),
             )
             good = bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
         else:

@@ -22,7 +22,7 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
-from biaxbayes.parameters import ERRORS, MATERIAL, STRETCH, Parameter, Quantities
+from biaxbayes.parameters import MATERIAL, NOISE_PARAMETERS, STRETCH, Parameter, Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 
 STEPS = 200
@@ -90,7 +90,7 @@ def _default_rows(chains: Mapping[str, np.ndarray], known: Quantities) -> list[s
     for q in known.of_kind(MATERIAL, STRETCH):
         if q.name in chains:
             first.setdefault(q.parameter, q.name)
-    names = [*first.values(), *(p.name for p in ERRORS), "lp"]
+    names = [*first.values(), *(p.name for p in NOISE_PARAMETERS), "lp"]
     rows = [n for n in names if n in chains and np.ptp(chains[n]) > 0.0]
     if not rows:
         raise InputError("no quantity of this run varies, so there is nothing to draw")

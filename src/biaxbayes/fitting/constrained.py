@@ -154,7 +154,7 @@ class FitSetup:
                 with_mounting=self.balanced,
             )
         if initial is not None:
-            points = np.vstack([points, self.law.point(initial.values)])
+            points = np.vstack([points, self.law.to_fit_coordinates(initial.values)])
             stretches = np.vstack([stretches, np.ones(2)])
         return points, stretches
 
@@ -200,7 +200,7 @@ class FitSetup:
                 left = np.zeros_like(left)
         return FitResult(
             method=method,
-            material=law.material_at(law.values(point)),
+            material=law.material_at(law.from_fit_coordinates(point)),
             mounting_stretch=lm.T.copy(),
             mounting_load=mounting_load.T.copy(),
             r2=r2,

@@ -62,7 +62,7 @@ def alternate(
     lm = np.ones_like(data.mounting_load) if first is None else first
     cost, settled, count = np.inf, False, 0
     for count in range(1, most + 1):  # noqa: B007 - reported
-        root = data.forward(law).mounting_roots(point, data.mounting_load)
+        root = data.forward(law).solve_mounting(point, data.mounting_load)
         has_root = bool(np.isfinite(root).all())
         new_lm = root if has_root else lm
         problem = LoadResiduals(data, "cauchy", point, free, scale, new_lm, law)

@@ -148,7 +148,7 @@ class LoadResiduals:
         """Residuals (2n,), by theta (p, 2n) and by all ln lm (2n, 2m)."""
         data = self.data
         rows = self.forward.response(point, data.stretch, lm[:, data.group])
-        miss, by_point, by_lm = rows.load - data.load, rows.by_coordinate, rows.by_log_mounting
+        miss, by_point, by_lm = rows.load - data.load, rows.by_fit_coordinate, rows.by_log_mounting
         if self.quantity == "cauchy":
             # s - f l lm / A0 (unloaded), s - f l / Am (mounted)
             miss, by_point = miss / rows.per_stress, by_point / rows.per_stress[:, None]
@@ -190,7 +190,9 @@ class FreeMounting(LoadResiduals):
         sd, groups = self.reading_sd, lm.shape[1]
         state = self.forward.response(point, 1.0, lm)
         z = (state.load - self.data.mounting_load) / sd
-        z_by_point = (state.by_coordinate / sd[:, None]).transpose(0, 2, 1).reshape(2 * groups, -1)
+        z_by_point = (
+            (state.by_fit_coordinate / sd[:, None]).transpose(0, 2, 1).reshape(2 * groups, -1)
+        )
         slope = state.by_log_mounting / sd[:, None] / lm
         z_by_lm = _block_diagonal(slope)[:, self.free_mounting]
         jacobian = [[by_point[self.free].T, by_lm], [z_by_point[:, self.free], z_by_lm]]
@@ -219,7 +221,7 @@ class BalancedMounting(LoadResiduals):
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m); NaN where no root exists."""
         load = self.mounting_load(unknowns)
-        return self.forward.mounting_roots(
+        return self.forward.solve_mounting(
             self.fit_coordinates(unknowns), load, compiled=self.compiled
         )
 
@@ -232,7 +234,7 @@ class BalancedMounting(LoadResiduals):
         """
         state = self.forward.response(self.fit_coordinates(unknowns), 1.0, lm)
         inverse = np.linalg.inv(state.by_log_mounting.transpose(2, 0, 1))
-        by_theta = -np.einsum("gij,jpg->igp", inverse, state.by_coordinate)
+        by_theta = -np.einsum("gij,jpg->igp", inverse, state.by_fit_coordinate)
         groups = len(inverse)
         by_theta = by_theta[..., self.free].reshape(2 * groups, -1)
         if self.reading_sd is None:

@@ -84,5 +84,5 @@ def fixed_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndar
             )
         values[law.names.index(name)] = min(value, high)
     law.check_condition(given)
-    point = np.where([n in given for n in law.names], law.point(tuple(values)), 0.0)
+    point = np.where([n in given for n in law.names], law.to_fit_coordinates(tuple(values)), 0.0)
     return point, np.array([i for i, name in enumerate(law.names) if name not in given], dtype=int)

@@ -232,7 +232,7 @@ def identify_draws(
     if state != "unusable":
         logs = (power_scaling.log_prior(free, few), power_scaling.log_likelihood(posterior, few))
         tops = [p.stretch.max(axis=0) * protocol_mounting(few, p) for p in protocols]
-        distances = law.edge_distances(law.material(few), tops)
+        distances = law.bound_tolerances(law.material(few), tops)
         diagnostics = diagnostics_from_draws(free, few, draws, logs, distances, chosen)
         _add_mounting_diagnostics(diagnostics, posterior, draws, free, chosen)
     if state != "converged":

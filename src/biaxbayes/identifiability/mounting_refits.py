@@ -116,9 +116,9 @@ def _errors(posterior: Posterior, data: Specimen, full: FitResult) -> dict[str, 
     """Largest miss near the mounted state over the stiffness there, as a stretch by name."""
     shared = posterior.settings.shared
     readings = Readings.from_specimen(data, shared=shared)
-    point = posterior.law.point(full.material.values)
+    point = posterior.law.to_fit_coordinates(full.material.values)
     forward = readings.forward(posterior.law)
-    lm = forward.mounting_roots(point, readings.mounting_load)
+    lm = forward.solve_mounting(point, readings.mounting_load)
     # d f0 = df/d(ln lm) d(ln lm)
     slope = forward.response(point, 1.0, lm).by_log_mounting.transpose(2, 0, 1)
     toes = [np.abs(_toe(r)).max(axis=0) for r in full.residuals]

@@ -125,7 +125,9 @@ def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     law, start = posterior.law, posterior.fit
     priors = {i: posterior.priors[name] for i, name in enumerate(law.names)}
     fixed = {
-        i: law.coordinate(i, float(p)) for i, p in priors.items() if isinstance(p, int | float)
+        i: law.to_fit_coordinate(i, float(p))
+        for i, p in priors.items()
+        if isinstance(p, int | float)
     }
     likelihood = ConditionalLikelihood(
         posterior.specimen, posterior.settings, posterior.beta, fixed
@@ -135,10 +137,10 @@ def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
     if not posterior.settings.infers_mounting:
         lm = np.ones((2, likelihood.groups))
-    theta = law.point(start.material.values)
+    theta = law.to_fit_coordinates(start.material.values)
     best, other = (
         likelihood.best({}, np.concatenate([point, lm.ravel()]), start.rms)
-        for point in (theta, law.point(law.clip_inside(start.material.values)))
+        for point in (theta, law.to_fit_coordinates(law.clip_inside(start.material.values)))
     )
     best = other if other.deviance < best.deviance else best
     if not np.isfinite(best.deviance):
@@ -193,7 +195,7 @@ def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profi
     law, unknowns = posterior.law, np.array([f.unknowns for f in curve.fits])
     columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
     for i, name in enumerate(law.names):
-        columns[name] = np.array([law.natural(i, v) for v in unknowns[:, i]])
+        columns[name] = np.array([law.from_fit_coordinate(i, v) for v in unknowns[:, i]])
     if posterior.settings.infers_mounting:
         pairs = [mounting_names("stretch", label) for label in posterior.mounts]
         for j, name in enumerate(pair[k] for k in (0, 1) for pair in pairs):

@@ -43,7 +43,7 @@ class Axis:
         if self.parameter.logarithmic:
             return float(np.log(max(unknown, LEAST)))
         if self.parameter.kind == MATERIAL:
-            return self.law.natural(self.index, unknown)
+            return self.law.from_fit_coordinate(self.index, unknown)
         return float(unknown)
 
     def to_unknown(self, at: float) -> float:
@@ -52,7 +52,7 @@ class Axis:
         if self.parameter.kind != MATERIAL:
             return natural
         ends = self.parameter.range
-        return self.law.coordinate(self.index, min(max(natural, ends[0]), ends[1]))
+        return self.law.to_fit_coordinate(self.index, min(max(natural, ends[0]), ends[1]))
 
     def natural(self, at: float) -> float:
         """Natural value at a place on the axis."""

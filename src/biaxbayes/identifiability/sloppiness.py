@@ -77,16 +77,16 @@ def same_curves(
         """Loads (2, n) of every row and mounting stretches (2, m)."""
         lm = np.ones_like(mounting_load)
         if balanced:
-            lm = forward.mounting_roots(point, mounting_load)
+            lm = forward.solve_mounting(point, mounting_load)
         load = forward.response(point, data.stretch, lm[:, data.group]).load
         return load, lm
 
     natural = [float(draw[n]) for n in law.names]
-    origin, index = law.point(natural), law.names.index(moved)
+    origin, index = law.to_fit_coordinates(natural), law.names.index(moved)
     follows = [i for i, n in enumerate(law.names) if n != moved and n in free]
     target = replace(data, load=curves(origin)[0]).thinned(ROWS)
     ridge = _Ridge(law, target, origin, index, np.array(follows, dtype=int), balanced)
-    here, low, high = (law.coordinate(index, v) for v in (natural[index], *values))
+    here, low, high = (law.to_fit_coordinate(index, v) for v in (natural[index], *values))
     logs = law.parameter(moved).logarithmic
 
     def path(end: float) -> list[np.ndarray]:
@@ -100,7 +100,7 @@ def same_curves(
     stress = np.array(loads) / data.area[:, None]
     return SameCurves(
         moved,
-        pd.DataFrame([law.values(p) for p in points], columns=list(law.names)),
+        pd.DataFrame([law.from_fit_coordinates(p) for p in points], columns=list(law.names)),
         np.array(stretches),
         mounting_load,
         float(np.abs(stress - stress[0]).max()),

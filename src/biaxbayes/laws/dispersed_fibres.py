@@ -32,7 +32,7 @@ from biaxbayes.compilation import inlined
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse, exponential_energy
-from biaxbayes.parameters import Parameter, fibre_angle, scale
+from biaxbayes.parameters import Parameter, fibre_angle, positive_parameter
 
 DEFAULT_SOFTENING = 0.3
 
@@ -177,8 +177,10 @@ class DispersedFibreLaw(Law):
 
     has_switch = True
     fibre_parameters: ClassVar[tuple[Parameter, ...]] = (
-        scale("k1", "k_1", "fibre stiffness", "kPa", 30.0, 2.5, 1e6, "no fibres"),
-        scale("k2", "k_2", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"),
+        positive_parameter("k1", "k_1", "fibre stiffness", "kPa", 30.0, 2.5, 1e6, "no fibres"),
+        positive_parameter(
+            "k2", "k_2", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"
+        ),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
         Parameter(
             "kappa",
@@ -194,21 +196,21 @@ class DispersedFibreLaw(Law):
         ),
     )
     ties = (("k1", "C1"), ("C1", "k1"))
-    near_shares: ClassVar = {"kappa": 0.02}
+    fraction_tolerances: ClassVar = {"kappa": 0.02}
 
-    def coordinate_bounds(self, coordinates: Any) -> dict[str, tuple[float, float]]:
+    def sampling_bounds(self, transform: Any) -> dict[str, tuple[float, float]]:
         """Bounds of the sampling coordinates, by parameter."""
-        if coordinates.chart > 0.0:
+        if transform.chart > 0.0:
             return {"kappa": (0.0, 1.0)}
-        return super().coordinate_bounds(coordinates)
+        return super().sampling_bounds(transform)
 
-    def coordinate_widths(self, coordinates: Any) -> dict[str, float]:
+    def sampling_widths(self, transform: Any) -> dict[str, float]:
         """Width of kappa itself, where the chart is not used."""
-        return {} if coordinates.chart > 0.0 else {"kappa": 0.06}
+        return {} if transform.chart > 0.0 else {"kappa": 0.06}
 
-    def has_isotropy_scale(self, coordinates: Any) -> bool:
+    def has_isotropy_scale(self, transform: Any) -> bool:
         """True if the chart is used."""
-        return bool(coordinates.chart > 0.0)
+        return bool(transform.chart > 0.0)
 
     def softening(self, values: Mapping[str, Any]) -> float:
         """Scale of the chart near isotropy for materials by parameter, in their own units."""

@@ -33,15 +33,15 @@ from biaxbayes.laws.coordinates import (
     to_root_exponent,
     to_root_stress,
 )
-from biaxbayes.laws.law import MATRIX_LOAD, Law, SamplingLayout
+from biaxbayes.laws.law import MATRIX_STRESS_FRACTION, Law, TransformInputs
 from biaxbayes.laws.materials import (
-    constants_at,
+    constants_from_theta,
     derivatives,
     energy,
     exponential_energy,
     to_slots,
 )
-from biaxbayes.parameters import Parameter, fibre_angle, scale
+from biaxbayes.parameters import Parameter, fibre_angle, positive_parameter
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -79,7 +79,7 @@ def _slope(k1, k2, E):
 
 @derivatives.register(FourFibreConstants)
 def four_fibre_derivatives(constants, X, Y, Z):
-    """Derivatives of W by the squared stretches."""
+    """Derivatives of W with respect to the squared stretches."""
     Ex, Ey, Ed = _strains(constants, X, Y)
     t = constants.cos2
     matrix = 0.5 * constants.c
@@ -114,7 +114,7 @@ _C, _K1X, _K2X, _K1Y, _K2Y, _K1D, _K2D, _ALPHA = range(8)
 _FAMILIES = (("k1_x", "k2_x"), ("k1_y", "k2_y"), ("k1_d", "k2_d"))
 
 
-class FourFibreCoordinates(NamedTuple):
+class FourFibreTransform(NamedTuple):
     """Constants of the sampling coordinates.
 
     The field of each parameter is 1 where a root is sampled in its place; ``log_scale`` is ln s, s
@@ -135,41 +135,41 @@ class FourFibreCoordinates(NamedTuple):
 
 
 @inlined
-def _log_strains(coordinates, alpha):
+def _log_strains(transform, alpha):
     """Ln E* of the families."""
-    X, Y = coordinates.X, coordinates.Y
+    X, Y = transform.X, transform.Y
     return np.log(X - 1.0), np.log(Y - 1.0), log_fibre_strain(alpha, X, Y)
 
 
 @inlined
 def _family_to_slots(value, k1, k2, k1_sampled, k2_sampled, log_scale, log_E):
-    """Natural k1 and k2 of a family in place; the log Jacobian."""
+    """Ln k1 and ln k2 of a family in place of its roots; the log Jacobian."""
     # q = k2 E*^2,  S = k1 E* exp(q)
     log_jacobian = from_root_exponent(value, k2, k2_sampled, 2.0 * log_E)
     q = np.exp(value[k2] + 2.0 * log_E)
     return log_jacobian + from_root_stress(value, k1, k1_sampled, log_scale, q, log_E)
 
 
-@to_slots.register(FourFibreCoordinates)
-def four_fibre_to_slots(coordinates, value):
-    """Natural values in place of the roots; the log Jacobian."""
+@to_slots.register(FourFibreTransform)
+def four_fibre_to_slots(transform, value):
+    """Slots in place of the roots; the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    log_x, log_y, log_d = _log_strains(coordinates, alpha)
-    u, s = coordinates, coordinates.log_scale
+    log_x, log_y, log_d = _log_strains(transform, alpha)
+    u, s = transform, transform.log_scale
     log_jacobian = _family_to_slots(value, _K1X, _K2X, u.k1_x, u.k2_x, s, log_x)
     log_jacobian += _family_to_slots(value, _K1Y, _K2Y, u.k1_y, u.k2_y, s, log_y)
     log_jacobian += _family_to_slots(value, _K1D, _K2D, u.k1_d, u.k2_d, s, log_d)
     return log_jacobian + from_root_stress(value, _C, u.c, s, 0.0, u.log_matrix)
 
 
-@constants_at.register(FourFibreCoordinates)
-def four_fibre_constants_at(coordinates, value):
-    """Constants at natural values."""
-    c, cos2 = value[_C], np.cos(value[_ALPHA]) ** 2
-    along_x, along_y = (value[_K1X], value[_K2X]), (value[_K1Y], value[_K2Y])
-    return FourFibreConstants(c, *along_x, *along_y, value[_K1D], value[_K2D], cos2)
+@constants_from_theta.register(FourFibreTransform)
+def four_fibre_constants_from_theta(transform, theta):
+    """Constants at theta, angles in radians."""
+    c, cos2 = theta[_C], np.cos(theta[_ALPHA]) ** 2
+    along_x, along_y = (theta[_K1X], theta[_K2X]), (theta[_K1Y], theta[_K2Y])
+    return FourFibreConstants(c, *along_x, *along_y, theta[_K1D], theta[_K2D], cos2)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -182,8 +182,12 @@ def _family(axis: str, words: str) -> tuple[Parameter, Parameter]:
     )
     ends = f"no fibres {words}", f"no exponential stiffening {words}"
     return (
-        scale(f"k1_{axis}", f"k_{{1{axis}}}", stiffness, "kPa", 30.0, 2.5, 1e6, ends[0]),
-        scale(f"k2_{axis}", f"k_{{2{axis}}}", stiffening, "1", 10.0, 2.0, 1e4, ends[1]),
+        positive_parameter(
+            f"k1_{axis}", f"k_{{1{axis}}}", stiffness, "kPa", 30.0, 2.5, 1e6, ends[0]
+        ),
+        positive_parameter(
+            f"k2_{axis}", f"k_{{2{axis}}}", stiffening, "1", 10.0, 2.0, 1e4, ends[1]
+        ),
     )
 
 
@@ -200,19 +204,22 @@ class FourFibreLaw(Law):
     )
     # As those of GOH: c is twice its C1, and fibres of any family are as stiff.
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        scale("c", "c", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True),
+        positive_parameter(
+            "c", "c", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True
+        ),
         *_family("x", "along x"),
         *_family("y", "along y"),
         *_family("d", "along the diagonals"),
         fibre_angle("alpha", r"\alpha", "angle of the diagonals from x"),
     )
     amplitudes = ("c", "k1_x", "k1_y", "k1_d")
-    exponential_load = 0.5 * (1.0 - MATRIX_LOAD)  # the family along an axis, and the diagonals
+    # the family along an axis, and the diagonals
+    exponential_stress_fraction = 0.5 * (1.0 - MATRIX_STRESS_FRACTION)
     exponents: ClassVar = {k2: f"{k2} E^2" for _, k2 in _FAMILIES}
     least_protocols = 2  # one leaves five or six regions along alpha
     undefined_at: ClassVar = {"alpha": (("k1_d", 0, "k1_d = 0"),)}
 
-    def constants_at_point(self, *point: Any) -> FourFibreConstants:
+    def constants_from_fit(self, *point: Any) -> FourFibreConstants:
         """Constants at (c, k1_x, k2_x, k1_y, k2_y, k1_d, k2_d, cos^2 alpha)."""
         return FourFibreConstants(*point)
 
@@ -223,32 +230,32 @@ class FourFibreLaw(Law):
         k2 = constants.k2_x, constants.k2_y, constants.k2_d
         return tuple(k * E * E for k, E in zip(k2, _strains(constants, X, Y), strict=True))
 
-    def coordinates(self, layout: SamplingLayout) -> FourFibreCoordinates:
+    def sampling_transform(self, inputs: TransformInputs) -> FourFibreTransform:
         """Constants of the sampling coordinates."""
-        X, Y, Z = layout.widest
+        X, Y, Z = inputs.max_I1_state
         log_matrix = 0.5 * float(np.log((X - Z) * (Y - Z)))
-        roots = layout.sampled(*self.names[:_ALPHA])
-        log_scale = log_stress_scale(layout.peak_kPa)
-        return FourFibreCoordinates._make((*roots, log_scale, log_matrix, X, Y))
+        roots = inputs.sampled(*self.names[:_ALPHA])
+        log_scale = log_stress_scale(inputs.peak_kPa)
+        return FourFibreTransform._make((*roots, log_scale, log_matrix, X, Y))
 
-    def to_coordinates(
-        self, coordinates: FourFibreCoordinates, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: FourFibreTransform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values: logs of stiffnesses, exponents; radians."""
-        out, u, s = dict(values), coordinates, coordinates.log_scale
-        log_strains = _log_strains(u, values["alpha"])
+        """Sampling coordinates at slots: logs of stiffnesses, exponents; radians."""
+        out, u, s = dict(slots), transform, transform.log_scale
+        log_strains = _log_strains(u, slots["alpha"])
         for (k1, k2), log_E in zip(_FAMILIES, log_strains, strict=True):
-            q = np.exp(values[k2] + 2.0 * log_E)
+            q = np.exp(slots[k2] + 2.0 * log_E)
             to_root_exponent(out, k2, getattr(u, k2), 2.0 * log_E)
             to_root_stress(out, k1, getattr(u, k1), s, q, log_E)
         to_root_stress(out, "c", u.c, s, 0.0, u.log_matrix)
         return out
 
-    def coordinate_widths(self, coordinates: FourFibreCoordinates) -> dict[str, float]:
+    def sampling_widths(self, transform: FourFibreTransform) -> dict[str, float]:
         """Widths of the roots."""
-        roots = (name for name in self.names[:_ALPHA] if getattr(coordinates, name) > 0.0)
+        roots = (name for name in self.names[:_ALPHA] if getattr(transform, name) > 0.0)
         return dict.fromkeys(roots, ROOT_WIDTH)
 
-    def typical(self, stretch: float) -> dict[str, float]:
+    def prior_medians(self, stretch: float) -> dict[str, float]:
         """E = l^2 - 1 for every family."""
         return dict.fromkeys(self.exponents, (stretch**2 - 1.0) ** -2)

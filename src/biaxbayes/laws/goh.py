@@ -43,9 +43,15 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor,
     structure_tensor_from_cos2,
 )
-from biaxbayes.laws.law import STIFFNESS_SHARE, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_slots
-from biaxbayes.parameters import Parameter, scale
+from biaxbayes.laws.law import ABSENT_STIFFNESS_FRACTION, TransformInputs
+from biaxbayes.laws.materials import (
+    MaterialResponse,
+    constants_from_theta,
+    derivatives,
+    energy,
+    to_slots,
+)
+from biaxbayes.parameters import Parameter, positive_parameter
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -64,7 +70,7 @@ class GOHConstants(NamedTuple):
 
 @derivatives.register(GOHConstants)
 def goh_derivatives(constants, X, Y, Z):
-    """Derivatives of W by the squared stretches."""
+    """Derivatives of W with respect to the squared stretches."""
     E = fibre_strain(constants, X, Y, Z)
     # dW/dX = C1 + Hx dW/dE
     slope = fibre_slope(constants, E)
@@ -85,7 +91,7 @@ def goh_energy(constants, X, Y, Z):
 C1, K1, K2, ALPHA, KAPPA = range(5)
 
 
-class GOHCoordinates(NamedTuple):
+class GOHTransform(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``chart`` is 1 for (d, v), 0 for (alpha, kappa); ``k1``, ``k2`` are 1 where ln S and ln q are
@@ -102,30 +108,30 @@ class GOHCoordinates(NamedTuple):
     switch: float
 
 
-@to_slots.register(GOHCoordinates)
-def goh_to_slots(coordinates, value):
-    """Natural values in place of (ln C1, ln S, ln q, d, v); the log Jacobian."""
+@to_slots.register(GOHTransform)
+def goh_to_slots(transform, value):
+    """Slots in place of (ln C1, ln S, ln q, d, v); the log Jacobian."""
     log_jacobian = 0.0
-    if coordinates.chart > 0.0:
+    if transform.chart > 0.0:
         if not 0.0 <= value[KAPPA] <= 1.0:
             return -np.inf
         alpha, kappa, log_jacobian = angles_from_chart(
-            value[ALPHA], value[KAPPA], coordinates.softening
+            value[ALPHA], value[KAPPA], transform.softening
         )
         value[ALPHA], value[KAPPA] = alpha, kappa
     alpha, kappa = value[ALPHA], value[KAPPA]
     if not (0.0 <= kappa <= 1.0 / 3.0 and 0.0 <= alpha <= 0.5 * np.pi):
         return -np.inf
-    log_E2, log_EG = reference_state(alpha, kappa, coordinates.X, coordinates.Y, coordinates.Z)
-    from_log_stress(value, K1, K2, coordinates.k1, coordinates.k2, log_E2, log_EG)
+    log_E2, log_EG = reference_state(alpha, kappa, transform.X, transform.Y, transform.Z)
+    from_log_stress(value, K1, K2, transform.k1, transform.k2, log_E2, log_EG)
     return log_jacobian
 
 
-@constants_at.register(GOHCoordinates)
-def goh_constants_at(coordinates, value):
-    """Constants at natural values."""
-    Hx, Hy, Hz = structure_tensor(value[ALPHA], value[KAPPA])
-    return GOHConstants(value[C1], value[K1], value[K2], Hx, Hy, Hz, coordinates.switch)
+@constants_from_theta.register(GOHTransform)
+def goh_constants_from_theta(transform, theta):
+    """Constants at theta, angles in radians."""
+    Hx, Hy, Hz = structure_tensor(theta[ALPHA], theta[KAPPA])
+    return GOHConstants(theta[C1], theta[K1], theta[K2], Hx, Hy, Hz, transform.switch)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -144,14 +150,16 @@ class GOHLaw(DispersedFibreLaw):
         "the x axis and equal properties; fibres carried load {load}"
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        scale("C1", "C_1", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
+        positive_parameter(
+            "C1", "C_1", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
+        ),
         *DispersedFibreLaw.fibre_parameters,
     )
     amplitudes = ("C1", "k1")
     exponents: ClassVar = {"k2": "k2 E^2"}
     undefined_at: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"),)}
 
-    def constants_at_point(self, C1, k1, k2, t, kappa) -> GOHConstants:
+    def constants_from_fit(self, C1, k1, k2, t, kappa) -> GOHConstants:
         """Constants at t = cos^2 alpha."""
         Hx, Hy, Hz = structure_tensor_from_cos2(t, kappa)
         return GOHConstants(C1, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
@@ -169,38 +177,38 @@ class GOHLaw(DispersedFibreLaw):
         """The material itself."""
         return self.material_at(values)
 
-    def coordinates(self, layout: SamplingLayout) -> GOHCoordinates:
+    def sampling_transform(self, inputs: TransformInputs) -> GOHTransform:
         """Constants of the sampling coordinates; the chart only where both angles are free."""
-        chart = layout.structural and "alpha" in layout.free and "kappa" in layout.free
-        k1, k2 = layout.sampled("k1", "k2")
-        X, Y, Z = layout.reference
+        chart = inputs.reparametrised and "alpha" in inputs.free and "kappa" in inputs.free
+        k1, k2 = inputs.sampled("k1", "k2")
+        X, Y, Z = inputs.reference
         switch = float(self.fibre_switch)
-        return GOHCoordinates(float(chart), layout.softening, k1, k2, X, Y, Z, switch)
+        return GOHTransform(float(chart), inputs.softening, k1, k2, X, Y, Z, switch)
 
-    def to_coordinates(
-        self, coordinates: GOHCoordinates, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: GOHTransform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values: logs of C1, k1, k2; alpha in radians."""
-        out = dict(values)
-        alpha, kappa = values["alpha"], values["kappa"]
-        if coordinates.chart > 0.0:
-            out["alpha"], out["kappa"] = chart_from_angles(alpha, kappa, coordinates.softening)
-        reference = reference_state(alpha, kappa, coordinates.X, coordinates.Y, coordinates.Z)
-        to_log_stress(out, "k1", "k2", coordinates.k1, coordinates.k2, *reference)
+        """Sampling coordinates at slots: logs of C1, k1, k2; alpha in radians."""
+        out = dict(slots)
+        alpha, kappa = slots["alpha"], slots["kappa"]
+        if transform.chart > 0.0:
+            out["alpha"], out["kappa"] = chart_from_angles(alpha, kappa, transform.softening)
+        reference = reference_state(alpha, kappa, transform.X, transform.Y, transform.Z)
+        to_log_stress(out, "k1", "k2", transform.k1, transform.k2, *reference)
         return out
 
-    def typical(self, stretch: float) -> dict[str, float]:
+    def prior_medians(self, stretch: float) -> dict[str, float]:
         """Aligned fibres with E = l^2 - 1."""
         return {"k2": (stretch**2 - 1.0) ** -2, "kappa": 0.0}
 
-    def amplitude_distances(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    def amplitude_tolerances(
+        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
         """C1 and k1 that make 5 % of the small-strain stiffness, the trace of d s / d ln l."""
         c = material.constants
         # trace of the Hessian at l = 1: 16 C1 + 8 k1 (gx^2 + gy^2), gk = Hk - Hz
         per_k1 = 8.0 * ((c.Hx - c.Hz) ** 2 + (c.Hy - c.Hz) ** 2)
-        stiffness = STIFFNESS_SHARE * float(np.median(16.0 * c.C1 + c.k1 * per_k1))
+        stiffness = ABSENT_STIFFNESS_FRACTION * float(np.median(16.0 * c.C1 + c.k1 * per_k1))
         return {"C1": stiffness / 16.0, "k1": stiffness / max(float(np.median(per_k1)), 1e-9)}
 
 

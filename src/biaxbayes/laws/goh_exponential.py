@@ -30,16 +30,16 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor,
     structure_tensor_from_cos2,
 )
-from biaxbayes.laws.goh import GOHCoordinates, GOHLaw
-from biaxbayes.laws.law import SamplingLayout
+from biaxbayes.laws.goh import GOHLaw, GOHTransform
+from biaxbayes.laws.law import TransformInputs
 from biaxbayes.laws.materials import (
-    constants_at,
+    constants_from_theta,
     derivatives,
     energy,
     exponential_energy,
     to_slots,
 )
-from biaxbayes.parameters import Parameter, scale
+from biaxbayes.parameters import Parameter, positive_parameter
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -59,7 +59,7 @@ class GOHExponentialConstants(NamedTuple):
 
 @derivatives.register(GOHExponentialConstants)
 def goh_exponential_derivatives(constants, X, Y, Z):
-    """Derivatives of W by the squared stretches."""
+    """Derivatives of W with respect to the squared stretches."""
     E = fibre_strain(constants, X, Y, Z)
     # dW/dX = C1 exp(b (I1 - 3)) + Hx dW/dE
     matrix = constants.C1 * np.exp(constants.b * (X + Y + Z - 3.0))
@@ -85,14 +85,14 @@ def goh_exponential_energy(constants, X, Y, Z):
 _C1, _B, _K1, _K2, _ALPHA, _KAPPA = range(6)
 
 
-class GOHExponentialCoordinates(NamedTuple):
+class GOHExponentialTransform(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``fibres`` are those of GOH; ``C1``, ``b`` are 1 where ln S_m and ln q_m are sampled in their
     places; ``log_I`` is ln(I1 - 3) at the reference stretch.
     """
 
-    fibres: GOHCoordinates
+    fibres: GOHTransform
     C1: float
     b: float
     log_I: float
@@ -103,21 +103,21 @@ class GOHExponentialCoordinates(NamedTuple):
         return self.fibres.chart
 
 
-@to_slots.register(GOHExponentialCoordinates)
-def goh_exponential_to_slots(coordinates, value):
-    """Natural values in place of (ln S_m, ln q_m, ln S, ln q, d, v); the log Jacobian."""
+@to_slots.register(GOHExponentialTransform)
+def goh_exponential_to_slots(transform, value):
+    """Slots in place of (ln S_m, ln q_m, ln S, ln q, d, v); the log Jacobian."""
     # S_m = C1 exp(q_m),  q_m = b (I1* - 3)
-    from_log_stress(value, _C1, _B, coordinates.C1, coordinates.b, coordinates.log_I, 0.0)
+    from_log_stress(value, _C1, _B, transform.C1, transform.b, transform.log_I, 0.0)
     # the places of GOH, with b in that of C1, which its fibres do not need
-    return to_slots(coordinates.fibres, value[_B:])
+    return to_slots(transform.fibres, value[_B:])
 
 
-@constants_at.register(GOHExponentialCoordinates)
-def goh_exponential_constants_at(coordinates, value):
-    """Constants at natural values."""
-    Hx, Hy, Hz = structure_tensor(value[_ALPHA], value[_KAPPA])
+@constants_from_theta.register(GOHExponentialTransform)
+def goh_exponential_constants_from_theta(transform, theta):
+    """Constants at theta, angles in radians."""
+    Hx, Hy, Hz = structure_tensor(theta[_ALPHA], theta[_KAPPA])
     return GOHExponentialConstants(
-        value[_C1], value[_B], value[_K1], value[_K2], Hx, Hy, Hz, coordinates.fibres.switch
+        theta[_C1], theta[_B], theta[_K1], theta[_K2], Hx, Hy, Hz, transform.fibres.switch
     )
 
 
@@ -136,14 +136,16 @@ class GOHExponentialLaw(DispersedFibreLaw):
     description = f"{GOHLaw.description}, in a matrix that stiffens exponentially with I1"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         GOHLaw.parameters[0],
-        scale("b", "b", "matrix stiffening", "1", 5.0, 2.0, 1e3, "a neo-Hookean matrix"),
+        positive_parameter(
+            "b", "b", "matrix stiffening", "1", 5.0, 2.0, 1e3, "a neo-Hookean matrix"
+        ),
         *DispersedFibreLaw.fibre_parameters,
     )
     amplitudes = ("C1", "k1")
     exponents: ClassVar = {"b": "b (I1 - 3)", "k2": "k2 E^2"}
     undefined_at: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"), ("k1", 0, "k1 = 0"))}
 
-    def constants_at_point(self, C1, b, k1, k2, t, kappa) -> GOHExponentialConstants:
+    def constants_from_fit(self, C1, b, k1, k2, t, kappa) -> GOHExponentialConstants:
         """Constants at t = cos^2 alpha."""
         Hx, Hy, Hz = structure_tensor_from_cos2(t, kappa)
         return GOHExponentialConstants(C1, b, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
@@ -155,22 +157,22 @@ class GOHExponentialLaw(DispersedFibreLaw):
         E = fibre_strain(constants, X, Y, Z)
         return constants.b * (X + Y + Z - 3.0), constants.k2 * E * E
 
-    def coordinates(self, layout: SamplingLayout) -> GOHExponentialCoordinates:
+    def sampling_transform(self, inputs: TransformInputs) -> GOHExponentialTransform:
         """Constants of the sampling coordinates."""
-        fibres = GOHLaw(self.fibre_switch).coordinates(layout)
-        log_I = float(np.log(sum(layout.reference) - 3.0))
-        C1, b = layout.sampled("C1", "b")
-        return GOHExponentialCoordinates(fibres, C1, b, log_I)
+        fibres = GOHLaw(self.fibre_switch).sampling_transform(inputs)
+        log_I = float(np.log(sum(inputs.reference) - 3.0))
+        C1, b = inputs.sampled("C1", "b")
+        return GOHExponentialTransform(fibres, C1, b, log_I)
 
-    def to_coordinates(
-        self, coordinates: GOHExponentialCoordinates, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: GOHExponentialTransform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values: logs of C1, b, k1, k2; alpha in radians."""
-        out = GOHLaw(self.fibre_switch).to_coordinates(coordinates.fibres, values)
-        to_log_stress(out, "C1", "b", coordinates.C1, coordinates.b, coordinates.log_I, 0.0)
+        """Sampling coordinates at slots: logs of C1, b, k1, k2; alpha in radians."""
+        out = GOHLaw(self.fibre_switch).to_sampling_coordinates(transform.fibres, slots)
+        to_log_stress(out, "C1", "b", transform.C1, transform.b, transform.log_I, 0.0)
         return out
 
-    def typical(self, stretch: float) -> dict[str, float]:
+    def prior_medians(self, stretch: float) -> dict[str, float]:
         """The fibres of GOH, and b (I1 - 3) = 1."""
         b = 1.0 / (2.0 * stretch**2 + stretch**-4 - 3.0)
-        return {"b": b} | GOHLaw().typical(stretch)
+        return {"b": b} | GOHLaw().prior_medians(stretch)

@@ -26,14 +26,14 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor_from_cos2,
 )
 from biaxbayes.laws.goh import GOH, GOHConstants, GOHLaw
-from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse, constants_at, to_slots
+from biaxbayes.laws.law import Law, TransformInputs
+from biaxbayes.laws.materials import MaterialResponse, constants_from_theta, to_slots
 from biaxbayes.parameters import Parameter
 
 _C1, _K1, _K2, _ALPHA = range(4)
 
 
-class HGOCoordinates(NamedTuple):
+class HGOTransform(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``k1``, ``k2`` are 1 where ln S and ln q are sampled in their places; (X, Y) is the squared
@@ -46,22 +46,22 @@ class HGOCoordinates(NamedTuple):
     Y: float
 
 
-@to_slots.register(HGOCoordinates)
-def hgo_to_slots(coordinates, value):
-    """Natural values in place of (ln C1, ln S, ln q, alpha); the log Jacobian."""
+@to_slots.register(HGOTransform)
+def hgo_to_slots(transform, value):
+    """Slots in place of (ln C1, ln S, ln q, alpha); the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    log_E = log_fibre_strain(alpha, coordinates.X, coordinates.Y)
-    from_log_stress(value, _K1, _K2, coordinates.k1, coordinates.k2, 2.0 * log_E, log_E)
+    log_E = log_fibre_strain(alpha, transform.X, transform.Y)
+    from_log_stress(value, _K1, _K2, transform.k1, transform.k2, 2.0 * log_E, log_E)
     return 0.0
 
 
-@constants_at.register(HGOCoordinates)
-def hgo_constants_at(coordinates, value):
-    """Constants at natural values."""
-    Hx, Hy, Hz = structure_tensor(value[_ALPHA], 0.0)
-    return GOHConstants(value[_C1], value[_K1], value[_K2], Hx, Hy, Hz, 0.0)
+@constants_from_theta.register(HGOTransform)
+def hgo_constants_from_theta(transform, theta):
+    """Constants at theta, angles in radians."""
+    Hx, Hy, Hz = structure_tensor(theta[_ALPHA], 0.0)
+    return GOHConstants(theta[_C1], theta[_K1], theta[_K2], Hx, Hy, Hz, 0.0)
 
 
 class HGOLaw(Law):
@@ -83,7 +83,7 @@ class HGOLaw(Law):
     exponents: ClassVar = {"k2": "k2 E^2"}
     undefined_at: ClassVar = {"alpha": (("k1", 0, "k1 = 0"),)}
 
-    def constants_at_point(self, C1, k1, k2, t) -> GOHConstants:
+    def constants_from_fit(self, C1, k1, k2, t) -> GOHConstants:
         """Constants at t = cos^2 alpha."""
         Hx, Hy, Hz = structure_tensor_from_cos2(t, 0.0)
         return GOHConstants(C1, k1, k2, Hx, Hy, Hz, 0.0)
@@ -97,21 +97,21 @@ class HGOLaw(Law):
         C1, k1, k2, alpha = (float(v) for v in values)
         return GOH(C1, k1, k2, alpha, 0.0)
 
-    def coordinates(self, layout: SamplingLayout) -> HGOCoordinates:
+    def sampling_transform(self, inputs: TransformInputs) -> HGOTransform:
         """Constants of the sampling coordinates."""
-        k1, k2 = layout.sampled("k1", "k2")
-        return HGOCoordinates(k1, k2, *layout.reference[:2])
+        k1, k2 = inputs.sampled("k1", "k2")
+        return HGOTransform(k1, k2, *inputs.reference[:2])
 
-    def to_coordinates(
-        self, coordinates: HGOCoordinates, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: HGOTransform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values: logs of C1, k1, k2; alpha in radians."""
-        out = dict(values)
-        log_E = log_fibre_strain(values["alpha"], coordinates.X, coordinates.Y)
-        to_log_stress(out, "k1", "k2", coordinates.k1, coordinates.k2, 2.0 * log_E, log_E)
+        """Sampling coordinates at slots: logs of C1, k1, k2; alpha in radians."""
+        out = dict(slots)
+        log_E = log_fibre_strain(slots["alpha"], transform.X, transform.Y)
+        to_log_stress(out, "k1", "k2", transform.k1, transform.k2, 2.0 * log_E, log_E)
         return out
 
-    def typical(self, stretch: float) -> dict[str, float]:
+    def prior_medians(self, stretch: float) -> dict[str, float]:
         """Fibres with E = l^2 - 1."""
         return {"k2": (stretch**2 - 1.0) ** -2}
 

@@ -26,15 +26,15 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.coordinates import from_log_stress, to_log_stress
-from biaxbayes.laws.law import Law, SamplingLayout
+from biaxbayes.laws.law import Law, TransformInputs
 from biaxbayes.laws.materials import (
-    constants_at,
+    constants_from_theta,
     derivatives,
     energy,
     exponential_energy,
     to_slots,
 )
-from biaxbayes.parameters import Parameter, fibre_angle, scale, share
+from biaxbayes.parameters import Parameter, fibre_angle, fraction_parameter, positive_parameter
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -65,7 +65,7 @@ def _form(constants, X, Y, Z):
 
 @derivatives.register(Holzapfel2005Constants)
 def holzapfel_2005_derivatives(constants, X, Y, Z):
-    """Derivatives of W by the squared stretches."""
+    """Derivatives of W with respect to the squared stretches."""
     J, E = _strains(constants, X, Y, Z)
     growth = 2.0 * constants.k1 * np.exp(constants.k2 * _form(constants, X, Y, Z))
     # dW/dI1 = mu/2 + 2 k1 exp(k2 F) rho (I1 - 3),  dW/dI4 = 2 k1 exp(k2 F) (1 - rho) (I4 - 1)
@@ -87,7 +87,7 @@ def holzapfel_2005_energy(constants, X, Y, Z):
 _MU, _K1, _K2, _ALPHA, _RHO = range(5)
 
 
-class Holzapfel2005Coordinates(NamedTuple):
+class Holzapfel2005Transform(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``k1``, ``k2`` are 1 where ln S and ln q are sampled in their places; (X, Y, Z) is the squared
@@ -102,9 +102,9 @@ class Holzapfel2005Coordinates(NamedTuple):
 
 
 @inlined
-def _reference_state(coordinates, alpha, rho):
+def _reference_state(transform, alpha, rho):
     """(ln F*, ln G*) at the reference stretch, where fibres are stretched."""
-    X, Y, Z = coordinates.X, coordinates.Y, coordinates.Z
+    X, Y, Z = transform.X, transform.Y, transform.Z
     cos2 = np.cos(alpha) ** 2
     I4 = cos2 * X + (1.0 - cos2) * Y
     E, J = I4 - 1.0, X + Y + Z - 3.0
@@ -113,22 +113,22 @@ def _reference_state(coordinates, alpha, rho):
     return np.log(F), np.log(G)
 
 
-@to_slots.register(Holzapfel2005Coordinates)
-def holzapfel_2005_to_slots(coordinates, value):
-    """Natural values in place of (ln mu, ln S, ln q, alpha, rho); the log Jacobian."""
+@to_slots.register(Holzapfel2005Transform)
+def holzapfel_2005_to_slots(transform, value):
+    """Slots in place of (ln mu, ln S, ln q, alpha, rho); the log Jacobian."""
     alpha, rho = value[_ALPHA], value[_RHO]
     if not (0.0 <= alpha <= 0.5 * np.pi and 0.0 <= rho <= 1.0):
         return -np.inf
-    log_F, log_G = _reference_state(coordinates, alpha, rho)
-    from_log_stress(value, _K1, _K2, coordinates.k1, coordinates.k2, log_F, log_G)
+    log_F, log_G = _reference_state(transform, alpha, rho)
+    from_log_stress(value, _K1, _K2, transform.k1, transform.k2, log_F, log_G)
     return 0.0
 
 
-@constants_at.register(Holzapfel2005Coordinates)
-def holzapfel_2005_constants_at(coordinates, value):
-    """Constants at natural values."""
-    cos2 = np.cos(value[_ALPHA]) ** 2
-    return Holzapfel2005Constants(value[_MU], value[_K1], value[_K2], cos2, value[_RHO])
+@constants_from_theta.register(Holzapfel2005Transform)
+def holzapfel_2005_constants_from_theta(transform, theta):
+    """Constants at theta, angles in radians."""
+    cos2 = np.cos(theta[_ALPHA]) ** 2
+    return Holzapfel2005Constants(theta[_MU], theta[_K1], theta[_K2], cos2, theta[_RHO])
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -147,11 +147,17 @@ class Holzapfel2005Law(Law):
         "carried load in extension only"
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        scale("mu", r"\mu", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True),
-        scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e6, "no exponential"),
-        scale("k2", "k_2", "stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"),
+        positive_parameter(
+            "mu", r"\mu", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True
+        ),
+        positive_parameter(
+            "k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e6, "no exponential"
+        ),
+        positive_parameter(
+            "k2", "k_2", "stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"
+        ),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
-        share(
+        fraction_parameter(
             "rho",
             r"\rho",
             "isotropic share of the exponent",
@@ -163,10 +169,10 @@ class Holzapfel2005Law(Law):
     ties = (("k1", "mu"), ("mu", "k1"))
     amplitudes = ("mu", "k1")
     exponents: ClassVar = {"k2": "k2 F"}
-    near_shares: ClassVar = {"rho": 0.05}
+    fraction_tolerances: ClassVar = {"rho": 0.05}
     undefined_at: ClassVar = {"alpha": (("rho", 1, "rho = 1"), ("k1", 0, "k1 = 0"))}
 
-    def constants_at_point(self, mu, k1, k2, t, rho) -> Holzapfel2005Constants:
+    def constants_from_fit(self, mu, k1, k2, t, rho) -> Holzapfel2005Constants:
         """Constants at t = cos^2 alpha."""
         return Holzapfel2005Constants(mu, k1, k2, t, rho)
 
@@ -176,21 +182,21 @@ class Holzapfel2005Law(Law):
         """The exponent that fibres and I1 share."""
         return (constants.k2 * _form(constants, X, Y, Z),)
 
-    def coordinates(self, layout: SamplingLayout) -> Holzapfel2005Coordinates:
+    def sampling_transform(self, inputs: TransformInputs) -> Holzapfel2005Transform:
         """Constants of the sampling coordinates."""
-        k1, k2 = layout.sampled("k1", "k2")
-        return Holzapfel2005Coordinates(k1, k2, *layout.reference)
+        k1, k2 = inputs.sampled("k1", "k2")
+        return Holzapfel2005Transform(k1, k2, *inputs.reference)
 
-    def to_coordinates(
-        self, coordinates: Holzapfel2005Coordinates, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: Holzapfel2005Transform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values: logs of mu, k1, k2; alpha in radians."""
-        out = dict(values)
-        reference = _reference_state(coordinates, values["alpha"], values["rho"])
-        to_log_stress(out, "k1", "k2", coordinates.k1, coordinates.k2, *reference)
+        """Sampling coordinates at slots: logs of mu, k1, k2; alpha in radians."""
+        out = dict(slots)
+        reference = _reference_state(transform, slots["alpha"], slots["rho"])
+        to_log_stress(out, "k1", "k2", transform.k1, transform.k2, *reference)
         return out
 
-    def typical(self, stretch: float) -> dict[str, float]:
+    def prior_medians(self, stretch: float) -> dict[str, float]:
         """F = (E^2 + J^2) / 2 at rho = 1/2."""
         E, J = stretch**2 - 1.0, 2.0 * stretch**2 + stretch**-4 - 3.0
         return {"k2": 2.0 / (E * E + J * J), "rho": 0.5}

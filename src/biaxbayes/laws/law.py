@@ -3,14 +3,20 @@ r"""Base class of the material laws.
 The file of a law holds
 
 - a ``NamedTuple`` of its constants, with the energy and its first derivatives;
-- a ``NamedTuple`` of what its sampling coordinates depend on, with their transformation (both are
+- a ``NamedTuple`` of the constants of its sampling transform, with the transform itself (both are
   registered with the generic functions of :mod:`biaxbayes.laws.materials`);
 - a subclass of :class:`Law`, with ``name``, ``title``, ``source``, ``description``, ``parameters``,
-  ``amplitudes``, ``exponents``, :meth:`~Law.constants_at_point`, :meth:`~Law.exponents_at`,
-  :meth:`~Law.coordinates`, :meth:`~Law.to_coordinates` and :meth:`~Law.typical`. The other members
-  have defaults.
+  ``amplitudes``, ``exponents``, :meth:`~Law.constants_from_fit`, :meth:`~Law.exponents_at`,
+  :meth:`~Law.sampling_transform`, :meth:`~Law.to_sampling_coordinates` and
+  :meth:`~Law.prior_medians`. The other members have defaults.
 
-Fit coordinates are the parameters with cos^2 in place of angles; natural values have radians.
+The values of the parameters are written in five ways:
+
+- natural: in their own units, angles in degrees;
+- theta: the same with angles in radians, as stresses need them;
+- slots: theta with the logs of positive parameters, on which priors are defined;
+- sampling coordinates: what the sampler moves in, each law's own function of the slots;
+- fit coordinates: natural values with cos^2 in place of angles, what least squares move in.
 """
 
 from __future__ import annotations
@@ -34,22 +40,22 @@ from biaxbayes.laws.materials import (
 )
 from biaxbayes.parameters import DEGREE, Parameter
 
-MATRIX_LOAD = 0.3
-"""Share of the peak stress that a calibration's median material owes to its matrix."""
+MATRIX_STRESS_FRACTION = 0.3
+"""Fraction of the peak stress that the matrix carries at the medians of a scaled prior."""
 
-LOAD_SHARE = 0.05
+ABSENT_STRESS_FRACTION = 0.05
 """Terms that carry less than this fraction of the stress at the largest stretch count as absent."""
-EXPONENT_DISTANCE = 0.1
-"""An exponent below this at the largest stretch is nearly absent."""
-STIFFNESS_SHARE = 0.05
-"""The same share of the small-strain stiffness, for laws that compare amplitudes with it."""
-LOWEST_DRAWS = 0.05
-"""Fraction of the draws, those with the smallest amplitude, that its distance is computed from:
+ABSENT_STIFFNESS_FRACTION = 0.05
+"""The same for laws that compare amplitudes with the small-strain stiffness."""
+ABSENT_EXPONENT = 0.1
+"""An exponent below this at the largest stretch counts as absent."""
+SMALLEST_DRAWS_FRACTION = 0.05
+"""Fraction of the draws, those with the smallest amplitude, that its tolerance is computed from:
 amplitude and exponent are correlated, so that a small amplitude may carry as much load."""
 
-INSIDE = {"kPa": 1e-3, "1": 1e-2}
-"""Least stiffness and exponent of a point moved off its edges, by unit."""
-INSIDE_SHARE, INSIDE_ANGLE = 0.02, 3.0  # of a range; degrees
+INTERIOR_MINIMUM = {"kPa": 1e-3, "1": 1e-2}
+"""Smallest stiffness and exponent of a material that is moved off its bounds, by unit."""
+INTERIOR_MARGIN, INTERIOR_MARGIN_DEG = 0.02, 3.0  # fraction of a range; degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,32 +63,35 @@ class StressResponse:
     """Cauchy stresses (kPa) at n states and their derivatives."""
 
     stress: np.ndarray  # (2, n)
-    by_coordinate: np.ndarray  # (2, p, n), by fit coordinates
-    by_log_stretch: np.ndarray  # (2, 2, n): stress, total stretch; symmetric
+    by_fit_coordinate: np.ndarray  # (2, p, n), d stress / d fit coordinate
+    by_log_stretch: np.ndarray  # (2, 2, n), d stress / d ln(total stretch), symmetric
 
 
-class SamplingLayout(NamedTuple):
-    """Constants of a specimen and of a search that sampling coordinates may depend on."""
+class TransformInputs(NamedTuple):
+    """What the sampling transform of a law may depend on: the specimen and the search."""
 
     free: tuple[str, ...]  # parameters that are neither fixed nor tied
     # squared reference stretches (X, Y, Z), both in-plane ones above 1
     reference: tuple[float, float, float]
-    softening: float  # scale of the coordinates near isotropy
-    # coordinates that the data determine well and that are regular at the edges; without: logs of
-    # scales, radians, the others as they are
-    structural: bool
-    # as `reference`, of the row of largest I1: a state that the specimen has been in
-    widest: tuple[float, float, float]
+    softening: float  # s of asinh(h / s) in the coordinates near isotropy
+    # True: stresses and exponents at the reference state, which the data determine well and which
+    # are regular at the bounds; False: the slots themselves
+    reparametrised: bool
+    # as `reference`, of the measured row of largest I1
+    max_I1_state: tuple[float, float, float]
     peak_kPa: float  # largest stress of the specimen, a scale of stiffnesses
 
     def sampled(self, *names: str) -> tuple[float, ...]:
-        """1 for each parameter that is sampled in a structural coordinate, else 0."""
-        return tuple(float(self.structural and name in self.free) for name in names)
+        """1.0 for each parameter that is reparametrised, else 0.0: flags of compiled code."""
+        return tuple(float(self.reparametrised and name in self.free) for name in names)
 
 
 @dataclass(frozen=True)
 class Law(ABC):
-    """A material law; only some have a ``fibre_switch``: fibres carry no compression."""
+    """A material law.
+
+    ``fibre_switch``, for laws that leave it open, makes fibres carry no compression.
+    """
 
     fibre_switch: bool = False
 
@@ -106,15 +115,15 @@ class Law(ABC):
     the side (0 low, 1 high), and the material there as text; one entry for every such end."""
     amplitudes: ClassVar[tuple[str, ...]]
     """Parameters that the stress is linear in, the stiffness of the matrix first."""
-    exponential_load: ClassVar[float] = 1.0 - MATRIX_LOAD
-    """Share of the nominal stress that an exponential carries in that median material."""
+    exponential_stress_fraction: ClassVar[float] = 1.0 - MATRIX_STRESS_FRACTION
+    """Fraction of the stress that an exponential carries at the medians of the scaled prior."""
     exponents: ClassVar[Mapping[str, str]] = {}
     """Formula of each exponent, by the parameter that it is proportional to, such as
     ``{"k2": "k2 E^2"}``; parameters may share one."""
-    near_shares: ClassVar[Mapping[str, float]] = {}
-    """Distances below which a dispersion or a share is near an end of its range."""
+    fraction_tolerances: ClassVar[Mapping[str, float]] = {}
+    """Distances from a bound within which a dispersion or a fraction counts as being at it."""
     condition: ClassVar[str] = ""
-    """Condition on several parameters together, as text."""
+    """Condition of admissibility on several parameters together, as text."""
     joint_parameters: ClassVar[tuple[str, ...]] = ()
     """Parameters in the condition."""
 
@@ -132,16 +141,16 @@ class Law(ABC):
     # --- materials ---
 
     @abstractmethod
-    def constants_at_point(self, *point: Any) -> Any:
+    def constants_from_fit(self, *point: Any) -> Any:
         """Constants at fit coordinates: the parameters in their order, cos^2 in place of angles.
 
         In cos^2 a structure tensor is linear and an angle of 0 or 90 degrees is an ordinary bound;
         in the angle the stress is stationary there whatever the data say.
         """
 
-    def constants(self, *values: Any) -> Any:
-        """Constants at the natural values of the parameters in their order, angles in radians."""
-        return self.constants_at_point(
+    def constants_from_theta(self, *values: Any) -> Any:
+        """Constants at the parameters in their order, angles in radians."""
+        return self.constants_from_fit(
             *(
                 np.cos(v) ** 2 if p.mirror else v
                 for p, v in zip(self.parameters, values, strict=True)
@@ -212,27 +221,27 @@ class Law(ABC):
     def check_condition(self, values: Mapping[str, Any]) -> None:
         """Raise InputError for given numbers that do not meet :attr:`condition`."""
         given = self.joint_parameters and set(self.joint_parameters) <= set(values)
-        if given and not self.holds(values):
+        if given and not self.is_admissible(values):
             raise InputError(f"no material of the law {self.name}: {self.condition}")
 
-    def holds(self, values: Mapping[str, Any]) -> Any:
+    def is_admissible(self, values: Mapping[str, Any]) -> Any:
         """True where parameters, numbers or arrays, meet :attr:`condition`."""
         return True
 
     # --- sampling coordinates ---
 
     @abstractmethod
-    def coordinates(self, layout: SamplingLayout) -> Any:
-        """Constants of the sampling coordinates, for the compiled density."""
+    def sampling_transform(self, inputs: TransformInputs) -> Any:
+        """Constants of the sampling transform, for the compiled density."""
 
     @abstractmethod
-    def to_coordinates(
-        self, coordinates: Any, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: Any, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values (logs of scales, radians), by parameter."""
+        """Sampling coordinates at slots (logs of positive parameters, radians), by parameter."""
 
-    def coordinate_bounds(self, coordinates: Any) -> dict[str, tuple[float, float]]:
-        """Bounds of the sampling coordinates, by parameter: the ranges of angles and shares."""
+    def sampling_bounds(self, transform: Any) -> dict[str, tuple[float, float]]:
+        """Bounds of the sampling coordinates, by parameter: the ranges of angles and fractions."""
         unit = {DEGREE: math.radians(1.0)}
         return {
             p.name: (p.low * unit.get(p.unit, 1.0), p.high * unit.get(p.unit, 1.0))
@@ -240,16 +249,16 @@ class Law(ABC):
             if p.bounded
         }
 
-    def coordinate_widths(self, coordinates: Any) -> dict[str, float]:
+    def sampling_widths(self, transform: Any) -> dict[str, float]:
         """Widths of dispersed starts where they differ from the parameters' own."""
         return {}
 
-    def has_isotropy_scale(self, coordinates: Any) -> bool:
+    def has_isotropy_scale(self, transform: Any) -> bool:
         """True if the sampling coordinates have a scale that :meth:`softening` suits."""
         return False
 
     def softening(self, values: Mapping[str, Any]) -> float:
-        """Scale of the sampling coordinates that suits materials by parameter (own units)."""
+        """The s of asinh(h / s) for materials around these natural values, by parameter."""
         return 1.0
 
     # --- coordinates of fits: cos^2 of angles, the others as they are ---
@@ -264,37 +273,37 @@ class Law(ABC):
         """Upper bounds of the fit coordinates."""
         return np.array([1.0 if p.mirror else min(p.high, p.largest) for p in self.parameters])
 
-    def coordinate(self, i: int, value: float) -> float:
-        """Fit coordinate of parameter i: cos^2 of an angle, the others as they are."""
+    def to_fit_coordinate(self, i: int, value: float) -> float:
+        """Fit coordinate of parameter i at its natural value."""
         if self.parameters[i].mirror:
             # cos^2 of 90 degrees is 4e-33 in floating point, not the bound it stands for
             return 0.0 if value == 90.0 else float(np.cos(np.deg2rad(value)) ** 2)
         return float(value)
 
-    def natural(self, i: int, coordinate: float) -> float:
-        """Parameter i in its own unit, inside its range; inverse of :meth:`coordinate`."""
+    def from_fit_coordinate(self, i: int, coordinate: float) -> float:
+        """Natural value of parameter i, clipped to its range."""
         p = self.parameters[i]
         if p.mirror:
             t = min(max(float(coordinate), 0.0), 1.0)
             return min(float(np.rad2deg(np.arccos(np.sqrt(t)))), p.high)
         return min(max(float(coordinate), p.low), p.high) if p.bounded else float(coordinate)
 
-    def point(self, values: Sequence[float]) -> np.ndarray:
-        """Fit coordinates, from parameters in their own units and order."""
-        return np.array([self.coordinate(i, v) for i, v in enumerate(values)])
+    def to_fit_coordinates(self, values: Sequence[float]) -> np.ndarray:
+        """Fit coordinates at natural values in the order of the parameters."""
+        return np.array([self.to_fit_coordinate(i, v) for i, v in enumerate(values)])
 
-    def values(self, point: Any) -> tuple[float, ...]:
-        """Parameters in their own units and order, from fit coordinates."""
-        return tuple(self.natural(i, v) for i, v in enumerate(point))
+    def from_fit_coordinates(self, point: Any) -> tuple[float, ...]:
+        """Natural values in the order of the parameters, from fit coordinates."""
+        return tuple(self.from_fit_coordinate(i, v) for i, v in enumerate(point))
 
     def clip_inside(self, values: Sequence[float]) -> tuple[float, ...]:
-        """A material moved off its edges, to where the sampling coordinates are regular."""
+        """Natural values moved off their bounds, where sampling coordinates may be singular."""
         moved = []
         for p, value in zip(self.parameters, values, strict=True):
             if p.bounded:
-                margin = INSIDE_ANGLE if p.mirror else INSIDE_SHARE * (p.high - p.low)
+                margin = INTERIOR_MARGIN_DEG if p.mirror else INTERIOR_MARGIN * (p.high - p.low)
                 value = min(max(value, p.low + margin), p.high - margin)
-            moved.append(max(value, INSIDE[p.unit]) if p.logarithmic else value)
+            moved.append(max(value, INTERIOR_MINIMUM[p.unit]) if p.logarithmic else value)
         return tuple(float(v) for v in moved)
 
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
@@ -302,7 +311,7 @@ class Law(ABC):
         p = point.size
         # one row per coordinate and log stretch, each with an imaginary step of its own
         step = 1j * STEP * np.eye(p + 2)
-        constants = self.constants_at_point(*(point + step[:, :p]).T[:, :, None])
+        constants = self.constants_from_fit(*(point + step[:, :p]).T[:, :, None])
         lx, ly = (stretch[k] * (1.0 + step[:, p + k, None]) for k in range(2))
         stress = np.array(cauchy_stress(constants, *squared_stretches(lx, ly)))
         slope = stress.imag / STEP
@@ -311,13 +320,13 @@ class Law(ABC):
     # --- starting points of fits ---
 
     def random_materials(
-        self, size: int, largest: np.ndarray, rng: np.random.Generator
+        self, size: int, max_stretch: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Random materials for fits to start from, with one for every amplitude.
+        """Random materials for fits to start from, with amplitudes of 1.
 
-        Exponents at the ``largest`` total stretches (size, 2) are log-uniform from 0.01 to 30,
-        which makes curves more or less bent whatever the strain range; angles and shares are
-        uniform. Some of them are zero, or at an end of their range. Returns fit coordinates (size,
+        Exponents q at total stretches ``max_stretch`` (size, 2) are log-uniform from 0.01 to 30,
+        which makes curves more or less bent whatever the strain range; angles and fractions
+        are uniform. Some of them are zero, or at a bound. Returns fit coordinates (size,
         p) and features (size, k) in which chosen points have to differ, the exponents first.
         """
         points, features = np.ones((size, len(self.parameters))), []
@@ -331,21 +340,22 @@ class Law(ABC):
                     points[:, i] = p.low + (p.high - p.low) * u
                     points[3::5, i] = p.low
                 features.append(points[:, i] / self.upper[i])
-        X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
-        per_unit = self.exponents_at(self.constants_at_point(*points.T), X, Y, 1.0 / (X * Y))
-        for k, (name, unit) in enumerate(zip(self.exponents, per_unit, strict=True)):
+        X, Y = np.maximum(max_stretch.T, 1.0 + 1e-3) ** 2
+        F_values = self.exponents_at(self.constants_from_fit(*points.T), X, Y, 1.0 / (X * Y))
+        for k, (name, F) in enumerate(zip(self.exponents, F_values, strict=True)):
+            # q = k2 F, log-uniform, and k2 = q / F with F the exponent at k2 = 1
             q = 10.0 ** (-2.0 + 3.5 * rng.random(size))
             q[k::9] = 0.0
             i = self.names.index(name)
-            points[:, i] = np.minimum(q / np.maximum(unit, 1e-12), self.upper[i])
+            points[:, i] = np.minimum(q / np.maximum(F, 1e-12), self.upper[i])
             features.insert(k, 0.3 * q)
         return points, np.column_stack(features)
 
-    # --- priors, derived quantities, distances from edges ---
+    # --- priors, derived quantities, distances from bounds ---
 
-    def typical(self, stretch: float) -> dict[str, float]:
-        """Exponents' parameters, angles and shares of tissue with exponents of one at a stretch."""
-        raise NotImplementedError(f"the law {self.name} has no typical material")
+    def prior_medians(self, stretch: float) -> dict[str, float]:
+        """Prior medians of all but the amplitudes: exponents are 1 at an equibiaxial stretch."""
+        raise NotImplementedError(f"the law {self.name} has no prior medians")
 
     def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
         """Priors of tissue that reaches a nominal stress at a total equibiaxial stretch.
@@ -353,18 +363,20 @@ class Law(ABC):
         At the medians (45 degrees, no dispersion) the exponents are one there, and matrix and
         exponentials carry 30 and 70 % of the stress.
         """
-        typical = {p.name: 45.0 for p in self.parameters if p.mirror} | self.typical(stretch)
+        medians = {p.name: 45.0 for p in self.parameters if p.mirror} | self.prior_medians(stretch)
         priors: dict[str, tuple[str, float, float]] = {}
         for p in self.parameters:
             if p.name in self.amplitudes:
-                alone = dict.fromkeys(self.amplitudes, 0.0) | typical | {p.name: 1.0}
+                # P is linear in the amplitude k: median of k = fraction * peak / P(k = 1)
+                alone = dict.fromkeys(self.amplitudes, 0.0) | medians | {p.name: 1.0}
                 per_unit = max(self.material(alone).piola(stretch, stretch))
-                share = MATRIX_LOAD if p.name == self.amplitudes[0] else self.exponential_load
-                priors[p.name] = ("lognormal", share * peak_kPa / float(per_unit), 0.8)
+                matrix = p.name == self.amplitudes[0]
+                fraction = MATRIX_STRESS_FRACTION if matrix else self.exponential_stress_fraction
+                priors[p.name] = ("lognormal", fraction * peak_kPa / float(per_unit), 0.8)
             elif p.bounded:
                 priors[p.name] = ("uniform", p.low, p.high)
             else:
-                priors[p.name] = ("lognormal", typical[p.name], 0.8)
+                priors[p.name] = ("lognormal", medians[p.name], 0.8)
         return priors
 
     def derived_quantities(self, material: MaterialResponse) -> dict[str, Any]:
@@ -372,43 +384,53 @@ class Law(ABC):
         return {}
 
     def derived_at(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, np.ndarray]:
         """The exponents of n draws at the largest of some stretches (n, 2), shape (n,) each."""
-        largest = self.largest_exponents(material.constants, tops)
+        largest = self.largest_exponents(material.constants, max_stretches)
         return {
             f"exponent {formula}": q
             for formula, q in zip(dict.fromkeys(self.exponents.values()), largest, strict=True)
         }
 
-    def largest_exponents(self, constants: Any, tops: Sequence[np.ndarray]) -> list[np.ndarray]:
+    def largest_exponents(
+        self, constants: Any, max_stretches: Sequence[np.ndarray]
+    ) -> list[np.ndarray]:
         """Largest value of each exponent and draw at some total stretches, shape (n,) each."""
-        states = [squared_stretches(top[:, :1], top[:, 1:]) for top in tops]
+        states = [squared_stretches(top[:, :1], top[:, 1:]) for top in max_stretches]
         at_states = [self.exponents_at(constants, *state) for state in states]
         return [np.maximum.reduce(list(q))[:, 0] for q in zip(*at_states, strict=True)]
 
-    def edge_distances(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    def bound_tolerances(
+        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Distances from an edge that count as near, natural units; ``tops`` (n, 2) by protocol."""
+        """Distances from a bound within which a parameter counts as being at it, natural units.
+
+        ``max_stretches`` are the total stretches (n, 2) of n draws at the end of each protocol.
+        """
         exponents = {}
-        largest = self.derived_at(material, tops)
+        largest = self.derived_at(material, max_stretches)
         for name, formula in self.exponents.items():
+            # q = k2 F: the k2 at which q is ABSENT_EXPONENT is that fraction of k2 / q
             value = np.ravel(material.theta[self.names.index(name)])
             per_unit = value / np.maximum(largest[f"exponent {formula}"], 1e-12)
-            exponents[name] = EXPONENT_DISTANCE * float(np.median(per_unit))
-        return dict(self.near_shares) | exponents | self.amplitude_distances(material, tops)
+            exponents[name] = ABSENT_EXPONENT * float(np.median(per_unit))
+        return (
+            dict(self.fraction_tolerances)
+            | exponents
+            | self.amplitude_tolerances(material, max_stretches)
+        )
 
-    def amplitude_distances(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    def amplitude_tolerances(
+        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Amplitudes that carry :data:`LOAD_SHARE` of the stress at the largest stretches.
+        """Amplitudes that carry :data:`ABSENT_STRESS_FRACTION` of the largest stress.
 
         Medians over the draws in which the amplitude is smallest.
         """
 
         def stresses(response: MaterialResponse) -> np.ndarray:
-            at_tops = [response.cauchy(top[:, :1], top[:, 1:]) for top in tops]
+            at_tops = [response.cauchy(top[:, :1], top[:, 1:]) for top in max_stretches]
             return np.array([np.maximum((x + y)[:, 0], 1e-12) for x, y in at_tops])
 
         places = [self.names.index(name) for name in self.amplitudes]
@@ -417,9 +439,11 @@ class Law(ABC):
             alone = list(material.theta)
             for j in places:
                 alone[j] = np.full_like(alone[j], float(i == j))
-            # the amplitude that would carry all, in the protocol in which it carries most
-            sole = np.min(stresses(material) / stresses(Material(self, tuple(alone))), axis=0)
-            size = np.broadcast_to(np.ravel(material.theta[i]), sole.shape)
-            smallest = np.argsort(size, kind="stable")[: max(1, round(LOWEST_DRAWS * size.size))]
-            distances[self.names[i]] = LOAD_SHARE * float(np.median(sole[smallest]))
+            # s is linear in the amplitude k: k_all = s / s(k = 1, other amplitudes 0) would carry
+            # all of the stress, in the protocol in which it carries most
+            k_all = np.min(stresses(material) / stresses(Material(self, tuple(alone))), axis=0)
+            size = np.broadcast_to(np.ravel(material.theta[i]), k_all.shape)
+            count = max(1, round(SMALLEST_DRAWS_FRACTION * size.size))
+            smallest = np.argsort(size, kind="stable")[:count]
+            distances[self.names[i]] = ABSENT_STRESS_FRACTION * float(np.median(k_all[smallest]))
         return distances

@@ -36,9 +36,9 @@ from biaxbayes.laws.coordinates import (
     to_root_exponent,
     to_root_stress,
 )
-from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.materials import constants_at, derivatives, energy, to_slots
-from biaxbayes.parameters import Parameter, fibre_angle, scale, share
+from biaxbayes.laws.law import Law, TransformInputs
+from biaxbayes.laws.materials import constants_from_theta, derivatives, energy, to_slots
+from biaxbayes.parameters import Parameter, fibre_angle, fraction_parameter, positive_parameter
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -62,7 +62,7 @@ def _strains(constants, X, Y, Z):
 
 @derivatives.register(LeeSacksConstants)
 def lee_sacks_derivatives(constants, X, Y, Z):
-    """Derivatives of W by the squared stretches."""
+    """Derivatives of W with respect to the squared stretches."""
     t, delta, c2, c3 = constants.cos2, constants.delta, constants.c2, constants.c3
     J, E = _strains(constants, X, Y, Z)
     # dW/dI1 = c0 + c1 delta c2 J exp(c2 J^2),  dW/dE = c1 (1 - delta) c3 E exp(c3 E^2)
@@ -87,7 +87,7 @@ def lee_sacks_energy(constants, X, Y, Z):
 _C0, _C1, _C2, _C3, _DELTA, _ALPHA = range(6)
 
 
-class LeeSacksCoordinates(NamedTuple):
+class LeeSacksTransform(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``c0``, ``c2``, ``c3`` are 1 where roots are sampled in their places, ``stresses`` where those
@@ -105,23 +105,23 @@ class LeeSacksCoordinates(NamedTuple):
     Y: float
 
 
-@to_slots.register(LeeSacksCoordinates)
-def lee_sacks_to_slots(coordinates, value):
-    """Natural values in place of the roots; the log Jacobian."""
+@to_slots.register(LeeSacksTransform)
+def lee_sacks_to_slots(transform, value):
+    """Slots in place of the roots; the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    log_J, log_E = coordinates.log_J, log_fibre_strain(alpha, coordinates.X, coordinates.Y)
-    log_jacobian = from_root_stress(value, _C0, coordinates.c0, coordinates.log_scale, 0.0, 0.0)
-    log_jacobian += from_root_exponent(value, _C2, coordinates.c2, 2.0 * log_J)
-    log_jacobian += from_root_exponent(value, _C3, coordinates.c3, 2.0 * log_E)
-    if coordinates.stresses > 0.0:
+    log_J, log_E = transform.log_J, log_fibre_strain(alpha, transform.X, transform.Y)
+    log_jacobian = from_root_stress(value, _C0, transform.c0, transform.log_scale, 0.0, 0.0)
+    log_jacobian += from_root_exponent(value, _C2, transform.c2, 2.0 * log_J)
+    log_jacobian += from_root_exponent(value, _C3, transform.c3, 2.0 * log_E)
+    if transform.stresses > 0.0:
         log_S2, slope2 = log_square(value[_C1])
         log_S3, slope3 = log_square(value[_DELTA])
         # a = ln(c1 delta) = ln S2 - ln(c2 (I1* - 3)) - q2,  b = ln(c1 (1 - delta)) likewise
-        a = coordinates.log_scale + log_S2 - value[_C2] - log_J
+        a = transform.log_scale + log_S2 - value[_C2] - log_J
         a -= np.exp(value[_C2] + 2.0 * log_J)
-        b = coordinates.log_scale + log_S3 - value[_C3] - log_E
+        b = transform.log_scale + log_S3 - value[_C3] - log_E
         b -= np.exp(value[_C3] + 2.0 * log_E)
         log_c1 = max(a, b) + np.log1p(np.exp(-abs(a - b)))
         value[_C1] = log_c1
@@ -133,11 +133,11 @@ def lee_sacks_to_slots(coordinates, value):
     return log_jacobian
 
 
-@constants_at.register(LeeSacksCoordinates)
-def lee_sacks_constants_at(coordinates, value):
-    """Constants at natural values."""
+@constants_from_theta.register(LeeSacksTransform)
+def lee_sacks_constants_from_theta(transform, theta):
+    """Constants at theta, angles in radians."""
     return LeeSacksConstants(
-        value[_C0], value[_C1], value[_C2], value[_C3], value[_DELTA], np.cos(value[_ALPHA]) ** 2
+        theta[_C0], theta[_C1], theta[_C2], theta[_C3], theta[_DELTA], np.cos(theta[_ALPHA]) ** 2
     )
 
 
@@ -158,23 +158,29 @@ class LeeSacksLaw(Law):
     # Stiffnesses and exponents of soft tissue lie within two decades of these medians either way;
     # nothing is known of the share of the isotropic exponential.
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
-        scale(
+        positive_parameter(
+            "c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
+        ),
+        positive_parameter(
             "c1", "c_1", "stiffness of the exponentials", "kPa", 10.0, 2.5, 1e6, "no exponentials"
         ),
-        scale("c2", "c_2", "isotropic stiffening", "1", 10.0, 2.0, 1e4, "no isotropic stiffening"),
-        scale("c3", "c_3", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no fibres"),
-        share("delta", r"\delta", "isotropic share", "no isotropic exponential", "no fibres"),
+        positive_parameter(
+            "c2", "c_2", "isotropic stiffening", "1", 10.0, 2.0, 1e4, "no isotropic stiffening"
+        ),
+        positive_parameter("c3", "c_3", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no fibres"),
+        fraction_parameter(
+            "delta", r"\delta", "isotropic share", "no isotropic exponential", "no fibres"
+        ),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
     )
     amplitudes = ("c0", "c1")
     exponents: ClassVar = {"c2": "c2 (I1 - 3)^2", "c3": "c3 (I4 - 1)^2"}
-    near_shares: ClassVar = {"delta": 0.02}
+    fraction_tolerances: ClassVar = {"delta": 0.02}
     undefined_at: ClassVar = {
         "alpha": (("delta", 1, "delta = 1"), ("c1", 0, "c1 = 0"), ("c3", 0, "c3 = 0"))
     }
 
-    def constants_at_point(self, *point: Any) -> LeeSacksConstants:
+    def constants_from_fit(self, *point: Any) -> LeeSacksConstants:
         """Constants at (c0, c1, c2, c3, delta, cos^2 alpha)."""
         return LeeSacksConstants(*point)
 
@@ -183,48 +189,48 @@ class LeeSacksLaw(Law):
         J, E = _strains(constants, X, Y, Z)
         return constants.c2 * J * J, constants.c3 * E * E
 
-    def coordinates(self, layout: SamplingLayout) -> LeeSacksCoordinates:
+    def sampling_transform(self, inputs: TransformInputs) -> LeeSacksTransform:
         """Constants of the sampling coordinates."""
-        X, Y, Z = layout.widest
-        c0, c1, c2, c3, delta = layout.sampled("c0", "c1", "c2", "c3", "delta")
+        X, Y, Z = inputs.max_I1_state
+        c0, c1, c2, c3, delta = inputs.sampled("c0", "c1", "c2", "c3", "delta")
         log_J = float(np.log(X + Y + Z - 3.0))
-        log_scale = log_stress_scale(layout.peak_kPa)
-        return LeeSacksCoordinates(c0, c2, c3, c1 * c2 * c3 * delta, log_scale, log_J, X, Y)
+        log_scale = log_stress_scale(inputs.peak_kPa)
+        return LeeSacksTransform(c0, c2, c3, c1 * c2 * c3 * delta, log_scale, log_J, X, Y)
 
-    def to_coordinates(
-        self, coordinates: LeeSacksCoordinates, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: LeeSacksTransform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values: logs of c0 to c3, delta, radians."""
-        out = dict(values)
-        log_J, log_scale = coordinates.log_J, coordinates.log_scale
-        log_E = log_fibre_strain(values["alpha"], coordinates.X, coordinates.Y)
-        to_root_stress(out, "c0", coordinates.c0, log_scale, 0.0, 0.0)
-        to_root_exponent(out, "c2", coordinates.c2, 2.0 * log_J)
-        to_root_exponent(out, "c3", coordinates.c3, 2.0 * log_E)
-        if coordinates.stresses > 0.0:
+        """Sampling coordinates at slots: logs of c0 to c3, delta, radians."""
+        out = dict(slots)
+        log_J, log_scale = transform.log_J, transform.log_scale
+        log_E = log_fibre_strain(slots["alpha"], transform.X, transform.Y)
+        to_root_stress(out, "c0", transform.c0, log_scale, 0.0, 0.0)
+        to_root_exponent(out, "c2", transform.c2, 2.0 * log_J)
+        to_root_exponent(out, "c3", transform.c3, 2.0 * log_E)
+        if transform.stresses > 0.0:
             # S2 = c1 delta c2 (I1* - 3) exp(q2),  S3 = c1 (1 - delta) c3 E* exp(q3)
-            q2, q3 = np.exp(values["c2"] + 2.0 * log_J), np.exp(values["c3"] + 2.0 * log_E)
+            q2, q3 = np.exp(slots["c2"] + 2.0 * log_J), np.exp(slots["c3"] + 2.0 * log_E)
             with np.errstate(divide="ignore"):
-                out["c1"] = values["c1"] + np.log(values["delta"]) + values["c2"]
-                out["delta"] = values["c1"] + np.log(1.0 - values["delta"]) + values["c3"]
-            to_root_stress(out, "c1", coordinates.stresses, log_scale, q2, log_J)
-            to_root_stress(out, "delta", coordinates.stresses, log_scale, q3, log_E)
+                out["c1"] = slots["c1"] + np.log(slots["delta"]) + slots["c2"]
+                out["delta"] = slots["c1"] + np.log(1.0 - slots["delta"]) + slots["c3"]
+            to_root_stress(out, "c1", transform.stresses, log_scale, q2, log_J)
+            to_root_stress(out, "delta", transform.stresses, log_scale, q3, log_E)
         return out
 
-    def coordinate_bounds(self, coordinates: LeeSacksCoordinates) -> dict[str, tuple[float, float]]:
+    def sampling_bounds(self, transform: LeeSacksTransform) -> dict[str, tuple[float, float]]:
         """Bounds of the angle, and of delta where it is a coordinate."""
-        bounds = super().coordinate_bounds(coordinates)
-        if coordinates.stresses > 0.0:
+        bounds = super().sampling_bounds(transform)
+        if transform.stresses > 0.0:
             del bounds["delta"]
         return bounds
 
-    def coordinate_widths(self, coordinates: LeeSacksCoordinates) -> dict[str, float]:
+    def sampling_widths(self, transform: LeeSacksTransform) -> dict[str, float]:
         """Widths of the roots."""
-        roots = [name for name in ("c0", "c2", "c3") if getattr(coordinates, name) > 0.0]
-        roots += ["c1", "delta"] if coordinates.stresses > 0.0 else []
+        roots = [name for name in ("c0", "c2", "c3") if getattr(transform, name) > 0.0]
+        roots += ["c1", "delta"] if transform.stresses > 0.0 else []
         return dict.fromkeys(roots, ROOT_WIDTH)
 
-    def typical(self, stretch: float) -> dict[str, float]:
+    def prior_medians(self, stretch: float) -> dict[str, float]:
         """Exponents of one at delta = 1/2."""
         J = 2.0 * stretch**2 + stretch**-4 - 3.0
         return {"c2": J**-2, "c3": (stretch**2 - 1.0) ** -2, "delta": 0.5}

@@ -7,7 +7,7 @@ With A, B, C = dW/dX, dW/dY, dW/dZ the Cauchy stresses are
     s_x = 2 (X A - Z C)        s_y = 2 (Y B - Z C)
 
 The file of a law implements four generic functions: :func:`derivatives` and :func:`energy` for the
-``NamedTuple`` of its constants, :func:`to_slots` and :func:`constants_at` for that of its
+``NamedTuple`` of its constants, :func:`to_slots` and :func:`constants_from_theta` for that of its
 sampling coordinates. They are plain arithmetic, which serves numbers, arrays, complex numbers
 (complex-step differentiation) and the compiled density: in Python ``functools.singledispatch``
 chooses the implementation by the type of the first argument, in compiled code
@@ -47,19 +47,19 @@ def energy(constants, X, Y, Z):
 
 
 @singledispatch
-def to_slots(coordinates, value):
-    """Turn sampling coordinates, the first entries of ``value``, into natural values in place.
+def to_slots(transform, value):
+    """Turn sampling coordinates, the first entries of ``value``, into slots in place.
 
-    Positive scales are logs before and after, angles radians. Returns the log Jacobian of natural
-    values by sampling coordinates, -inf outside the law's range.
+    Slots are logs of positive parameters, angles in radians, and the others as they are. Returns
+    ln |d slots / d sampling coordinates|, -inf outside the law's range.
     """
-    raise NotImplementedError(f"no law has the coordinates {type(coordinates).__name__}")
+    raise NotImplementedError(f"no law has the transform {type(transform).__name__}")
 
 
 @singledispatch
-def constants_at(coordinates, value):
-    """Constants of the law at natural values (no logs, radians), the first entries of ``value``."""
-    raise NotImplementedError(f"no law has the coordinates {type(coordinates).__name__}")
+def constants_from_theta(transform, theta):
+    """Constants of the law at theta: parameters without logs, angles in radians."""
+    raise NotImplementedError(f"no law has the transform {type(transform).__name__}")
 
 
 @overload(derivatives, jit_options=WITHIN)
@@ -68,13 +68,13 @@ def _compiled_derivatives(constants, X, Y, Z):
 
 
 @overload(to_slots, jit_options=WITHIN)
-def _compiled_to_slots(coordinates, value):
-    return implementation(to_slots, coordinates)
+def _compiled_to_slots(transform, value):
+    return implementation(to_slots, transform)
 
 
-@overload(constants_at, jit_options=WITHIN)
-def _compiled_constants_at(coordinates, value):
-    return implementation(constants_at, coordinates)
+@overload(constants_from_theta, jit_options=WITHIN)
+def _compiled_constants_from_theta(transform, theta):
+    return implementation(constants_from_theta, transform)
 
 
 def exponential_energy(k: Any, x: Any) -> Any:
@@ -97,7 +97,7 @@ def cauchy_stress(constants, X, Y, Z):
 
 @inlined
 def stress_and_slope(constants, x, y):
-    """(s_x, s_y), and their derivatives (xx, xy, yy) by the log stretches x, y: numbers only.
+    """(s_x, s_y) and (ds_x/dx, ds_x/dy, ds_y/dy) at the log stretches x, y: numbers only.
 
     With W a function of (ln lx, ln ly), s_k = dW/d ln lk, so the slope is the Hessian of W, which
     is symmetric.
@@ -127,7 +127,7 @@ def plain(stretch: Any) -> Any:
 
 
 class MaterialResponse:
-    """Stress and energy of what has a ``law`` and natural values ``theta`` of its parameters."""
+    """Stress and energy of what has a ``law`` and its parameters ``theta``, angles in radians."""
 
     law: Any
     theta: Any
@@ -135,7 +135,7 @@ class MaterialResponse:
     @property
     def constants(self) -> Any:
         """Constants of the law, a ``NamedTuple``."""
-        return self.law.constants(*self.theta)
+        return self.law.constants_from_theta(*self.theta)
 
     @property
     def values(self) -> tuple[Any, ...]:
@@ -160,7 +160,7 @@ class MaterialResponse:
         return sx / np.asarray(stretch_x), sy / np.asarray(stretch_y)
 
     def cauchy_by_log_stretch(self, stretch_x: Any, stretch_y: Any) -> Any:
-        """Derivatives (2, 2, ...) of (s_x, s_y) by (ln l_x, ln l_y), kPa, by complex step."""
+        """D (s_x, s_y) / d (ln l_x, ln l_y) in kPa, shape (2, 2, ...), by complex step."""
         lx, ly = plain(stretch_x), plain(stretch_y)
         # d l / d ln l = l
         by_x = MaterialResponse.cauchy(self, lx * (1.0 + 1j * STEP), ly)
@@ -169,7 +169,7 @@ class MaterialResponse:
         return np.imag(np.array([[xx, xy], [yx, yy]])) / STEP
 
     def cauchy_by_parameter(self, stretch_x: Any, stretch_y: Any) -> np.ndarray:
-        """Derivatives (2, p, ...) of (s_x, s_y) by the parameters, kPa per unit or radian."""
+        """D (s_x, s_y) / d theta, kPa per unit or radian, shape (2, p, ...)."""
         columns = []
         for i in range(len(self.theta)):
             moved = [complex(v) for v in self.theta]
@@ -184,7 +184,7 @@ class Material(MaterialResponse):
     """A law with values of its parameters, numbers or arrays: one material, or one per draw."""
 
     law: Any
-    # natural values in their order, angles in radians; broadcast against the stretches
+    # parameters in their order, angles in radians; broadcast against the stretches
     theta: tuple[Any, ...]
 
 

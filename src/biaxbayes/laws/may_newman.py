@@ -27,9 +27,15 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.materials import MaterialResponse, constants_at, derivatives, energy, to_slots
-from biaxbayes.parameters import Parameter, fibre_angle, scale
+from biaxbayes.laws.law import Law, TransformInputs
+from biaxbayes.laws.materials import (
+    MaterialResponse,
+    constants_from_theta,
+    derivatives,
+    energy,
+    to_slots,
+)
+from biaxbayes.parameters import Parameter, fibre_angle, positive_parameter
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -60,7 +66,7 @@ def _exponent(constants, X, Y, Z):
 
 @derivatives.register(MayNewmanConstants)
 def may_newman_derivatives(constants, X, Y, Z):
-    """Derivatives of W by the squared stretches."""
+    """Derivatives of W with respect to the squared stretches."""
     J, stretch = _strains(constants, X, Y, Z)
     u = stretch - 1.0
     # dQ/dI1 = 2 k2 (I1 - 3),  dQ/dI4 = 2 k3 (sqrt(I4) - 1)^3 / sqrt(I4)
@@ -87,7 +93,7 @@ def may_newman_energy(constants, X, Y, Z):
 _C0, _K1, _K2, _K3, _ALPHA = range(5)
 
 
-class MayNewmanCoordinates(NamedTuple):
+class MayNewmanTransform(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``k1`` is 1 where ln S is sampled in its place, ``exponents`` where ln Q* and d are sampled in
@@ -102,9 +108,9 @@ class MayNewmanCoordinates(NamedTuple):
 
 
 @inlined
-def _reference_state(coordinates, alpha):
+def _reference_state(transform, alpha):
     """(ln J^2, ln u^4, J (X + Y - 2 Z), u^3 sqrt(I4)) at the reference stretch."""
-    X, Y, Z = coordinates.X, coordinates.Y, coordinates.Z
+    X, Y, Z = transform.X, transform.Y, transform.Z
     cos2 = np.cos(alpha) ** 2
     stretch = np.sqrt(cos2 * X + (1.0 - cos2) * Y)
     J, u = X + Y + Z - 3.0, stretch - 1.0
@@ -121,36 +127,36 @@ def _log_stress(reference, log_k2, log_k3):
     return np.log((k2 * of_k2 + k3 * of_k3) / (k2 + k3)) + Q
 
 
-@to_slots.register(MayNewmanCoordinates)
-def may_newman_to_slots(coordinates, value):
-    """Natural values in place of (ln c0, ln S, ln Q*, d, alpha); the log Jacobian."""
+@to_slots.register(MayNewmanTransform)
+def may_newman_to_slots(transform, value):
+    """Slots in place of (ln c0, ln S, ln Q*, d, alpha); the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    reference = _reference_state(coordinates, alpha)
-    if coordinates.exponents > 0.0:
+    reference = _reference_state(transform, alpha)
+    if transform.exponents > 0.0:
         log_J2, log_u4, _, _ = reference
         log_Q, d = value[_K2], value[_K3]
         # Q* = k2 J^2 (1 + e^d)
         log_part = log_Q - np.log1p(np.exp(d))
         value[_K2], value[_K3] = log_part - log_J2, log_part + d - log_u4
-    if coordinates.k1 > 0.0:
+    if transform.k1 > 0.0:
         value[_K1] -= _log_stress(reference, value[_K2], value[_K3])
     return 0.0
 
 
-@constants_at.register(MayNewmanCoordinates)
-def may_newman_constants_at(coordinates, value):
-    """Constants at natural values."""
-    cos2 = np.cos(value[_ALPHA]) ** 2
-    return MayNewmanConstants(value[_C0], value[_K1], value[_K2], value[_K3], cos2)
+@constants_from_theta.register(MayNewmanTransform)
+def may_newman_constants_from_theta(transform, theta):
+    """Constants at theta, angles in radians."""
+    cos2 = np.cos(theta[_ALPHA]) ** 2
+    return MayNewmanConstants(theta[_C0], theta[_K1], theta[_K2], theta[_K3], cos2)
 
 
 # --- the law -----------------------------------------------------------------------------------
 
 
-_EXPONENT_SHARE = 0.05
-_LEAST_K3 = 1e-6  # of a fit; it alters no stress where k2 is larger
+_ABSENT_EXPONENT_FRACTION = 0.05
+_MIN_K3 = 1e-6  # of a fit; it alters no stress where k2 is larger
 
 
 class MayNewmanLaw(Law):
@@ -166,10 +172,16 @@ class MayNewmanLaw(Law):
         "extension and compression"
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
-        scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e7, "no exponential"),
-        scale("k2", "k_2", "isotropic exponent", "1", 5.0, 2.0, 1e4, "fibres alone stiffen"),
-        scale("k3", "k_3", "exponent of the fibres", "1", 50.0, 2.5, 1e6, "isotropic"),
+        positive_parameter(
+            "c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
+        ),
+        positive_parameter(
+            "k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e7, "no exponential"
+        ),
+        positive_parameter(
+            "k2", "k_2", "isotropic exponent", "1", 5.0, 2.0, 1e4, "fibres alone stiffen"
+        ),
+        positive_parameter("k3", "k_3", "exponent of the fibres", "1", 50.0, 2.5, 1e6, "isotropic"),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
     )
     ties = (("k1", "c0"), ("c0", "k1"))
@@ -179,11 +191,11 @@ class MayNewmanLaw(Law):
     joint_parameters = ("k2", "k3")
     condition = "k2 + k3 has to be larger than zero"
 
-    def holds(self, values: Mapping[str, Any]) -> Any:
+    def is_admissible(self, values: Mapping[str, Any]) -> Any:
         """True if there is an exponent."""
         return np.asarray(values["k2"]) + values["k3"] > 0.0
 
-    def constants_at_point(self, c0, k1, k2, k3, t) -> MayNewmanConstants:
+    def constants_from_fit(self, c0, k1, k2, k3, t) -> MayNewmanConstants:
         """Constants at t = cos^2 alpha."""
         return MayNewmanConstants(c0, k1, k2, k3, t)
 
@@ -191,61 +203,65 @@ class MayNewmanLaw(Law):
         """Q."""
         return (_exponent(constants, X, Y, Z),)
 
-    def coordinates(self, layout: SamplingLayout) -> MayNewmanCoordinates:
+    def sampling_transform(self, inputs: TransformInputs) -> MayNewmanTransform:
         """Constants of the sampling coordinates."""
-        k1, k2, k3 = layout.sampled("k1", "k2", "k3")
-        return MayNewmanCoordinates(k1, k2 * k3, *layout.reference)
+        k1, k2, k3 = inputs.sampled("k1", "k2", "k3")
+        return MayNewmanTransform(k1, k2 * k3, *inputs.reference)
 
-    def to_coordinates(
-        self, coordinates: MayNewmanCoordinates, values: Mapping[str, np.ndarray]
+    def to_sampling_coordinates(
+        self, transform: MayNewmanTransform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Sampling coordinates at natural values: logs of c0, k1, k2, k3; alpha in radians."""
-        out = dict(values)
-        reference = _reference_state(coordinates, values["alpha"])
+        """Sampling coordinates at slots: logs of c0, k1, k2, k3; alpha in radians."""
+        out = dict(slots)
+        reference = _reference_state(transform, slots["alpha"])
         log_J2, log_u4, _, _ = reference
-        if coordinates.k1 > 0.0:
-            out["k1"] = values["k1"] + _log_stress(reference, values["k2"], values["k3"])
-        if coordinates.exponents > 0.0:
-            of_k2, of_k3 = values["k2"] + log_J2, values["k3"] + log_u4
+        if transform.k1 > 0.0:
+            out["k1"] = slots["k1"] + _log_stress(reference, slots["k2"], slots["k3"])
+        if transform.exponents > 0.0:
+            of_k2, of_k3 = slots["k2"] + log_J2, slots["k3"] + log_u4
             out["k2"], out["k3"] = np.logaddexp(of_k2, of_k3), of_k3 - of_k2
         return out
 
     @property
     def lower(self) -> np.ndarray:
         """Lower bounds of (c0, k1, k2, k3, t): without any exponent there is no law."""
-        return np.array([0.0, 0.0, 0.0, _LEAST_K3, 0.0])
+        return np.array([0.0, 0.0, 0.0, _MIN_K3, 0.0])
 
     def random_materials(
-        self, size: int, largest: np.ndarray, rng: np.random.Generator
+        self, size: int, max_stretch: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Random exponents at the largest stretches, their shares, and angles."""
+        """Random exponents at the largest stretches, the fraction of the fibres, and angles."""
         u = rng.random((size, 3))
         Q = 10.0 ** (-2.0 + 3.2 * u[:, 0])
-        share = u[:, 1].copy()  # of the fibres
+        fraction = u[:, 1].copy()  # of the fibres
         t = np.cos(0.5 * np.pi * u[:, 2]) ** 2
-        share[3::5], share[4::9] = 1.0, 0.0
+        fraction[3::5], fraction[4::9] = 1.0, 0.0
         t[1::7], t[2::7] = 0.0, 1.0
-        X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
+        X, Y = np.maximum(max_stretch.T, 1.0 + 1e-3) ** 2
         one = np.ones(size)
         J, stretch = _strains(MayNewmanConstants(one, one, one, one, t), X, Y, 1.0 / (X * Y))
-        k2 = np.minimum((1.0 - share) * Q / J**2, self.upper[_K2])
-        k3 = np.clip(share * Q / (stretch - 1.0) ** 4, _LEAST_K3, self.upper[_K3])
-        return np.column_stack([one, one, k2, k3, t]), np.column_stack([0.3 * np.log(Q), share, t])
+        k2 = np.minimum((1.0 - fraction) * Q / J**2, self.upper[_K2])
+        k3 = np.clip(fraction * Q / (stretch - 1.0) ** 4, _MIN_K3, self.upper[_K3])
+        return np.column_stack([one, one, k2, k3, t]), np.column_stack(
+            [0.3 * np.log(Q), fraction, t]
+        )
 
-    def typical(self, stretch: float) -> dict[str, float]:
+    def prior_medians(self, stretch: float) -> dict[str, float]:
         """Both parts of the exponent are one half."""
         J, u = 2.0 * stretch**2 + stretch**-4 - 3.0, stretch - 1.0
         return {"k2": 0.5 / J**2, "k3": 0.5 / u**4}
 
-    def edge_distances(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    def bound_tolerances(
+        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """k2 and k3 by their share of Q, the others as for any law."""
+        """k2 and k3 by their fraction of Q, the others as for any law."""
         c = material.constants
-        (Q,) = self.largest_exponents(c, tops)
-        distances = super().edge_distances(material, tops)
+        (Q,) = self.largest_exponents(c, max_stretches)
+        distances = super().bound_tolerances(material, max_stretches)
         for name, other in (("k2", "k3"), ("k3", "k2")):
             alone = c._replace(**{name: np.ones_like(c.k1), other: np.zeros_like(c.k1)})
-            (per_unit,) = self.largest_exponents(alone, tops)
-            distances[name] = _EXPONENT_SHARE * float(np.median(Q / np.maximum(per_unit, 1e-12)))
+            (per_unit,) = self.largest_exponents(alone, max_stretches)
+            distances[name] = _ABSENT_EXPONENT_FRACTION * float(
+                np.median(Q / np.maximum(per_unit, 1e-12))
+            )
         return distances

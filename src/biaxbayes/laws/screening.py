@@ -11,9 +11,9 @@ from scipy.optimize import nnls
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import cauchy_stress, squared_stretches
 
-MATRIX_SHARE = 0.01
-"""Least stiffness of the matrix to start from, over the peak stress, if prestretch is inferred.
-Without a matrix the mounted state is next to unbounded: a descent gets lost there."""
+MIN_MATRIX_FRACTION = 0.01
+"""Smallest stiffness of the matrix to start from, over the peak stress, if prestretch is inferred.
+Without a matrix the mounting stretch is almost unbounded, and a descent does not return."""
 
 
 class Screening(NamedTuple):
@@ -23,8 +23,8 @@ class Screening(NamedTuple):
     load: np.ndarray  # (2, n)
     area: np.ndarray  # (2,), load per kPa
     with_mounting: bool  # draw mounting stretches; else they are one
-    point: np.ndarray  # (p,), values of the fixed fit coordinates
-    free: np.ndarray  # indices of the others
+    point: np.ndarray  # (p,), fit coordinates, used where they are not free
+    free: np.ndarray  # indices of the free fit coordinates
     size: int  # number of materials
     # load per Cauchy stress at total stretches (S, 2, n)
     load_factor: Callable[[np.ndarray], np.ndarray]
@@ -43,38 +43,39 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
         mounting += np.abs(rng.normal(0.0, 0.03, mounting.shape)) * moved
     total = data.stretch * mounting[:, :, None]  # (S, 2, n)
     points, features = law.random_materials(data.size, total.max(axis=2), rng)
-    fixed = np.setdiff1d(np.arange(points.shape[1]), data.free)
-    points[:, fixed] = data.point[fixed]
+    others = np.setdiff1d(np.arange(points.shape[1]), data.free)
+    points[:, others] = data.point[others]
     factor = data.load_factor(total)
 
-    def load_at(given: np.ndarray) -> np.ndarray:
-        constants = law.constants_at_point(*given.T[:, :, None])
+    def load_at(points: np.ndarray) -> np.ndarray:
+        constants = law.constants_from_fit(*points.T[:, :, None])
         stress = cauchy_stress(constants, *squared_stretches(total[:, 0], total[:, 1]))
         stress = np.stack(np.broadcast_arrays(*stress), axis=1)  # (S, 2, n)
         return (stress * factor).reshape(data.size, -1)
 
     linear = [law.names.index(name) for name in law.amplitudes]
-    unknown = [i for i in linear if i in data.free]
+    free_amplitudes = [i for i in linear if i in data.free]
     base = points.copy()
-    base[:, unknown] = 0.0
+    base[:, free_amplitudes] = 0.0
+    # loads are linear in the amplitudes k: load = base + sum_i k_i load(k_i = 1, others 0)
     target = np.broadcast_to(data.load, total.shape).reshape(data.size, -1) - load_at(base)
-    columns = np.empty((*target.shape, len(unknown)))
-    for k, i in enumerate(unknown):
-        unit = points.copy()
-        unit[:, linear] = 0.0
-        unit[:, i] = 1.0
-        columns[:, :, k] = load_at(unit)
+    columns = np.empty((*target.shape, len(free_amplitudes)))
+    for k, i in enumerate(free_amplitudes):
+        alone = points.copy()
+        alone[:, linear] = 0.0
+        alone[:, i] = 1.0
+        columns[:, :, k] = load_at(alone)
     finite = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(target).all(axis=1)
     cost = np.full(data.size, np.inf)
-    if unknown:
+    if free_amplitudes:
         size = np.maximum(np.sqrt((columns**2).sum(axis=1)), 1e-300)
         for s in np.flatnonzero(finite):
-            best, misfit = nnls(columns[s] / size[s], target[s])
-            points[s, unknown] = np.minimum(best / size[s], law.upper[unknown])
-            cost[s] = misfit**2
-    else:  # SciPy's solver takes no matrix without columns
+            best, residual_norm = nnls(columns[s] / size[s], target[s])
+            points[s, free_amplitudes] = np.minimum(best / size[s], law.upper[free_amplitudes])
+            cost[s] = residual_norm**2
+    else:  # nnls refuses a matrix without columns
         cost[finite] = (target[finite] ** 2).sum(axis=1)
     if data.with_mounting and linear[0] in data.free:
         peak = float(np.abs(data.load / data.area[:, None]).max())
-        points[:, linear[0]] = np.maximum(points[:, linear[0]], MATRIX_SHARE * peak)
+        points[:, linear[0]] = np.maximum(points[:, linear[0]], MIN_MATRIX_FRACTION * peak)
     return points, mounting, np.where(np.isfinite(points).all(axis=1), cost, np.inf), features

@@ -17,7 +17,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
-from biaxbayes.laws.law import Law, SamplingLayout
+from biaxbayes.laws.law import Law, TransformInputs
 from biaxbayes.model.density import (
     DIMENSION_SLOTS,
     MODE_FORCE,
@@ -30,8 +30,8 @@ from biaxbayes.options import Settings
 from biaxbayes.parameters import (
     DEGREE,
     DIMENSION,
-    DIMENSIONS,
-    ERRORS,
+    DIMENSION_PARAMETERS,
+    NOISE_PARAMETERS,
     Parameter,
     Quantities,
     mounting_names,
@@ -82,7 +82,7 @@ class Assembly:
     def names(self) -> tuple[str, ...]:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
         mounted = (
-            () if self.problem.mounting_mode == MODE_UNSTRETCHED else self.quantities.mounted()
+            () if self.problem.mounting_mode == MODE_UNSTRETCHED else self.quantities.mounting()
         )
         errors = self.problem.errors._fields
         measured = (n for n in self.free if self.quantities[n].parameter.kind == DIMENSION)
@@ -111,7 +111,7 @@ def assemble(
     errors = settings.error_model.parameters
     slots = (
         *law.names,
-        *(p.name for p in (*errors, *DIMENSIONS)),
+        *(p.name for p in (*errors, *DIMENSION_PARAMETERS)),
         *(n for state in states for n in mounting_names("stretch", state)),
     )
     of_slot = [quantities[name].parameter for name in slots]
@@ -141,17 +141,17 @@ def assemble(
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:
             fixed[i] = to_slot(p, np.array(float(prior)))
-    reference, widest = _references(specimen, constants.reference_stretch)
+    reference, max_I1_state = _references(specimen, constants.reference_stretch)
     peak_kPa = float(
         max(np.abs(specimen.load(p) / specimen.area).max() for p in specimen.protocols)
     )
-    coordinates = law.coordinates(
-        SamplingLayout(
+    transform = law.sampling_transform(
+        TransformInputs(
             free=tuple(n for n in law.names if n in free),
             reference=reference,
             softening=constants.softening,
-            structural=sampling,
-            widest=widest,
+            reparametrised=sampling,
+            max_I1_state=max_I1_state,
             peak_kPa=max(peak_kPa, 1e-9),
         )
     )
@@ -160,7 +160,7 @@ def assemble(
         fixed=fixed,
         tie=tie,
         tie_log_factor=factor,
-        coordinates=coordinates,
+        transform=transform,
         errors=settings.error_model.values(*(0.0 for _ in errors)),
         size=len(law.names),
         logarithmic=np.array([p.logarithmic for p in of_slot]),
@@ -230,7 +230,7 @@ def _priors(
     specimen: Specimen, settings: Settings, labels: tuple[str, ...]
 ) -> dict[str, Prior | float | Tie]:
     """Priors by slot name: the defaults, the user's, and those of measured dimensions."""
-    absent = {p.name for p in ERRORS if p not in settings.error_model.parameters}
+    absent = {p.name for p in NOISE_PARAMETERS if p not in settings.error_model.parameters}
     given = {name: prior for name, prior in settings.priors.items() if name not in absent}
     chosen = default_priors(specimen, settings) | given
     of_all = {name: chosen.pop(name) for name in mounting_names("stretch")}
@@ -330,7 +330,7 @@ def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> n
         given = prior if isinstance(prior, int | float) else parameters.get(name, math.nan)
         value = np.atleast_1d(np.asarray(given, dtype=float))
         slot_values[name] = to_slot(law.parameter(name), value)
-    values = law.to_coordinates(problem.coordinates, slot_values)
+    values = law.to_sampling_coordinates(problem.transform, slot_values)
     for name in assembly.free:
         if name not in values:
             value = np.atleast_1d(np.asarray(parameters[name], dtype=float))

@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
-from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, from_slots, misfit
-from biaxbayes.laws.materials import cauchy_stress, constants_at, to_slots
+from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, deviance_term, from_slots
+from biaxbayes.laws.materials import cauchy_stress, constants_from_theta, to_slots
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,
@@ -30,10 +30,10 @@ from biaxbayes.mechanics.mounting import (
     solve_balance,
 )
 from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, UNIFORM
-from biaxbayes.parameters import DIMENSIONS
+from biaxbayes.parameters import DIMENSION_PARAMETERS
 
 # Slots after those of the law and the errors, then two per mounted state.
-DIMENSION_SLOTS = len(DIMENSIONS)
+DIMENSION_SLOTS = len(DIMENSION_PARAMETERS)
 EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(DIMENSION_SLOTS)
 
 # What the slots of a mounted state hold: nothing (lm = 1), forces p0 (lm is their root), or lm.
@@ -56,8 +56,8 @@ class Problem(NamedTuple):
         Value of a fixed slot, on the scale of the slot (logs for positive quantities).
     tie : int64 ndarray, shape (s,); tie_log_factor : ndarray, shape (s,)
         A tied slot takes the value of another plus a log factor; -1 where free.
-    coordinates : NamedTuple
-        Constants of the law's sampling coordinates; its type picks the law.
+    transform : NamedTuple
+        Constants of the transform between slots and sampling coordinates; its type picks the law.
     errors : NamedTuple
         One number per parameter of the errors; its type selects the error model.
     size : int
@@ -91,7 +91,7 @@ class Problem(NamedTuple):
     fixed: np.ndarray
     tie: np.ndarray
     tie_log_factor: np.ndarray
-    coordinates: Any
+    transform: Any
     errors: Any
     size: int
     logarithmic: np.ndarray
@@ -223,8 +223,8 @@ def _curves(problem, value, constants, p, x, y, area_x, area_y):
         stress_x, stress_y = cauchy_stress(constants, mx * X[j], my * Y[j], mz * Z[j])
         qx, qy = per_stress_x * ilx[j] * stress_x, per_stress_y * ily[j] * stress_y
         rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
-        total_x += misfit(errors, qx, rx * rx + scatter_x[j])
-        total_y += misfit(errors, qy, ry * ry + scatter_y[j])
+        total_x += deviance_term(errors, qx, rx * rx + scatter_x[j])
+        total_y += deviance_term(errors, qy, ry * ry + scatter_y[j])
     bx, by = problem.beta[p, 0], problem.beta[p, 1]
     log_x = curve_log_likelihood(errors, total_x, n)
     log_y = curve_log_likelihood(errors, total_y, n)
@@ -241,7 +241,7 @@ def _density(problem, u, value):
     o = size + len(problem.errors)
     for i in range(problem.slot.size):
         value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]
-    total = jacobian = to_slots(problem.coordinates, value)
+    total = jacobian = to_slots(problem.transform, value)
     for i in range(size):
         if problem.tie[i] >= 0:
             value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]
@@ -258,7 +258,7 @@ def _density(problem, u, value):
     for i in range(size):
         if not np.isfinite(value[i]):
             return -np.inf, -np.inf, jacobian, OVERFLOW
-    constants = constants_at(problem.coordinates, value)
+    constants = constants_from_theta(problem.transform, value)
     area_x, area_y = sections(
         problem.area, value[o + EDGE_X], value[o + EDGE_Y], value[o + THICKNESS]
     )

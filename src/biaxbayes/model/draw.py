@@ -145,7 +145,7 @@ def _extra_starts(
     )
     starts = []
     for material, lm in zip(materials, stretches, strict=True):
-        inner = law.clip_inside(law.values(material))
+        inner = law.clip_inside(law.from_fit_coordinates(material))
         start = base | dict(zip(law.names, inner, strict=True))
         start["noise_sd"] = EXTRA_NOISE * base["noise_sd"]
         for q in posterior.sampled:
@@ -158,7 +158,7 @@ def _extra_starts(
 def _start_widths(posterior: Posterior) -> np.ndarray:
     """How far from a start to look, in each sampling coordinate."""
     _, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
-    widths = posterior.law.coordinate_widths(posterior.coordinate_constants)
+    widths = posterior.law.sampling_widths(posterior.coordinate_constants)
     out = []
     for q in posterior.sampled:
         p = q.parameter

@@ -69,7 +69,7 @@ def log_prior_mass(posterior: Posterior) -> float:
     for name, tie in joint.items():
         if isinstance(tie, Tie):
             values[name] = tie.factor * values[tie.other]
-    return float(np.log(np.mean(law.holds(values))))
+    return float(np.log(np.mean(law.is_admissible(values))))
 
 
 def marginal_likelihood_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Any]:

@@ -215,12 +215,12 @@ class Posterior:
     @property
     def coordinate_constants(self) -> Any:
         """Constants of the law's sampling coordinates."""
-        return self.assembly.problem.coordinates
+        return self.assembly.problem.transform
 
     @property
     def bounds(self) -> np.ndarray:
         """Bounds of the sampling coordinates, shape (d, 2); infinite where there is none."""
-        limits = self.law.coordinate_bounds(self.coordinate_constants)
+        limits = self.law.sampling_bounds(self.coordinate_constants)
         finite = {i: limits[n] for i, n in enumerate(self.assembly.free) if n in limits}
         return bounds_array(finite, self.dimension)
 

@@ -12,7 +12,7 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import modal_residuals, user_priors
 from biaxbayes.model.priors import Prior, prior_text
-from biaxbayes.parameters import DEGREE, ERRORS
+from biaxbayes.parameters import DEGREE, NOISE_PARAMETERS
 from biaxbayes.specimens.check import Finding
 
 NEAR_EDGE = 0.05
@@ -81,7 +81,7 @@ def unused_prior_findings(posterior: Posterior) -> list[Finding]:
             "warning",
             f"the prior of {p.name} has no effect: the sd of the errors is {settings.error_model}",
         )
-        for p in ERRORS
+        for p in NOISE_PARAMETERS
         if p.name in settings.priors and p not in settings.error_model.parameters
     ]
 

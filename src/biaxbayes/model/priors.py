@@ -27,8 +27,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
-    ERRORS,
-    MOUNTED,
+    MOUNTING_PARAMETERS,
+    NOISE_PARAMETERS,
     NOISE_SD,
     STRETCH,
     Parameter,
@@ -269,9 +269,9 @@ def read_priors(path: Path, law: Law | None = None) -> dict[str, Prior | float |
 def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
     """The law (the default one if none is given) and the parameters of a priors file, by name."""
     law = law or law_named(DEFAULT_LAW)
-    stretches = (p for p in MOUNTED if p.kind == STRETCH)
-    known = {p.name: p for p in (*law.parameters, *ERRORS)}
-    return law, known | {BOTH: MOUNTED[0]} | {p.name: p for p in stretches}
+    stretches = (p for p in MOUNTING_PARAMETERS if p.kind == STRETCH)
+    known = {p.name: p for p in (*law.parameters, *NOISE_PARAMETERS)}
+    return law, known | {BOTH: MOUNTING_PARAMETERS[0]} | {p.name: p for p in stretches}
 
 
 def prior_value(prior: Prior | float | Tie) -> Any:

@@ -36,7 +36,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import FAMILIES
 from biaxbayes.options import PopulationOptions
-from biaxbayes.parameters import MOUNTED, STRETCH, Parameter
+from biaxbayes.parameters import MOUNTING_PARAMETERS, STRETCH, Parameter
 from biaxbayes.populations.ensemble import Design, Individual
 from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.text_files import read_toml
@@ -117,7 +117,7 @@ def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> l
     """The pooled values of a law with default priors, for the parameters that the runs sampled."""
     chosen = [p for p in law.parameters if p.name in free]
     if mounting:
-        chosen += [p for p in MOUNTED if p.kind == STRETCH]
+        chosen += [p for p in MOUNTING_PARAMETERS if p.kind == STRETCH]
     return [PooledValue.from_parameter(p) for p in chosen]
 
 

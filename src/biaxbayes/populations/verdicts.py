@@ -59,7 +59,7 @@ def mean_verdicts(
         for k, v in enumerate(hyper.values)
     ]
     ends = np.full((len(materials), 2), top)
-    distances = law.edge_distances(law.material(materials), [ends])
+    distances = law.bound_tolerances(law.material(materials), [ends])
     verdicts = _assessed(scales, columns, hyper.log_prior(), distances, law, state)
     return {name: unless_wide(p) for name, p in verdicts.items()}
 

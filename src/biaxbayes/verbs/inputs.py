@@ -63,7 +63,7 @@ def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
     known = needed | {q.name: q.parameter for q in stretches if q.name in opened.draws}
     for name, p in known.items():
         values = opened.draws[name].to_numpy(dtype=float) if name in opened.draws else np.empty(0)
-        if not (values.size and np.isfinite(values).all() and p.holds(values)):
+        if not (values.size and np.isfinite(values).all() and p.in_range(values)):
             problem = "missing or out of range" if name in needed else "out of range"
             raise RunError(f"{opened.path}: its draws of {name} are {problem}")
     if opened.state == "unusable" and not anyway:
