@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 
 from biaxbayes.cli import VERBS, group
-from biaxbayes.options import FIT_WORDS, WHICH_FIT
+from biaxbayes.options import FIT_DESCRIPTIONS, WHICH_FIT
 from biaxbayes.reports.text import GLOSSARY, SEVERAL
 from biaxbayes.specimens.keys import COLUMNS, KEYS, Column, Key
 from biaxbayes.text_files import atomic_write_text
@@ -80,7 +80,7 @@ def glossary() -> str:
     """The page of terms."""
     known = (GLOSSARY | SEVERAL).items()
     terms = "".join(f"| {term} | {words} |\n" for term, words in known if term not in COMMON)
-    fits = "".join(f"| `{term}` | {words} |\n" for term, words in FIT_WORDS.items())
+    fits = "".join(f"| `{term}` | {words} |\n" for term, words in FIT_DESCRIPTIONS.items())
     return (
         f"# Glossary\n\n| term | meaning |\n|---|---|\n{terms}\n## The deterministic fits\n\n"
         f"| fit | what it does |\n|---|---|\n{fits}\n{WHICH_FIT}\n"

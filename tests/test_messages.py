@@ -22,7 +22,7 @@ from biaxbayes.specimens.specimen_file import (
     specimen_text,
     write_specimen,
 )
-from biaxbayes.verbs.sample import Sampling
+from biaxbayes.verbs.sample import SampleJob
 from commands import refused, run
 
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=40)[0]
@@ -129,8 +129,8 @@ def test_a_wrong_unit_is_refused_before_a_folder_is_made(capsys, tmp_path, force
     assert not folder.exists()
 
 
-def prepared(specimen, force, folder: Path) -> Sampling:
-    return Sampling.prepare(
+def prepared(specimen, force, folder: Path) -> SampleJob:
+    return SampleJob.prepare(
         specimen,
         out=folder,
         options={"mounting": "noisy"},

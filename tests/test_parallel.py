@@ -33,7 +33,7 @@ def test_every_task_is_done_once_and_in_several_processes():
 
 def test_a_task_whose_worker_died_is_done_by_another(tmp_path):
     outcomes = list(Processes(2).run(tasks.die_once, [str(tmp_path)]))
-    assert [(o.value, o.lost) for o in outcomes] == [("survived", "")]
+    assert [(o.value, o.failure) for o in outcomes] == [("survived", "")]
 
 
 def test_a_task_that_kills_every_worker_is_given_up_and_no_other():

@@ -15,7 +15,7 @@ from biaxbayes.options import SamplingPlan
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
-from biaxbayes.verbs.sample import Sampling
+from biaxbayes.verbs.sample import SampleJob
 from commands import refused, run
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -191,7 +191,7 @@ def test_one_protocol_cannot_carry_four_families():
         made = replace(GOOD, protocols=GOOD.protocols[:protocols])
         options = {"law": law}
         amount = SamplingPlan(seed=0, ess=100.0, max_steps=128, workers=1)
-        result = Sampling.prepare(made, out="unused", options=options, amount=amount).findings
+        result = SampleJob.prepare(made, out="unused", options=options, amount=amount).findings
         return [str(f) for f in result]
 
     assert any(

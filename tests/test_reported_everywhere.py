@@ -118,14 +118,14 @@ def test_a_test_that_determines_little_says_so(media_run):
     ]
     reported[3] = media_run.result.reported[3]
     poor = replace(media_run.result, reported=tuple(reported), advice="to narrow C1: pull more")
-    assert media_run.result.little_determined == ""
-    assert poor.little_determined.startswith("this test determines 1 of 7 parameters (alpha): ")
-    assert replace(poor, state="tentative").little_determined == ""
+    assert media_run.result.low_information == ""
+    assert poor.low_information.startswith("this test determines 1 of 7 parameters (alpha): ")
+    assert replace(poor, state="tentative").low_information == ""
     poor_run = replace(media_run)
     poor_run.__dict__["result"] = poor
     message, page = closing_message(poor_run), report_page(poor_run)
     assert len(message.splitlines()) <= MOST_LINES
-    assert f"{poor.little_determined}; to narrow C1: pull more" in message
+    assert f"{poor.low_information}; to narrow C1: pull more" in message
     assert "Most parameters are not determined." in page and "1 of 7 parameters" in page
 
 

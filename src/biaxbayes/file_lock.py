@@ -16,7 +16,7 @@ from biaxbayes.errors import RunError
 NAME = ".lock"
 RELEASE_SECONDS = 0.25
 """How long a lock that is just being released and removed is waited for."""
-LONGEST = 4096
+MAX_OWNER_BYTES = 4096
 NOT_A_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 if sys.platform == "win32":
@@ -117,7 +117,7 @@ def _owner(path: Path) -> tuple[str, int, str]:
     try:
         handle = os.open(path, os.O_RDONLY | NOT_A_LINK)
         try:
-            owner = json.loads(os.read(handle, LONGEST))
+            owner = json.loads(os.read(handle, MAX_OWNER_BYTES))
         finally:
             os.close(handle)
         return str(owner["host"]), int(owner["pid"]), str(owner.get("began", ""))

@@ -24,36 +24,39 @@ from biaxbayes.laws.law import Law
 
 # --- an option, its help text and its check ------------------------------------------------------
 
-MOST_WHOLE = 2**63 - 1
-MOST = 9e18
+MAX_INT64 = 2**63 - 1
+MAX_COUNT = 9e18
+"""Largest values of options: an integer of 64 bits, and a count that is given as a number."""
 
 
 class Option(NamedTuple):
-    """Help text and allowed values of an option; numbers lie from ``least`` to ``most``."""
+    """Help text and allowed values of an option; numbers lie from ``minimum`` to ``maximum``."""
 
     help: str = ""
     choices: tuple[str, ...] = ()
     kind: type | None = None
-    least: float = -math.inf
-    most: float = math.inf
-    open_ends: bool = False  # the range excludes its ends
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    open_ends: bool = False  # the range excludes minimum and maximum
     show_range: bool = False
-    reason: str = ""  # of the lower end of the range
+    reason: str = ""  # why there is a minimum
     metavar: str | None = None
     flag: str = ""
 
     @property
     def allowed(self) -> str:
         """The allowed numbers as text."""
-        if self.least == -math.inf:
+        if self.minimum == -math.inf:
             return "a number"
-        if self.most == math.inf:
-            return f"at least {self.least:g}" + (f", because {self.reason}" if self.reason else "")
+        if self.maximum == math.inf:
+            return f"at least {self.minimum:g}" + (
+                f", because {self.reason}" if self.reason else ""
+            )
         if self.open_ends:
-            return f"a number between {self.least:g} and {self.most:g}"
-        if isinstance(self.most, int):
-            return f"a whole number from {self.least} to {self.most}"
-        return f"a number from {self.least:g} to {self.most:g}".replace("e+", "e")
+            return f"a number between {self.minimum:g} and {self.maximum:g}"
+        if isinstance(self.maximum, int):
+            return f"a whole number from {self.minimum} to {self.maximum}"
+        return f"a number from {self.minimum:g} to {self.maximum:g}".replace("e+", "e")
 
     def allows(self, value: Any) -> bool:
         """Whether a number is of the kind and in the range."""
@@ -61,11 +64,11 @@ class Option(NamedTuple):
         if isinstance(value, bool) or not isinstance(value, kind):
             return False
         number: Any = value
-        if self.least == -math.inf:
+        if self.minimum == -math.inf:
             return True  # checked where it is used
         if self.open_ends:
-            return bool(self.least < number < self.most)
-        return bool(self.least <= number <= self.most) and abs(number) != math.inf
+            return bool(self.minimum < number < self.maximum)
+        return bool(self.minimum <= number <= self.maximum) and abs(number) != math.inf
 
 
 def option(default: Any, help: str = "", **more: Any) -> Any:
@@ -167,13 +170,13 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
 
 # --- choices of options -----------------------------------------------------------------
 
-INFERRING = ("noisy", "exact", "free")
+INFERRING_MODES = ("noisy", "exact", "free")
 """Modes of the mounting force in which the mounting stretch is unknown."""
-MOUNTING = (*INFERRING, "ignored", "zeroed")
-NOISE = ("effective", "independent")
+MOUNTING_MODES = (*INFERRING_MODES, "ignored", "zeroed")
+LIKELIHOOD_WEIGHTS = ("effective", "independent")
 """Likelihood tempered by n_eff / n, or not tempered."""
 MOUNTING_STRETCH = ("shared", "per-protocol")
-FIT_WORDS = {
+FIT_DESCRIPTIONS = {
     "standard": "takes the mounted state as unloaded, forces as read",
     "zeroed": "the same with the mounting force subtracted, as after a tare",
     "fip": "computes the mounting stretch by the force balance, refits, and repeats (method paper)",
@@ -182,7 +185,7 @@ FIT_WORDS = {
     "mounting force one reading with the load cell's noise",
 }
 """Least-squares fits, with descriptions."""
-FIT_METHODS = tuple(FIT_WORDS)
+FIT_METHODS = tuple(FIT_DESCRIPTIONS)
 WHICH_FIT = (
     "Report constrained: it fits what was measured, as 'sample' does. Give fip to compare with the "
     "method paper, linden with work that used it; standard or zeroed only where the mounting force "
@@ -204,7 +207,7 @@ PLOTS = {
     "profile": "profile",
 }
 """Figures of a run and the stems of their files."""
-PICTURES = ("pdf", "svg", "png")
+FIGURE_FORMATS = ("pdf", "svg", "png")
 REPORTS = {"html": "report.html", "latex": "report.tex", "explore": "explore.html"}
 """Kinds of report and their files in a run."""
 
@@ -217,11 +220,11 @@ class Settings(Options):
     """Options of the statistical model."""
 
     law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
-    mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING)
+    mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING_MODES)
     noise: str = option(
         "effective",
         "Weight the likelihood by the effective number of readings, or treat all as independent.",
-        choices=NOISE,
+        choices=LIKELIHOOD_WEIGHTS,
     )
     mounting_stretch: str = option(
         "shared",
@@ -231,8 +234,8 @@ class Settings(Options):
     mounting_sd: float = option(
         0.1,
         "Sd of the prior of the mounting stretches, about 1.",
-        least=0.0,
-        most=10.0,
+        minimum=0.0,
+        maximum=10.0,
         open_ends=True,
     )
     noise_growth: bool = option(False, "Let the noise sd grow with the load.")
@@ -268,7 +271,7 @@ class Settings(Options):
     @property
     def infers_mounting(self) -> bool:
         """Whether the mounting stretch is an unknown."""
-        return self.mounting in INFERRING
+        return self.mounting in INFERRING_MODES
 
     @property
     def shared(self) -> bool:
@@ -330,27 +333,27 @@ class ModelOptions(Settings):
 class InferringOptions(ModelOptions):
     """The same where the mounting stretches must be unknowns."""
 
-    mounting: str = option("noisy", "How the mounting force enters.", choices=INFERRING)
+    mounting: str = option("noisy", "How the mounting force enters.", choices=INFERRING_MODES)
 
 
 # --- fits and sampling ---------------------------------------------------------------------------
 
 
-SETTINGS = options_of(Settings)
+MODEL_OPTIONS = options_of(Settings)
 
 
 @dataclass(frozen=True)
 class FitOptions(Options):
     """Least-squares fits."""
 
-    starts: int = option(8, least=1, most=512, show_range=True)
-    seed: int = option(0, least=0, show_range=True)
+    starts: int = option(8, minimum=1, maximum=512, show_range=True)
+    seed: int = option(0, minimum=0, show_range=True)
     fixed: Mapping[str, float] | None = field(
         default=None, metadata={"help": "Values of fixed parameters, in their own units."}
     )
-    mounting_stretch: str = option("shared", **SETTINGS["mounting_stretch"]._asdict())
-    law: str = option(DEFAULT_LAW, **SETTINGS["law"]._asdict())
-    fibre_switch: bool = option(False, **SETTINGS["fibre_switch"]._asdict())
+    mounting_stretch: str = option("shared", **MODEL_OPTIONS["mounting_stretch"]._asdict())
+    law: str = option(DEFAULT_LAW, **MODEL_OPTIONS["law"]._asdict())
+    fibre_switch: bool = option(False, **MODEL_OPTIONS["fibre_switch"]._asdict())
     initial: Any = field(
         default=None,
         metadata={"help": "A Material as a further start; with it ``starts`` may be 0."},
@@ -362,19 +365,21 @@ class FitOptions(Options):
                 self.check(name, getattr(self, name))
 
 
-SAME_SEED = "Random seed; the same seed gives the same files."
-WANTED = "Effective sample size to reach."
-WORKERS = "Processors to use [all, at most 4]."
+SEED_HELP = "Random seed; the same seed gives the same files."
+ESS_HELP = "Effective sample size to reach."
+WORKERS_HELP = "Processors to use [all, at most 4]."
 
 
 @dataclass(frozen=True)
 class SamplingPlan(Options):
     """Amount of sampling, and number of processors; draws do not depend on ``workers``."""
 
-    seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
-    ess: float = option(2000.0, WANTED, least=50, most=MOST)
-    max_steps: int = option(20_000, "Largest number of steps per ensemble.", least=128, most=MOST)
-    workers: int | None = option(None, WORKERS, kind=int, least=1)
+    seed: int = option(1, SEED_HELP, minimum=0, maximum=MAX_INT64)
+    ess: float = option(2000.0, ESS_HELP, minimum=50, maximum=MAX_COUNT)
+    max_steps: int = option(
+        20_000, "Largest number of steps per ensemble.", minimum=128, maximum=MAX_COUNT
+    )
+    workers: int | None = option(None, WORKERS_HELP, kind=int, minimum=1)
 
     @property
     def processors(self) -> int:
@@ -386,8 +391,8 @@ class SamplingPlan(Options):
 class PopulationOptions(SamplingPlan):
     """A hierarchical posterior over specimens."""
 
-    ess: float = option(1000.0, WANTED, least=50, most=MOST)
-    max_steps: int = option(6000, "Largest number of steps.", least=128, most=MOST)
+    ess: float = option(1000.0, ESS_HELP, minimum=50, maximum=MAX_COUNT)
+    max_steps: int = option(6000, "Largest number of steps.", minimum=128, maximum=MAX_COUNT)
 
     pool_mounting: bool = option(False, "Pool the mounting stretches, too.")
     spread: str = option(
@@ -406,18 +411,18 @@ class PopulationOptions(SamplingPlan):
 class CalibrationPlan(Options):
     """A calibration study."""
 
-    replications: int = option(200, least=1)
+    replications: int = option(200, minimum=1)
     source: str = option(
         "prior",
         "True values from a prior scaled to the protocol, or around the specimen's posterior.",
         choices=("prior", "posterior"),
         flag="from",
     )
-    seed: int = option(1, least=0, most=MOST_WHOLE)
+    seed: int = option(1, minimum=0, maximum=MAX_INT64)
     ess: float = option(
         600.0,
         "Effective draws of each replication.",
-        least=200,
+        minimum=200,
         reason="true values are ranked among 127",
     )
     broken: str = option(
@@ -438,38 +443,42 @@ class DesignOptions(Options):
     further: float = option(
         1.25,
         "Range of the extended protocol, relative to the tested range.",
-        least=1.0,
-        most=3.0,
+        minimum=1.0,
+        maximum=3.0,
         show_range=True,
     )
     alpha_sd_deg: float = option(
         5.0,
         "Sd of the fibre angle from histology (degrees).",
-        least=0.0,
-        most=1e3,
+        minimum=0.0,
+        maximum=1e3,
         open_ends=True,
         flag="alpha-sd",
     )
     kappa_sd: float = option(
-        0.03, "Sd of kappa from histology.", least=0.0, most=1e3, open_ends=True
+        0.03, "Sd of kappa from histology.", minimum=0.0, maximum=1e3, open_ends=True
     )
     image_sd: float = option(
-        0.005, "Sd of a mounting stretch measured by imaging.", least=0.0, most=1e3, open_ends=True
+        0.005,
+        "Sd of a mounting stretch measured by imaging.",
+        minimum=0.0,
+        maximum=1e3,
+        open_ends=True,
     )
     rank_by: str = option(
         "parameters",
         "Rank by the mean over the parameters, 'information', or one quantity, such as kappa.",
     )
-    seed: int = option(1, SAME_SEED, least=0)
+    seed: int = option(1, SEED_HELP, minimum=0)
 
 
 @dataclass(frozen=True)
 class PredictionOptions(Options):
     """Bands of stress on a path, or of the inflation of a tube."""
 
-    points: int = option(61, least=2, most=100_000, show_range=True)
+    points: int = option(61, minimum=2, maximum=100_000, show_range=True)
     """Number of states on a straight path."""
     probability: float = option(
-        CONTENT, "Content of the bands.", least=0.0, most=1.0, open_ends=True, show_range=True
+        CONTENT, "Content of the bands.", minimum=0.0, maximum=1.0, open_ends=True, show_range=True
     )
-    seed: int = option(0, least=0, show_range=True)
+    seed: int = option(0, minimum=0, show_range=True)

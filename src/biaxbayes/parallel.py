@@ -23,10 +23,10 @@ from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.tasks import Executor, Outcome, no_stop, with_one_blas_thread
 
-MOST_LOCAL = 4
-MOST_ATTEMPTS = 3
+MAX_LOCAL_WORKERS = 4
+MAX_ATTEMPTS = 3
 """Number of worker deaths after which a task is given up (probably out of memory)."""
-STOP_SECONDS = 0.5
+STOP_POLL_SECONDS = 0.5
 
 
 def executor_for(
@@ -44,7 +44,7 @@ def executor_for(
             )
         return Cluster(scheduler)
     may_start = not multiprocessing.current_process().daemon
-    available = min(os.cpu_count() or 1, MOST_LOCAL) if may_start else 1
+    available = min(os.cpu_count() or 1, MAX_LOCAL_WORKERS) if may_start else 1
     count = available if workers is None else workers
     if count < 1:
         raise InputError("`workers` must be at least 1")
@@ -78,15 +78,15 @@ class Processes(Executor):
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self._stay = False
+        self._keep_workers = False
         self._idle: list[_Worker] = []
 
     def __enter__(self) -> Self:
-        self._stay = True
+        self._keep_workers = True
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._stay = False
+        self._keep_workers = False
         while self._idle:
             self._idle.pop().end()
 
@@ -115,7 +115,7 @@ class Processes(Executor):
                         worker.remove()
                         continue
                     running[future] = waiting.popleft(), worker
-                for future in wait(running, STOP_SECONDS, FIRST_COMPLETED).done:
+                for future in wait(running, STOP_POLL_SECONDS, FIRST_COMPLETED).done:
                     index, worker = running.pop(future)
                     if not isinstance(future.exception(), BrokenProcessPool):
                         self._idle.append(worker)
@@ -123,15 +123,15 @@ class Processes(Executor):
                         continue
                     worker.remove()
                     deaths[index] += 1
-                    if deaths[index] < MOST_ATTEMPTS:
+                    if deaths[index] < MAX_ATTEMPTS:
                         waiting.append(index)
                     else:
-                        lost = f"its worker process died {MOST_ATTEMPTS} times (out of memory?)"
-                        yield Outcome(index, None, lost)
+                        failure = f"its worker process died {MAX_ATTEMPTS} times (out of memory?)"
+                        yield Outcome(index, None, failure)
         finally:
             for _, worker in running.values():
                 worker.end()
-            if not self._stay:
+            if not self._keep_workers:
                 self.__exit__()
 
 

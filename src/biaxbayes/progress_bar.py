@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 
 @dataclass(frozen=True)
 class Progress:
-    """State of long work."""
+    """Progress of a long computation."""
 
     phase: str
-    share: float | None = None  # of the target; None: unknown
+    share: float | None = None  # completed fraction; None: unknown
     note: str = ""
 
 
@@ -92,11 +92,11 @@ def notebook_line() -> Iterator[OnProgress]:
         line.update({"text/plain": ""}, raw=True)
 
 
-MINUTE = 60.0
+SECONDS_PER_MINUTE = 60.0
 
 
 @contextlib.contextmanager
-def minute_lines(every: float = MINUTE) -> Iterator[OnProgress]:
+def minute_lines(every: float = SECONDS_PER_MINUTE) -> Iterator[OnProgress]:
     """Print notes at once and the progress each minute, by a thread: also during long steps."""
     latest = Progress("starting")
     begin, done = time.monotonic(), threading.Event()
@@ -109,7 +109,7 @@ def minute_lines(every: float = MINUTE) -> Iterator[OnProgress]:
     def repeat() -> None:
         while not done.wait(every):
             share = "" if latest.share is None else f", {100 * latest.share:.0f} %"
-            spent = f"{(time.monotonic() - begin) / MINUTE:.0f} min"
+            spent = f"{(time.monotonic() - begin) / SECONDS_PER_MINUTE:.0f} min"
             print(f"biaxbayes: {latest.phase}{share}, {spent}", file=sys.stderr, flush=True)
 
     thread = threading.Thread(target=repeat, daemon=True)
@@ -161,7 +161,7 @@ def with_progress(verb: Verb) -> Verb:
 
 # --- a stop after the current block --------------------------------------------------------------
 
-STOPS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+STOP_SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
 class StoppedAtOnce(KeyboardInterrupt):
@@ -201,7 +201,7 @@ def graceful_stop() -> Iterator[Callable[[], int]]:
         with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
             os.write(2, b"stopping after this block; press Ctrl-C again to stop at once\n")
 
-    previous = {n: signal.getsignal(n) for n in STOPS}
+    previous = {n: signal.getsignal(n) for n in STOP_SIGNALS}
     for number, handler in previous.items():
         if handler not in (signal.SIG_IGN, None):
             signal.signal(number, handle)

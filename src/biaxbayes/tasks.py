@@ -1,4 +1,4 @@
-"""Many tasks and their outcomes, and settings that belong to a whole process."""
+"""The interface of executors, and settings of the whole process: BLAS threads and a lock."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any, Self
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a task by its index; ``lost`` is the reason if there is none."""
+    """The result of a task by its index; ``failure`` is the reason if there is none."""
 
     index: int
     value: Any
-    lost: str = ""
+    failure: str = ""
 
 
 def no_stop() -> bool:
@@ -46,7 +46,7 @@ class Executor:
         raise NotImplementedError
 
 
-one_call = threading.RLock()
+process_lock = threading.RLock()
 """Lock of ``sample`` and ``plot``, since pandas, ArviZ and matplotlib temporarily change warning
 filters and settings of the process."""
 
@@ -61,7 +61,7 @@ def one_blas_thread() -> Iterator[None]:
     global _blas_users
     with _blas_lock:
         if _blas_users == 0:
-            _in_short_thread(_limit_blas)
+            _run_in_thread(_limit_blas)
         _blas_users += 1
     try:
         yield
@@ -69,7 +69,7 @@ def one_blas_thread() -> Iterator[None]:
         with _blas_lock:
             _blas_users -= 1
             if _blas_users == 0:
-                _in_short_thread(_blas_limit.restore_original_limits)
+                _run_in_thread(_blas_limit.restore_original_limits)
 
 
 def _limit_blas() -> None:
@@ -80,7 +80,7 @@ def _limit_blas() -> None:
     _blas_limit = threadpool_limits(1, user_api="blas")
 
 
-def _in_short_thread(function: Callable[[], None]) -> None:
+def _run_in_thread(function: Callable[[], None]) -> None:
     """Run in a short thread: threadpoolctl ignores other threads while the first caller lives."""
     thread = threading.Thread(target=function)
     thread.start()

@@ -24,7 +24,7 @@ from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import Prior, Tie
-from biaxbayes.options import INFERRING, CalibrationPlan, ModelOptions
+from biaxbayes.options import INFERRING_MODES, CalibrationPlan, ModelOptions
 from biaxbayes.parallel import InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Plan
@@ -67,7 +67,7 @@ class Study:
         return law_named(name, fibre_switch=self.options.get("fibre_switch", False))
 
     def __post_init__(self) -> None:
-        if self.options.get("mounting", ModelOptions.mounting) not in INFERRING:
+        if self.options.get("mounting", ModelOptions.mounting) not in INFERRING_MODES:
             raise InputError(
                 "a study needs an inferred mounting stretch",
                 remedy="use `mounting` noisy, exact or free",
@@ -189,9 +189,9 @@ def run_replications(
             yield outcome.value
             left = left[1:]
     for outcome in chosen.run(work, left, stop=stop):
-        if outcome.lost:
+        if outcome.failure:
             raise RunError(
-                f"replication {left[outcome.index]}: {outcome.lost}; `resume=True` continues, with "
-                "fewer `workers`"
+                f"replication {left[outcome.index]}: {outcome.failure}; `resume=True` continues, "
+                "with fewer `workers`"
             )
         yield outcome.value

@@ -25,7 +25,7 @@ from biaxbayes.figures.quantities import (
 from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, few_ticks, print_style
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import Parameter, Quantity
-from biaxbayes.studies.groups import KNOWN
+from biaxbayes.studies.groups import USABLE_VERDICTS
 
 # --- the specimens of a study, quantity by quantity, ordered by layer ----------------------------
 
@@ -77,7 +77,7 @@ def _draw_specimens(
         if record["verdict"] == FIXED:
             ax.plot(record["q50"], i, "x", color="0.35", ms=3.4, mew=0.8)
             continue
-        identified = record["state"] == "converged" and record["verdict"] in KNOWN
+        identified = record["state"] == "converged" and record["verdict"] in USABLE_VERDICTS
         hue, marker = group_look(layers.index(layer))
         interval = np.clip([record["q05"], record["q95"]], axis.low, axis.high)
         ax.plot(interval, [i, i], color=hue, linewidth=1.0)

@@ -24,7 +24,7 @@ from matplotlib.ticker import (
 )
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import PICTURES
+from biaxbayes.options import FIGURE_FORMATS
 from biaxbayes.text_files import atomic_write_bytes
 
 Style: TypeAlias = Mapping[str, Any] | None
@@ -179,7 +179,7 @@ def figure_bytes(figure: Figure, suffix: str, style: Style = None) -> bytes:
 def picture_suffix(path: Path) -> str:
     """The format that a file name ends with; refuses one that cannot be drawn."""
     suffix = path.suffix.lower().removeprefix(".")
-    if suffix not in PICTURES:
+    if suffix not in FIGURE_FORMATS:
         raise InputError(
             f"cannot draw a figure as {path.suffix or 'a file without suffix'!r}",
             file=path,

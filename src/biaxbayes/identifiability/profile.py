@@ -113,8 +113,8 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
     posterior = posterior.replaced(fit=posterior.fit)  # once, not in every process
     by_index: dict[int, Profile] = {}
     for outcome in executor.run(partial(profile_likelihood, posterior), parameters):
-        if outcome.lost:
-            raise RunError(f"profile of {parameters[outcome.index]}: {outcome.lost}")
+        if outcome.failure:
+            raise RunError(f"profile of {parameters[outcome.index]}: {outcome.failure}")
         by_index[outcome.index] = outcome.value
     return [by_index[i] for i in range(len(parameters))]
 

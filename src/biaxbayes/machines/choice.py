@@ -12,7 +12,7 @@ BRANCHES = ("loading", "unloading", "both")
 STRETCH_SOURCES = ("auto", "tracked", "rake")
 GAUGE_AT = ("zero", "start")
 DIRECTIONS = ("x", "y", "xy")
-GAUGE: dict[str, float] = {"least": 0.01, "most": 1e4}
+GAUGE: dict[str, float] = {"minimum": 0.01, "maximum": 1e4}
 """Possible gauge lengths, mm."""
 
 

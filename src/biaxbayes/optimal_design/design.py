@@ -207,8 +207,8 @@ def design(
     expected: list[Expected | None] = [None] * len(tasks)
     progress(Progress("simulating outcomes"))
     for done, outcome in enumerate((executor or InThisProcess()).run(work, tasks), start=1):
-        if outcome.lost:
-            raise RunError(f"candidate {chosen[outcome.index].name}: {outcome.lost}")
+        if outcome.failure:
+            raise RunError(f"candidate {chosen[outcome.index].name}: {outcome.failure}")
         expected[outcome.index] = outcome.value
         progress(Progress("simulating outcomes", done / len(tasks)))
 

@@ -246,7 +246,7 @@ def closing_message(run: Run) -> str:
         lines.append(printable(cut(grips.get("in_words", ""), 200)))
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
     lines += [printable(cut(f["message"], 400)) for f in serious[:1]]
-    advice = "; ".join(filter(None, (result.little_determined, result.advice)))
+    advice = "; ".join(filter(None, (result.low_information, result.advice)))
     rest = [printable(text) for text in (result.fit, advice) if text]
     rest += [printable(text) for text in result.warnings[:1]]
     rest.append(f"report: {run.path}/report.html")

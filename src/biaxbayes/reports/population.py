@@ -23,7 +23,7 @@ from biaxbayes.populations.text import (
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
 from biaxbayes.reports.text import counted, cut
-from biaxbayes.studies.groups import KNOWN
+from biaxbayes.studies.groups import USABLE_VERDICTS
 
 PAGE = "population.html"
 FIGURES = {
@@ -129,7 +129,7 @@ def _specimens(table: pd.DataFrame, names: list[str]) -> list[Row]:
                 continue
             median, ends = interval(r, "pooled", KNOWN_QUANTITIES[name].parameter.number)
             alone = r["reported"] if isinstance(r["reported"], str) and r["reported"] else DASH
-            identified = r["pooled_verdict"] in (*KNOWN, FIXED)
+            identified = r["pooled_verdict"] in (*USABLE_VERDICTS, FIXED)
             cells.append((_marked(median, identified), ends, f"({alone})"))
         first = part.iloc[0]
         head = (cut(label, 60), f"{cut(first['group'], 40)}, {cut(first['donor'], 40)}")

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 # --- looking at an HDF5 file before its data are read --------------------------------------------
 
 
-MOST_OBJECTS = 2_000
-MOST_BYTES = 2_000_000_000
-MOST_COMPRESSION = 50
+MAX_OBJECTS = 2_000
+MAX_BYTES_CLAIMED = 2_000_000_000
+MAX_COMPRESSION = 50
 """Measured or drawn numbers are not compressed further."""
 
 
@@ -43,7 +43,7 @@ class SuspiciousArchive(Exception):
 
 def check_archive(path: Path) -> None:
     """Refuse an HDF5 file that links outside, loops, or claims more data than it can hold."""
-    most = min(MOST_BYTES, MOST_COMPRESSION * path.stat().st_size)
+    most = min(MAX_BYTES_CLAIMED, MAX_COMPRESSION * path.stat().st_size)
     seen: set[int] = set()
     claimed = 0
     with h5py.File(path, "r") as file:
@@ -64,7 +64,7 @@ def check_archive(path: Path) -> None:
                     if item.is_virtual or item.external:
                         raise SuspiciousArchive("its data are in another file")
                     claimed += int(item.size or 0) * int(item.dtype.itemsize)
-                if claimed > most or len(seen) > MOST_OBJECTS:
+                if claimed > most or len(seen) > MAX_OBJECTS:
                     raise SuspiciousArchive("it claims more data than it can hold")
 
 
@@ -162,8 +162,8 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "mounting_reading_sd": (by_mount, reading_sd, unit),
     }
     pick = np.linspace(0, count - 1, min(count, POINTWISE_DRAWS)).round().astype(int)
-    some = {name: flat[name][:, pick] for name in posterior.parameter_names}
-    pointwise = _pointwise(posterior, some, seed)
+    thinned = {name: flat[name][:, pick] for name in posterior.parameter_names}
+    pointwise = _pointwise(posterior, thinned, seed)
     return {
         "posterior": xr.Dataset(parameters, coords),
         "sample_stats": xr.Dataset(stats, coords),
@@ -179,7 +179,7 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
 def _pointwise(
     posterior: Posterior, natural: Mapping[str, np.ndarray], seed: int
 ) -> dict[str, dict[str, Any]]:
-    """Variables with a number for each of some draws and reading, in single precision."""
+    """Variables with a number for each of the thinned draws and reading, in single precision."""
     chains, draws = next(iter(natural.values())).shape
     rows = posterior.rows
     mean, sd = posterior.forward.predict_rows({k: v.ravel() for k, v in natural.items()}, rows)

@@ -27,8 +27,8 @@ FORMAT = 6
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 NAMES = (NAME, PREVIOUS)
-FOLLOWING = ".checkpoint-following.npz"
-MAX_BYTES = 1_000_000_000
+TEMPORARY_NAME = ".checkpoint-following.npz"
+MAX_CHECKPOINT_BYTES = 1_000_000_000
 
 
 class DamagedCheckpoint(Exception):
@@ -143,7 +143,7 @@ def save(
     record: Callable[[Any], dict[str, Any]] = run_record,
 ) -> None:
     """Write a checkpoint with the identity of its run (hashes and settings as JSON values)."""
-    path, following = folder / NAME, folder / FOLLOWING
+    path, following = folder / NAME, folder / TEMPORARY_NAME
     data = packed({"format": FORMAT, "identity": identity, "state": record(state)})
     try:
         atomic_write_bytes(following, data)
@@ -175,7 +175,7 @@ def load(
         if not path.exists() and not path.is_symlink():
             continue
         try:
-            state, stored = unpack(read_bytes(path, limit=MAX_BYTES), from_record)
+            state, stored = unpack(read_bytes(path, limit=MAX_CHECKPOINT_BYTES), from_record)
         except (InputError, DamagedCheckpoint) as error:
             problem = error.problem if isinstance(error, InputError) else str(error)
             damaged.append(f"{name} {problem}")

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import BiaxbayesError, InputError, RunError
-from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, PICTURES, PLOTS, REPORTS
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, FIGURE_FORMATS, PLOTS, REPORTS
 from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
 
 # --- the files of a run: written to a staging folder, then moved into place together ------------
@@ -36,7 +36,7 @@ POPULATION = "population.json"
 """The same of a population."""
 KINDS = {PROVENANCE: "run", POPULATION: "population"}
 EVIDENCE = "evidence"
-"""Sub-folder of a run: the tables that what is reported rests on."""
+"""Sub-folder of a run: the tables behind the reported result."""
 STUDY, RUNS = "study.json", "runs"
 """The record of a study's folder, and where its runs are."""
 WRITING, READY = ".writing-", ".ready"
@@ -55,7 +55,7 @@ EXPORTS = (
 RECORDS = ("results", "profile-provenance", "identify", "study-rows", "study-layers")
 DERIVED = re.compile(
     rf"({'|'.join((*OUTPUTS, *EXPORTS))})\.csv|({'|'.join(RECORDS)})\.json|README\.txt"
-    rf"|({'|'.join((*OUTPUTS, *PLOTS.values()))})(-.+mm)?\.({'|'.join(PICTURES)})"
+    rf"|({'|'.join((*OUTPUTS, *PLOTS.values()))})(-.+mm)?\.({'|'.join(FIGURE_FORMATS)})"
     rf"|{'|'.join(map(re.escape, REPORTS.values()))}|report\.md"
 )
 """Files derived from the draws of their folder, stale once the draws change; some names are those
@@ -132,7 +132,7 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Files of a run folder and of its evidence; no links."""
+    """Files of a run folder and its sub-folder evidence; no links."""
     evidence = folder / EVIDENCE
     inner = evidence.iterdir() if evidence.is_dir() and not evidence.is_symlink() else ()
     paths = (*folder.iterdir(), *inner)
@@ -232,7 +232,7 @@ def _record(path: Path) -> dict[str, Any]:
 # --- files of a run folder, read as untrusted input -----------------------------------------------
 
 
-MAX_BYTES = 50_000_000
+MAX_RECORD_BYTES = 50_000_000
 
 
 def read_json(folder: Path, name: str) -> Any:
@@ -243,7 +243,7 @@ def read_json(folder: Path, name: str) -> Any:
             f"{path}: no such file; the run is not finished, continue it with `resume=True`"
         )
     try:
-        return json.loads(read_bytes(path, limit=MAX_BYTES), parse_int=_whole)
+        return json.loads(read_bytes(path, limit=MAX_RECORD_BYTES), parse_int=_whole)
     except InputError as error:
         raise RunError(f"{path}: {error.problem}") from None
     except (ValueError, RecursionError):

@@ -153,10 +153,10 @@ def _versions() -> dict[str, str]:
 # --- the record of a run folder, read as untrusted input ------------------------------------------
 
 
-EARLIER = {"reliable": "converged"}
+STATES_OF_EARLIER_VERSIONS = {"reliable": "converged"}
 """Names of states in earlier versions."""
 NUMBER = (int, float)
-NEEDED: dict[str, Any] = {
+REQUIRED_ENTRIES: dict[str, Any] = {
     "specimen": str,
     "unit": str,
     "notes": list,
@@ -169,17 +169,19 @@ NEEDED: dict[str, Any] = {
     | dict.fromkeys(("worst_ess", "worst_rhat"), (*NUMBER, type(None))),
 }
 """Entries that the readers of a run rely on."""
-ALLOWED = {"priors": dict, "versions": dict, "files": dict}
+OPTIONAL_ENTRIES = {"priors": dict, "versions": dict, "files": dict}
 """Entries that may be missing."""
 
 
 def read_record(folder: Path) -> dict[str, Any]:
     """Read and check the provenance of a run folder."""
     record = read_json(folder, PROVENANCE)
-    wrong = _schema_error(record, NEEDED) or _schema_error(record, ALLOWED, optional=True)
+    wrong = _schema_error(record, REQUIRED_ENTRIES) or _schema_error(
+        record, OPTIONAL_ENTRIES, optional=True
+    )
     if not wrong:
         convergence = record["convergence"]
-        state = EARLIER.get(convergence["state"], convergence["state"])
+        state = STATES_OF_EARLIER_VERSIONS.get(convergence["state"], convergence["state"])
         convergence["state"] = state
         # A converged run has both numbers, any other run both or neither.
         numbers = [convergence[k] is not None for k in ("worst_ess", "worst_rhat")]

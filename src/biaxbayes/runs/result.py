@@ -28,7 +28,7 @@ from biaxbayes.identifiability.verdict import (
     VERDICTS,
 )
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.options import INFERRING
+from biaxbayes.options import INFERRING_MODES
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
 from biaxbayes.prediction.predictive_checks import fit_in_words, path_warnings, predictive_checks
 from biaxbayes.runs.folder import EVIDENCE
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 RESULTS, REPORT, STRESSES = "results.json", "report.csv", "report-stresses.csv"
 README = "README.txt"
-DIGITS, STORED_DIGITS = 8, 12
+TABLE_DIGITS, JSON_DIGITS = 8, 12
 """Significant digits of the exported tables and of results.json."""
 TABLES = {
     "identifiability": (
@@ -60,29 +60,30 @@ TABLES = {
     "same_curves": ("same-curves.csv", "sets of parameters that give the same curves."),
     "checks": (
         "misfit.csv",
-        "by how much the law misses each curve, beside the noise of a reading.",
+        "residuals of each curve, compared with the noise of a reading.",
     ),
 }
-"""The tables of evidence: file, and what it shows."""
-LITTLE = 1.0 / 3.0
-"""A test that identifies or bounds at most this share of its parameters determines little."""
+"""Tables in the sub-folder evidence: file, and its content."""
+LOW_INFORMATION = 1.0 / 3.0
+"""A test that identifies or bounds at most this fraction of its parameters determines little."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """Result of a run: what to report, and its evidence (empty tables if there is none)."""
+    """Result of a run: what to report, and the tables behind it (empty where not computed)."""
 
     law: str
     state: str  # converged, tentative or unusable
     reported: tuple[Reported, ...]
     fit: str  # quality of fit
     advice: str  # the most useful next measurement; empty if every parameter is identified
-    warnings: tuple[str, ...]  # protocols that the parameters must not be used for
+    warnings: tuple[str, ...]  # sentences on protocols that the law misfits
     findings: tuple[str, ...]  # of the specimen, before sampling
     better_law: str  # a law that fits clearly better, or empty
     convergence: dict[str, Any]
     thresholds: dict[str, float]  # of the verdicts
-    # of the posterior, the best known first: spread, loadings and a sentence
+    # eigenvectors of the scaled posterior covariance, the smallest spread first: spread, loadings
+    # and a sentence
     directions: tuple[dict[str, Any], ...]
     same_curves_in_words: str
     summary: pd.DataFrame  # posterior within the law, as in summary.csv
@@ -105,16 +106,16 @@ class RunResult:
         raise KeyError(name)
 
     @property
-    def little_determined(self) -> str:
+    def low_information(self) -> str:
         """Sentence on a test that determines at most a third of its parameters; else empty."""
         if self.state != "converged" or not self.reported:
             return ""
-        known = [r for r in self.reported if r.verdict in (IDENTIFIED, BOUNDED)]
-        if len(known) > len(self.reported) * LITTLE:
+        determined = [r for r in self.reported if r.verdict in (IDENTIFIED, BOUNDED)]
+        if len(determined) > len(self.reported) * LOW_INFORMATION:
             return ""
-        names = f" ({listed([r.name for r in known])})" if known else ""
+        names = f" ({listed([r.name for r in determined])})" if determined else ""
         return (
-            f"this test determines {len(known) or 'none'} of {len(self.reported)} parameters"
+            f"this test determines {len(determined) or 'none'} of {len(self.reported)} parameters"
             f"{names}: do not compare the others between specimens"
         )
 
@@ -123,8 +124,8 @@ class RunResult:
         """Stresses to report, as in ``report-stresses.csv``: median and 90 % interval."""
         if self.determined.empty:
             return pd.DataFrame()
-        ends = {"tissue_low_90": "low", "tissue_high_90": "high"}
-        table = self.determined[self.determined["tissue_low_90"].notna()].rename(columns=ends)
+        interval = {"tissue_low_90": "low", "tissue_high_90": "high"}
+        table = self.determined[self.determined["tissue_low_90"].notna()].rename(columns=interval)
         columns = ["quantity", "unit", "stretch_x", "stretch_y", "median", "low", "high"]
         return table[columns].reset_index(drop=True)
 
@@ -202,7 +203,7 @@ def _advice(
     """The most useful next step: converge, another law, the mounting stretch, a further test."""
     if verdicts.state != "converged":
         return "the chains have not converged: continue with --resume and a larger --max-steps"
-    if mounting not in INFERRING:
+    if mounting not in INFERRING_MODES:
         return (
             f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry "
             "its error"
@@ -211,15 +212,19 @@ def _advice(
         return f"correct the prior of {listed(list(verdicts.contradicted_priors))}, or its unit"
     if verdicts.better_law:
         return verdicts.better_law
-    lost = [r for r in reported if r.verdict != IDENTIFIED]
-    axes = {quantities[r.name].axis for r in lost if quantities[r.name].parameter.kind == STRETCH}
+    undetermined = [r for r in reported if r.verdict != IDENTIFIED]
+    axes = {
+        quantities[r.name].axis
+        for r in undetermined
+        if quantities[r.name].parameter.kind == STRETCH
+    }
     if axes:
         names = mounting_names("stretch")
-        lost_names = [names[axis] for axis in (0, 1) if axis in axes]
-        return f"to know the mounting stretch, {measurement_advice(lost_names)}"
-    if lost:
-        verb = "separate" if all(r.verdict == COMBINATION for r in lost) else "narrow"
-        parameters = listed([r.name for r in lost])
+        missing_names = [names[axis] for axis in (0, 1) if axis in axes]
+        return f"to know the mounting stretch, {measurement_advice(missing_names)}"
+    if undetermined:
+        verb = "separate" if all(r.verdict == COMBINATION for r in undetermined) else "narrow"
+        parameters = listed([r.name for r in undetermined])
         return f"to {verb} {parameters}: biaxbayes design RUN says which test to add"
     return ""
 
@@ -228,12 +233,12 @@ def _advice(
 
 
 def write_result(result: RunResult, folder: Path) -> list[str]:
-    """Write ``results.json``, ``report.csv`` and the tables of evidence; return the file names."""
+    """Write ``results.json``, ``report.csv`` and the tables behind them; return the file names."""
     (folder / EVIDENCE).mkdir(exist_ok=True)
     text = json.dumps(as_record(result), indent=1, ensure_ascii=False, allow_nan=False)
     atomic_write_text(folder / RESULTS, text + "\n")
     tables = {REPORT: result.to_frame(), STRESSES: result.stresses}
-    lines = ["What the reported table rests on. No interval here is the one to report.", ""]
+    lines = ["The tables behind report.csv. Do not report the intervals in this folder.", ""]
     for name, (file, sentence) in TABLES.items():
         tables[f"{EVIDENCE}/{file}"] = getattr(result, name)
         if not getattr(result, name).empty:
@@ -244,19 +249,21 @@ def write_result(result: RunResult, folder: Path) -> list[str]:
         if table.empty and name != REPORT:
             (folder / name).unlink(missing_ok=True)
             continue
-        write_csv(folder / name, table, digits=DIGITS)
+        write_csv(folder / name, table, digits=TABLE_DIGITS)
         names.append(name)
     return names
 
 
-PLAIN = ("law", "state", "fit", "advice", "better_law", "same_curves_in_words")
-LISTS = ("warnings", "findings", "directions")
-MAPPINGS = ("convergence", "thresholds")
+TEXT_FIELDS = ("law", "state", "fit", "advice", "better_law", "same_curves_in_words")
+LIST_FIELDS = ("warnings", "findings", "directions")
+DICT_FIELDS = ("convergence", "thresholds")
 
 
 def as_record(result: RunResult) -> dict[str, Any]:
     """The result as JSON values of twelve digits; NaN and infinity become null."""
-    record: dict[str, Any] = {name: getattr(result, name) for name in (*PLAIN, *MAPPINGS, *LISTS)}
+    record: dict[str, Any] = {
+        name: getattr(result, name) for name in (*TEXT_FIELDS, *DICT_FIELDS, *LIST_FIELDS)
+    }
     record["reported"] = [vars(r) for r in result.reported]
     record["summary"] = result.summary.to_dict("records")
     record["evidence"] = {name: getattr(result, name).to_dict("records") for name in TABLES}
@@ -277,13 +284,13 @@ def json_values(value: Any) -> Any:
     if not isinstance(number, float):
         return number
     # Sums of the same draws differ in the last digit with where an array lies in memory.
-    return float(f"{number:.{STORED_DIGITS}g}") if math.isfinite(number) else None
+    return float(f"{number:.{JSON_DIGITS}g}") if math.isfinite(number) else None
 
 
 def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path) -> RunResult:
     """Result from a ``results.json``, which is not trusted; RunError if it is not a run's."""
     try:
-        plain = {name: str(record[name]) for name in PLAIN}
+        plain = {name: str(record[name]) for name in TEXT_FIELDS}
         tables = {name: _table(record["evidence"][name]) for name in TABLES}
         reported = tuple(_reported(r, quantities, plain["state"]) for r in record["reported"])
         values: dict[str, Any] = {**plain, **tables}

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 # --- summary.csv: ArviZ's summary of the draws within the law -------------------------------------
 
-COLUMNS = (
+SUMMARY_COLUMNS = (
     *("parameter", "unit", "mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat"),
     "posterior_within",
 )
@@ -67,7 +67,7 @@ def summarise(
     rows = []
     for name in names:
         draws = quantities[name]
-        row: dict[str, object] = dict.fromkeys(COLUMNS, np.nan)
+        row: dict[str, object] = dict.fromkeys(SUMMARY_COLUMNS, np.nan)
         row |= {"parameter": name, "unit": known[name].unit, "posterior_within": law}
         i = position.get(name)
         if convergence.state != "unusable" and draws.size:
@@ -80,12 +80,12 @@ def summarise(
                 row["ess_bulk"] = np.floor(convergence.ess_bulk[i])
                 row["ess_tail"] = np.floor(convergence.ess_tail[i])
         rows.append(row)
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
 
 # --- the run -------------------------------------------------------------------------------------
 
-MOST_FINDINGS, LONGEST_FINDING = 8, 400
+MAX_FINDINGS, MAX_FINDING_LENGTH = 8, 400
 MAKE_RUN = "make a run folder with 'biaxbayes sample'"
 
 
@@ -174,8 +174,8 @@ class Run:
         # In the order in which the chains were summed when they were drawn.
         chains = {name: np.ascontiguousarray(v) for name, v in self.chains.items()}
         names = tuple(n for n in posterior.parameter_names if n in chains)
-        judged = replace(assess(chains, target_ess=0.0), state=self.state)
-        summary = summarise(chains, names, self.quantities, judged, self.law.short_name)
+        convergence = replace(assess(chains, target_ess=0.0), state=self.state)
+        summary = summarise(chains, names, self.quantities, convergence, self.law.short_name)
         verdicts = identify_run(posterior, self.draws, self.state)
         return run_result(
             verdicts, posterior, self.draws, summary, self.provenance["convergence"], self.findings
@@ -193,10 +193,10 @@ class Run:
         stored, out = self.provenance.get("findings"), []
         for finding in stored if isinstance(stored, list) else []:
             try:
-                out.append(one_line(str(Finding(**finding)))[:LONGEST_FINDING])
+                out.append(one_line(str(Finding(**finding)))[:MAX_FINDING_LENGTH])
             except TypeError:
                 continue  # the file of another program
-        return out[:MOST_FINDINGS]
+        return out[:MAX_FINDINGS]
 
     @cached_property
     def fit(self) -> list[dict[str, Any]]:

@@ -14,17 +14,17 @@ import pandas as pd
 
 from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED
 
-KNOWN = (IDENTIFIED, BOUNDED)
+USABLE_VERDICTS = (IDENTIFIED, BOUNDED)
 """Verdicts with which the numbers of a specimen are used."""
 GROUP_COLUMNS = (
     *("group_by", "group", "quantity", "unit", "specimens", "converged", "identified"),
     *("centre", "lowest", "highest", "scale", "sd_of_medians", "sd_within", "sd_between"),
 )
-CONTRAST_COLUMNS = (
+LAYER_CONTRAST_COLUMNS = (
     *("layer_a", "layer_b", "quantity", "unit", "pairs", "identified", "b_greater", "b_less"),
     *("mean_difference", "lowest_difference", "highest_difference"),
 )
-KEPT = ("parameter", "structure tensor", "stiffness")
+COMPARABLE_KINDS = ("parameter", "structure tensor", "stiffness")
 """Kinds of distance that are comparable between donors; stresses are those at the end of the tests
 of each donor."""
 
@@ -62,7 +62,7 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
 def _summary(part: pd.DataFrame) -> dict[str, Any]:
     converged = part[part["state"] == "converged"]
     # Quantities that are not properties of the tissue have no verdict.
-    usable = converged["verdict"].isin(KNOWN) | (converged["verdict"].fillna("") == "")
+    usable = converged["verdict"].isin(USABLE_VERDICTS) | (converged["verdict"].fillna("") == "")
     known = converged[usable & np.isfinite(converged["q50"].astype(float))]
     units = [u for u in part["unit"] if isinstance(u, str)]
     scales = [s for s in part["scale"] if isinstance(s, str)]
@@ -99,8 +99,8 @@ def _summary(part: pd.DataFrame) -> dict[str, Any]:
 def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
     """Summarise over donors how the layers of a donor differ: medians of identified pairs b - a."""
     if distances.empty:
-        return pd.DataFrame(columns=list(CONTRAST_COLUMNS))
-    same_for_all = distances["kind"].isin(KEPT) & (
+        return pd.DataFrame(columns=list(LAYER_CONTRAST_COLUMNS))
+    same_for_all = distances["kind"].isin(COMPARABLE_KINDS) & (
         distances["total_stretch"].isna() | (distances["total_stretch"] == 1.0)
     )
     across = distances[same_for_all & (distances["layer_a"] != distances["layer_b"])].copy()
@@ -132,4 +132,4 @@ def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
                 "highest_difference": float(differences.max()),
             }
         rows.append(row)
-    return pd.DataFrame(rows, columns=list(CONTRAST_COLUMNS))
+    return pd.DataFrame(rows, columns=list(LAYER_CONTRAST_COLUMNS))

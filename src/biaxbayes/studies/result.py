@@ -26,14 +26,14 @@ from biaxbayes.studies.study_file import Entry
 FAILED, INTERRUPTED = "failed", "interrupted"
 PARAMETER, CURVE = "parameter", "curve"
 """Kinds of row: an unknown of the run, or a derived quantity that shapes the curve."""
-COLUMNS = (
+STUDY_COLUMNS = (
     *("specimen", "donor", "layer", "file", "folder", "state", "reason", "kind", "quantity"),
     *("unit", "verdict", "reported_low", "reported_high", "reported", "reported_reason"),
     *("mean", "sd", "q05", "q50", "q95", "scale", "scale_sd", "ess_bulk", "ess_tail", "rhat"),
     *("readings", "effective_readings", "beta"),
 )
 LOG, LINEAR = "log", "linear"
-NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
+SUMMARY_NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
 """Columns from the summary of a run."""
 
 
@@ -62,7 +62,7 @@ def study_table(entries: list[Entry], outcomes: Mapping[str, SpecimenOutcome]) -
         }
         rows += [head | row for row in outcomes[e.slug].rows]
     own = [name for e in entries for name in e.entry.columns]
-    names = dict.fromkeys([*COLUMNS[:3], *own, *COLUMNS[3:]])
+    names = dict.fromkeys([*STUDY_COLUMNS[:3], *own, *STUDY_COLUMNS[3:]])
     return pd.DataFrame(rows, columns=list(names))
 
 
@@ -93,7 +93,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
         scale = LOG if run.quantities[name].parameter.logarithmic else LINEAR
         rows.append(
             common
-            | {str(k): v for k, v in record.items() if k in NUMBERS}
+            | {str(k): v for k, v in record.items() if k in SUMMARY_NUMBERS}
             | {
                 "kind": PARAMETER,
                 "quantity": name,
@@ -104,7 +104,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
                 "reported": row.get("interval", ""),
                 "reported_reason": row.get("reason", ""),
                 "scale": scale,
-                "scale_sd": _spread(draws[name], scale) if name in draws else math.nan,
+                "scale_sd": _sd_on_scale(draws[name], scale) if name in draws else math.nan,
             }
         )
     return rows + ([common | row for row in _curve_rows(run, draws)] if usable else [])
@@ -113,10 +113,10 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
 def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     """Structure tensor and small-strain stiffness, often known if parameters are correlated."""
     posterior = run.posterior()
-    few = some_draws(draws)
+    thinned = some_draws(draws)
     after, before = (
         derived_quantities(d, posterior.law, [], [1.0])
-        for d in (few, prior_material(posterior, few))
+        for d in (thinned, prior_material(posterior, thinned))
     )
     rows = []
     for quantity, share in zip(after, contractions(before, after), strict=True):
@@ -136,13 +136,13 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
                 "q50": q50,
                 "q95": q95,
                 "scale": scale,
-                "scale_sd": _spread(quantity.values, scale),
+                "scale_sd": _sd_on_scale(quantity.values, scale),
             }
         )
     return rows
 
 
-def _spread(values: Any, scale: str) -> float:
+def _sd_on_scale(values: Any, scale: str) -> float:
     """Sd of the logs or of the values themselves; NaN where one is not finite."""
     natural = np.asarray(values, dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,7 +153,7 @@ def _spread(values: Any, scale: str) -> float:
 # --- the layers of a donor, and how far they are apart --------------------------------------------
 
 
-MOST_WITHOUT_DONOR = 6
+MAX_WITHOUT_DONOR = 6
 """Largest number of specimens that are compared if no donor is named."""
 USABLE = ("converged", "tentative")
 
@@ -177,7 +177,7 @@ def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[
     usable = table[table["state"].isin(USABLE)].drop_duplicates("specimen")
     usable = usable[usable["layer"] != ""]
     donors = [d for d in dict.fromkeys(usable["donor"]) if d]
-    if not (table["donor"] != "").any() and len(usable) <= MOST_WITHOUT_DONOR:
+    if not (table["donor"] != "").any() and len(usable) <= MAX_WITHOUT_DONOR:
         donors = [""]
     out = []
     for donor in donors:
@@ -226,7 +226,7 @@ class StudyResult:
     @property
     def own_columns(self) -> list[str]:
         """Columns that the study file adds to donor and layer."""
-        return [str(c) for c in self.table.columns if c not in COLUMNS]
+        return [str(c) for c in self.table.columns if c not in STUDY_COLUMNS]
 
     @cached_property
     def specimens(self) -> pd.DataFrame:

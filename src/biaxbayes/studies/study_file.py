@@ -48,12 +48,12 @@ from biaxbayes.text_files import one_line, read_toml
 DEFAULT_OPTIONS: dict[str, Any] = {
     name: getattr(ModelOptions, name) for name in options_of(ModelOptions)
 }
-NUMBERS = ("seed", "ess", "max_steps")
+SAMPLING_KEYS = ("seed", "ess", "max_steps")
 """Options of :class:`~biaxbayes.options.SamplingPlan` in a study file."""
-STUDY_KEYS = ("name", *NUMBERS, "anyway", "columns", "options", "priors", "specimen")
+STUDY_KEYS = ("name", *SAMPLING_KEYS, "anyway", "columns", "options", "priors", "specimen")
 TEXT_KEYS = ("label", "donor", "layer")
 SPECIMEN_KEYS = ("file", *TEXT_KEYS, "seed", "mounting_force", "anyway", "options", "priors")
-LONGEST = 120
+MAX_TEXT_LENGTH = 120
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def read_study(path: Path) -> Study:
     """Read a study file; InputError names the file and the key that cannot be used."""
     table = read_toml(path)
     _check_keys(table, STUDY_KEYS, "a study", path)
-    numbers = {key: table.get(key, getattr(SamplingPlan, key)) for key in NUMBERS}
+    numbers = {key: table.get(key, getattr(SamplingPlan, key)) for key in SAMPLING_KEYS}
     for key, value in numbers.items():
         SamplingPlan.check(key, value, file=path)
     options = _options(table.get("options", {}), DEFAULT_OPTIONS, "options", path)
@@ -170,7 +170,7 @@ def _specimen(entry: object, what: str, common: Mapping[str, Any], path: Path) -
             )
     return StudySpecimen(
         specimen,
-        _text(entry, "label", where, path) or specimen.stem[:LONGEST],
+        _text(entry, "label", where, path) or specimen.stem[:MAX_TEXT_LENGTH],
         options | {"priors": {**common["priors"], **priors}},
         int(seed),
         _text(entry, "donor", where, path),
@@ -219,8 +219,10 @@ def _text(table: Mapping[str, object], key: str, where: str, path: Path) -> str 
     value = table.get(key)
     if value is None:
         return None
-    if not isinstance(value, str) or not value.strip() or len(value) > LONGEST:
-        raise InputError(f"{where}{key} must be text of at most {LONGEST} characters", file=path)
+    if not isinstance(value, str) or not value.strip() or len(value) > MAX_TEXT_LENGTH:
+        raise InputError(
+            f"{where}{key} must be text of at most {MAX_TEXT_LENGTH} characters", file=path
+        )
     return one_line(value)
 
 

@@ -58,7 +58,7 @@ from biaxbayes.tasks import Executor
 from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claimed_folder, no_progress, no_stop
-from biaxbayes.verbs.sample import Sampling
+from biaxbayes.verbs.sample import SampleJob
 
 
 @with_progress
@@ -161,22 +161,22 @@ def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
 
     entry = task.entry.entry
     assert task.entry.specimen is not None
-    sampling = Sampling.prepare(
+    job = SampleJob.prepare(
         task.entry.specimen,
         out=task.folder,
         options=dict(entry.options),
         amount=SamplingPlan(entry.seed, task.ess, task.max_steps, workers=1),
         anyway=entry.anyway,
     )
-    sampling = replace(sampling, source=entry.file.name)
+    job = replace(job, source=entry.file.name)
     with first_alone():
         if stop():  # while another process was compiling
             raise Interrupted("stopped before it began")
         try:
-            folder = sampling.execute(resume=True, overwrite=True, progress=note, stop=stop)
+            folder = job.run(resume=True, overwrite=True, progress=note, stop=stop)
         except CannotResume as error:
             notes.append(f"sampled again from the start: {error}")
-            folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
+            folder = job.run(resume=False, overwrite=True, progress=note, stop=stop)
     return open_run(folder)
 
 
@@ -210,7 +210,7 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
 # --- the study -----------------------------------------------------------------------------------
 
 
-RUNNING = ".going-"
+RUNNING_PREFIX = ".going-"
 
 
 def run_study(
@@ -226,10 +226,10 @@ def run_study(
     with claimed_folder(folder, {STUDY}, "a study's", own={RUNS}), executor:
         runs = folder.absolute() / RUNS
         runs.mkdir(exist_ok=True)
-        for left in folder.glob(f"{RUNNING}*"):
+        for left in folder.glob(f"{RUNNING_PREFIX}*"):
             left.unlink(missing_ok=True)
         # A file that exists as long as the study runs; workers stop when it is removed.
-        running = folder.absolute() / f"{RUNNING}{uuid.uuid4().hex[:12]}"
+        running = folder.absolute() / f"{RUNNING_PREFIX}{uuid.uuid4().hex[:12]}"
         running.touch()
         try:
             progress(Progress("reading specimens"))
@@ -244,8 +244,8 @@ def run_study(
             ]
             compared = [ComparedLayers(task.donor) for task in tasks]
             for outcome in executor.run(compare_layers, tasks):
-                lost = ComparedLayers(tasks[outcome.index].donor, notes=[outcome.lost])
-                compared[outcome.index] = lost if outcome.lost else outcome.value
+                failed = ComparedLayers(tasks[outcome.index].donor, notes=[outcome.failure])
+                compared[outcome.index] = failed if outcome.failure else outcome.value
             progress(Progress("writing"))
             result = study_result(study.name, folder.absolute(), table, compared)
             write_study(result)
@@ -293,7 +293,7 @@ def _sample_all(
     tasks.sort(key=lambda task: not task.finished)  # reading a finished run takes no time
     for outcome in executor.run(sample_specimen, tasks, stop=stopped):
         entry = tasks[outcome.index].entry
-        result = _failed(outcome.lost) if outcome.lost else outcome.value
+        result = _failed(outcome.failure) if outcome.failure else outcome.value
         if result.state == INTERRUPTED:
             if not stopped():
                 raise RunError(
@@ -343,7 +343,7 @@ def _record_runs(study: Study, folder: Path, finished: dict[str, str]) -> None:
 # --- the command ---------------------------------------------------------------------------------
 
 
-IN_FILE = {
+STUDY_FILE_ENTRIES = {
     **dict.fromkeys(("seed", "ess", "max_steps", "anyway"), "{}"),
     **dict.fromkeys(opt.MODEL, "options"),
     **dict.fromkeys(("fix", "priors"), "priors"),
@@ -359,7 +359,7 @@ IN_FILE = {
 @opt.options(SamplingPlan, "seed")
 @opt.model_options()
 @opt.options(SamplingPlan, "ess", "max_steps")
-@opt.any_record_option
+@opt.anyway_option
 @opt.quiet_option
 @click.pass_context
 def command(
@@ -396,8 +396,8 @@ def command(
                 file=study,
                 remedy="list all specimens in it",
             )
-        for name, key in IN_FILE.items():
-            opt.refuse_given(
+        for name, key in STUDY_FILE_ENTRIES.items():
+            opt.refuse_options(
                 context,
                 (name,),
                 "{} is for CSV files",
@@ -413,7 +413,7 @@ def command(
     else:
         given = opt.with_priors(**given)
     folder = out or Path(f"{sources[0].stem}-study" if len(sources) == 1 else "study")
-    with opt.shown_work(quiet) as work:
+    with opt.progress_and_stop(quiet) as work:
         result = batch(study, out=folder, workers=workers, scheduler=scheduler, **work, **given)
     if not quiet:
         click.echo(closing_message(result))

@@ -29,7 +29,7 @@ from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import stored_identity
-from biaxbayes.runs.provenance import EARLIER, specimen_digest
+from biaxbayes.runs.provenance import STATES_OF_EARLIER_VERSIONS, specimen_digest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
@@ -40,7 +40,7 @@ from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 SAVE_SECONDS = 5.0
 RECORD, RANKS = "study.json", "ranks.csv"
-COLUMNS = (
+RANK_COLUMNS = (
     "replication",
     "parameter",
     "unit",
@@ -230,13 +230,13 @@ def read_ranks(path: Path) -> pd.DataFrame:
     """``ranks.csv`` of a study."""
     try:
         table = read_csv(path, dtype=str, keep_default_na=False)
-        if tuple(table.columns) != COLUMNS:
+        if tuple(table.columns) != RANK_COLUMNS:
             raise ValueError
-        for name in COLUMNS:
+        for name in RANK_COLUMNS:
             if name not in TEXT:
                 # Python's parser reads back exactly what was written.
                 table[name] = [float(v) if v else math.nan for v in table[name]]
-        table["state"] = table["state"].replace(EARLIER)
+        table["state"] = table["state"].replace(STATES_OF_EARLIER_VERSIONS)
         return table.astype({"replication": int, "rejected_draws": int})
     except (OSError, ValueError):
         raise RunError(
@@ -246,7 +246,7 @@ def read_ranks(path: Path) -> pd.DataFrame:
 
 def _frame(rows: dict[int, list[dict[str, Any]]]) -> pd.DataFrame:
     flat = [row for index in sorted(rows) for row in rows[index]]
-    return pd.DataFrame(flat, columns=list(COLUMNS))
+    return pd.DataFrame(flat, columns=list(RANK_COLUMNS))
 
 
 # --- the verb ------------------------------------------------------------------------------------
@@ -314,7 +314,7 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     """
     given = opt.with_priors(**given)
     folder = out or Path(f"{specimen.stem}-calibration")
-    with opt.shown_work(quiet) as work:
+    with opt.progress_and_stop(quiet) as work:
         outcome = calibrate(specimen, out=folder, **work, **given)
     tested = given["noise"] == "independent"
     if not quiet:

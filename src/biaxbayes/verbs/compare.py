@@ -144,7 +144,7 @@ def command(
     given = opt.with_priors(**given)
     names = None if labels is None else [name.strip() for name in labels.split(",")]
     runs = [opt.open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
-    with opt.shown_work(quiet) as work:
+    with opt.progress_and_stop(quiet) as work:
         result = compare(runs, labels=names, out=out, anyway=anyway, **work, **given)
     if not quiet:
         _print_comparison(result, out)

@@ -34,7 +34,7 @@ class CardOptions(Options):
     """Material cards of posterior draws."""
 
     draws: int | None = option(
-        None, "N random posterior draws.", kind=int, least=1, show_range=True, metavar="N"
+        None, "N random posterior draws.", kind=int, minimum=1, show_range=True, metavar="N"
     )
     at: str | None = option(
         None,
@@ -50,7 +50,7 @@ class CardOptions(Options):
         kind=float,
         metavar="R",
     )
-    seed: int = option(0, least=0, show_range=True)
+    seed: int = option(0, minimum=0, show_range=True)
     overwrite: bool = option(False, "Replace the cards of an earlier export.")
 
 

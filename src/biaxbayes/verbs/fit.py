@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.laws import law_named
-from biaxbayes.options import ALL_FITS, FIT_METHODS, FIT_WORDS, WHICH_FIT, FitOptions, takes_options
+from biaxbayes.options import (
+    ALL_FITS,
+    FIT_DESCRIPTIONS,
+    FIT_METHODS,
+    WHICH_FIT,
+    FitOptions,
+    takes_options,
+)
 from biaxbayes.text_files import write_csv
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, make_folder, open_specimen
@@ -127,7 +134,7 @@ def _write_fits(
         at_bound = row.pop("at_bound")
         assert isinstance(at_bound, list)
         rows.append(
-            {**row, "at_bound": " ".join(at_bound), "what_it_does": FIT_WORDS[result.method]}
+            {**row, "at_bound": " ".join(at_bound), "what_it_does": FIT_DESCRIPTIONS[result.method]}
         )
     write_csv(target / "fits.csv", pd.DataFrame(rows), digits=8)
     save_pictures(fits_figure(specimen, fits), target, "fits")
@@ -152,7 +159,7 @@ def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, o
     type=click.Choice([*FIT_METHODS, ALL_FITS]),
     default=ALL_FITS,
     show_default=True,
-    help="; ".join(f"{name} {words}" for name, words in FIT_WORDS.items()) + ".",
+    help="; ".join(f"{name} {words}" for name, words in FIT_DESCRIPTIONS.items()) + ".",
 )
 @opt.json_option("A list of objects instead of the table.")
 @opt.fix_option("Fix a parameter, e.g. kappa=0.")
@@ -241,7 +248,7 @@ def _print_fits(
     console.print(_table(specimen, fits, fixed, truth))
     lines = ["* ended on a bound"] if any(result.at_bound for result in fits) else []
     lines += ["= fixed"] if fixed else []
-    lines += [f"{result.method}: {FIT_WORDS[result.method]}" for result in fits]
+    lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
     lines.append(WHICH_FIT)
     if any(result.method in UNMOUNTED for result in fits):
         lines.append(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from biaxbayes.verbs.inputs import PathLike, RunLike, make_folder, opened_run
+from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, make_folder
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, flag, json_option
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     from biaxbayes.runs.folder import refresh_manifest
     from biaxbayes.runs.result import write_result
 
-    opened = opened_run(run)
+    opened = as_run(run)
     result, verdicts = opened.analysed()
     if out is not None:
         folder = make_folder(out)
@@ -66,7 +66,7 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
         for line in row_lines(result.rows):
             click.echo(line)
         click.echo("")
-        more = [result.fit, result.little_determined, result.advice, *result.warnings]
+        more = [result.fit, result.low_information, result.advice, *result.warnings]
         if result.directions:
             more += [result.directions[0]["in_words"], result.same_curves_in_words]
         for text in filter(None, more):

@@ -47,7 +47,7 @@ def open_specimen(
     return specimen if mounting_force is None else with_force(specimen, mounting_force, file)
 
 
-def opened_run(run: RunLike) -> Run:
+def as_run(run: RunLike) -> Run:
     """A run, or the folder to open it from."""
     from biaxbayes.runs.run import open_run
 
@@ -56,7 +56,7 @@ def opened_run(run: RunLike) -> Run:
 
 def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
     """A run whose draws can be computed with: converged, and none missing or out of range."""
-    opened = opened_run(run)
+    opened = as_run(run)
     # A run folder is untrusted input.
     needed = {p.name: p for p in (*opened.law.parameters, *opened.settings.error_model.parameters)}
     stretches = opened.quantities.of_kind(STRETCH)
@@ -138,7 +138,7 @@ def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
         )
 
 
-def opened_style(style: Any) -> dict[str, Any] | None:
+def as_style(style: Any) -> dict[str, Any] | None:
     """Settings of matplotlib, read from a file if it is a path."""
     from biaxbayes.figures.style import read_style
 

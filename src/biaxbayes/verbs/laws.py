@@ -25,9 +25,9 @@ from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import (
-    MOST,
-    MOST_WHOLE,
-    SAME_SEED,
+    MAX_COUNT,
+    MAX_INT64,
+    SEED_HELP,
     ModelOptions,
     Options,
     option,
@@ -54,7 +54,7 @@ from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 RECORD, PARTS = "laws.json", "parts"
-OF_ONE_LAW = ("law", "fibre_switch", "priors")
+SINGLE_LAW_OPTIONS = ("law", "fibre_switch", "priors")
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,9 @@ class LawsPlan(Options):
     laws: Sequence[str] | str | None = option(
         None, "Laws, separated by commas  [all]", metavar="NAME,NAME"
     )
-    seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
-    ess: float = option(500.0, "Effective draws of each posterior.", least=50, most=MOST)
-    max_steps: int = option(20_000, "When to give up.", least=128, most=MOST)
+    seed: int = option(1, SEED_HELP, minimum=0, maximum=MAX_INT64)
+    ess: float = option(500.0, "Effective draws of each posterior.", minimum=50, maximum=MAX_COUNT)
+    max_steps: int = option(20_000, "When to give up.", minimum=128, maximum=MAX_COUNT)
 
 
 def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
@@ -83,7 +83,7 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
 
 
 @with_progress
-@takes_options(LawsPlan, ModelOptions, without=OF_ONE_LAW)
+@takes_options(LawsPlan, ModelOptions, without=SINGLE_LAW_OPTIONS)
 def compare_laws(
     specimen: SpecimenLike,
     *,
@@ -124,11 +124,11 @@ def compare_laws(
     LawComparison
     """
     plan, others = LawsPlan.split(options)
-    for name in OF_ONE_LAW:
+    for name in SINGLE_LAW_OPTIONS:
         if others.get(name):
             raise InputError(f"`{name}` belongs to one law", remedy="use sample for that")
     model = ModelOptions.from_values(others).keywords()
-    common = {k: v for k, v in model.items() if k not in OF_ONE_LAW}
+    common = {k: v for k, v in model.items() if k not in SINGLE_LAW_OPTIONS}
     laws = chosen_laws(plan.laws)
     specimen = inputs.open_specimen(specimen, mounting_force)
     executor = executor_for(workers, scheduler)
@@ -210,8 +210,8 @@ def _sampled(
         progress(Progress("compiling (once; cached for later runs)"))
     for outcome in executor.run(sample_part, [tasks[i] for i in missing], stop=stop):
         index = missing[outcome.index]
-        if outcome.lost:
-            raise RunError(f"{tasks[index].name}: {outcome.lost}")
+        if outcome.failure:
+            raise RunError(f"{tasks[index].name}: {outcome.failure}")
         results[index], file = outcome.value, files[index]
         if file is not None:
             _store(file, outcome.value)
@@ -283,7 +283,9 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
 @opt.argument("specimen")
 @opt.options(LawsPlan, "laws")
 @opt.file_option("out", "Folder [<stem>-laws].")
-@opt.options(ModelOptions, *(n for n in opt.MODEL if n not in (*OF_ONE_LAW, "mounting_stretch")))
+@opt.options(
+    ModelOptions, *(n for n in opt.MODEL if n not in (*SINGLE_LAW_OPTIONS, "mounting_stretch"))
+)
 @opt.mounting_force_option()
 @opt.options(LawsPlan, "seed", "ess", "max_steps")
 @opt.executor_options
@@ -300,7 +302,7 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     biaxbayes laws media.csv --laws goh,fung
     """
     folder = out or Path(f"{specimen.stem}-laws")
-    with opt.shown_work(quiet) as work:
+    with opt.progress_and_stop(quiet) as work:
         result = compare_laws(specimen, out=folder, **work, **given)
     if not quiet:
         _print_laws(result, folder)

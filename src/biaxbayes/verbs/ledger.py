@@ -12,9 +12,9 @@ import click
 from biaxbayes.errors import InputError
 from biaxbayes.options import (
     ALL_ROWS,
-    INFERRING,
-    MOST,
-    WANTED,
+    ESS_HELP,
+    INFERRING_MODES,
+    MAX_COUNT,
     InferringOptions,
     SamplingPlan,
     option,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 class LedgerPlan(SamplingPlan):
     """Options of ``sample`` with fewer draws, which are enough for medians."""
 
-    ess: float = option(1000.0, WANTED, least=50, most=MOST)
+    ess: float = option(1000.0, ESS_HELP, minimum=50, maximum=MAX_COUNT)
 
 
 @with_progress
@@ -72,7 +72,7 @@ def ledger(
     """
     from biaxbayes.comparison.mounting_bias import Variant, sample_variants
     from biaxbayes.comparison.mounting_bias import ledger as lay_out
-    from biaxbayes.verbs.sample import Sampling
+    from biaxbayes.verbs.sample import SampleJob
 
     plan, model = LedgerPlan.split(options)
     if inputs.is_run(source):
@@ -81,7 +81,7 @@ def ledger(
         posterior, specimen = run.posterior(), run.specimen
         model = posterior.options()
         model["thin"] = model["thin"] or ALL_ROWS
-        if model["mounting"] not in INFERRING:
+        if model["mounting"] not in INFERRING_MODES:
             raise InputError(
                 f"this run's mounting stretch is {model['mounting']}, not inferred",
                 file=run.path,
@@ -91,7 +91,7 @@ def ledger(
     else:
         model, inferred = InferringOptions.from_values(model).keywords(), None
         specimen = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
-    prepared = Sampling.prepare(
+    prepared = SampleJob.prepare(
         specimen, out=None, options=model, amount=plan, anyway=anyway or inferred is not None
     )
     for finding in prepared.findings if inferred is None else ():
@@ -123,7 +123,7 @@ def ledger(
 @opt.options(LedgerPlan, "seed")
 @opt.model_options(InferringOptions)
 @opt.options(LedgerPlan, "ess", "workers")
-@opt.any_record_option
+@opt.anyway_option
 @opt.quiet_option
 @click.pass_context
 def command(
@@ -138,7 +138,7 @@ def command(
     data: Any = source
     if source.is_dir():
         own = (*opt.MODEL, "fix", "priors")
-        opt.refuse_given(
+        opt.refuse_options(
             context,
             ("mounting_force", *own),
             "{} does not go with a run, which has its own",

@@ -88,8 +88,11 @@ def _option(name: str, option: Option, default: Any, changes: dict[str, Any]) ->
         settings["type"] = click.Choice(option.choices)
     elif option.show_range:
         kind: Any = click.IntRange if option.kind is int else click.FloatRange
-        most, ends = None if option.most == math.inf else option.most, option.open_ends
-        settings["type"] = kind(option.least, most, min_open=ends, max_open=ends)
+        maximum, open_ends = (
+            None if option.maximum == math.inf else option.maximum,
+            option.open_ends,
+        )
+        settings["type"] = kind(option.minimum, maximum, min_open=open_ends, max_open=open_ends)
     elif option.kind is not None:
         settings["type"] = option.kind
     if default is not None:
@@ -128,7 +131,7 @@ def flag(name: str, help_text: str) -> Decorator:
 
 quiet_option = flag("quiet", "Print nothing but errors.")
 unconverged_option = flag("anyway", "Use the draws of a run that has not converged.")
-any_record_option = flag("anyway", "Sample data that do not look like a loading curve (see check).")
+anyway_option = flag("anyway", "Sample data that do not look like a loading curve (see check).")
 resume_option = flag("resume", "Continue from the folder's checkpoint.")
 
 
@@ -230,13 +233,15 @@ def _warn_of_radians(name: str, value: float) -> None:
 
 
 @contextlib.contextmanager
-def shown_work(quiet: bool) -> Iterator[dict[str, Any]]:
+def progress_and_stop(quiet: bool) -> Iterator[dict[str, Any]]:
     """Progress line and graceful interruption, as keyword arguments of a Python function."""
     with progress_line(quiet=quiet) as progress, graceful_stop() as stop:
         yield {"progress": progress, "stop": stop}
 
 
-def refuse_given(context: click.Context, names: tuple[str, ...], problem: str, **more: Any) -> None:
+def refuse_options(
+    context: click.Context, names: tuple[str, ...], problem: str, **more: Any
+) -> None:
     """Refuse the first of these options that was given; ``{}`` in the problem is its name."""
     for name in names:
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:

@@ -23,13 +23,13 @@ from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profiles
 from biaxbayes.laws import all_parameters
-from biaxbayes.options import PICTURES, PLOTS
+from biaxbayes.options import FIGURE_FORMATS, PLOTS
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
-from biaxbayes.tasks import one_call
+from biaxbayes.tasks import process_lock
 from biaxbayes.text_files import read_text
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run, opened_style, usable_run
+from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
 
 PLOT_TAKES = {
     "truth": ("corner", "bands", "mounting"),
@@ -37,16 +37,16 @@ PLOT_TAKES = {
     "parameters": ("corner", "profile", "trace"),
 }
 """Options of some figures only."""
-OF_ANY_STATE = ("trace", "profile")
+FIGURES_OF_UNCONVERGED_RUNS = ("trace", "profile")
 """Figures of runs that have not converged: traces show why, and a profile uses no draws."""
-MOST_IN_COLUMN = 3
+MAX_PROFILES_IN_COLUMN = 3
 """Profiles that fit one column of a page."""
 
 
 # --- true values of a virtual specimen -----------------------------------------------------------
 
 
-MOUNTING = (*mounting_names("stretch"), *mounting_names("force"))
+MOUNTING_NAMES = (*mounting_names("stretch"), *mounting_names("force"))
 REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa": 0.0}'
 
 
@@ -72,7 +72,7 @@ def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
         material = content["material"]
         labels = {p.name: p.label for p in all_parameters()}
         known = {name: material[label] for name, label in labels.items() if label in material}
-        known |= {name: content[name] for name in MOUNTING if name in content}
+        known |= {name: content[name] for name in MOUNTING_NAMES if name in content}
     else:
         known = content
     for name, value in known.items():
@@ -105,10 +105,10 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
         case "profile":
             posterior = run.posterior()
             names = how.pop("names", ()) or [n for n in posterior.law.names if n in posterior.free]
-            if how["width_mm"] < SIDE_BY_SIDE_MM and len(names) > MOST_IN_COLUMN:
+            if how["width_mm"] < SIDE_BY_SIDE_MM and len(names) > MAX_PROFILES_IN_COLUMN:
                 raise InputError(
                     f"{len(names)} profiles do not fit one column of a page",
-                    remedy=f"name up to {MOST_IN_COLUMN} with `parameters`, or choose "
+                    remedy=f"name up to {MAX_PROFILES_IN_COLUMN} with `parameters`, or choose "
                     "`width_mm=180`",
                 )
             return profile_figure(profiles(posterior, names), **how)
@@ -162,9 +162,9 @@ def plot(
                 remedy=f"it goes with {' and '.join(figures)}",
             )
     target = None if out is None else picture_file(out, suffix)
-    with one_call:
-        how["style"] = opened_style(style)
-        opened = opened_run(run) if anyway or figure in OF_ANY_STATE else usable_run(run)
+    with process_lock:
+        how["style"] = as_style(style)
+        opened = as_run(run) if anyway or figure in FIGURES_OF_UNCONVERGED_RUNS else usable_run(run)
         files = opened.provenance.get("files") or {}
         if (
             target is not None
@@ -183,7 +183,7 @@ def plot(
         if isinstance(compare, pd.DataFrame):
             how["compare"] = compare
         elif compare is not None:
-            other = opened_run(compare) if anyway else usable_run(compare)
+            other = as_run(compare) if anyway else usable_run(compare)
             names = opened.specimen.name, other.specimen.name
             if names[0] == names[1]:
                 names = opened.path.name, other.path.name
@@ -198,7 +198,7 @@ def picture_file(out: PathLike, suffix: str | None = None) -> Path:
     """The file of a figure: ``out``, with the suffix of its format if it has none."""
     path = Path(out)
     if not path.suffix:
-        return path.with_name(f"{path.name}.{suffix or PICTURES[0]}")
+        return path.with_name(f"{path.name}.{suffix or FIGURE_FORMATS[0]}")
     if suffix not in (None, picture_suffix(path)):
         raise InputError(
             f"`suffix={suffix}` does not go with the file name {path.name!r}",
@@ -215,7 +215,7 @@ def picture_file(out: PathLike, suffix: str | None = None) -> Path:
 @opt.choice_option("figure", PLOTS)
 @opt.choice_option(
     "format",
-    PICTURES,
+    FIGURE_FORMATS,
     "Kind of file  [default: that of --out, else pdf]",
     name="suffix",
     default=None,
@@ -259,8 +259,8 @@ def command(
     parts += [] if compare is None else ["with", compare.resolve().name]
     name = "-".join([*parts, f"{given['width_mm']:g}mm"])
     safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
-    target = picture_file(out or run / f"{safe[:120]}.{suffix or PICTURES[0]}", suffix)
-    usable = figure not in OF_ANY_STATE
+    target = picture_file(out or run / f"{safe[:120]}.{suffix or FIGURE_FORMATS[0]}", suffix)
+    usable = figure not in FIGURES_OF_UNCONVERGED_RUNS
     opened: Any = opt.open_usable_run(run, anyway=anyway) if usable else run
     other = None if compare is None else opt.open_usable_run(compare, anyway=anyway)
     plot(opened, figure, out=target, compare=other, anyway=anyway, **given)

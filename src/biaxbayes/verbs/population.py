@@ -192,10 +192,10 @@ def open_sources(members: list[Member], *, anyway: bool) -> tuple[list[Source], 
         except BiaxbayesError as error:
             left_out[member.label] = str(error)
     if len(sources) < 2:
-        lost = "; ".join(f"{k}: {v}" for k, v in list(left_out.items())[:3])
+        reasons = "; ".join(f"{k}: {v}" for k, v in list(left_out.items())[:3])
         raise InputError(
             f"{len(sources)} of {len(members)} specimens can be pooled, and a population needs "
-            f"two{f' ({lost})' if lost else ''}",
+            f"two{f' ({reasons})' if reasons else ''}",
             remedy="sample longer with a larger max_steps, or add specimens",
         )
     return sources, left_out
@@ -236,7 +236,8 @@ def _identity(
 
 # --- groups, donors and notes on them ------------------------------------------------------------
 
-LOW_WEIGHT = 0.5
+MISFIT_WEIGHT = 0.5
+"""Median weight n_eff / n of the runs below which a note names the systematic misfit."""
 MAX_STRAIN_RATIO = 1.25
 """Ratio of the largest strains of two specimens from which a note says so."""
 
@@ -295,22 +296,22 @@ def _notes_on_runs(sources: list[Source]) -> list[str]:
             out.append(f"the runs differ in {key}: {', '.join(sorted(values))}")
     counts = sorted({len(s.run.specimen.protocols) for s in sources})
     if len(counts) > 1:
-        few = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
+        fewest = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
         out.append(
             f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
-            f"({counts[0]}: {_listed(few)})"
+            f"({counts[0]}: {_listed(fewest)})"
         )
     tops = [s.largest_stretch for s in sources]
     low, high = min(tops), max(tops)
     if high - 1.0 > MAX_STRAIN_RATIO * (low - 1.0):
-        few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
+        fewest = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
         out.append(
             f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
-            f"{_listed(few)}): stress and stiffness are given up to {low:.3f}, and above it the "
+            f"{_listed(fewest)}): stress and stiffness are given up to {low:.3f}, and above it the "
             "band of a new specimen does not rest on all specimens"
         )
     weights = np.array([s.run.beta for s in sources])
-    if np.median(weights) < LOW_WEIGHT:
+    if np.median(weights) < MISFIT_WEIGHT:
         out.append(
             f"the readings of the specimens are weighted by {weights.min():.2g} to "
             f"{weights.max():.2g} because of systematic misfit of the law: this misfit is part of "
@@ -328,10 +329,10 @@ def _listed(names: list[str]) -> str:
 # --- the command ---------------------------------------------------------------------------------
 
 
-MARK = "*"
+UNDETERMINED_MARK = "*"
 QUALIFIED = (", but loosely", "; sensitive to the prior")
 """What the sentence on a verdict may add to it."""
-MOST_PAIRS = 3
+MAX_PAIRS = 3
 """Pairs of groups whose differences are printed."""
 
 
@@ -366,7 +367,7 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     biaxbayes population study-study --out population --priors population-priors.toml
     """
     folder = out or Path(f"{study.stem}-population")
-    with opt.shown_work(quiet) as work:
+    with opt.progress_and_stop(quiet) as work:
         result = population(study, out=folder, **work, **given)
     for label, reason in result.left_out.items():
         click.echo(f"biaxbayes: left out: {printable(label)}: {printable(reason)}", err=True)
@@ -386,16 +387,19 @@ def closing_message(result: PopulationResult) -> str:
         lines += ["", *_group_lines(str(group), part)]
     groups = result.groups
     if any((groups[f"{side}_verdict"] == NOT_IDENTIFIED).any() for side in spread_parts(groups)):
-        lines += ["", f"{MARK} {NOT_IDENTIFIED}: the specimens determine little of this sd"]
+        lines += [
+            "",
+            f"{UNDETERMINED_MARK} {NOT_IDENTIFIED}: the specimens determine little of this sd",
+        ]
     pairs = list(result.contrasts.groupby(["group_a", "group_b"], sort=False))
-    for (a, b), part in pairs[:MOST_PAIRS]:
+    for (a, b), part in pairs[:MAX_PAIRS]:
         first, second = printable(str(a)), printable(str(b))
         table = [["quantity", "", "median", "5 to 95 %", f"in {second}"]]
         for row in contrast_rows(part):
             table.append([row.quantity, row.kind, row.median, row.interval, row.direction])
         lines += ["", f"{second} compared with {first}", *aligned(table)]
-    if len(pairs) > MOST_PAIRS:
-        lines += ["", f"{len(pairs) - MOST_PAIRS} more pairs of groups are in contrasts.csv"]
+    if len(pairs) > MAX_PAIRS:
+        lines += ["", f"{len(pairs) - MAX_PAIRS} more pairs of groups are in contrasts.csv"]
     lines += ["", *(f"note: {printable(note)}" for note in result.notes)]
     lines += [f"all tables and draws are in {result.folder}"]
     return "\n".join(lines)
@@ -410,7 +414,7 @@ def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
     table = [["quantity", "unit", "median", "5 to 95 %", *sds, "new specimen", "verdict"]]
     for row, r in zip(group_rows(part), part.to_dict("records"), strict=True):
         spreads = [
-            text + (MARK if verdict == NOT_IDENTIFIED else "")
+            text + (UNDETERMINED_MARK if verdict == NOT_IDENTIFIED else "")
             for (text, _), verdict in zip(row.spreads, row.spread_verdicts, strict=True)
         ]
         loosely = "".join(words for words in QUALIFIED if words in str(r["in_words"]))

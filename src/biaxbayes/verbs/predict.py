@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import PICTURES, Options, PredictionOptions, option, takes_options
+from biaxbayes.options import FIGURE_FORMATS, Options, PredictionOptions, option, takes_options
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
 from biaxbayes.text_files import write_csv
 from biaxbayes.verbs import inputs
@@ -31,8 +31,8 @@ TESTED = "tested"
 class FigureOptions(Options):
     """Printing of a figure; ``style`` is a matplotlib style file, or its settings."""
 
-    suffix: str = option("pdf", choices=PICTURES, flag="format")
-    width_mm: float = option(85.0, least=50.0, most=400.0, show_range=True)
+    suffix: str = option("pdf", choices=FIGURE_FORMATS, flag="format")
+    width_mm: float = option(85.0, minimum=50.0, maximum=400.0, show_range=True)
     style: object = option(None, "A matplotlib style file.", metavar="FILE")
 
 
@@ -91,7 +91,7 @@ def predict(
     chosen, rest = PathOptions.split(options)
     bands, rest = PredictionOptions.split(rest)
     picture = FigureOptions.from_values(rest)
-    style = inputs.opened_style(picture.style)
+    style = inputs.as_style(picture.style)
     if path is not None and (chosen.stretch is not None or chosen.ratio is not None):
         raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
     if path is None and chosen.stretch is None:
@@ -208,7 +208,7 @@ def inflate(
     chosen, rest = TubeOptions.split(options)
     bands, rest = PredictionOptions.split(rest)
     picture = FigureOptions.from_values(rest)
-    style = inputs.opened_style(picture.style)
+    style = inputs.as_style(picture.style)
     if chosen.radius_mm is None or chosen.wall_mm is None:
         raise InputError("a tube needs `radius_mm` and `wall_mm`", remedy="unloaded, in mm")
     if pressure_kPa is not None and circumferential_stretch is not None:
@@ -291,7 +291,9 @@ def command(
 
     inflated = given.pop("inflate")
     relation = "with" if inflated else "without"
-    opt.refuse_given(context, PATH if inflated else TUBE, f"{{}} does not go {relation} `inflate`")
+    opt.refuse_options(
+        context, PATH if inflated else TUBE, f"{{}} does not go {relation} `inflate`"
+    )
     left_out = (*PATH, "reference", "stress") if inflated else (*TUBE, "around", "seed")
     chosen = {n: v for n, v in given.items() if v is not None and n not in left_out}
     opened = opt.open_usable_run(run, anyway=anyway)

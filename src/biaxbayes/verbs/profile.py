@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import MOUNTING, ModelOptions, option, takes_options
+from biaxbayes.options import MOUNTING_MODES, ModelOptions, option, takes_options
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -29,7 +29,9 @@ class ProfileOptions(ModelOptions):
     """The statistical model of a profile likelihood; its mounting stretches cannot be free."""
 
     mounting: str = option(
-        "noisy", "How the mounting force enters.", choices=tuple(m for m in MOUNTING if m != "free")
+        "noisy",
+        "How the mounting force enters.",
+        choices=tuple(m for m in MOUNTING_MODES if m != "free"),
     )
 
 
@@ -68,7 +70,7 @@ def profile(
 
     if inputs.is_run(source):
         inputs.refuse_model(options, mounting_force)
-        posterior = inputs.opened_run(source).posterior()  # type: ignore[arg-type]
+        posterior = inputs.as_run(source).posterior()  # type: ignore[arg-type]
     else:
         model = ProfileOptions.from_values(options)
         if "noise_sd" in model.priors:
@@ -120,7 +122,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
 
     from biaxbayes.identifiability.profile import FLAT
     from biaxbayes.identifiability.profile_curve import THRESHOLD
-    from biaxbayes.runs.result import DIGITS
+    from biaxbayes.runs.result import TABLE_DIGITS
 
     record = {
         "about": about,
@@ -139,7 +141,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
         tables.append(table)
     curves = concat(tables, ignore_index=True)
     write_csv(folder / "profile.csv", curves, digits=8)
-    write_csv(folder / "profile-intervals.csv", interval_table(profiles), digits=DIGITS)
+    write_csv(folder / "profile-intervals.csv", interval_table(profiles), digits=TABLE_DIGITS)
     text = json.dumps(record, indent=2, ensure_ascii=False) + "\n"
     atomic_write_text(folder / "profile-provenance.json", text)
 

@@ -10,7 +10,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.options import REPORTS
 from biaxbayes.runs.run import Run
 from biaxbayes.text_files import atomic_write_text
-from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run
+from biaxbayes.verbs.inputs import PathLike, RunLike, as_run
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
 
 
@@ -28,7 +28,7 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     from biaxbayes.reports.explore import can_be_explored
     from biaxbayes.reports.page import write_report
 
-    opened = opened_run(run)
+    opened = as_run(run)
     if kind == "html" and out is None:
         # The two pages in a run point to each other.
         if opened.state != "unusable" and can_be_explored(opened.quantities, opened.draws):
@@ -52,7 +52,7 @@ def report_text(run: RunLike, kind: str = "html") -> str:
         raise InputError(
             f"unknown report {str(kind)[:40]!r}", remedy=f"one of {', '.join(REPORTS)}"
         )
-    opened = opened_run(run)
+    opened = as_run(run)
     if kind == "explore":
         return _explore_text(opened, linked=False)
     return latex_table(opened) if kind == "latex" else report_page(opened)
@@ -89,7 +89,7 @@ def command(run: Path, kind: str, out: Path | None) -> int:
 
     Exit code 3 if the chains did not converge, as the report says, too.
     """
-    opened = opened_run(run)
+    opened = as_run(run)
     if out is not None and str(out) == "-":
         click.echo(report_text(opened, kind), nl=False)
     else:

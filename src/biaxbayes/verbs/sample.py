@@ -35,7 +35,7 @@ from biaxbayes.model.prior_checks import (
     radian_findings,
     unused_prior_findings,
 )
-from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, takes_options
+from biaxbayes.options import INFERRING_MODES, ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs import checkpoint
@@ -52,7 +52,7 @@ from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.check import Finding, check_round_trip, refuse_no_loading_curve
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.tasks import one_call
+from biaxbayes.tasks import process_lock
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Sampling:
+class SampleJob:
     """Checked inputs of one sampling run; ``batch`` checks all before it samples the first."""
 
     specimen: Specimen
@@ -87,7 +87,7 @@ class Sampling:
         amount: SamplingPlan,
         mounting_force: Sequence[float] | None = None,
         anyway: bool = False,
-    ) -> Sampling:
+    ) -> SampleJob:
         """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
         if isinstance(specimen, Specimen):
             file: object = specimen.name
@@ -108,7 +108,7 @@ class Sampling:
                 "another law"
             )
             findings = (*findings, Finding("few-protocols", "warning", text))
-        specimen, options = _resolved_mounting(specimen, options, file)
+        specimen, options = _resolve_mounting(specimen, options, file)
         if specimen.needs_grip_correction:
             refuse_other_law(law, file)
             stated_hooks(specimen)
@@ -121,7 +121,7 @@ class Sampling:
         )
         return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
 
-    def execute(
+    def run(
         self,
         *,
         resume: bool = False,
@@ -136,10 +136,10 @@ class Sampling:
             progress(Progress("fitting"))
             _show(self.findings, progress)
             fit_start = time.perf_counter()
-            run = self
+            job = self
             if self.specimen.needs_grip_correction:
-                run = self._corrected_for_grips(progress)
-            posterior = prepare(run.specimen, **self.options, seed=self.plan.seed)
+                job = self._corrected_for_grips(progress)
+            posterior = prepare(job.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(
                 posterior.specimen,
                 posterior.fit.residuals,
@@ -157,14 +157,14 @@ class Sampling:
             draws = self._draw(posterior, resume, fit_seconds, progress, stop)
             names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
             stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
-            limits = bracket_findings(stretches)
-            _show(limits, progress, "sampling")
+            bracket = bracket_findings(stretches)
+            _show(bracket, progress, "sampling")
             progress(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - start
             # All files are replaced together.
             with staged(self.folder, inputs.removal_note(progress, PROVENANCE)) as folder:
-                findings = [*self.findings, *findings, *limits]
-                run._write_files(folder, posterior, draws, findings, start)
+                findings = [*self.findings, *findings, *bracket]
+                job._write_files(folder, posterior, draws, findings, start)
         return self.folder
 
     def _draw(
@@ -176,17 +176,17 @@ class Sampling:
         stop: Stop,
     ) -> Draws:
         """Draw from the posterior, from a checkpoint if there is one and ``resume``."""
-        known = identity(posterior, self.plan)
-        state = None  # an old checkpoint stays until the first new one is written
+        run_identity = identity(posterior, self.plan)
+        stored = None  # an old checkpoint stays until the first new one is written
         if resume:
-            state, note = checkpoint.load(self.folder, known)
+            stored, note = checkpoint.load(self.folder, run_identity)
             if note:
                 progress(Progress("resuming", note=note))
         draws = draw_posterior(
             posterior,
             self.plan,
-            state=state,
-            on_block=lambda s: checkpoint.save(self.folder, s, known),
+            state=stored,
+            on_block=lambda s: checkpoint.save(self.folder, s, run_identity),
             progress=progress,
             stop=stop,
         )
@@ -199,12 +199,12 @@ class Sampling:
                 stop(),
             )
         progress(Progress("sampling", 1.0))
-        if state is None:
+        if stored is None:
             draws.seconds["fit"] += fit_seconds
         return draws
 
-    def _corrected_for_grips(self, progress: OnProgress) -> Sampling:
-        """The same run with loads corrected to those of a uniform test."""
+    def _corrected_for_grips(self, progress: OnProgress) -> SampleJob:
+        """The same job with loads corrected to those of a uniform test."""
         progress(Progress("correcting for the grips"))
 
         def fitted(specimen: Specimen) -> FitResult:
@@ -231,7 +231,7 @@ class Sampling:
         from biaxbayes.reports.page import write_report
         from biaxbayes.runs.result import run_result, write_result
 
-        specimen, state = self.specimen, draws.convergence.state
+        specimen, status = self.specimen, draws.convergence.state
         record = provenance(posterior, self.plan, draws, self.source)
         write_specimen(specimen, folder / "specimen.csv")
         if self.correction is not None:
@@ -246,7 +246,7 @@ class Sampling:
             "biaxbayes_version": record["biaxbayes"],
             "specimen": specimen.name,
             "settings": json.dumps(record["settings"], sort_keys=True),
-            "convergence": state,
+            "convergence": status,
             "beta": posterior.beta,
             "sampling_seed": self.plan.seed,
         }
@@ -262,7 +262,7 @@ class Sampling:
         write_csv(folder / "summary.csv", summary, digits=8)
         table = draw_table(draws.quantities)
         run = Run(folder, record).with_draws(table)
-        verdicts = identify_run(posterior, table, state)
+        verdicts = identify_run(posterior, table, status)
         result = run_result(
             verdicts, posterior, table, summary, record["convergence"], run.findings
         )
@@ -319,11 +319,11 @@ def _warn(progress: Progress) -> None:
         warnings.warn(progress.note, RuntimeWarning, stacklevel=level + 1)
 
 
-def _resolved_mounting(
+def _resolve_mounting(
     specimen: Specimen, options: dict[str, Any], file: object
 ) -> tuple[Specimen, dict[str, Any]]:
-    """Adapt the mounting option to the specimen, or raise."""
-    if options["mounting"] in INFERRING and specimen.is_tared:
+    """Refuse a tared specimen; without load noise replace ``noisy`` by ``exact``, with a note."""
+    if options["mounting"] in INFERRING_MODES and specimen.is_tared:
         raise TaredSpecimen(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
             "prestretch cannot be inferred from this file",
@@ -397,11 +397,9 @@ def sample(
     """
     amount, model = SamplingPlan.split(options)
     checked: dict[str, Any] = {"mounting_force": mounting_force, "anyway": anyway}
-    with one_call:
-        sampling = Sampling.prepare(specimen, out=out, options=model, amount=amount, **checked)
-        return open_run(
-            sampling.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
-        )
+    with process_lock:
+        job = SampleJob.prepare(specimen, out=out, options=model, amount=amount, **checked)
+        return open_run(job.run(resume=resume, overwrite=overwrite, progress=progress, stop=stop))
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -413,7 +411,7 @@ def sample(
 @opt.options(SamplingPlan, "seed")
 @opt.model_options()
 @opt.options(SamplingPlan, "ess", "max_steps", "workers")
-@opt.any_record_option
+@opt.anyway_option
 @opt.resume_option
 @opt.overwrite_option("run")
 @opt.quiet_option
@@ -426,7 +424,7 @@ def command(specimen: Path, quiet: bool, **given: Any) -> int:
     from biaxbayes.reports.methods import closing_message
 
     given = opt.with_priors(**given)
-    with opt.shown_work(quiet) as work:
+    with opt.progress_and_stop(quiet) as work:
         run = sample(specimen, **work, **given)
     if not quiet:
         click.echo(closing_message(run))

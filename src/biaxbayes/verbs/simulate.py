@@ -55,15 +55,15 @@ class VirtualTest(Options):
         metavar="X:Y",
         flag="ratio",
     )
-    increments: int = option(100, least=1, most=100_000, show_range=True)
+    increments: int = option(100, minimum=1, maximum=100_000, show_range=True)
     edge: tuple[float, float] = option(
         (20.0, 20.0), "Unloaded edge, 20 or 20x15 (x, y)  [default: 20]", metavar="MM"
     )
     thickness: float | None = option(
         None, "Unloaded thickness  [default: 1]", kind=float, metavar="MM"
     )
-    noise_N: float = option(0.0, "Sd of a force reading.", least=0.0, metavar="N")
-    misfit: float = option(0.0, "Sd of a smooth error, share of force.", least=0.0, metavar="R")
+    noise_N: float = option(0.0, "Sd of a force reading.", minimum=0.0, metavar="N")
+    misfit: float = option(0.0, "Sd of a smooth error, share of force.", minimum=0.0, metavar="R")
     stress_pair: str = option(
         "force", "What the file holds: N, or kPa as a lab computes it.", choices=STRESS_PAIRS
     )
@@ -74,12 +74,12 @@ class VirtualTest(Options):
         None,
         "Finite elements with N hooks per edge (default 5).",
         kind=int,
-        least=1,
-        most=50,
+        minimum=1,
+        maximum=50,
         show_range=True,
         metavar="[N]",
     )
-    seed: int = option(0, least=0, show_range=True)
+    seed: int = option(0, minimum=0, show_range=True)
     name: str | None = option(None, "Name of the specimen  [default: that of the file]")
 
 
