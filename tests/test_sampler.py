@@ -16,7 +16,7 @@ import biaxbayes
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.runs.run import COLUMNS
+from biaxbayes.runs.run import SUMMARY_COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.sampler import Plan
@@ -222,7 +222,7 @@ def test_run_folder_holds_every_file_and_reopens(run):
 
 def test_summary_is_that_of_the_draws(run):
     table = pd.read_csv(run.path / "summary.csv")
-    assert tuple(table.columns) == COLUMNS
+    assert tuple(table.columns) == SUMMARY_COLUMNS
     assert tuple(table["parameter"]) == ROWS
     units = dict(zip(table["parameter"], table["unit"], strict=True))
     assert (units["C1"], units["alpha"], units["noise_sd"]) == ("kPa", "deg", "N")

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from biaxbayes.figures.population import study_figure
 from biaxbayes.reports.study_page import write_study
 from biaxbayes.studies.groups import group_summaries, layer_contrasts
-from biaxbayes.studies.result import COLUMNS, StudyResult, donor_groups
+from biaxbayes.studies.result import STUDY_COLUMNS, StudyResult, donor_groups
 
 LAYERS = ("intima", "media", "<b>adventitia</b>")
 QUANTITIES = {
@@ -57,7 +57,7 @@ def table(count: int) -> pd.DataFrame:
                 | {"verdict": "identified" if curve else verdict, "scale": scale}
                 | {"q05": low, "q50": median, "q95": high, "scale_sd": 0.1}
             )
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(STUDY_COLUMNS))
 
 
 def distances(count: int) -> pd.DataFrame:
