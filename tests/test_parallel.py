@@ -40,9 +40,9 @@ def test_a_task_that_kills_every_worker_is_given_up_and_no_other():
     words = ["a", "dies", "b", "c"]
     outcomes = {o.index: o for o in Processes(2).run(tasks.die_always, words)}
     assert len(outcomes) == 4
-    assert "died 3 times" in outcomes[1].lost
+    assert "died 3 times" in outcomes[1].failure
     assert [outcomes[i].value for i in (0, 2, 3)] == ["a", "b", "c"]
-    assert not any(outcomes[i].lost for i in (0, 2, 3))
+    assert not any(outcomes[i].failure for i in (0, 2, 3))
 
 
 def test_an_exception_comes_through_with_where_it_happened():
