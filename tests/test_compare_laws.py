@@ -12,8 +12,8 @@ from scipy.stats import beta, norm
 
 import biaxbayes
 from biaxbayes.comparison.law_comparison import (
-    MOST_DRAWS,
-    MOST_DRAWS_OF_PART,
+    MAX_LAW_DRAWS,
+    MAX_PART_DRAWS,
     WHOLE,
     Prediction,
     Task,
@@ -37,7 +37,7 @@ from biaxbayes.comparison.mixture import (
     weighted_density,
 )
 from biaxbayes.errors import InputError, Interrupted, NotConverged
-from biaxbayes.identifiability.mounting_interval import MEASURED, interval_from_predictions
+from biaxbayes.identifiability.mounting_interval import MEASURED_REASON, interval_from_predictions
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
@@ -214,7 +214,7 @@ def test_bands_of_a_mixture_of_one_law_are_those_of_its_draws(two_laws):
 def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
     specimen = small_specimen()
     options = {"noise": "independent", "mounting": "exact"}
-    for part, kept in ((None, MOST_DRAWS), (left_out_parts(specimen)[0], MOST_DRAWS_OF_PART)):
+    for part, kept in ((None, MAX_LAW_DRAWS), (left_out_parts(specimen)[0], MAX_PART_DRAWS)):
         task = Task("goh", specimen, part, options, seed=1, ess=20.0, max_steps=64)
         result = sample_part(task)
         assert len(result.draws) == kept
@@ -389,7 +389,7 @@ def test_a_measured_mounting_stretch_is_reported_as_the_mixture_has_it():
     )
     judged = weigh_laws(measured, {"noise": "independent"}, result, ["goh", "hgo"])
     row = judged.reported[0]
-    assert row.name == "mounting_stretch_x" and row.reason == MEASURED
+    assert row.name == "mounting_stretch_x" and row.reason == MEASURED_REASON
     assert [row.low, row.high] == pytest.approx([1.01, 1.01])
 
 

@@ -21,7 +21,7 @@ from biaxbayes.optimal_design.information_gain import (
     OutcomePosterior,
     design_quantities,
     expect,
-    weighted_spread,
+    weighted_sd,
 )
 from biaxbayes.sampling.sampler import Plan
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
@@ -122,7 +122,7 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
     rng = np.random.default_rng(2)
     simulated = candidate.outcomes(run.draws.iloc[::2000], rng)
     weights = candidate.log_likelihood(simulated, run.draws)
-    spread, effective = weighted_spread(weights, values)
+    spread, effective = weighted_sd(weights, values)
     # an outcome far out leaves few draws to reweight
     usable = np.flatnonzero(effective > 300)
     assert len(usable) > 0.8 * len(simulated)
@@ -284,7 +284,7 @@ def test_a_design_ends_with_what_to_measure_next(run):
     assert "\n" not in repr(result) and len(repr(result)) < 320
     useless = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 1e4)], outcomes=20)
     assert useless.conclusion.startswith("no candidate narrows a material parameter by 10 %")
-    doubtful = replace(result, expected=(replace(result.expected[0], few=1.0),))
+    doubtful = replace(result, expected=(replace(result.expected[0], untrusted=1.0),))
     assert doubtful.conclusion.startswith("no candidate can be recommended")
 
 

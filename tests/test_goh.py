@@ -171,7 +171,7 @@ def test_mounted_state_balances_its_reading_and_derivatives_follow(geometry):
         lm = rng.uniform(1.0, 1.12, 2)
         p0 = carried(material, lm, geometry)
         state = mounted_state(material, *p0, geometry=geometry)
-        if not state.found:
+        if not state.exists:
             continue  # an unstable state: see the test of stability
         met += 1
         np.testing.assert_allclose(carried(material, state.stretch, geometry), p0, rtol=1e-9)
@@ -209,8 +209,8 @@ def test_mounted_state_balances_its_reading_and_derivatives_follow(geometry):
 
 def test_only_stable_roots_inside_the_bracket_count():
     soft = GOH(1.0, 0.0, 0.0, 45.0, 0.1)
-    assert not mounted_state(soft, 100.0, 100.0).found  # no neo-Hookean balances that
-    assert not mounted_state(soft, 100.0, 100.0, geometry="mounted").found  # beyond the bracket
+    assert not mounted_state(soft, 100.0, 100.0).exists  # no neo-Hookean balances that
+    assert not mounted_state(soft, 100.0, 100.0, geometry="mounted").exists  # beyond the bracket
     state = mounted_state(soft, 0.0, 0.0)
     np.testing.assert_allclose(state.stretch, 1.0, atol=1e-12)
     rng = np.random.default_rng(4)
@@ -218,7 +218,7 @@ def test_only_stable_roots_inside_the_bracket_count():
         material = material_of(rng)
         p0 = rng.uniform(-0.5, 2.0, 2) * material.C1_kPa
         state = mounted_state(material, *p0)
-        if state.found:
+        if state.exists:
             assert np.all((state.stretch > BRACKET[0]) & (state.stretch < BRACKET[1]))
             np.testing.assert_allclose(
                 material.piola(*state.stretch), p0, atol=1e-9 * material.C1_kPa

@@ -15,7 +15,7 @@ from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import Hooks, SheetTester
 from biaxbayes.figures.mounting import sketch_figure
 from biaxbayes.fitting.fit import fit
-from biaxbayes.grips.correction import corrected_for_grips
+from biaxbayes.grips.correction import correct_for_grips
 from biaxbayes.grips.geometry import stated_hooks
 from biaxbayes.laws.goh import GOH
 from biaxbayes.runs import checkpoint
@@ -66,7 +66,7 @@ def hooked(stretch_from="markers", stress_pair="force"):
 )
 def test_the_corrected_loads_are_those_of_a_uniform_test(stretch_from, stress_pair):
     specimen, uniform = hooked(stretch_from, stress_pair)
-    correction = corrected_for_grips(specimen, fitted)
+    correction = correct_for_grips(specimen, fitted)
     for p, (centre, load) in zip(correction.specimen.protocols, uniform, strict=True):
         # uncorrected, the loads are 10 % off
         np.testing.assert_allclose(p.load_x, load[:, 0], rtol=4e-3)
@@ -82,7 +82,7 @@ def test_the_corrected_loads_are_those_of_a_uniform_test(stretch_from, stress_pa
 
 def test_grips_survive_a_file_and_a_corrected_one_is_not_corrected_again(tmp_path):
     specimen, _ = hooked()
-    correction = corrected_for_grips(specimen, fitted)
+    correction = correct_for_grips(specimen, fitted)
     for name, one in (("measured", specimen), ("corrected", correction.specimen)):
         write_specimen(one, tmp_path / f"{name}.csv")
         assert read_specimen(tmp_path / f"{name}.csv") == one
@@ -175,7 +175,7 @@ def test_stated_dimensions_of_the_mounted_state_give_the_same_ratios():
         edge_y_mm=14.0 * MOUNTING[1],
         thickness_mm=0.9 / (MOUNTING[0] * MOUNTING[1]),
     )
-    ratios = [corrected_for_grips(s, fitted).ratios[0].force for s in (specimen, mounted)]
+    ratios = [correct_for_grips(s, fitted).ratios[0].force for s in (specimen, mounted)]
     np.testing.assert_allclose(*ratios, rtol=2e-4)
 
 

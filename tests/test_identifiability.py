@@ -15,7 +15,7 @@ from scipy.stats import norm
 
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
-from biaxbayes.identifiability.marginals import Scale, count_modes, density, find_edges
+from biaxbayes.identifiability.marginals import ComparisonScale, count_modes, density, find_edges
 from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.identifiability.sloppiness import sloppiness
@@ -271,7 +271,9 @@ def test_edge_support_is_a_likelihood_ratio():
     for z in (0.5, 1.5, 3.0):
         draws = rng.normal(0.03, 0.03 / z, 60_000)
         draws = draws[(draws > 0.0) & (draws < 1 / 3)]
-        scale = Scale(Quantity(GOH_LAW.parameter("kappa")), Prior("uniform", low=0.0, high=1 / 3))
+        scale = ComparisonScale(
+            Quantity(GOH_LAW.parameter("kappa")), Prior("uniform", low=0.0, high=1 / 3)
+        )
         likelihood = density(scale.prior.cdf(draws), (0.0, 1.0))
         low, _ = find_edges(scale, draws, likelihood, 0.02)
         assert low.support == pytest.approx(np.exp(-0.5 * z * z), abs=0.04)

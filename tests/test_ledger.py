@@ -9,7 +9,12 @@ from click.testing import CliRunner
 
 import biaxbayes
 from biaxbayes.comparison import mounting_bias
-from biaxbayes.comparison.mounting_bias import VARIANTS, Variant, ledger, sample_variant
+from biaxbayes.comparison.mounting_bias import (
+    MOUNTING_MODELS,
+    MountingModelDraws,
+    ledger,
+    sample_mounting_model,
+)
 from biaxbayes.errors import InputError
 from biaxbayes.figures.comparisons import ledger_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
@@ -33,8 +38,11 @@ def tested():
 def variants(tested):
     plan = Plan(ess=150, seed=1, workers=2, walkers=32)
     base = {"noise": "independent"}
-    modes = dict(zip(VARIANTS, ("noisy", "ignored", "zeroed"), strict=True))
-    return {name: sample_variant(tested, base | {"mounting": m}, plan) for name, m in modes.items()}
+    modes = dict(zip(MOUNTING_MODELS, ("noisy", "ignored", "zeroed"), strict=True))
+    return {
+        name: sample_mounting_model(tested, base | {"mounting": mode}, plan)
+        for name, mode in modes.items()
+    }
 
 
 def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(variants):
@@ -61,14 +69,14 @@ def test_shift_is_in_standard_deviations_on_the_sampling_scale(variants):
 
 
 def test_same_draws_three_times_do_not_move(variants):
-    same = dict.fromkeys(VARIANTS, variants["inferred"])
+    same = dict.fromkeys(MOUNTING_MODELS, variants["inferred"])
     result = ledger(same)
     assert np.all(result.table[["shift_ignored_sd", "shift_zeroed_sd"]] == 0.0)
 
 
 def test_what_does_not_vary_has_no_standard_deviation_to_shift_by(variants):
     fixed = {
-        name: Variant(one.posterior, one.draws.assign(C1=value), one.state)
+        name: MountingModelDraws(one.posterior, one.draws.assign(C1=value), one.state)
         for (name, one), value in zip(variants.items(), (10.0, 11.0, 12.0), strict=True)
     }
     row = ledger(fixed, [1.1]).parameters.set_index("quantity").loc["C1"]
@@ -91,13 +99,13 @@ def test_default_stretches_end_at_the_largest_tested_one(variants):
 
 
 def test_one_unreliable_treatment_makes_the_ledger_so(variants):
-    bad = {**variants, "zeroed": Variant(*_parts(variants["zeroed"]), "tentative")}
+    bad = {**variants, "zeroed": MountingModelDraws(*_parts(variants["zeroed"]), "tentative")}
     assert ledger(variants).converged
     assert not ledger(bad).converged
 
 
 def test_parameters_are_those_of_every_draw(variants, monkeypatch):
-    monkeypatch.setattr(mounting_bias, "MOST_DRAWS", 50)  # stresses are those of some
+    monkeypatch.setattr(mounting_bias, "MAX_STRESS_DRAWS", 50)  # stresses are those of some
     table = ledger(variants, [1.1]).parameters.set_index("quantity")
     for name, result in (("k1", "inferred"), ("k1", "ignored"), ("C1", "zeroed")):
         expected = np.quantile(variants[result].draws[name], [0.05, 0.5, 0.95])
@@ -105,7 +113,7 @@ def test_parameters_are_those_of_every_draw(variants, monkeypatch):
         np.testing.assert_allclose(table.loc[name, columns].astype(float), expected, rtol=1e-12)
 
 
-def _parts(result: Variant) -> tuple[Posterior, pd.DataFrame]:
+def _parts(result: MountingModelDraws) -> tuple[Posterior, pd.DataFrame]:
     return result.posterior, result.draws
 
 
@@ -115,7 +123,7 @@ def test_intervals_are_not_rounded_to_nothing():
 
 
 def test_a_logarithmic_part_of_the_axis_is_marked(variants):
-    near = ledger(dict.fromkeys(VARIANTS, variants["inferred"]))
+    near = ledger(dict.fromkeys(MOUNTING_MODELS, variants["inferred"]))
     far = near.table.copy()
     far["ignored_q95"] = np.exp(np.log(far["inferred_median"].clip(1e-9)) + 50.0)
     for result, broken in ((near, False), (replace(near, table=far), True)):

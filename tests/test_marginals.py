@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import lognorm, norm, uniform
 
 from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
-from biaxbayes.identifiability.marginals import Scale, density, find_edges
+from biaxbayes.identifiability.marginals import ComparisonScale, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import MOUNTING_PARAMETERS, Quantity
@@ -95,13 +95,13 @@ def test_widths_above_a_share_of_the_peak():
 # --- ends of ranges ------------------------------------------------------------------------------
 
 
-def scale_of(name: str, **prior: object) -> Scale:
+def scale_of(name: str, **prior: object) -> ComparisonScale:
     target = Posterior(small_specimen(), noise="independent", priors={name: prior} if prior else {})
     parameter = MOUNTING_PARAMETERS[0] if name.startswith("mounting") else GOH_LAW.parameter(name)
-    return Scale(Quantity(parameter), target.priors[name])
+    return ComparisonScale(Quantity(parameter), target.priors[name])
 
 
-def edges_of(scale: Scale, natural: np.ndarray, distance: float | None = 0.02):
+def edges_of(scale: ComparisonScale, natural: np.ndarray, distance: float | None = 0.02):
     likelihood = density(scale.prior.cdf(natural), (0.0, 1.0))
     return find_edges(scale, natural, likelihood, distance)
 

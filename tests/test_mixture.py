@@ -111,7 +111,7 @@ def peer(components, seed):
         components,
         reg_covar=mixture.VARIANCE_FLOOR,
         max_iter=mixture.MAX_ITERATIONS,
-        tol=mixture.TOLERANCE,
+        tol=mixture.EM_TOLERANCE,
         random_state=seed,
     )
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from biaxbayes.sampling.modes import (
-    MOST_MODES,
-    SETTLED,
+    MAX_MODES,
+    MIN_RISE,
     Mode,
     find_modes,
     local_mode,
-    separate_ridges,
+    mode_clusters,
 )
 from biaxbayes.sampling.target import bounds_array
 
@@ -69,7 +69,7 @@ def test_all_starts_on_one_peak_find_one_mode_and_its_mass():
     (mode,) = find_modes(mixture((1.0, mean, COVARIANCE)), scattered(mean, count=9), WIDE, FREE)
     # a climb that rises by less than a hundredth is good enough: 0.14 widths
     offset = mode.location - mean
-    assert offset @ np.linalg.solve(COVARIANCE, offset) < 2 * SETTLED
+    assert offset @ np.linalg.solve(COVARIANCE, offset) < 2 * MIN_RISE
     assert mode.log_mass == pytest.approx(0.0, abs=0.02)
     assert mode.height == pytest.approx(
         -0.5 * np.linalg.slogdet(2 * np.pi * COVARIANCE)[1], abs=0.02
@@ -105,7 +105,7 @@ def test_the_heaviest_modes_are_kept_and_no_start_of_positive_density_gives_none
     means = [np.array([12.0 * k, 0.0, 0.0]) for k in range(len(masses))]
     parts = [(m, at, 0.25 * np.eye(3)) for m, at in zip(masses, means, strict=True)]
     result = find_modes(mixture(*parts), np.vstack(means) + 0.1, WIDE, FREE)
-    heaviest = np.argsort(-masses)[:MOST_MODES]
+    heaviest = np.argsort(-masses)[:MAX_MODES]
     assert [round(m.location[0] / 12.0) for m in result] == heaviest.tolist()
 
     def nowhere(x):
@@ -144,15 +144,15 @@ def test_modes_are_of_one_ridge_where_the_density_between_them_hardly_falls():
     first, near, next_, far = (mode_at(bent, on(a)) for a in (0.0, 50.0, 100.0, 200.0))
     # the line over 50 degrees falls by 0.5 (5 (1 - cos 25) / 0.8)^2 = 0.17, over 100 by 2.5,
     # over 200 by 13
-    groups = separate_ridges(bent, [first, far])
+    groups = mode_clusters(bent, [first, far])
     assert [len(g) for g in groups] == [1, 1]
     assert groups[0][0] is first
     # one that joins two groups makes them one, the first mode first
-    (group,) = separate_ridges(bent, [first, far, near, next_])
+    (group,) = mode_clusters(bent, [first, far, near, next_])
     assert group[0] is first and len(group) == 4
     # also where the joining mode comes last
-    (group,) = separate_ridges(bent, [first, next_, near])
+    (group,) = mode_clusters(bent, [first, next_, near])
     assert group[0] is first and group[1] is next_ and group[2] is near
     # below the lower of two modes of unlike height
     low = Mode(far.location, far.factor, 0.0, -12.0)
-    assert len(separate_ridges(bent, [first, low])) == 1
+    assert len(mode_clusters(bent, [first, low])) == 1

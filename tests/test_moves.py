@@ -18,7 +18,7 @@ from analytic_targets import (
 from biaxbayes.sampling.convergence import autocorrelation_time, split_rhat
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
-from biaxbayes.sampling.mixture import DEGREES, StudentMixture, fit_mixture
+from biaxbayes.sampling.mixture import DEGREES_OF_FREEDOM, StudentMixture, fit_mixture
 from biaxbayes.sampling.proposal import TransportedMixture, first_proposal, fit_transported_mixture
 from biaxbayes.sampling.target import bounds_array
 from biaxbayes.sampling.transport_map import fit_transport_map
@@ -280,7 +280,7 @@ def test_mixture_density_against_scipy():
     q = StudentMixture(weights, means, factors)
     x = 3 * rng.standard_normal((50, d))
     expected = sum(
-        w * multivariate_t(m, f @ f.T, df=DEGREES).pdf(x)
+        w * multivariate_t(m, f @ f.T, df=DEGREES_OF_FREEDOM).pdf(x)
         for w, m, f in zip(weights, means, factors, strict=True)
     )
     np.testing.assert_allclose(q.density(x), expected, rtol=1e-10)

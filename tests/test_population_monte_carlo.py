@@ -7,17 +7,17 @@ import pytest
 from scipy.stats import norm
 
 from biaxbayes.sampling.population_monte_carlo import (
-    RIDGE_POINTS,
+    CLUSTER_POINTS,
     TEMPERED_SHARE,
     Start,
     dispersed_starts,
+    draw_cluster_points,
+    draw_tempered_points,
     effective_share,
     resample,
-    resample_ridges,
-    ridge_points,
+    resample_clusters,
     search,
-    tempered_points,
-    tempering,
+    tempering_power,
 )
 from biaxbayes.sampling.proposal import MixtureProposal, first_proposal
 from biaxbayes.sampling.target import Target, bounds_array
@@ -34,16 +34,16 @@ def test_the_effective_share_is_that_of_equal_weights():
 
 
 def test_weights_are_tempered_as_far_as_the_share_needs():
-    assert tempering(np.zeros(10)) == 1.0
+    assert tempering_power(np.zeros(10)) == 1.0
     # w = exp(s z): the share of the power p is exp(-p^2 s^2)
     s = 6.0
     z = norm.ppf((np.arange(200_000) + 0.5) / 200_000)
     expected = np.sqrt(-np.log(TEMPERED_SHARE)) / s
     # 200,000 points end at z = 4.4: half a per cent
-    assert tempering(s * z) == pytest.approx(expected, rel=1e-2)
+    assert tempering_power(s * z) == pytest.approx(expected, rel=1e-2)
     # where few have a weight at all, half of them are asked for
     few = np.r_[s * z[::1000], np.full(9800, -np.inf)]
-    power = tempering(few)
+    power = tempering_power(few)
     share = effective_share(power * few[:200])
     assert share == pytest.approx(0.5, rel=1e-6)
 
@@ -56,7 +56,7 @@ def test_points_are_resampled_by_their_weights():
     counts = np.bincount(chosen, minlength=4)
     # systematic resampling errs by less than one
     assert np.abs(counts - 1000 * w).max() < 1.0 + 1e-9
-    each = resample_ridges(np.log([1.0, 3.0, 1e-9, 1e-9]), np.array([0, 0, 1, 1]), 400, rng)
+    each = resample_clusters(np.log([1.0, 3.0, 1e-9, 1e-9]), np.array([0, 0, 1, 1]), 400, rng)
     counts = np.bincount(each, minlength=4)
     assert np.abs(counts - [50, 150, 100, 100]).max() <= 1
 
@@ -86,7 +86,7 @@ def one_ridge(n=20_000):
 
 def test_tempered_points_have_twice_the_variance():
     # the square root of exp(-x^2 / 2 + x^2 / 18), times the proposal: 1 / var = (1 + 1/9) / 2
-    points = tempered_points(one_ridge())
+    points = draw_tempered_points(one_ridge())
     assert points.var(axis=0) == pytest.approx([1.8, 1.8], rel=0.05)
 
 
@@ -106,11 +106,11 @@ def test_walkers_start_spread_and_on_each_ridge_by_its_mass():
 
 
 def test_points_of_every_ridge_are_as_many_whatever_it_weighs():
-    points = ridge_points(two_ridges(share=0.01))
+    points = draw_cluster_points(two_ridges(share=0.01))
     right = points[:, 0] > 10.0
-    assert len(points) == 2 * RIDGE_POINTS and right.sum() == RIDGE_POINTS
+    assert len(points) == 2 * CLUSTER_POINTS and right.sum() == CLUSTER_POINTS
     for own, at in ((points[~right], 0.0), (points[right], 20.0)):
-        assert own.mean(axis=0) == pytest.approx([at, 0.0], abs=4 / np.sqrt(RIDGE_POINTS))
+        assert own.mean(axis=0) == pytest.approx([at, 0.0], abs=4 / np.sqrt(CLUSTER_POINTS))
         assert own.var(axis=0) == pytest.approx([1.0, 1.0], rel=0.25)
 
 

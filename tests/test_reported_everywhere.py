@@ -14,7 +14,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.figures.identifiability import identifiability_figure
-from biaxbayes.identifiability.identify import MOST_DRAWS, identify_draws
+from biaxbayes.identifiability.identify import MAX_DIAGNOSTIC_DRAWS, identify_draws
 from biaxbayes.identifiability.reported import DASH, interval_text
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
@@ -183,7 +183,7 @@ def test_comparison_and_study(media_run, rows, tmp_path):
 
 
 def test_evidence_and_summary_have_the_same_quantiles(media_run):
-    assert len(media_run.draws) > MOST_DRAWS  # the evidence is judged by some of them
+    assert len(media_run.draws) > MAX_DIAGNOSTIC_DRAWS  # the evidence is judged by some of them
     columns = ["posterior_median", "posterior_q05", "posterior_q95"]
     evidence = media_run.result.identifiability.set_index("parameter")[columns].astype(float)
     summary = media_run.summary.set_index("parameter").loc[evidence.index, ["q50", "q05", "q95"]]

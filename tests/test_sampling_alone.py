@@ -10,7 +10,7 @@ from analytic_targets import on_second_ridge, two_modes, two_ridges
 from biaxbayes.errors import NotConverged
 from biaxbayes.sampling import Plan, Target, bounds_array, draw, log_integral, search
 from biaxbayes.sampling.convergence import effective_sample_size
-from biaxbayes.sampling.modes import Mode, separate_ridges
+from biaxbayes.sampling.modes import Mode, mode_clusters
 
 QUICK = Plan(ess=1000, seed=3, population=2048)
 BOUNDS = bounds_array({0: (0.0, np.inf)}, 2)
@@ -105,7 +105,7 @@ def test_modes_on_one_ridge_have_one_part_and_a_ridge_without_mass_has_none():
     target = Target(log_density, bounds_array({}, 3))
     starts = np.array([[0.0, 0.0, 0.0], [-9.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]])
     modes = [Mode(x, 0.3 * np.eye(3), 0.0, float(log_density(x[None])[0])) for x in starts]
-    groups = separate_ridges(log_density, modes)
+    groups = mode_clusters(log_density, modes)
     assert [len(group) for group in groups] == [3, 1]
     assert groups[0][0] is modes[0]
     start = search(target, starts, np.ones(3), QUICK.search_rng(), QUICK.population)

@@ -5,7 +5,7 @@ import numpy as np
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.fitting.law_fits import fit_law
 from biaxbayes.laws.goh import GOH
-from biaxbayes.mechanics.virtual_test import smooth_misfit as drawn_misfit
+from biaxbayes.mechanics.virtual_test import simulate_smooth_misfit as drawn_misfit
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 

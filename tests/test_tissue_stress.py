@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from biaxbayes.identifiability.determined import (
-    MEASURED,
+    AT_MEASURED_STRETCH,
     determined,
     mounting_ratio,
 )
@@ -52,9 +52,9 @@ def test_the_interval_is_that_of_simulated_stresses(geometry, growth):
     result = determined(table, data, Settings(noise_growth=growth)).set_index("quantity")
     C1 = table["C1"].to_numpy()
     area_ratio = MOUNTING[0] if geometry == "mounted" else 1.0
-    for name in ("Cauchy stress x", f"nominal stress x{MEASURED} of two"):
+    for name in ("Cauchy stress x", f"nominal stress x{AT_MEASURED_STRETCH} of two"):
         row = result.loc[name].iloc[1]
-        measured = MEASURED in name
+        measured = AT_MEASURED_STRETCH in name
         total = np.array([row.stretch_x, row.stretch_y]) * (MOUNTING if measured else (1.0, 1.0))
         cauchy = np.array([GOH(c, 20.0, 4.0, 42.0, 0.15).cauchy(*total)[0] for c in C1])
         # The error is one of the load: s = l P (unloaded), s = l / lm P (mounted dimensions)
@@ -102,7 +102,7 @@ def test_a_mounting_stretch_that_is_not_identified_moves_the_curve(geometry):
     assert [row.tissue_low_90, row.tissue_high_90] == pytest.approx(ends, rel=0.02)
     assert row.low_90 == result.loc["Cauchy stress x"].iloc[1].low_90
     for kind in ("low", "high"):  # a load at a measured stretch does not care
-        name = f"nominal stress x{MEASURED} of one"
+        name = f"nominal stress x{AT_MEASURED_STRETCH} of one"
         assert (wide.loc[name, f"tissue_{kind}_90"] == result.loc[name, f"tissue_{kind}_90"]).all()
 
 
@@ -123,7 +123,7 @@ def test_nothing_is_reported_where_a_tenth_of_the_stretch_may_be_unmeasured():
         assert result.loc[cauchy, "tissue_low_90"].notna().all() == reported
         assert result.loc[cauchy, "tissue_high_90"].isna().all() != reported
         assert result.loc[cauchy, "low_90"].notna().all()
-        nominal = result["quantity"].str.contains(MEASURED, regex=False)
+        nominal = result["quantity"].str.contains(AT_MEASURED_STRETCH, regex=False)
         assert result.loc[nominal, "tissue_low_90"].notna().all()
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from biaxbayes.identifiability.marginals import Edge, Scale
+from biaxbayes.identifiability.marginals import ComparisonScale, Edge
 from biaxbayes.identifiability.partners import Partners
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -105,7 +105,7 @@ def test_what_may_mean_nothing_is_never_identified():
 
 
 def kappa(verdict: str, diagnostics: Diagnostics | None, prior: object = 0.1, **how: str) -> str:
-    scale = Scale(Quantity(KAPPA), prior)
+    scale = ComparisonScale(Quantity(KAPPA), prior)
     return verdict_sentence(scale, verdict, diagnostics, T, "tentative", **how)
 
 
@@ -144,8 +144,8 @@ def test_sentences_say_ties_units_and_what_means_nothing():
     why = "means nothing at kappa 1/3"
     assert kappa(NOT_IDENTIFIED, SHARP, undefined=why).endswith(f"%; {why}")
     e = replace(LOOSE, parameter=K1, low=10.0, high=19.9)
-    output = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
+    output = verdict_sentence(ComparisonScale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
     assert output == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2
     e = replace(LOOSE, parameter=K1, low=10.0, high=20.1)
-    output = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
+    output = verdict_sentence(ComparisonScale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
     assert output == "k1: identified, but loosely, 10 to 20.1 kPa (90 %)"

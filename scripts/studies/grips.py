@@ -27,9 +27,9 @@ from biaxbayes.grips.correction import (
     COARSE_ELEMENTS,
     GripCorrection,
     RowRatios,
-    as_corrected,
-    corrected_for_grips,
+    correct_for_grips,
     grip_ratios,
+    mark_grip_corrected,
 )
 from biaxbayes.model import density
 from biaxbayes.model.draw import draw_posterior
@@ -118,7 +118,7 @@ def one_specimen(case: int, protocols: int) -> dict[str, Any]:
     record: dict[str, Any] = {"state": "done"}
     try:
         measured, twin = tested(case, protocols)
-        correction = corrected_for_grips(measured, fitted)
+        correction = correct_for_grips(measured, fitted)
     except BiaxbayesError as error:
         return {"state": str(error)}
     record |= {"seconds": correction.seconds, "rounds": correction.rounds}
@@ -127,7 +127,7 @@ def one_specimen(case: int, protocols: int) -> dict[str, Any]:
     truth = dict(zip(QUANTITIES, (*material.values, *mounting), strict=True))
     samples = {
         "corrected": correction.specimen,
-        "as measured": as_corrected(measured),
+        "as measured": mark_grip_corrected(measured),
         "without hooks": twin,
     }
     for name, specimen in samples.items():
@@ -171,7 +171,7 @@ def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.
     ln r of every row is linear in ln k1/C1, ln k2, alpha, kappa and the mounting stretches, fitted
     to finite elements at draws of the posterior. Both posteriors are sampled by emcee.
     """
-    correction = corrected_for_grips(specimen, fitted)
+    correction = correct_for_grips(specimen, fitted)
     posterior = prepare(correction.specimen, thin="none")
     draws = draw_posterior(posterior, Plan(ess=500.0))
     columns = {name: np.ravel(values) for name, values in draws.quantities.items()}
@@ -269,7 +269,7 @@ def wrong_geometry(wrong: dict[str, dict[str, Any]]) -> pd.DataFrame:
     for name in ("hooked-media", "hooked-weisbecker"):
         specimen = read_specimen(DATA / f"{name}.csv")
         for label, change in wrong.items():
-            correction = corrected_for_grips(stated(specimen, STATED | change), fitted)
+            correction = correct_for_grips(stated(specimen, STATED | change), fitted)
             material, lm = correction.fit.material, correction.fit.mounting_stretch[0]
             values = dict(zip(QUANTITIES, (*material.values, *lm), strict=True))
             rows.append({"specimen": name, "stated": label, **values})

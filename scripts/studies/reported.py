@@ -19,7 +19,7 @@ import pandas as pd
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.identifiability.identify import identify_draws, run_law_fits
 from biaxbayes.laws import LAWS
-from biaxbayes.mechanics.virtual_test import smooth_misfit
+from biaxbayes.mechanics.virtual_test import simulate_smooth_misfit
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.runs.archive import draw_table
@@ -104,7 +104,9 @@ def make_case(third: str, seed: int) -> Case:
         total = stretch_path(top, mounting, ratio, s)
         load = stress(total) / total
         if third == "misfit":
-            load = load * (1.0 + np.column_stack([smooth_misfit(s, MISFIT, rng) for _ in "xy"]))
+            load = load * (
+                1.0 + np.column_stack([simulate_smooth_misfit(s, MISFIT, rng) for _ in "xy"])
+            )
         load = load + sd * rng.standard_normal(load.shape)
         made.append(Protocol(name, *(total / mounting).T, *load.T))
     specimen = Specimen(f"{third} {seed}", tuple(made), stress_pair="piola", load_noise=sd)

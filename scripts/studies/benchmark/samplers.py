@@ -11,7 +11,7 @@ from biaxbayes.model.draw import draw_posterior, find_start
 from biaxbayes.model.marginal_likelihood import marginal_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
-from biaxbayes.sampling.sampler import Plan, State, restored_ensembles, warmed_up
+from biaxbayes.sampling.sampler import Checkpoint, Plan, restore_ensembles, start_ensembles
 from biaxbayes.sampling.target import Target
 from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
 from studies.benchmark.outcome import Outcome, judged
@@ -48,11 +48,11 @@ def ours(posterior: Posterior, *, steps: int) -> Outcome:
 
 def _beyond_criterion(posterior: Posterior, seed: int, steps: int) -> Outcome:
     """So many steps after a run that met its own criterion."""
-    kept: list[State] = []
+    kept: list[Checkpoint] = []
     plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
     first = draw_posterior(posterior, plan, on_block=kept.append)
     warmup = sum(v for k, v in first.seconds.items() if k != "sampling")
-    ensembles = restored_ensembles(first.target, plan, kept[-1])
+    ensembles = restore_ensembles(first.target, plan, kept[-1])
     before = ensembles.evaluations
     clock = time.perf_counter()
     chain, _ = ensembles.run(steps)
@@ -85,7 +85,7 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
     plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
     clock = time.perf_counter()
     target, start = find_start(posterior, plan.search_rng(), plan.population)
-    ensembles, _ = warmed_up(target, start, plan)
+    ensembles, _ = start_ensembles(target, start, plan)
     spent = time.perf_counter() - clock
     blocks: list[dict[str, np.ndarray]] = []
     while len(blocks) < MOST_BLOCKS:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.fitting.law_fits import LawFits
-from biaxbayes.identifiability.determined import MEASURED, determined
+from biaxbayes.identifiability.determined import AT_MEASURED_STRETCH, determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.model.posterior import Posterior
@@ -71,7 +71,7 @@ def _stresses(case: Case, found: Identifiability, answer: Answer) -> list[Row]:
         refits=found.mounting_ranges(),
         values=found.mounting_values(),
     )
-    nominal = table["quantity"].str.contains(MEASURED, regex=False)
+    nominal = table["quantity"].str.contains(AT_MEASURED_STRETCH, regex=False)
     table = table[nominal | table["quantity"].str.startswith("Cauchy stress")]
     measured = nominal[table.index].to_numpy(dtype=bool)
     total = table[["stretch_x", "stretch_y"]].to_numpy()

@@ -9,7 +9,7 @@ import numpy as np
 
 from biaxbayes.laws.dispersed_fibres import structure_tensor
 from biaxbayes.laws.goh import GOH
-from biaxbayes.mechanics.virtual_test import smooth_misfit
+from biaxbayes.mechanics.virtual_test import simulate_smooth_misfit
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
 RATIOS = {"1to1": (1.0, 1.0), "1to0.5": (1.0, 0.5), "0.5to1": (0.5, 1.0)}
@@ -62,7 +62,7 @@ def make_case(seed: int) -> Case:
         s = np.linspace(0.0, 1.0, ROWS + 1)
         for value in factors.values():
             for k in range(2):
-                value[:, k] += smooth_misfit(s, sd, rng)
+                value[:, k] += simulate_smooth_misfit(s, sd, rng)
     protocols = [
         _protocol(name, ratio, stress, mounting, top, factors[name], noise, rng)
         for name, ratio in RATIOS.items()

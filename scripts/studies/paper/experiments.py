@@ -8,7 +8,7 @@ import numpy as np
 
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
-from biaxbayes.mechanics.virtual_test import smooth_misfit, virtual_test
+from biaxbayes.mechanics.virtual_test import simulate_smooth_misfit, virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
 PRESTRETCHES = ("1.005", "1.010", "1.015", "1.020")
@@ -74,7 +74,8 @@ def noisy(
     for p in specimen.protocols:
         path = p.stretch_x
         loads = [
-            load * (1.0 + smooth_misfit(path, misfit, rng)) + noise_N * rng.standard_normal(p.rows)
+            load * (1.0 + simulate_smooth_misfit(path, misfit, rng))
+            + noise_N * rng.standard_normal(p.rows)
             for load in (p.load_x, p.load_y)
         ]
         protocols.append(replace(p, load_x=loads[0], load_y=loads[1]))

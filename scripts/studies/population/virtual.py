@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.laws.goh import GOH, GOHLaw
-from biaxbayes.mechanics.virtual_test import smooth_misfit
+from biaxbayes.mechanics.virtual_test import simulate_smooth_misfit
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
@@ -123,7 +123,9 @@ def made(plan: Plan, seed: int) -> list[Member]:
 def _misfit(plan: Plan, protocols: int, rng: np.random.Generator) -> np.ndarray:
     """Factors of the forces, (protocols, rows, 2)."""
     path = np.arange(plan.increments + 1, dtype=float)
-    drawn = [[smooth_misfit(path, MISFIT, rng) for _ in range(2)] for _ in range(protocols)]
+    drawn = [
+        [simulate_smooth_misfit(path, MISFIT, rng) for _ in range(2)] for _ in range(protocols)
+    ]
     return 1.0 + np.array(drawn).transpose(0, 2, 1)
 
 

@@ -23,7 +23,7 @@ from scipy.stats import beta, binom
 # --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
 
 
-COVERAGE = 0.95
+BAND_PROBABILITY = 0.95
 """Probability that uniform ranks lie inside their simultaneous band everywhere."""
 
 
@@ -81,11 +81,11 @@ def probability_inside(replications: int, draws: int, level: float) -> float:
 
 @lru_cache(maxsize=64)
 def band_level(replications: int, draws: int) -> float:
-    """Largest pointwise level (to 1e-3) at which the bands contain all ranks with COVERAGE."""
-    low, high = np.log((1.0 - COVERAGE) / (10.0 * draws)), np.log(1.0 - COVERAGE)
+    """Largest pointwise level (to 1e-3) at which the bands contain all ranks in 95 % of studies."""
+    low, high = np.log((1.0 - BAND_PROBABILITY) / (10.0 * draws)), np.log(1.0 - BAND_PROBABILITY)
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
-        enough = probability_inside(replications, draws, float(np.exp(middle))) >= COVERAGE
+        enough = probability_inside(replications, draws, float(np.exp(middle))) >= BAND_PROBABILITY
         low, high = (middle, high) if enough else (low, middle)
     return float(np.exp(low))
 
@@ -105,7 +105,7 @@ def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
 
 # --- coverage ------------------------------------------------------------------------------------
 
-LEVELS = (0.50, 0.80, 0.90, 0.95)
+COVERAGE_LEVELS = (0.50, 0.80, 0.90, 0.95)
 
 
 def coverage(below: np.ndarray, level: float) -> tuple[float, float, float]:
@@ -122,7 +122,7 @@ def coverage(below: np.ndarray, level: float) -> tuple[float, float, float]:
 
 # --- uniformity and coverage of each parameter ---------------------------------------------------
 
-FEWEST = 50
+MIN_REPLICATIONS = 50
 """Replications below which even clearly wrong intervals leave uniform ranks."""
 SIGNIFICANT = 0.05
 """p-value below which ranks are not uniform; the simultaneous bands contain 95 %."""
@@ -140,7 +140,7 @@ def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
             "uniformity_p": p,
             "inside_band": "yes" if p >= SIGNIFICANT else "no",
         }
-        for level in LEVELS:
+        for level in COVERAGE_LEVELS:
             key = f"coverage_{100 * level:.0f}"
             row[key], row[f"{key}_low"], row[f"{key}_high"] = coverage(
                 group["below"].to_numpy(), level

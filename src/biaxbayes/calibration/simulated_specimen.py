@@ -21,7 +21,7 @@ from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 
-SAME_ROOT = 1e-6
+ROOT_TOLERANCE = 1e-6
 """Largest relative difference of mounting stretches of the same root."""
 
 
@@ -128,7 +128,9 @@ def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
             good = bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
         else:
             state = mounted_state(material, *(force / section), geometry=model.specimen.geometry)
-            good = state.found and bool(np.allclose(state.stretch, lm, rtol=SAME_ROOT, atol=0.0))
+            good = state.exists and bool(
+                np.allclose(state.stretch, lm, rtol=ROOT_TOLERANCE, atol=0.0)
+            )
         if not good:
             return False
         truth.update(zip(mounting_names("force", label), map(float, force), strict=True))
@@ -137,7 +139,7 @@ def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
 
 # --- priors of a calibration study ---------------------------------------------------------------
 
-WIDENED = 2.0
+LOCAL_PRIOR_WIDTH = 2.0
 """Width of a local prior relative to the posterior it is taken from."""
 
 
@@ -178,7 +180,7 @@ def local_prior(
         logs = parameter.logarithmic
         x = np.log(values) if logs else values
         low, middle, high = np.quantile(x, [0.1587, 0.5, 0.8413])
-        scale = WIDENED * 0.5 * float(high - low)
+        scale = LOCAL_PRIOR_WIDTH * 0.5 * float(high - low)
         if prior.family == ("lognormal" if logs else "normal"):
             scale = min(scale, prior.scale)
         centre = float(np.exp(middle) if logs else middle)

@@ -21,7 +21,7 @@ from biaxbayes.identifiability.determined import (
     Derived,
     derived_quantities,
     largest_equibiaxial,
-    some_draws,
+    thin_draws,
 )
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.marginals import parameter_scales
@@ -209,7 +209,7 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     stretches = equibiaxial_steps(
         min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
     )
-    members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
+    members = tuple(replace(m, draws=thin_draws(m.draws)) for m in members)
     derived, identified = [], []
     for m, rows in zip(members, reported, strict=True):
         prior, own = (

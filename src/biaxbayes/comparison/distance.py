@@ -86,13 +86,16 @@ def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
 
 
 PRIOR_DRAWS = 4096
-STEPS = 5
+EQUIBIAXIAL_STEPS = 5
 
 
 def equibiaxial_steps(largest: float) -> list[float]:
     """Five total equibiaxial stretches, evenly up to the largest, rounded down to 0.001."""
     top = 1.0 + np.floor(1e3 * (largest - 1.0)) / 1e3 if largest > 1.005 else largest
-    return [float(round(v, 6)) for v in 1.0 + (top - 1.0) * np.arange(1, STEPS + 1) / STEPS]
+    return [
+        float(round(v, 6))
+        for v in 1.0 + (top - 1.0) * np.arange(1, EQUIBIAXIAL_STEPS + 1) / EQUIBIAXIAL_STEPS
+    ]
 
 
 def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:

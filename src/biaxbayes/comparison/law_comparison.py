@@ -23,7 +23,7 @@ from biaxbayes.specimens.specimen import Specimen
 
 WHOLE = "whole record"
 QUARTERS = 4
-MOST_DRAWS, MOST_DRAWS_OF_PART = 2000, 500
+MAX_LAW_DRAWS, MAX_PART_DRAWS = 2000, 500
 """Draws used of the posterior of a whole record, and of one with a part left out."""
 
 
@@ -118,7 +118,7 @@ def sample_part(task: Task) -> Prediction:
         drawn = draw_posterior(posterior, plan)
     except (NotConverged, np.linalg.LinAlgError) as error:
         return Prediction("failed", str(error), rmse, residuals, pd.DataFrame())
-    count = MOST_DRAWS if task.part is None else MOST_DRAWS_OF_PART
+    count = MAX_LAW_DRAWS if task.part is None else MAX_PART_DRAWS
     table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
     table = table.iloc[evenly_chosen(len(table), count)].reset_index(drop=True)
     convergence = drawn.convergence

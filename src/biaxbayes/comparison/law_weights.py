@@ -34,7 +34,7 @@ from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.identifiability.mounting_interval import (
-    MEASURED,
+    MEASURED_REASON,
     MountingInterval,
     interval_from_predictions,
 )
@@ -47,8 +47,8 @@ from biaxbayes.specimens.specimen import Specimen
 
 STACKED = "stacked"
 UNUSABLE = ("unusable", "failed")
-QUANTILES = (0.05, 0.5, 0.95)
-LEVELS = ("band_low_level", "band_high_level")
+QUANTILES_90 = (0.05, 0.5, 0.95)
+LEVEL_COLUMNS = ("band_low_level", "band_high_level")
 """Columns of the levels that a band of the mixture is read at."""
 
 
@@ -259,7 +259,7 @@ def _law_table(
             "law": STACKED,
             **scores(blind),
             "weight": 1.0,
-            **dict(zip(LEVELS, levels, strict=True)),
+            **dict(zip(LEVEL_COLUMNS, levels, strict=True)),
             **_quantiles(draws, shared_stretches(draws, specimen)),
         }
     )
@@ -270,7 +270,7 @@ def _quantiles(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
     return {
         f"{name}_q{round(100 * q):02d}": float(np.quantile(table[name], q))
         for name in names
-        for q in QUANTILES
+        for q in QUANTILES_90
     }
 
 
@@ -309,7 +309,7 @@ def _part_table(
                     "density_final_weights": seen,
                     "band_coverage": float(np.mean((own.measured >= low) & (own.measured <= high))),
                     "band_width": float(np.mean((high - low) / scale)),
-                    **dict(zip(LEVELS, levels, strict=True)),
+                    **dict(zip(LEVEL_COLUMNS, levels, strict=True)),
                     "readings": int(own.measured.size),
                     "effective_readings": float(own.worth.sum()),
                 }
@@ -331,10 +331,10 @@ def _reported(
     density = {str(law): float(value) for law, value in laws["left_out_density_nats"].items()}
     rows = []
     for name in names:
-        columns = [f"{name}_q{round(100 * q):02d}" for q in QUANTILES]
+        columns = [f"{name}_q{round(100 * q):02d}" for q in QUANTILES_90]
         if specimen.metadata.get(name) is not None:
             low, _, high = table.set_index("law").loc[STACKED, columns].to_numpy(dtype=float)
-            interval = MountingInterval(float(low), float(high), MEASURED)
+            interval = MountingInterval(float(low), float(high), MEASURED_REASON)
         else:
             quantiles = {
                 str(law): (float(row.iloc[0]), float(row.iloc[1]), float(row.iloc[2]))

@@ -30,7 +30,7 @@ import pandas as pd
 from scipy.optimize import minimize_scalar
 from scipy.special import betaincinv, betaln
 
-from biaxbayes.comparison.law_comparison import MOST_DRAWS, WHOLE, Prediction
+from biaxbayes.comparison.law_comparison import MAX_LAW_DRAWS, WHOLE, Prediction
 from biaxbayes.error_model import standard_cdf
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
@@ -173,7 +173,7 @@ def mixture_draws(
     stretches of each protocol.
     """
     tables = []
-    for law, count in zip(laws, np.round(weight * MOST_DRAWS).astype(int), strict=True):
+    for law, count in zip(laws, np.round(weight * MAX_LAW_DRAWS).astype(int), strict=True):
         table = predictions[law, WHOLE].draws
         table = table.iloc[evenly_chosen(len(table), max(int(count), 1))] if count else table[:0]
         if table.empty:

@@ -1,4 +1,4 @@
-"""Cost of ignoring the mounting stretch: the same specimen, sampled three ways.
+"""Bias from ignoring the mounting stretch: one specimen sampled under three mounting models.
 
 ``inferred`` is the posterior with the mounting stretch as an unknown; ``ignored`` takes the mounted
 state for the reference and leaves the forces; ``zeroed`` subtracts the first reading as well.
@@ -19,9 +19,9 @@ from biaxbayes.identifiability.determined import (
     derived_quantities,
     largest_equibiaxial,
     median_mounting,
-    some_draws,
+    thin_draws,
 )
-from biaxbayes.identifiability.marginals import Scale, parameter_scales
+from biaxbayes.identifiability.marginals import ComparisonScale, parameter_scales
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
@@ -30,13 +30,13 @@ from biaxbayes.prediction.stress import covered_stretches
 from biaxbayes.sampling.sampler import Plan, Progress
 from biaxbayes.specimens.specimen import Specimen
 
-VARIANTS = ("inferred", "ignored", "zeroed")
-MOST_DRAWS = 20_000
+MOUNTING_MODELS = ("inferred", "ignored", "zeroed")
+MAX_STRESS_DRAWS = 20_000
 
 
 @dataclass(frozen=True)
-class Variant:
-    """Draws of a specimen under one treatment of its mounting force.
+class MountingModelDraws:
+    """Draws of a specimen under one model of its mounting.
 
     Attributes
     ----------
@@ -53,18 +53,18 @@ class Variant:
 
 @dataclass(frozen=True)
 class Ledger:
-    """Parameters and stresses under the three treatments.
+    """Parameters and stresses under the three mounting models.
 
     Attributes
     ----------
     table : DataFrame
         One row per quantity: ``quantity``, ``unit``, ``total_stretch`` (empty for parameters),
         ``extrapolation``, ``scale`` of the comparison (natural logs for C1, k1 and k2), for each
-        treatment ``_median``, ``_q05`` and ``_q95``, ``inferred_sd`` on the scale, and
+        model ``_median``, ``_q05`` and ``_q95``, ``inferred_sd`` on the scale, and
         ``shift_ignored_sd``, ``shift_zeroed_sd``: the difference of the medians from the
         inferred one in units of that.
     states : dict
-        State of each treatment's draws.
+        Convergence state of each model's draws.
     known : Quantities
         What the parameters are.
     """
@@ -94,7 +94,7 @@ class Ledger:
         return f"Ledger({states}; {len(self.parameters)} parameters, {len(self.stresses)} stresses)"
 
     def _repr_html_(self) -> str:
-        """Medians of the three treatments, for notebooks."""
+        """Medians under the three mounting models, for notebooks."""
         columns = ["quantity", "unit", "total_stretch", "inferred_median", "ignored_median"]
         columns += ["shift_ignored_sd", "zeroed_median", "shift_zeroed_sd"]
         return self.table[columns].to_html(
@@ -102,44 +102,46 @@ class Ledger:
         )
 
 
-def sample_variant(
+def sample_mounting_model(
     specimen: Specimen,
     options: Mapping[str, Any],
     plan: Plan,
     progress: Callable[[Progress], None] = lambda p: None,
-) -> Variant:
+) -> MountingModelDraws:
     """Sample a specimen in memory; ``options`` are keyword arguments of ``Posterior``."""
     posterior = prepare(specimen, **options, seed=plan.seed)
     drawn = draw_posterior(posterior, plan, progress=progress)
     draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
-    return Variant(posterior, draws, drawn.convergence.state)
+    return MountingModelDraws(posterior, draws, drawn.convergence.state)
 
 
-def sample_variants(
+def sample_mounting_models(
     specimen: Specimen,
     options: Mapping[str, Any],
     plan: Plan,
-    inferred: Variant | None = None,
+    inferred: MountingModelDraws | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
-) -> dict[str, Variant]:
-    """A specimen under each of :data:`VARIANTS`, with the options of ``inferred`` if given."""
-    first = inferred or sample_variant(specimen, options, plan, progress)
-    variants = {VARIANTS[0]: first}
-    # a classical treatment has no mounting stretch, hence no prior of one
+) -> dict[str, MountingModelDraws]:
+    """A specimen under each of :data:`MOUNTING_MODELS`; a given ``inferred`` is not resampled."""
+    first = inferred or sample_mounting_model(specimen, options, plan, progress)
+    variants = {MOUNTING_MODELS[0]: first}
+    # without inference there is no mounting stretch, hence no prior for it
     priors = {k: v for k, v in options["priors"].items() if k not in mounting_names("stretch")}
-    for name in VARIANTS[1:]:
-        classical = {**options, "mounting": name, "priors": priors}
-        variants[name] = sample_variant(first.posterior.specimen, classical, plan, progress)
+    for name in MOUNTING_MODELS[1:]:
+        other = {**options, "mounting": name, "priors": priors}
+        variants[name] = sample_mounting_model(first.posterior.specimen, other, plan, progress)
     return variants
 
 
-def ledger(variants: Mapping[str, Variant], stretches: Sequence[float] | None = None) -> Ledger:
-    """Lay three treatments of one specimen side by side.
+def ledger(
+    variants: Mapping[str, MountingModelDraws], stretches: Sequence[float] | None = None
+) -> Ledger:
+    """Compare three mounting models of one specimen.
 
     Parameters
     ----------
     variants : mapping
-        A :class:`Variant` for each of :data:`VARIANTS`.
+        A :class:`MountingModelDraws` for each of :data:`MOUNTING_MODELS`.
     stretches : sequence of float, optional
         Total equibiaxial stretches of the stresses; five up to the largest tested one if not
         given.
@@ -166,39 +168,40 @@ def ledger(variants: Mapping[str, Variant], stretches: Sequence[float] | None = 
         rows.append(row | {"scale": scale.label} | _compared(draws, scale))
     stresses = {
         name: derived_quantities(
-            some_draws(variants[name].draws, MOST_DRAWS),
+            thin_draws(variants[name].draws, MAX_STRESS_DRAWS),
             inferred.posterior.law,
             chosen,
             tensor=False,
         )
-        for name in VARIANTS
+        for name in MOUNTING_MODELS
     }
-    for treatments in zip(*stresses.values(), strict=True):
-        q = treatments[0]
+    for by_model in zip(*stresses.values(), strict=True):
+        q = by_model[0]
         row = {"quantity": q.name, "unit": "kPa", "total_stretch": q.stretch, "scale": q.name}
-        draws = {name: t.values for name, t in zip(VARIANTS, treatments, strict=True)}
+        draws = {name: t.values for name, t in zip(MOUNTING_MODELS, by_model, strict=True)}
         rows.append(row | _compared(draws, None))
     table = pd.DataFrame(rows)
     at = table["total_stretch"].to_numpy(dtype=float)
-    known = np.isfinite(at)
-    place = np.full(len(table), "", dtype=object)
+    is_stress = np.isfinite(at)
+    extrapolation = np.full(len(table), "", dtype=object)
     lm = median_mounting(inferred.draws, specimen)
-    place[known] = covered_stretches(specimen, lm).extrapolation(at[known], at[known])
-    table.insert(3, "extrapolation", place)
-    states = {name: variants[name].state for name in VARIANTS}
+    covered = covered_stretches(specimen, lm)
+    extrapolation[is_stress] = covered.extrapolation(at[is_stress], at[is_stress])
+    table.insert(3, "extrapolation", extrapolation)
+    states = {name: variants[name].state for name in MOUNTING_MODELS}
     return Ledger(table, states, specimen.name, quantities)
 
 
-def _compared(values: Mapping[str, np.ndarray], scale: Scale | None) -> dict[str, float]:
+def _compared(values: Mapping[str, np.ndarray], scale: ComparisonScale | None) -> dict[str, float]:
     out: dict[str, float] = {}
-    for name in VARIANTS:
+    for name in MOUNTING_MODELS:
         q05, q50, q95 = np.quantile(values[name], [0.05, 0.5, 0.95])
         out |= {f"{name}_median": q50, f"{name}_q05": q05, f"{name}_q95": q95}
-    moved = {name: v if scale is None else scale.to_scale(v) for name, v in values.items()}
-    sd = float(moved["inferred"].std(ddof=1))
+    scaled = {name: v if scale is None else scale.to_scale(v) for name, v in values.items()}
+    sd = float(scaled["inferred"].std(ddof=1))
     out |= {"inferred_sd": sd}
-    for name in VARIANTS[1:]:
-        # shift = (median of the treatment - median inferred) / sd inferred
-        difference = float(np.median(moved[name]) - np.median(moved["inferred"]))
+    for name in MOUNTING_MODELS[1:]:
+        # shift = (median under the model - median inferred) / sd inferred
+        difference = float(np.median(scaled[name]) - np.median(scaled["inferred"]))
         out[f"shift_{name}_sd"] = difference / sd if sd > 0.0 else np.nan
     return out

@@ -1,4 +1,4 @@
-"""A virtual biaxial test in finite elements: how a sheet is held, mounted and stretched.
+"""A virtual biaxial test in finite elements: how a sheet is gripped, mounted and stretched.
 
 A grip is a set of constraints  w_h . u = d_k:  a weighted displacement in direction k = x or y
 follows the carriage of that direction. The Lagrange multiplier of a constraint is the force the
@@ -30,7 +30,7 @@ from biaxbayes.errors import NotConverged
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.laws.goh import GOH
 
-# --- how a sheet is held -------------------------------------------------------------------------
+# --- how a sheet is gripped ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class SheetTester:
     thickness_mm : float
         Unloaded thickness.
     control : {"markers", "grips"}
-        Whether the stretches that are asked for are those between the markers (strain control)
+        Whether prescribed stretches are those between the markers (strain control)
         or those between opposite grips.
     """
 
@@ -356,7 +356,7 @@ class SheetTester:
                 break
             state = trial
             norms.append(norm)
-        raise NotConverged(f"no equilibrium found at stretch {stretch[0]:.4g}, {stretch[1]:.4g}")
+        raise NotConverged(f"no equilibrium at stretch {stretch[0]:.4g}, {stretch[1]:.4g}")
 
     def _residual(
         self, state: State, force: np.ndarray, stretch: np.ndarray
@@ -402,6 +402,6 @@ class SheetTester:
         try:
             small = np.linalg.solve(matrix, -np.concatenate([follow + W.T @ a, control + offset]))
         except np.linalg.LinAlgError:
-            raise NotConverged("the stiffness of the held sheet is singular") from None
+            raise NotConverged("the stiffness of the gripped sheet is singular") from None
         dr, dd = small[:-2], small[-2:]
         return a + V @ dr, dr, dd

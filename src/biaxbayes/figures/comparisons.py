@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from biaxbayes.comparison.compare import Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
-from biaxbayes.comparison.mounting_bias import VARIANTS, Ledger
+from biaxbayes.comparison.mounting_bias import MOUNTING_MODELS, Ledger
 from biaxbayes.figures.bands import figure_from_bands, shown_protocols
 from biaxbayes.figures.identifiability import VERDICT_COLOURS
 from biaxbayes.figures.panels import draw_cells, group_look, row_panels
@@ -260,7 +260,7 @@ def ledger_figure(ledger: Ledger) -> Figure:
         centre = row["inferred_median"]
         # per cent: 100 (s / median inferred - 1)
         values.append(
-            [[100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEVELS] for n in VARIANTS]
+            [[100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEVELS] for n in MOUNTING_MODELS]
         )
         name = quantity(f"{row['quantity']} at {row['total_stretch']:.4g}").symbol
         labels.append(f"{name}\n({number(centre, row['inferred_q05'], row['inferred_q95'])} kPa)")
@@ -277,12 +277,12 @@ def ledger_figure(ledger: Ledger) -> Figure:
 
 def _draw_shifts(ax: Axes, ledger: Ledger) -> None:
     """Quantiles of each treatment, in standard deviations from the inferred median."""
-    shifts = np.empty((len(ledger.parameters), len(VARIANTS), len(LEVELS)))
+    shifts = np.empty((len(ledger.parameters), len(MOUNTING_MODELS), len(LEVELS)))
     for i, row in enumerate(ledger.parameters.to_dict("records")):
         transform = np.log if str(row["scale"]).startswith("ln ") else float
         sd = row["inferred_sd"] if row["inferred_sd"] > 0.0 else np.nan
         # (q - median inferred) / sd inferred, on the scale of the comparison
-        quantiles = [[transform(row[f"{name}_{q}"]) for q in LEVELS] for name in VARIANTS]
+        quantiles = [[transform(row[f"{name}_{q}"]) for q in LEVELS] for name in MOUNTING_MODELS]
         shifts[i] = (np.array(quantiles) - transform(row["inferred_median"])) / sd
     title = "shift (standard deviations of the inferred posterior"
     limit = max(3.0, float(np.nanmax(np.abs(shifts))))

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MINIMUM = 2.0  # least n_eff of a curve, or its sd would be undefined
-SMOOTH_RUNS = 3.0  # standard deviations of the sign changes of independent errors
+MIN_EFFECTIVE_SIZE = 2.0  # least n_eff of a curve, or its sd would be undefined
+MAX_SIGN_CHANGE_Z = 3.0  # standard deviations of the sign changes of independent errors
 
 
 def effective_size(residual: np.ndarray) -> float:
@@ -41,7 +41,7 @@ def effective_size(residual: np.ndarray) -> float:
             break
         total += pair
     # 1 + 2 sum_{t>=1} rho(t) = 2 sum over pairs - 1
-    return float(np.clip(n / max(2.0 * total - 1.0, 1.0), min(MINIMUM, n), n))
+    return float(np.clip(n / max(2.0 * total - 1.0, 1.0), min(MIN_EFFECTIVE_SIZE, n), n))
 
 
 @dataclass(frozen=True)
@@ -86,4 +86,4 @@ def misses_smoothly(residuals: Sequence[np.ndarray]) -> bool:
         changes += int(np.count_nonzero(above[1:] != above[:-1]))
         steps += 2 * max(len(part) - 1, 0)
     # Signs of independent errors change at every step with probability 1/2.
-    return changes - 0.5 * steps < -SMOOTH_RUNS * 0.5 * np.sqrt(steps)
+    return changes - 0.5 * steps < -MAX_SIGN_CHANGE_Z * 0.5 * np.sqrt(steps)

@@ -29,7 +29,7 @@ PRESTRETCH_METHODS = ("fip", "linden", "constrained")
 
 MAX_ALTERNATIONS = 500
 FIRST_ALTERNATIONS = 40
-TOLERANCE = 1e-10
+ALTERNATION_TOLERANCE = 1e-10
 
 
 def best_alternation(
@@ -51,7 +51,7 @@ def alternate(
     *,
     first: np.ndarray | None = None,
     most: int = MAX_ALTERNATIONS,
-    tolerance: float = TOLERANCE,
+    tolerance: float = ALTERNATION_TOLERANCE,
 ) -> tuple[Descent, np.ndarray]:
     """Alternate from one material until neither mounting stretch nor stress changes.
 

@@ -187,18 +187,18 @@ def _at_least_one(ratio: float) -> float:
 
 # --- all laws ------------------------------------------------------------------------------------
 
-ROWS = 60
+LAW_FIT_ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
 CLOSE_RMS = 1.15
 """Laws whose misfit is within this factor of that of the best, or of the noise, fit a record."""
 CLOSE_CHI2 = 6.0
 """So does a law whose chi-square lies within this of the best: 2 ln 20, odds of one to twenty."""
-FEWEST = 2
+MIN_COMPARED_LAWS = 2
 """Mounting stretches are compared over the laws that fit, or over this many of the best where fewer
 do: one law alone does not show how far laws differ."""
-BETTER = 0.75
+BETTER_RMS_RATIO = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
-LEAST_SHARE = 2e-3
+MIN_RELATIVE_DIFFERENCE = 2e-3
 """Share of the largest load: about the error that the calibration of a load cell leaves."""
 
 
@@ -229,12 +229,16 @@ class LawFits:
     @property
     def compared(self) -> tuple[LawFit, ...]:
         """Fits whose mounting stretches count: all that fit; the two best where only one does."""
-        return self.fitting if len(self.fitting) >= FEWEST else self.fits[:FEWEST]
+        return (
+            self.fitting
+            if len(self.fitting) >= MIN_COMPARED_LAWS
+            else self.fits[:MIN_COMPARED_LAWS]
+        )
 
     @property
     def least_difference(self) -> float:
         """Smallest difference between misfits that counts."""
-        return max(self.noise, LEAST_SHARE * self.peak)
+        return max(self.noise, MIN_RELATIVE_DIFFERENCE * self.peak)
 
     def to_frame(self, mounts: Sequence[str] = ("",)) -> pd.DataFrame:
         """One row per law: misfits, mounting stretches by name, their sd and widening."""
@@ -276,7 +280,7 @@ def fit_laws(
     *,
     mounting: str = "noisy",
     mounting_stretch: str = "shared",
-    rows: int = ROWS,
+    rows: int = LAW_FIT_ROWS,
     starts: int = 3,
     own: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> LawFits | None:
@@ -302,7 +306,7 @@ def better_law_message(fits: LawFits, law: str) -> str:
         f"{best.law} fits better than {law} (root mean square error {best.rmse_kPa:.2g} and "
         f"{own.rmse_kPa:.2g} kPa): see biaxbayes laws"
     )
-    if best.rms < BETTER * own.rms and own.rms - best.rms > fits.least_difference:
+    if best.rms < BETTER_RMS_RATIO * own.rms and own.rms - best.rms > fits.least_difference:
         return message
     return message if own not in fits.fitting and not best.smooth else ""
 

@@ -17,10 +17,10 @@ from typing import Protocol
 
 import numpy as np
 
-SMALL = 1e-300
+TINY = 1e-300
 INTERIOR_STEPS = 10  # accepted, before a step may end on a bound
 REACH = 0.9  # of the way to a bound, until then
-FLOOR = 1e-26  # mean square of residuals scaled to order one: nothing but rounding is left
+ROUNDING_FLOOR = 1e-26  # mean square of residuals scaled to order one: nothing but rounding is left
 
 
 class Problem(Protocol):
@@ -71,7 +71,7 @@ def descend(
             gradient = J.T @ r
             column = np.maximum(column, norms)
             free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
-            if cost <= FLOOR * r.size or not free.any():
+            if cost <= ROUNDING_FLOOR * r.size or not free.any():
                 return Descent(x, cost, accepted, True)
             if _stationary(norms, gradient, free, cost, tolerance):
                 return Descent(x, cost, accepted, True)
@@ -131,7 +131,7 @@ def _step(
     again, until none leaves.
     """
     rows = r.size
-    damped = math.sqrt(damping) * np.maximum(column, SMALL)
+    damped = math.sqrt(damping) * np.maximum(column, TINY)
     step = np.zeros(x.size)
     moving = np.flatnonzero(free)
     left = r  # where the unknowns that do not move are
@@ -163,7 +163,7 @@ def _stationary(
     norms: np.ndarray, gradient: np.ndarray, free: np.ndarray, cost: float, cosine: float
 ) -> bool:
     """Test that every free column is orthogonal to the residual, to the given cosine."""
-    most = cosine * np.maximum(norms, SMALL) * math.sqrt(cost)
+    most = cosine * np.maximum(norms, TINY) * math.sqrt(cost)
     return bool((np.abs(gradient) <= most)[free].all())
 
 

@@ -22,10 +22,14 @@ import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
 
-LENGTH = 0.25
+CORRELATION_LENGTH = 0.25
 """Correlation length of the misfit, as a share of the path."""
-SDS = 50  # of the misfit that are tried, from a hundredth of the noise to the load itself
-NOISES = 12  # sds of the noise that are tried, from a third of the load cell's to the whole misfit
+N_DISCREPANCY_SDS = (
+    50  # of the misfit that are tried, from a hundredth of the noise to the load itself
+)
+N_NOISE_SDS = (
+    12  # sds of the noise that are tried, from a third of the load cell's to the whole misfit
+)
 
 
 def smooth_misfit(
@@ -42,7 +46,7 @@ def smooth_misfit(
     ``reading_sd`` (2, m; None where they were not data); ``jacobian`` by the unknowns that moved.
     """
     rows = 2 * data.group.size
-    misfit = misfit_vectors(data, residual[:rows], scale, reading_sd)
+    misfit = discrepancy_root(data, residual[:rows], scale, reading_sd)
     largest = data.peak / scale
     b2, s2 = _variances(residual[:rows], jacobian[:rows], misfit[:rows], noise_sd / scale, largest)
     A = pseudo_inverse(jacobian)
@@ -52,7 +56,7 @@ def smooth_misfit(
     return float(np.sqrt(b2)), (A * noise) @ A.T + b2 * moved @ moved.T
 
 
-def misfit_vectors(
+def discrepancy_root(
     data: Readings, residual: np.ndarray, scale: float, reading_sd: np.ndarray | None
 ) -> np.ndarray:
     """Root of F K F^T, one row per residual; mounting readings have the misfit at t = 0."""
@@ -64,7 +68,9 @@ def misfit_vectors(
         stretch = np.column_stack([np.ones(2), data.stretch[:, part]])
         t = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(stretch, axis=1)))])
         t /= t[-1] if t[-1] > 0.0 else 1.0
-        values, vectors = np.linalg.eigh(np.exp(-0.5 * (np.subtract.outer(t, t) / LENGTH) ** 2))
+        values, vectors = np.linalg.eigh(
+            np.exp(-0.5 * (np.subtract.outer(t, t) / CORRELATION_LENGTH) ** 2)
+        )
         used = values > 1e-8 * values[-1]
         root = vectors[:, used] * np.sqrt(values[used])
         group = data.group[part.start] if part.stop > part.start else 0
@@ -102,8 +108,8 @@ def _variances(
     count = max(residual.size - q.shape[1] - d.size, 0)
     rms = float(np.sqrt(residual @ residual / residual.size))
     most = max(rms, noise_sd, 1e-9)
-    s2 = np.geomspace(min(max(noise_sd / 3.0, 1e-3 * most), most), most, NOISES)[:, None] ** 2
-    b2 = np.geomspace(max(0.01 * most / largest, 1e-9), 1.0, SDS)[None, :] ** 2
+    s2 = np.geomspace(min(max(noise_sd / 3.0, 1e-3 * most), most), most, N_NOISE_SDS)[:, None] ** 2
+    b2 = np.geomspace(max(0.01 * most / largest, 1e-9), 1.0, N_DISCREPANCY_SDS)[None, :] ** 2
     variance = b2[..., None] * d**2 + s2[..., None]
     log_likelihood = -0.5 * (
         np.sum(np.log(variance) + along / variance, axis=-1) + count * np.log(s2) + beside / s2

@@ -16,7 +16,7 @@ from biaxbayes.fitting.residuals import Readings
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.screening import Screening, screen
 
-ROWS = 24  # of each protocol, enough to rank starting points
+SCREENING_ROWS = 24  # of each protocol, enough to rank starting points
 CANDIDATES = 512
 
 
@@ -35,7 +35,7 @@ def screened_points(
     ``point`` (p,) holds fixed values, ``free`` are the indices of the others. ``with_mounting``
     draws mounting stretches and counts the mounting reading; else they are one.
     """
-    few = data.thinned(ROWS)
+    few = data.thinned(SCREENING_ROWS)
     stretch, load = few.stretch, few.load
     if with_mounting:
         stretch = np.hstack([np.ones_like(data.mounting_load), stretch])

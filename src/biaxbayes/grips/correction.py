@@ -1,6 +1,6 @@
-r"""Loads of a uniform test from those of a sheet on hooks, by finite elements.
+r"""Loads of a homogeneous test from those of a sheet on hooks, by finite elements.
 
-The load of a sheet on hooks is r times that of a uniform test at the same central stretch, with
+The load of a sheet on hooks is r times that of a homogeneous test at the same central stretch, with
 
     r_k = F_k / (A_k P_k(theta, l lm)),     k = x, y
 
@@ -10,7 +10,7 @@ among them, and a little on the material; scale and thickness cancel. The correc
 
     f / r  ->  least-squares fit of theta and lm  ->  finite elements  ->  r
 
-until r changes no more. It is the boundary-condition-corrected fit of Fehervary et al. (2016), with
+until r converges. It is the boundary-condition-corrected fit of Fehervary et al. (2016), with
 the mounting stretch of Vander Linden et al. (2022). Where the stretches are those between
 opposite hooks, the measured stretches are replaced by those in the centre.
 """
@@ -31,7 +31,7 @@ from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import SheetTester
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel
-from biaxbayes.grips.geometry import edges_mm, in_words, stated_hooks
+from biaxbayes.grips.geometry import describe_hooks, edges_mm, stated_hooks
 from biaxbayes.laws.goh import GOH
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.protocol import Protocol
@@ -39,24 +39,24 @@ from biaxbayes.specimens.specimen import Specimen
 
 ELEMENTS, COARSE_ELEMENTS = 32, 16
 """Elements along an edge."""
-STEPS = 24
+STATES_PER_PROTOCOL = 24
 """Finite-element states per protocol, between which r is interpolated along the path."""
-TOLERANCE = 1e-4  # of ln r between two rounds
-MOST_ROUNDS = 25
-SMALL_LOAD = 0.03
-"""Share of the larger load below which a direction takes the r of its nearest row."""
-DRAWS = 16
+RATIO_TOLERANCE = 1e-4  # largest change of ln r between two rounds
+MAX_ITERATIONS = 25
+MIN_LOAD_FRACTION = 0.03
+"""Fraction of the larger load below which a direction takes the r of its nearest row."""
+SPREAD_DRAWS = 16
 """Draws of the posterior at which r is computed to see how far it varies."""
 
 
 @dataclass(frozen=True, eq=False)
 class RowRatios:
-    """What grips do to the rows of a protocol.
+    """Load correction factors of the rows of a protocol.
 
     Attributes
     ----------
     force : ndarray, shape (rows, 2)
-        Load of the gripped sheet over that of a uniform test.
+        Load of the gripped sheet over that of a homogeneous test.
     stretch : ndarray, shape (rows, 2)
         Stretch in the centre over the measured one, both relative to the mounted state; one where
         stretches are measured by markers.
@@ -75,13 +75,14 @@ class GripCorrection:
     measured : Specimen
         As in the file.
     specimen : Specimen
-        With loads (and stretches) of a uniform test; its header has ``grip_correction: applied``.
+        With loads (and stretches) of a homogeneous test; its header has
+        ``grip_correction: applied``.
     ratios : tuple of RowRatios
         Of each protocol.
     uncorrected, coarse_fit, fit : FitResult
         The fit to the loads as measured, that with r on 16 elements per edge, and the last one.
     rounds : int
-        Of fit and finite elements.
+        Iterations of fit and finite elements.
     mesh_difference : float
         Largest change of ln r on 16 instead of 32 elements per edge: about ten times the error of
         the finer mesh.
@@ -105,16 +106,16 @@ class GripCorrection:
         return np.stack([force.min(axis=0), force.max(axis=0)], axis=1)
 
     @property
-    def in_words(self) -> str:
+    def sentence(self) -> str:
         """One sentence."""
         (low_x, high_x), (low_y, high_y) = self.range
         return (
             f"loads were divided by {low_x:.3f} to {high_x:.3f} in x and {low_y:.3f} to "
-            f"{high_y:.3f} in y to correct for {in_words(self.measured)}"
+            f"{high_y:.3f} in y to correct for {describe_hooks(self.measured)}"
         )
 
-    def table(self, spread: np.ndarray) -> pd.DataFrame:
-        """The ratios, one line per row of the specimen, with the result of :meth:`spread`."""
+    def table(self, sd_log_ratio: np.ndarray) -> pd.DataFrame:
+        """The ratios, one line per row of the specimen, with the result of :meth:`sd_log_ratio`."""
         tables = []
         for p, ratios in zip(self.specimen.protocols, self.ratios, strict=True):
             columns = {"protocol": [p.name] * p.rows, "stretch_x": p.stretch_x}
@@ -123,10 +124,10 @@ class GripCorrection:
                 columns |= {f"{name}_ratio_{k}": values[:, i] for i, k in enumerate("xy")}
             tables.append(pd.DataFrame(columns))
         table = pd.concat(tables, ignore_index=True)
-        table["sd_log_force_ratio_x"], table["sd_log_force_ratio_y"] = spread.T
+        table["sd_log_force_ratio_x"], table["sd_log_force_ratio_y"] = sd_log_ratio.T
         return table
 
-    def spread(self, draws: Mapping[str, np.ndarray], forward: ForwardModel) -> np.ndarray:
+    def sd_log_ratio(self, draws: Mapping[str, np.ndarray], forward: ForwardModel) -> np.ndarray:
         """Standard deviation of ln r over draws of the posterior, shape (rows, 2).
 
         It is what the correction leaves out: r is that of one material. Draws at which the sheet
@@ -135,7 +136,7 @@ class GripCorrection:
         columns = {name: np.ravel(values) for name, values in draws.items()}
         size = columns["C1"].size
         logs = []
-        for i in np.unique(np.linspace(0, size - 1, DRAWS).astype(int)):
+        for i in np.unique(np.linspace(0, size - 1, SPREAD_DRAWS).astype(int)):
             values = {name: float(column[i]) for name, column in columns.items()}
             C1, k1, k2, alpha, kappa = (values[n] for n in ("C1", "k1", "k2", "alpha", "kappa"))
             material = GOH(C1, k1, k2, alpha, kappa, forward.law.fibre_switch)
@@ -152,7 +153,7 @@ class GripCorrection:
         return np.asarray(np.std(logs, axis=0, ddof=1))
 
 
-def corrected_for_grips(
+def correct_for_grips(
     specimen: Specimen, fitted: Callable[[Specimen], FitResult]
 ) -> GripCorrection:
     """Correct a specimen for the grips that its file states.
@@ -167,40 +168,44 @@ def corrected_for_grips(
     InputError
         If the grips or the law cannot be computed.
     NotConverged
-        If the ratio does not settle, or the sheet has no equilibrium.
+        If the ratio does not converge, or the sheet has no equilibrium.
     """
     start = time.perf_counter()
     stated_hooks(specimen)
-    corrected = as_corrected(specimen)
-    before = first = coarse_fit = None
-    elements = COARSE_ELEMENTS  # until r settles there
-    for rounds in range(1, MOST_ROUNDS + 1):
+    corrected = mark_grip_corrected(specimen)
+    previous = first = coarse_fit = None
+    elements = COARSE_ELEMENTS  # until r has converged on the coarse mesh
+    for rounds in range(1, MAX_ITERATIONS + 1):
         fit = fitted(corrected)
         first = first or fit
         refuse_other_law(fit.material.law.name, specimen.name)
         mounting = list(np.broadcast_to(fit.mounting_stretch, (len(specimen.protocols), 2)))
         ratios = grip_ratios(specimen, fit.material, mounting, elements)
-        settled = before is not None and np.abs(_logs(ratios) - before).max() < TOLERANCE
-        if settled and coarse_fit is not None:
-            corrected = _uniform(specimen, ratios)
+        change = np.inf if previous is None else np.abs(_logs(ratios) - previous).max()
+        converged = change < RATIO_TOLERANCE
+        if converged and coarse_fit is not None:
+            corrected = _apply_ratios(specimen, ratios)
             coarse = _logs(grip_ratios(specimen, fit.material, mounting, COARSE_ELEMENTS))
             mesh = float(np.abs(coarse - _logs(ratios)).max())
             seconds = time.perf_counter() - start
             fits = (first, coarse_fit, fit)
             return GripCorrection(specimen, corrected, ratios, *fits, rounds, mesh, seconds)
-        if settled:
+        if converged:
             coarse_fit, elements = fit, ELEMENTS
             ratios = grip_ratios(specimen, fit.material, mounting, elements)
-        corrected = _uniform(specimen, ratios)
-        before = _logs(ratios)
+        corrected = _apply_ratios(specimen, ratios)
+        previous = _logs(ratios)
     raise NotConverged(
-        f"the correction for grips has not settled in {MOST_ROUNDS} rounds; check the grip keys, "
-        "or leave out the line 'grips'"
+        f"the correction for grips has not converged in {MAX_ITERATIONS} rounds; check the grip "
+        "keys, or leave out the line 'grips'"
     )
 
 
-def as_corrected(specimen: Specimen) -> Specimen:
-    """The specimen with its loads as they are, to be taken as those of a uniform test."""
+def mark_grip_corrected(specimen: Specimen) -> Specimen:
+    """The specimen with its loads unchanged and its header marked as if they were corrected.
+
+    A posterior refuses uncorrected loads; the fit that starts the correction needs them.
+    """
     if not specimen.needs_grip_correction:
         return specimen
     return replace(specimen, metadata={**specimen.metadata, "grip_correction": "applied"})
@@ -232,13 +237,13 @@ def grip_ratios(
     sheet = Sheet(*edges, elements=elements)
     grips = stated_hooks(specimen, edges).on(sheet)
     control = str(specimen.metadata.get("stretch_from", "markers"))
-    mount = SheetTester(material, sheet, grips)
+    mounter = SheetTester(material, sheet, grips)
     tester = SheetTester(material, sheet, grips, control=control)
     # N per kPa of nominal stress, for a thickness of 1 mm
     area = edges[::-1] * 1e-3
     try:
         return tuple(
-            _protocol_ratios(mount, tester, area, p, lm)
+            _protocol_ratios(mounter, tester, area, p, lm)
             for p, lm in zip(specimen.protocols, mounting, strict=True)
         )
     except NotConverged as error:
@@ -249,14 +254,14 @@ def grip_ratios(
 
 
 def _protocol_ratios(
-    mount: SheetTester, tester: SheetTester, area: np.ndarray, p: Protocol, lm: np.ndarray
+    mounter: SheetTester, tester: SheetTester, area: np.ndarray, p: Protocol, lm: np.ndarray
 ) -> RowRatios:
     """Finite elements at some rows of a protocol, interpolated along its path."""
     path = np.vstack([np.ones(2), np.column_stack([p.stretch_x, p.stretch_y])])
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    targets = np.linspace(0.0, along[-1], STEPS + 1)
-    chosen = np.unique(np.searchsorted(along, targets * (1.0 - 1e-12)))
-    states = [mount.mount((lm[0], lm[1]), increments=2)]
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    targets = np.linspace(0.0, arc[-1], STATES_PER_PROTOCOL + 1)
+    chosen = np.unique(np.searchsorted(arc, targets * (1.0 - 1e-12)))
+    states = [mounter.mount((lm[0], lm[1]), increments=2)]
     measured = tester.stretch if tester.control == "markers" else tester.grip_stretch
     origin = measured(states[0])
     for row in chosen[1:]:
@@ -264,30 +269,30 @@ def _protocol_ratios(
     total = np.array([tester.stretch(s) for s in states])
     force = np.array([tester.force_N(s) for s in states])
     # r = F / (A P)
-    uniform = area * np.column_stack(tester.material.piola(*total.T))
-    ratio = force / np.where(uniform == 0.0, np.nan, uniform)
-    larger = np.abs(uniform).max(axis=1)[:, None]
-    usable = (ratio > 0.0) & (np.abs(uniform) > SMALL_LOAD * larger)
+    homogeneous = area * np.column_stack(tester.material.piola(*total.T))
+    ratio = force / np.where(homogeneous == 0.0, np.nan, homogeneous)
+    larger = np.abs(homogeneous).max(axis=1)[:, None]
+    usable = (ratio > 0.0) & (np.abs(homogeneous) > MIN_LOAD_FRACTION * larger)
     if not usable.any(axis=0).all():
         raise NotConverged(f"protocol {p.name} has no load in one direction")
     centre = total / total[0] / path[chosen]
     columns = []
     for k in (0, 1):
-        at = along[chosen][usable[:, k]]
+        at = arc[chosen][usable[:, k]]
         # the nearest ratio outside the usable states
-        columns.append(_between(at, ratio[usable[:, k], k], np.clip(along[1:], at[0], at[-1])))
-    return RowRatios(np.column_stack(columns), _between(along[chosen], centre, along[1:]))
+        columns.append(_interpolated(at, ratio[usable[:, k], k], np.clip(arc[1:], at[0], at[-1])))
+    return RowRatios(np.column_stack(columns), _interpolated(arc[chosen], centre, arc[1:]))
 
 
-def _between(at: np.ndarray, values: np.ndarray, along: np.ndarray) -> np.ndarray:
+def _interpolated(at: np.ndarray, values: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """Values between finite-element states, by monotone cubics."""
     if at.size == 1:
-        return np.broadcast_to(values, along.shape)
-    return np.asarray(PchipInterpolator(at, values)(along))
+        return np.broadcast_to(values, arc.shape)
+    return np.asarray(PchipInterpolator(at, values)(arc))
 
 
-def _uniform(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen:
-    """The specimen as a uniform test would have recorded it."""
+def _apply_ratios(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen:
+    """The specimen with its loads divided by r, as a homogeneous test would have recorded them."""
     protocols = []
     for p, r in zip(specimen.protocols, ratios, strict=True):
         stretch = np.column_stack([p.stretch_x, p.stretch_y]) * r.stretch
@@ -303,10 +308,10 @@ def _uniform(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen:
                 load_y=load[:, 1],
             )
         )
-    # one number each, so divided by the mean ratio
+    # single numbers, so divided by the mean ratio
     mean = float(np.mean(np.concatenate([r.force for r in ratios])))
     noise = None if specimen.load_noise is None else specimen.load_noise / mean
-    metadata: dict[str, Any] = dict(as_corrected(specimen).metadata)
+    metadata: dict[str, Any] = dict(mark_grip_corrected(specimen).metadata)
     for key in ("load_offset_sd_N", "load_offset_sd_kPa"):
         if key in metadata:
             metadata[key] = float(metadata[key]) / mean
@@ -318,23 +323,23 @@ def _logs(ratios: tuple[RowRatios, ...]) -> np.ndarray:
     return np.log(np.concatenate([np.hstack([r.force, r.stretch]) for r in ratios]))
 
 
-# --- what a run keeps ----------------------------------------------------------------------------
+# --- warnings, and the record of a run -----------------------------------------------------------
 
-WIDE_SPREAD, WIDE_MESH = 0.01, 0.005
-"""Spread over the posterior, and difference between meshes, that are worth a warning."""
+MAX_QUIET_SD, MAX_QUIET_MESH_DIFFERENCE = 0.01, 0.005
+"""Sd of ln r over the posterior, and difference between meshes, above which a warning is given."""
 
 
 def grip_findings(correction: GripCorrection, ratios: pd.DataFrame) -> list[Finding]:
     """Warnings where the ratio is less certain than the loads; arguments of :func:`grip_record`."""
     messages = []
-    spread = _largest_spread(ratios)
-    if not spread <= WIDE_SPREAD:
-        varies = f"varies by {100 * spread:.2g} % (sd)" if spread > 0.0 else "is not known"
+    sd = _largest_sd(ratios)
+    if not sd <= MAX_QUIET_SD:
+        varies = f"varies by {100 * sd:.2g} % (sd)" if sd > 0.0 else "is not known"
         messages.append(
             f"the correction for the grips {varies} over the posterior, which the intervals "
             "leave out: fix a parameter that is known, or test another stretch ratio"
         )
-    if correction.mesh_difference > WIDE_MESH:
+    if correction.mesh_difference > MAX_QUIET_MESH_DIFFERENCE:
         messages.append(
             f"the correction for the grips differs by {100 * correction.mesh_difference:.2g} % "
             "between two meshes: check grip_width_mm and grip_inset_mm"
@@ -342,20 +347,20 @@ def grip_findings(correction: GripCorrection, ratios: pd.DataFrame) -> list[Find
     return [Finding("grips", "warning", message) for message in messages]
 
 
-def _largest_spread(ratios: pd.DataFrame) -> float:
+def _largest_sd(ratios: pd.DataFrame) -> float:
     return float(ratios.filter(like="sd_log_force_ratio").to_numpy().max())
 
 
 def grip_record(correction: GripCorrection, ratios: pd.DataFrame) -> dict[str, Any]:
     """The correction in the provenance of a run; ``ratios`` as of :meth:`GripCorrection.table`."""
-    spread = _largest_spread(ratios)
+    sd = _largest_sd(ratios)
     return {
-        "in_words": correction.in_words,
+        "in_words": correction.sentence,
         "force_ratio_x": correction.range[0].tolist(),
         "force_ratio_y": correction.range[1].tolist(),
         "rounds": correction.rounds,
         "mesh_difference": correction.mesh_difference,
-        "largest_sd_of_log_ratio": spread if np.isfinite(spread) else None,
+        "largest_sd_of_log_ratio": sd if np.isfinite(sd) else None,
         "seconds": round(correction.seconds, 3),
         "fit_as_measured": correction.uncorrected.record(),
         "fit_on_coarser_mesh": correction.coarse_fit.record(),

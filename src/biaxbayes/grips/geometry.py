@@ -67,7 +67,7 @@ def edges_mm(specimen: Specimen) -> np.ndarray:
     return np.array([specimen.edge_x_mm, specimen.edge_y_mm], dtype=float)
 
 
-def in_words(specimen: Specimen) -> str:
+def describe_hooks(specimen: Specimen) -> str:
     """The grips of a specimen as a phrase."""
     hooks = stated_hooks(specimen)
     spacing = hooks.spacing(float(edges_mm(specimen).min()))

@@ -28,9 +28,9 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import Settings
 from biaxbayes.specimens.specimen import Specimen
 
-ROUNDS, STEPS = 30, 200
-SETTLED = 1e-7
-MIN_SD = 1e-9  # of the peak load: the misfit of exact data
+MAX_ROUNDS, MAX_CONDITIONAL_STEPS = 30, 200
+DEVIANCE_TOLERANCE = 1e-7
+MIN_ERROR_SD = 1e-9  # of the peak load: the misfit of exact data
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +67,8 @@ class ConditionalLikelihood:
         start: np.ndarray,
         error_sd: float,
         *,
-        rounds: int = ROUNDS,
-        steps: int = STEPS,
+        rounds: int = MAX_ROUNDS,
+        steps: int = MAX_CONDITIONAL_STEPS,
     ) -> ConditionalFit:
         """The lowest deviance with some unknowns fixed; `error_sd` is a first value."""
         fixed = {**self.fixed, **fixed_values}
@@ -77,13 +77,13 @@ class ConditionalLikelihood:
             point[index] = value
         count = self.lower.size if self.settings.reads_force else self.theta
         free = np.array([i for i in range(count) if i not in fixed], dtype=int)
-        floor = MIN_SD * self.data.peak
+        floor = MIN_ERROR_SD * self.data.peak
         sd, before = max(error_sd, floor), np.inf
         fit = ConditionalFit(point, np.inf, sd)
         for _ in range(rounds):
             fit = self._step(fit.unknowns, free, sd, steps)
             sd = max(fit.error_sd, floor)
-            if not (np.isfinite(fit.deviance) and before - fit.deviance > SETTLED):
+            if not (np.isfinite(fit.deviance) and before - fit.deviance > DEVIANCE_TOLERANCE):
                 break
             before = fit.deviance
         return fit
@@ -134,7 +134,7 @@ class ConditionalLikelihood:
             solution[split:] = problem.mounting(x).ravel()
         # residuals are in units of sd / sqrt(beta)
         squares = float(residual[: self.rows] @ residual[: self.rows]) * sd**2 / self.beta
-        new = max(np.sqrt(squares / self.rows), MIN_SD * self.data.peak)
+        new = max(np.sqrt(squares / self.rows), MIN_ERROR_SD * self.data.peak)
         z = residual[self.rows :]
         deviance = 2.0 * self.beta * self.rows * np.log(new) + float(z @ z)
         return ConditionalFit(solution, deviance, float(new))

@@ -1,6 +1,7 @@
 """Quantities that the data determine: structure tensor, stiffness, stress and energy.
 
-Parameters that trade with each other can leave these sharp: the same curves mean the same stress.
+These can be narrow although parameters are strongly correlated: the same curves mean the same
+stress.
 A stress has two intervals. The law's holds the uncertainty of the parameters; the tissue's holds
 the inferred error as well, mostly model error, and at total stretches a mounting stretch that is
 not identified.
@@ -15,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.forward import ForwardModel
-from biaxbayes.identifiability.marginals import INTERVAL
+from biaxbayes.identifiability.marginals import INTERVAL, Z90
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import Material
 from biaxbayes.options import Settings
@@ -102,13 +103,13 @@ def derived_quantities(
     return out
 
 
-MOST_DRAWS = 8000
+MAX_DERIVED_DRAWS = 8000
 """Draws, evenly chosen, from which every derived quantity is computed."""
 
 
-def some_draws(draws: pd.DataFrame, most: int = MOST_DRAWS) -> pd.DataFrame:
-    """Every n-th draw, ``most`` at most."""
-    return draws.iloc[:: -(-len(draws) // most)]
+def thin_draws(draws: pd.DataFrame, max_draws: int = MAX_DERIVED_DRAWS) -> pd.DataFrame:
+    """Every n-th draw, at most ``max_draws``."""
+    return draws.iloc[:: -(-len(draws) // max_draws)]
 
 
 def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
@@ -126,13 +127,11 @@ def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
 # --- the table: determined.csv ------------------------------------------------------------------
 
 
-MEASURED = " at the measured stretch"
+AT_MEASURED_STRETCH = " at the measured stretch"
 """Ending of a nominal stress whose stretches refer to the mounted state."""
-FARTHEST = 1.1
+MAX_MOUNTING_STRETCH = 1.1
 """Above this mounting stretch, stresses at total stretches rest too much on extrapolation."""
-SHARES = (0.5, 1.0)
-NORMAL_90 = 3.29
-"""Width of a normal's central 90 % over its sd."""
+PATH_FRACTIONS = (0.5, 1.0)
 
 
 def determined(
@@ -177,10 +176,11 @@ def determined(
         extrapolates to the unloaded state.
 
         Hx, Hy, Hz are the diagonal of the generalised structure tensor. Stiffnesses are derivatives
-        of the Cauchy stress by the log stretch: d s_x / d ln l_x (xx), d s_y / d ln l_y (yy) and
-        d s_x / d ln l_y (xy). The exponent is k2 E^2 at the largest stretch of the tests.
+        of the Cauchy stress with respect to the log stretch: d s_x / d ln l_x (xx),
+        d s_y / d ln l_y (yy) and d s_x / d ln l_y (xy).
+        The exponent is k2 E^2 at the largest stretch of the tests.
     """
-    few = some_draws(draws)
+    thinned = thin_draws(draws)
     forward = ForwardModel.from_specimen(specimen, settings)
     identified = values or {}
     ranges = {**(refits or {}), **identified}
@@ -192,21 +192,23 @@ def determined(
             states += [(float(x), float(y)) for x, y in x_and_y]
         states = list(dict.fromkeys(states))
     # the largest mounting stretch in intervals and ranges, without those that are identified
-    names = [n for s in mounting_labels(few, specimen) for n in mounting_names("stretch", s)]
-    ends = {name: float(np.quantile(few[name], INTERVAL[1])) for name in names}
+    names = [n for s in mounting_labels(thinned, specimen) for n in mounting_names("stretch", s)]
+    ends = {name: float(np.quantile(thinned[name], INTERVAL[1])) for name in names}
     for name, (_, high) in ranges.items():
         ends[name] = max(high, ends.get(name, high))
     farthest = max((end for name, end in ends.items() if name not in identified), default=1.0)
     with np.errstate(over="ignore", invalid="ignore"):
-        rows = list(_rows(few, specimen, states, forward, ranges, farthest < FARTHEST))
+        rows = list(
+            _rows(thinned, specimen, states, forward, ranges, farthest < MAX_MOUNTING_STRETCH)
+        )
         if stretches is None:
-            rows += _measured_rows(few, specimen, forward)
+            rows += _measured_rows(thinned, specimen, forward)
     return pd.DataFrame(rows)
 
 
 def _half_way_and_end(protocol: Protocol) -> np.ndarray:
     """Measured stretches half-way and at the end, (2, 2)."""
-    return 1.0 + np.array(SHARES)[:, None] * (protocol.stretch.max(axis=0) - 1.0)
+    return 1.0 + np.array(PATH_FRACTIONS)[:, None] * (protocol.stretch.max(axis=0) - 1.0)
 
 
 def _row(
@@ -274,8 +276,8 @@ def _rows(
         for name, i, j in TANGENTS:
             yield _row(f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0])
         yield _row("strain energy", "kPa", state, energy[:, 0])
-    tops = [np.tile(state, (len(draws), 1)) for state in states]
-    for name, values in law.derived_at(material, tops).items():
+    stretches = [np.tile(state, (len(draws), 1)) for state in states]
+    for name, values in law.derived_at(material, stretches).items():
         yield _row(name, "", nowhere, values)
 
 
@@ -285,19 +287,20 @@ TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
 def mounting_ratio(
     specimen: Specimen, lm: np.ndarray, ranges: Mapping[str, tuple[float, float]]
 ) -> np.ndarray:
-    """Mounting stretch of each draw over one that scatters over its range, (n, 2)."""
+    """Ratio lm / lm' of each draw, (n, 2), with lm' scattered over the range of the stretch."""
     out = np.ones_like(lm)
     rng = np.random.default_rng(0)
     states = ("", *(p.name for p in specimen.protocols))
     for axis in range(2):
         own = (ranges.get(mounting_names("stretch", state)[axis]) for state in states)
-        known = [r for r in own if r is not None]
-        if not known:
+        given = [r for r in own if r is not None]
+        if not given:
             continue
-        low, high = np.mean(known, axis=0)
+        low, high = np.mean(given, axis=0)
         first, last = np.quantile(lm[:, axis], INTERVAL)
-        # As much scatter as fills the range with 90 %, together with that of the draws.
-        sd = np.sqrt(max((high - low) ** 2 - (last - first) ** 2, 0.0)) / NORMAL_90
+        # sd^2 + sd_draws^2 = ((high - low) / (2 z90))^2: together with the draws, 90 % of a normal
+        # about the centre of the range lies inside it
+        sd = np.sqrt(max((high - low) ** 2 - (last - first) ** 2, 0.0)) / (2.0 * Z90)
         shift = 0.5 * (low + high) - np.median(lm[:, axis])
         elsewhere = lm[:, axis] + shift + sd * rng.standard_normal(len(lm))
         out[:, axis] = lm[:, axis] / np.maximum(elsewhere, 0.5)
@@ -315,7 +318,11 @@ def _measured_rows(
         lm = protocol_mounting(draws, protocol)
         # f_k / A0_k = P_k (unloaded dimensions), f_k / Am_k = lm_k P_k (mounted)
         scale = lm if specimen.geometry == "mounted" else np.ones_like(lm)
-        ending = MEASURED if len(specimen.protocols) == 1 else f"{MEASURED} of {protocol.name}"
+        ending = (
+            AT_MEASURED_STRETCH
+            if len(specimen.protocols) == 1
+            else f"{AT_MEASURED_STRETCH} of {protocol.name}"
+        )
         for x, y in np.round(_half_way_and_end(protocol), 4):
             state = (float(x), float(y))
             piola, error = _piola(draws, forward, lm * state, lm, material)

@@ -14,23 +14,25 @@ from biaxbayes.options import FitOptions
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 
-POOR = 0.07
+POOR_MISFIT = 0.07
 """A misfit beyond this share of the largest load is no description."""
-NOTICEABLE = 0.01
+NOTICEABLE_MISFIT = 0.01
 """Share of the largest load, and times the noise, beyond which exchanged columns are tried."""
 BEYOND_NOISE = 3.0
-ROWS = 150
-STARTS = 4
+MAX_FIT_ROWS = 150
+QUICK_STARTS = 4
 
 
 def quick_fit(
     specimen: Specimen, *, law: str = FitOptions.law, fibre_switch: bool = False
 ) -> FitResult:
     """The best fit to a thinned record; a tared file is fitted without a mounting stretch."""
-    few = thinned(specimen)
+    reduced = thinned(specimen)
     if specimen.is_tared:
-        return fit(few, "standard", starts=STARTS, law=law, fibre_switch=fibre_switch)
-    return constrained_fit(few, starts=STARTS, law=law, fibre_switch=fibre_switch, compiled=False)
+        return fit(reduced, "standard", starts=QUICK_STARTS, law=law, fibre_switch=fibre_switch)
+    return constrained_fit(
+        reduced, starts=QUICK_STARTS, law=law, fibre_switch=fibre_switch, compiled=False
+    )
 
 
 def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
@@ -55,11 +57,11 @@ def _misfit(specimen: Specimen, fit: FitResult) -> tuple[str, str]:
     """The misfit as a sentence, and another one if it is too large to use the parameters."""
     law_name, peak = fit.material.law.short_name, specimen.peak_load
     text = misfit_sentence(law_name, fit.rms, specimen.noise_sd, peak, specimen.unit)
-    if not fit.rms > POOR * peak:
+    if not fit.rms > POOR_MISFIT * peak:
         return text, ""
     return text, (
-        f". {law_name} does not describe this specimen (a misfit of more than {100 * POOR:g} % of "
-        "the largest load): do not use its parameters"
+        f". {law_name} does not describe this specimen (a misfit of more than "
+        f"{100 * POOR_MISFIT:g} % of the largest load): do not use its parameters"
     )
 
 
@@ -78,7 +80,7 @@ def swapped_columns(
 ) -> Finding | None:
     """A finding if a fit with `residuals` misses badly and exchanging x and y of the load helps."""
     peak = specimen.peak_load
-    bad = max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd)
+    bad = max(NOTICEABLE_MISFIT * peak, BEYOND_NOISE * specimen.noise_sd)
     if not root_mean_square(residuals) > bad:
         return None
     other = replace(
@@ -103,7 +105,7 @@ def thinned(specimen: Specimen) -> Specimen:
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)
-        at = np.linspace(0, moving.size - 1, min(ROWS, moving.size)).round().astype(int)
+        at = np.linspace(0, moving.size - 1, min(MAX_FIT_ROWS, moving.size)).round().astype(int)
         index = np.concatenate([np.arange(p.rest_rows), moving[np.unique(at)]])
         time = None if p.time_s is None else p.time_s[index]
         protocols.append(replace(p.at_rows(index), time_s=time))

@@ -15,21 +15,21 @@ import pandas as pd
 
 from biaxbayes.fitting.law_fits import LawFits, better_law_message, fit_laws
 from biaxbayes.identifiability import power_scaling
-from biaxbayes.identifiability.determined import some_draws
+from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
     INTERVAL,
     LEVELS,
-    Scale,
+    ComparisonScale,
     count_modes,
     density,
     find_edges,
     parameter_scales,
 )
 from biaxbayes.identifiability.mounting_interval import (
-    MEASURED,
+    MEASURED_REASON,
     MountingInterval,
     interval_from_laws,
-    widened,
+    widen_interval,
 )
 from biaxbayes.identifiability.mounting_refits import mounting_refits
 from biaxbayes.identifiability.partners import find_partners
@@ -49,7 +49,7 @@ from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH, mounting_names
 from biaxbayes.prediction.draws import protocol_mounting
 
-MOST_DRAWS = 20_000
+MAX_DIAGNOSTIC_DRAWS = 20_000
 """Draws, evenly chosen, that the diagnostics are computed from; medians and intervals are those of
 all draws, as in ``summary.csv``."""
 
@@ -63,7 +63,7 @@ class Identifiability:
     state : str
         State of the run that the draws are from.
     fits : LawFits or None
-        Least squares of all laws under the same mounting constraint, of converged draws.
+        Least-squares fits of all laws under the same mounting constraint, of converged draws.
     contradicted_priors : tuple of str
         Parameters of the law whose prior, set by the user, contradicts the data.
     """
@@ -171,9 +171,9 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
 
 
 def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> LawFits | None:
-    """Least squares of laws to the record of a posterior, its own with the options of the run."""
+    """Least-squares fits of laws to the data of a posterior; its own law has the run's options."""
     settings = posterior.settings
-    prior_sd = {}  # of the log, or the cos^2 of an angle, or as it is
+    prior_sd = {}  # of the log, of the cos^2 of an angle, or untransformed
     for p in posterior.law.parameters:
         prior = posterior.priors[p.name]
         if isinstance(prior, Prior | DrawnPrior):
@@ -214,7 +214,7 @@ def identify_draws(
     posterior : Posterior
         For the priors and the mounting readings.
     draws : DataFrame
-        Natural quantities by the names of ``summary.csv``, with ``log_likelihood``.
+        Natural values (kPa, degrees) by the names of ``summary.csv``, with ``log_likelihood``.
     state : {"converged", "tentative", "unusable"}
         Anything but ``converged`` gives no verdict; parameters of tentative draws have diagnostics
         all the same, those of unusable ones have none.
@@ -224,16 +224,17 @@ def identify_draws(
         In place of the posterior's own, for draws under other priors of the same likelihood.
     """
     chosen = thresholds or Thresholds()
-    few = some_draws(draws, MOST_DRAWS)
-    scales = parameter_scales(priors or posterior.priors, posterior.quantities, few)
+    thinned = thin_draws(draws, MAX_DIAGNOSTIC_DRAWS)
+    scales = parameter_scales(priors or posterior.priors, posterior.quantities, thinned)
     free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
     diagnostics: dict[str, Diagnostics] = {}
     law, protocols = posterior.law, posterior.specimen.protocols
     if state != "unusable":
-        logs = (power_scaling.log_prior(free, few), power_scaling.log_likelihood(posterior, few))
-        tops = [p.stretch.max(axis=0) * protocol_mounting(few, p) for p in protocols]
-        distances = law.bound_tolerances(law.material(few), tops)
-        diagnostics = diagnostics_from_draws(free, few, draws, logs, distances, chosen)
+        log_prior = power_scaling.log_prior(free, thinned)
+        logs = (log_prior, power_scaling.log_likelihood(posterior, thinned))
+        largest = [p.stretch.max(axis=0) * protocol_mounting(thinned, p) for p in protocols]
+        distances = law.bound_tolerances(law.material(thinned), largest)
+        diagnostics = diagnostics_from_draws(free, thinned, draws, logs, distances, chosen)
         _add_mounting_diagnostics(diagnostics, posterior, draws, free, chosen)
     if state != "converged":
         fits = None
@@ -245,7 +246,7 @@ def identify_draws(
 
 
 def diagnostics_from_draws(
-    free: Sequence[Scale],
+    free: Sequence[ComparisonScale],
     draws: pd.DataFrame,
     all_draws: pd.DataFrame,
     log_components: tuple[np.ndarray, np.ndarray | None],
@@ -262,14 +263,14 @@ def diagnostics_from_draws(
     partners = find_partners(scaled, tuple(s.name for s in free))
     out = {}
     for j, scale in enumerate(free):
-        prior, natural = scale.prior, draws[scale.name].to_numpy(dtype=float)
+        prior, values = scale.prior, draws[scale.name].to_numpy(dtype=float)
         assert isinstance(prior, Prior | DrawnPrior)
-        x = scale.to_scale(natural)
+        x = scale.to_scale(values)
         low, high = (float(v) for v in scale.to_scale(np.maximum(scale.limits, 0.0)))
         limits = (low if scale.limits[0] > -np.inf else -np.inf, high)
         before, after = scale.to_scale(prior.ppf(LEVELS)), density(x, limits)
         # posterior over prior density: the density of the draws' cumulative prior probability
-        likelihood = density(prior.cdf(natural), (0.0, 1.0))
+        likelihood = density(prior.cdf(values), (0.0, 1.0))
         q05, q50, q95 = np.quantile(all_draws[scale.name], [INTERVAL[0], 0.5, INTERVAL[1]])
         out[scale.name] = Diagnostics(
             parameter=scale.parameter,
@@ -279,7 +280,7 @@ def diagnostics_from_draws(
             prior_sd=float(before.std()),
             posterior_sd=float(x.std()),
             prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
-            edges=find_edges(scale, natural, likelihood, distances.get(scale.kind)),
+            edges=find_edges(scale, values, likelihood, distances.get(scale.parameter.name)),
             partners=partners[scale.name],
             modes=count_modes(x, limits, after),
             prior_sensitivity=float(by_prior[j]),
@@ -294,7 +295,7 @@ def _add_mounting_diagnostics(
     diagnostics: dict[str, Diagnostics],
     posterior: Posterior,
     draws: pd.DataFrame,
-    free: Sequence[Scale],
+    free: Sequence[ComparisonScale],
     thresholds: Thresholds,
 ) -> None:
     """Add to mounting stretches which ends the prior decides, and the range of the refits."""
@@ -325,10 +326,10 @@ def mounting_intervals(
                 continue
             e = diagnostics[name]
             if posterior.specimen.metadata.get(name) is not None:
-                out[name] = MountingInterval(e.low, e.high, MEASURED)
+                out[name] = MountingInterval(e.low, e.high, MEASURED_REASON)
                 continue
             factors = None if own is None else own.mounting_widening
             factor = 1.0 if factors is None else float(factors[i, axis])
-            interval = widened(e.low, e.median, e.high, factor)
+            interval = widen_interval(e.low, e.median, e.high, factor)
             out[name] = interval_from_laws(fits, i, axis, law, interval, by_prior=e.by_prior)
     return out

@@ -1,7 +1,7 @@
 """One parameter at a time: its scale, the shape of its draws, the bounds of its range.
 
 Stiffnesses and the exponent are compared in natural logs, the angle in degrees, the dispersion
-and the mounting stretches as they are: the scales on which the default priors are normal or
+and the mounting stretches untransformed: the scales on which the default priors are normal or
 flat.
 
 The likelihood of a parameter with everything else averaged out is posterior over prior density.
@@ -37,10 +37,12 @@ LEVELS = (np.arange(4096) + 0.5) / 4096
 """Cumulative probabilities whose values represent a prior."""
 INTERVAL = (0.05, 0.95)
 """Ends of the intervals of verdicts and tables."""
+Z90 = 1.645
+"""Standard deviations from the mean of a normal to the ends of its central 90 % interval."""
 
 
 @dataclass(frozen=True)
-class Scale:
+class ComparisonScale:
     """A parameter with its prior (a number if fixed) and the scale to compare them on."""
 
     quantity: Quantity
@@ -57,11 +59,6 @@ class Scale:
         return self.quantity.parameter
 
     @property
-    def kind(self) -> str:
-        """Name of the parameter, in whichever mounted state."""
-        return self.parameter.name
-
-    @property
     def unit(self) -> str:
         """Unit of the parameter, empty where it has none."""
         return "" if self.parameter.unit == "1" else self.parameter.unit
@@ -76,10 +73,10 @@ class Scale:
         """Name of the scale."""
         return f"ln {self.name}" if self.logarithmic else self.name
 
-    def to_scale(self, natural: np.ndarray) -> np.ndarray:
-        """Natural values on the scale."""
+    def to_scale(self, values: np.ndarray) -> np.ndarray:
+        """Natural values (kPa, degrees) on the scale."""
         with np.errstate(divide="ignore"):
-            return np.log(natural) if self.logarithmic else np.asarray(natural, dtype=float)
+            return np.log(values) if self.logarithmic else np.asarray(values, dtype=float)
 
     def from_scale(self, scaled: np.ndarray) -> np.ndarray:
         """Inverse of :meth:`to_scale`."""
@@ -99,17 +96,19 @@ def parameter_scales(
     priors: Mapping[str, Prior | DrawnPrior | Tie | float],
     quantities: Quantities,
     draws: pd.DataFrame,
-) -> tuple[Scale, ...]:
+) -> tuple[ComparisonScale, ...]:
     """The material parameters and mounting stretches of a run, in the order of its columns."""
     known = {q.name: q for q in quantities.assessed()}
-    return tuple(Scale(known[n], priors[n]) for n in map(str, draws.columns) if n in known)
+    return tuple(
+        ComparisonScale(known[n], priors[n]) for n in map(str, draws.columns) if n in known
+    )
 
 
-# --- shape of a one-dimensional sample: its density, its peaks, and where it stays open ----------
+# --- shape of a one-dimensional sample: its density and its peaks --------------------------------
 
 
-BEYOND = 0.15  # of the sample's range, left beside it for the tails
-SADDLE, MODE_MASS = 0.7, 0.05
+GRID_MARGIN = 0.15  # of the sample's range, added on either side for the tails
+MAX_VALLEY_RATIO, MIN_MODE_MASS = 0.7, 0.05
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class Density:
 def density(sample: np.ndarray, limits: tuple[float, float] = (-np.inf, np.inf)) -> Density:
     """Density of a sample, reflected at limits; its grid reaches a limit that is near."""
     low, high = float(sample.min()), float(sample.max())
-    beyond = max(BEYOND * (high - low), 1e-9 * max(1.0, abs(low)))
+    beyond = max(GRID_MARGIN * (high - low), 1e-9 * max(1.0, abs(low)))
     low, high = max(low - beyond, limits[0]), min(high + beyond, limits[1])
     axis = Span(low, high, closed_low=low == limits[0], closed_high=high == limits[1])
     x, height = curve(sample, axis)
@@ -158,7 +157,7 @@ def count_modes(
 
 
 def _peaks(shape: Density) -> int:
-    """Peaks by prominence: valleys are taken away, the shallowest first."""
+    """Number of peaks by prominence: valleys are removed, the shallowest first."""
     h = shape.height
     inner = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
     tops = [int(i) for i in inner]
@@ -172,9 +171,9 @@ def _peaks(shape: Density) -> int:
         ends = [0, *valleys, h.size - 1]
         mass = [h[a : b + 1].sum() / h.sum() for a, b in pairwise(ends)]
         shallow, light = int(np.argmax(depth)), int(np.argmin(mass))
-        if depth[shallow] > SADDLE:
+        if depth[shallow] > MAX_VALLEY_RATIO:
             join = shallow
-        elif mass[light] < MODE_MASS:
+        elif mass[light] < MIN_MODE_MASS:
             join = min(light, len(valleys) - 1)
         else:
             break
@@ -195,7 +194,7 @@ class Edge:
     """One end of a parameter's range."""
 
     side: int  # 0 low, 1 high
-    value: float  # natural; without an end the prior's 2.5 % or 97.5 % point
+    value: float  # natural; without an end the prior's 2.5 % or 97.5 % quantile
     kind: str  # "physical" (of the law), "user" (bound of the prior) or "prior" (its tail)
     distance: float  # what counts as near, in the parameter's unit
     mass: float  # share of the draws that near
@@ -210,7 +209,7 @@ class Edge:
 
 
 def find_edges(
-    scale: Scale, natural: np.ndarray, likelihood: Density, distance: float | None
+    scale: ComparisonScale, values: np.ndarray, likelihood: Density, distance: float | None
 ) -> tuple[Edge, ...]:
     """Both ends of a parameter's range, none for a mirror; `likelihood` is over the prior's cdf."""
     prior, parameter = scale.prior, scale.parameter
@@ -232,11 +231,11 @@ def find_edges(
             assert distance is not None
             kind, value, near = "physical", end, distance
             threshold = end + distance if side == 0 else end - distance
-        else:  # where the prior thins out
+        else:  # in the tail of the prior
             kind, value, near = "prior", threshold, 0.0
         below = float(prior.cdf(np.array([threshold]))[0])
         prior_mass = below if side == 0 else 1.0 - below
-        mass = float((natural <= threshold if side == 0 else natural >= threshold).mean())
+        mass = float((values <= threshold if side == 0 else values >= threshold).mean())
         if kind == "prior":
             support = min(mass / prior_mass / likelihood.peak, 1.0)
         else:

@@ -11,8 +11,8 @@ laws that fit, but at least two, take the smallest 5 % and the largest 95 % limi
   those of the laws only moves the mounting stretch up;
 - if that lies far below the estimate of the best law, nothing is reported.
 
-Where the law of the run is among those that fit, its posterior interval, widened for model error,
-is included.
+Where the law of the run is among those that fit, its posterior interval, widened for model
+error, is included.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.errors import listed
-from biaxbayes.fitting.law_fits import FEWEST, LawFits
+from biaxbayes.fitting.law_fits import MIN_COMPARED_LAWS, LawFits
+from biaxbayes.identifiability.marginals import Z90
 
-MEASURED = "measured before and after mounting"
+MEASURED_REASON = "measured before and after mounting"
 """The reason of a mounting stretch that the specimen's header gives."""
 FURTHER_LAW = 0.09
 """Allowance for a further law, as a share of the strain at mounting."""
-ERRORS = 1.645
-"""Standard errors on either side of a law's estimate: 5 and 95 %."""
 VALUE_WIDTH, FARTHEST_BELOW = 0.035, 0.3
 """Largest width of a value, and largest distance of a lower end below the best law."""
 # FURTHER_LAW and VALUE_WIDTH were tuned on 606 virtual specimens of seven kinds mounted at 1.02 to
 # 1.6, the law of the truth withheld, and 86 mounted at 1.005 to 1.05 with their law among the
 # others (seeds 0 to 13 and 200 to 229 of the study of toes); FARTHEST_BELOW on seeds 0 to 35 of
 # that of what is reported.
-NEAR_DENSITY = 3.0
+MAX_LOG_DENSITY_GAP = 3.0
 """Laws whose density of what was left out is within 3 nats (a factor of 20) of the best one predict
 it about as well; not tuned."""
-NAMED_LAWS = 4
+MAX_NAMED_LAWS = 4
 """Largest number of laws that a reason names."""
-OPEN = float("nan")
+NO_BOUND = float("nan")
+"""Stands for a bound that is not reported."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,9 @@ def prior_ends_message(by_prior: tuple[bool, bool]) -> str:
     return f"the prior determines the {'lower' if by_prior[0] else 'upper'} end"
 
 
-def widened(low: float, median: float, high: float, factor: float) -> tuple[float, float]:
+def widen_interval(low: float, median: float, high: float, factor: float) -> tuple[float, float]:
     """An interval scaled by a factor about its median."""
+    # [m - f (m - q05), m + f (q95 - m)]
     return median - factor * (median - low), median + factor * (high - median)
 
 
@@ -92,10 +93,10 @@ def interval_from_laws(
     """Interval of one mounting stretch from the fits of all laws; `axis` is 0 for x, 1 for y."""
     compared = fits.compared
     at = np.array([f.mounting_stretch[index, axis] for f in compared])
-    own_error = ERRORS * np.array([f.sd[index, axis] for f in compared])
+    own_error = Z90 * np.array([f.sd[index, axis] for f in compared])
     margin = own_error + FURTHER_LAW * np.abs(at - 1.0)
     low, high = float((at - margin).min()), float((at + margin).max())
-    # The interval within a run's law counts if the law fits; an end that its prior decides is open.
+    # The interval of the run's law counts if that law fits; an end that the prior decides is open.
     at_prior = (False, False)
     if interval is not None and law in [f.law for f in fits.fitting]:
         at_prior = by_prior[0] and interval[0] <= low, by_prior[1] and interval[1] >= high
@@ -118,8 +119,8 @@ def interval_from_predictions(
     no value is reported.
     """
     ordered = sorted(intervals, key=lambda law: -density[law])
-    near = [law for law in ordered if density[ordered[0]] - density[law] <= NEAR_DENSITY]
-    compared = ordered[: max(FEWEST, len(near))]
+    near = [law for law in ordered if density[ordered[0]] - density[law] <= MAX_LOG_DENSITY_GAP]
+    compared = ordered[: max(MIN_COMPARED_LAWS, len(near))]
     margin = {law: FURTHER_LAW * abs(q50 - 1.0) for law, (_, q50, _) in intervals.items()}
     low = min(intervals[law][0] - margin[law] for law in compared)
     high = max(intervals[law][2] + margin[law] for law in compared)
@@ -139,18 +140,18 @@ def _reported(
     """A value, a lower end or nothing; `at_prior` are the ends that rest on the prior."""
     low, high = ends
     those = f"the laws that {verb} best" if len(laws) > 1 else "the only law"
-    more = [f"{len(laws) - NAMED_LAWS} more"] if len(laws) > NAMED_LAWS else []
-    names = listed([*laws[:NAMED_LAWS], *more])
+    more = [f"{len(laws) - MAX_NAMED_LAWS} more"] if len(laws) > MAX_NAMED_LAWS else []
+    names = listed([*laws[:MAX_NAMED_LAWS], *more])
     if not any(at_prior) and not smooth and high - low <= VALUE_WIDTH:
         verb = "agree" if len(laws) > 1 else "determines it"
         return MountingInterval(low, high, f"{those} {verb} ({names})")
     # how far the laws with their errors lie apart, and how far they may
     span = f"{those} with {'their' if len(laws) > 1 else 'its'} errors"
     if at_prior[0]:
-        return MountingInterval(OPEN, OPEN, prior_ends_message(at_prior))
+        return MountingInterval(NO_BOUND, NO_BOUND, prior_ends_message(at_prior))
     if not np.isfinite(low) or best - low > FARTHEST_BELOW:
         why = f"{span} reach more than {FARTHEST_BELOW:g} below the best estimate ({names})"
-        return MountingInterval(OPEN, OPEN, why)
+        return MountingInterval(NO_BOUND, NO_BOUND, why)
     if smooth:
         why = "no law describes the record to its noise, so only a lower bound is safe"
     elif at_prior[1]:
@@ -158,4 +159,4 @@ def _reported(
     else:
         width = f"span {high - low:.2g}" if np.isfinite(high) else "have no upper end"
         why = f"{span} {width}; a value needs at most {VALUE_WIDTH:g} ({names})"
-    return MountingInterval(low, OPEN, why)
+    return MountingInterval(low, NO_BOUND, why)

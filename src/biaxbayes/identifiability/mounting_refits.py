@@ -21,15 +21,15 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import averaged_specimen
 
-SHARES = (0.3, 0.5)
+LOAD_FRACTIONS = (0.3, 0.5)
 """Parts of the record that are fitted alone: until a load passes this share of its peak."""
-FEWEST_ROWS = 6
-ROWS = 60
+MIN_ROWS = 6
+REFIT_ROWS = 60
 """Rows of a protocol that the refits use, averaged."""
-TOE = 0.25
+TOE_FRACTION = 0.25
 """Share of a protocol's rows that the miss near the mounted state is read from."""
-STARTS = 2
-PRIOR_TAIL = 0.001
+REFIT_STARTS = 2
+CUT_PROBABILITY = 0.001
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class MountingRefits:
         values = self.stretch[name]
         margin = errors * self.error[name]
         low, high = interval
-        first, last = prior.ppf(np.array([PRIOR_TAIL, 1.0 - PRIOR_TAIL]))
+        first, last = prior.ppf(np.array([CUT_PROBABILITY, 1.0 - CUT_PROBABILITY]))
         return (
             min(low, max(float(values.min()) - margin, float(first))),
             max(high, min(float(values.max()) + margin, float(last))),
@@ -61,7 +61,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     # as a whole or near the mounted state
     if not (misses_smoothly(residuals) or misses_smoothly([_toe(r) for r in residuals])):
         return None
-    data = averaged_specimen(posterior.specimen, ROWS)
+    data = averaged_specimen(posterior.specimen, REFIT_ROWS)
 
     def refit(part: Specimen) -> FitResult:
         return constrained_fit(
@@ -69,7 +69,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
             mounting=settings.fit_mounting,
             mounting_stretch=settings.mounting_stretch,
             fixed=settings.fixed_material,
-            starts=STARTS,
+            starts=REFIT_STARTS,
             initial=posterior.fit.material,
             law=settings.law,
             fibre_switch=settings.fibre_switch,
@@ -78,7 +78,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     full = refit(data)
     # by the protocol that is fitted alone, None for all
     parts: list[tuple[str | None, FitResult]] = [
-        (None, refit(_first_part(data, share))) for share in SHARES
+        (None, refit(_first_part(data, share))) for share in LOAD_FRACTIONS
     ]
     names = [p.name for p in data.protocols]
     parts += [(name, refit(data.only(name))) for name in names if len(names) > 1]
@@ -98,7 +98,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
 
 def _toe(residual: np.ndarray) -> np.ndarray:
     """Residuals near the mounted state."""
-    return residual[: max(4, int(TOE * len(residual)))]
+    return residual[: max(4, int(TOE_FRACTION * len(residual)))]
 
 
 def _first_part(data: Specimen, share: float) -> Specimen:
@@ -108,7 +108,7 @@ def _first_part(data: Specimen, share: float) -> Specimen:
         load = np.abs(data.load(p))
         beyond = (load > share * load.max(axis=0)).any(axis=1)
         last = int(np.argmax(beyond)) if beyond.any() else p.rows
-        protocols.append(p.at_rows(slice(0, max(last, p.rest_rows + FEWEST_ROWS))))
+        protocols.append(p.at_rows(slice(0, max(last, p.rest_rows + MIN_ROWS))))
     return replace(data, protocols=tuple(protocols))
 
 

@@ -1,10 +1,10 @@
-"""What a parameter trades with: how narrow it would be if others were known.
+"""Correlated parameters: how narrow a parameter would be if others were known.
 
-The conditional spread is the residual spread of a polynomial regression of the parameter on the
+The conditional sd is the residual sd of a polynomial regression of the parameter on the
 others (all on their sampling scales): cubic in each, with all products of two. Partners are those
-that alone explain much of the parameter (or it of them), since on a ridge all move together,
-and the fewest that are needed besides to explain its spread. Every set of up to three is tried:
-one that adds the best partner at a time stops where two explain nothing alone and much together.
+that alone explain much of the parameter (or it of them), since along an elongated
+posterior all move together, and the fewest that are needed besides to explain its sd. Every set of
+up to three is tried: a greedy search stops where two explain nothing alone and much together.
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-DRAWS = 3000
-MOST_PARTNERS = 3
-WORTH = 0.8  # partners must shrink the spread to this share, at least
-TOGETHER = 0.6  # two parameters move together where one leaves this share of the other's spread
-NEAR = 1.25  # partners suffice once the spread is this close to that given everything
-NEAR_THREE = 1.1  # or, where no three come so near, this close to that given the best three
+MAX_REGRESSION_DRAWS = 3000
+MAX_PARTNERS = 3
+MAX_SPREAD_RATIO = 0.8  # partners must reduce the sd to this fraction, at least
+PAIR_SPREAD_RATIO = (
+    0.6  # two parameters move together where one leaves this fraction of the other's sd
+)
+NEAR_ALL = 1.25  # partners suffice once the sd is within this factor of that given all others
+NEAR_THREE = 1.1  # or, where no three reach that, of that given the best three
 
 
 @dataclass(frozen=True)
 class Partners:
-    """The parameters that one trades with."""
+    """The parameters that a parameter is correlated with."""
 
     names: tuple[str, ...]  # those that explain much alone first
     spread_given_all: float  # sd given all other parameters, over the marginal one
@@ -34,36 +36,36 @@ class Partners:
 
 def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partners]:
     """Partners of every parameter, from draws (n, d) on the sampling scales."""
-    few = values[:: max(1, len(values) // DRAWS)]
-    spread = few.std(axis=0)
-    z = (few - few.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    # a far draw must not steer the polynomial
-    known = _Regressions.from_draws(np.clip(z, -6.0, 6.0))
+    thinned = values[:: max(1, len(values) // MAX_REGRESSION_DRAWS)]
+    sd = thinned.std(axis=0)
+    z = (thinned - thinned.mean(axis=0)) / np.where(sd > 0.0, sd, 1.0)
+    # an outlying draw must not determine the polynomial
+    regressions = _Regressions.from_draws(np.clip(z, -6.0, 6.0))
     pair = np.ones((len(names), len(names)))
     for i, j in permutations(range(len(names)), 2):
-        pair[i, j] = known.spread(i, (j,))
+        pair[i, j] = regressions.residual_sd(i, (j,))
     pair = np.minimum(pair, pair.T)
     out = {}
-    for target, name in enumerate(names):
-        # the fewest that explain about as much of one as all others, or as any three
-        others = [j for j in range(len(names)) if j != target]
+    for i, name in enumerate(names):
+        # the fewest that explain about as much of it as all others, or as any three
+        others = [j for j in range(len(names)) if j != i]
         if not others:
             out[name] = Partners((), 1.0, 1.0)
             continue
-        full = known.spread(target, others)
-        near = sorted(others, key=lambda j, row=pair[target]: row[j])  # type: ignore[misc]
-        together = [j for j in near if pair[target, j] <= TOGETHER][:MOST_PARTNERS]
-        left = [j for j in others if j not in together]
+        full = regressions.residual_sd(i, others)
+        near = sorted(others, key=lambda j, row=pair[i]: row[j])  # type: ignore[misc]
+        together = [j for j in near if pair[i, j] <= PAIR_SPREAD_RATIO][:MAX_PARTNERS]
+        remaining = [j for j in others if j not in together]
         best: list[tuple[float, list[int]]] = []  # of each size
-        for more in range(min(MOST_PARTNERS - len(together), len(left)) + 1):
-            tried = [[*together, *added] for added in combinations(left, more)]
-            best.append(min((known.spread(target, given), given) for given in tried))
-        enough = max(NEAR * full, NEAR_THREE * best[-1][0])
-        left_spread, chosen = next(candidate for candidate in best if candidate[0] <= enough)
-        if left_spread > WORTH and not together:
+        for more in range(min(MAX_PARTNERS - len(together), len(remaining)) + 1):
+            tried = [[*together, *added] for added in combinations(remaining, more)]
+            best.append(min((regressions.residual_sd(i, given), given) for given in tried))
+        enough = max(NEAR_ALL * full, NEAR_THREE * best[-1][0])
+        sd_given_chosen, chosen = next(candidate for candidate in best if candidate[0] <= enough)
+        if sd_given_chosen > MAX_SPREAD_RATIO and not together:
             out[name] = Partners((), full, 1.0)
         else:
-            out[name] = Partners(tuple(names[j] for j in chosen), full, left_spread)
+            out[name] = Partners(tuple(names[j] for j in chosen), full, sd_given_chosen)
     return out
 
 
@@ -89,16 +91,16 @@ class _Regressions:
         power = 1 + np.arange(d)[:, None] + d * np.arange(3)
         return cls(terms @ terms.T, power, product, len(z))
 
-    def spread(self, target: int, given: Sequence[int]) -> float:
-        """Residual spread of a parameter given others, over its marginal spread."""
-        y = self.power[target, 0]
+    def residual_sd(self, response: int, given: Sequence[int]) -> float:
+        """Residual sd of a parameter given others, over its marginal sd."""
+        y = self.power[response, 0]
         total = self.gram[y, y] - self.gram[0, y] ** 2 / self.draws
         if not total > 0.0:
             return 1.0
         used = [0, *self.power[list(given)].ravel()]
         used += [self.product[i, j] for i, j in combinations(given, 2)]
         gram, with_y = self.gram[np.ix_(used, used)], self.gram[used, y]
-        # normal equations with a little ridge: neighbouring powers are nearly collinear
+        # normal equations with a ridge penalty: neighbouring powers are nearly collinear
         ridged = gram + 1e-9 * self.draws * np.eye(len(used))
         c = np.linalg.solve(ridged, with_y)
         # |y - F c|^2 = y.y - 2 c.F'y + c.F'F c

@@ -13,14 +13,14 @@ import numpy as np
 import pandas as pd
 from scipy.special import rel_entr
 
-from biaxbayes.identifiability.marginals import INTERVAL, LEVELS, Scale, density
+from biaxbayes.identifiability.marginals import INTERVAL, LEVELS, ComparisonScale, density
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.parameters import mounting_names
 
 POWERS = (0.99, 1.01)
 END_POWERS = (0.8, 1.25)
-DECIDES = 0.25
+DECIDING_SHIFT = 0.25
 """A prior decides an end that moves by this share of its distance from the median for a prior of
 twice the sd. Alone a normal prior moves it by 0.7 of that, with as much from the data by 0.35."""
 
@@ -74,11 +74,11 @@ def ends_by_prior(values: np.ndarray, log_prior: np.ndarray) -> tuple[bool, bool
     # the prior to the power a has the sd over sqrt(a): twice the sd is a quarter
     moved = np.abs((high - low) / np.log(END_POWERS[1] / END_POWERS[0]) * np.log(0.25))
     distance = np.abs(np.quantile(values, INTERVAL) - np.median(values))
-    decided = (moved > 0.0) & (moved >= DECIDES * distance)
+    decided = (moved > 0.0) & (moved >= DECIDING_SHIFT * distance)
     return bool(decided[0]), bool(decided[1])
 
 
-def log_prior(scales: tuple[Scale, ...], draws: pd.DataFrame) -> np.ndarray:
+def log_prior(scales: tuple[ComparisonScale, ...], draws: pd.DataFrame) -> np.ndarray:
     """Log prior density of the material and the mounting stretches, up to a constant."""
     total = np.zeros(len(draws))
     for scale in scales:

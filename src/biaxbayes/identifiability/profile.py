@@ -29,7 +29,7 @@ from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import Quantities, Quantity, mounting_names, unit_words
 
-FLAT = 0.1
+FLAT_DEVIANCE = 0.1
 """A curve that never rises above this is flat: a likelihood ratio of 0.95."""
 
 
@@ -187,7 +187,7 @@ def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profi
     (low, open_low), (high, open_high) = ends
     if curve.axis.parameter.mirror and open_low != open_high:
         open_low = open_high = False  # the curve goes on as its own image
-    flat = open_low and open_high and float(rise.max()) < FLAT
+    flat = open_low and open_high and float(rise.max()) < FLAT_DEVIANCE
     kind = "structural" if flat else "practical" if open_low or open_high else "finite"
     errors = posterior.settings.error_model
     note = "" if errors is CONSTANT else f"the sd of the errors is constant here, not {errors}"

@@ -16,9 +16,9 @@ from biaxbayes.parameters import DEGREE, MATERIAL, Parameter
 # --- the axis of a profile: which scale, how far, in which steps ---------------------------------
 
 
-LEAST = 1e-4
+MIN_STEP_OF_SCALE = 1e-4
 """Lower end of the axis of a positive scale, which stands for zero (kPa or 1)."""
-STEPS_OF_SCALE = (0.02, LEAST, 0.8)
+STEPS_OF_SCALE = (0.02, MIN_STEP_OF_SCALE, 0.8)
 """First, least and largest step of a positive scale, in logs."""
 STEPS_OF_ANGLE = (0.5, 1e-3, 5.0)
 STEPS_OF_SHARE = (0.004, 1e-5, 0.02)
@@ -41,7 +41,7 @@ class Axis:
     def from_unknown(self, unknown: float) -> float:
         """Place on the axis of an unknown of the fit."""
         if self.parameter.logarithmic:
-            return float(np.log(max(unknown, LEAST)))
+            return float(np.log(max(unknown, MIN_STEP_OF_SCALE)))
         if self.parameter.kind == MATERIAL:
             return self.law.from_fit_coordinate(self.index, unknown)
         return float(unknown)
@@ -73,7 +73,10 @@ class Axis:
 def profile_axis(parameter: Parameter, index: int, law: Law) -> Axis:
     """Axis of a parameter at a position among the unknowns."""
     if parameter.logarithmic:
-        ends, steps = (float(np.log(LEAST)), float(np.log(parameter.largest))), STEPS_OF_SCALE
+        ends, steps = (
+            (float(np.log(MIN_STEP_OF_SCALE)), float(np.log(parameter.largest))),
+            STEPS_OF_SCALE,
+        )
     elif parameter.bounded:
         ends = parameter.range
         steps = STEPS_OF_ANGLE if parameter.unit == DEGREE else STEPS_OF_SHARE
@@ -87,18 +90,18 @@ def profile_axis(parameter: Parameter, index: int, law: Law) -> Axis:
 
 THRESHOLD = 2.0 * float(gammaincinv(0.5, CONTENT))
 """Deviance below which a value lies in the interval: chi-squared with one degree of freedom."""
-BEYOND = 2.0  # deviance beyond the threshold at which the continuation ends
-RISE = (0.3, 1.2)  # of the deviance wanted from one step to the next
-MOST_STEPS = 80
+MAX_EXCESS_DEVIANCE = 2.0  # deviance beyond the threshold at which the continuation ends
+DEVIANCE_STEP = (0.3, 1.2)  # of the deviance wanted from one step to the next
+MAX_CURVE_STEPS = 80
 SWEEPS = 3
 EXTRA_STARTS = 4  # fresh starting points at an anchor
-LOOK = 25  # steps of a first fit from each
-HOPELESS = 50.0  # deviance above the lowest beyond which a first fit is not continued
-FILL = 60  # most points put into gaps
-LEVEL = 0.3  # a gap counts by this share where the curve is level
-BETTER = 1e-4
-LOWER = 0.02  # in deviance: less is the error of interpolating
-CLOSE = 0.01  # of a point to the threshold, in deviance
+FIRST_FIT_STEPS = 25  # steps of a first fit from each
+MAX_FIRST_DEVIANCE = 50.0  # deviance above the lowest beyond which a first fit is not continued
+MAX_GAP_POINTS = 60  # most points put into gaps
+LEVEL_GAP_WEIGHT = 0.3  # a gap counts by this share where the curve is level
+MIN_IMPROVEMENT = 1e-4
+MIN_LOWER_DEVIANCE = 0.02  # in deviance: less is the error of interpolating
+THRESHOLD_TOLERANCE = 0.01  # of a point to the threshold, in deviance
 
 
 class ProfileCurve:
@@ -134,18 +137,18 @@ class ProfileCurve:
             at, best = float(at), self.fits[self.lowest]
             extra = self.likelihood.extra_starts(self._fixed(at), EXTRA_STARTS)
             starts = [best, *(replace(best, unknowns=unknowns) for unknowns in extra)]
-            looks = [self._best(at, start, rounds=2, steps=LOOK) for start in starts]
+            looks = [self._best(at, start, rounds=2, steps=FIRST_FIT_STEPS) for start in starts]
             looks.sort(key=lambda fit: fit.deviance)
             new_fit = looks[0]
-            if new_fit.deviance < best.deviance + HOPELESS:
+            if new_fit.deviance < best.deviance + MAX_FIRST_DEVIANCE:
                 ends = [self._best(at, fit) for fit in looks[:2]]
                 new_fit = min(ends, key=lambda fit: fit.deviance)
             level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
                 here = float(np.interp(at, self.at, [f.deviance for f in self.fits]))
-                lower = new_fit.deviance < here - LOWER
+                lower = new_fit.deviance < here - MIN_LOWER_DEVIANCE
             else:
-                lower = new_fit.deviance < level + THRESHOLD + BEYOND
+                lower = new_fit.deviance < level + THRESHOLD + MAX_EXCESS_DEVIANCE
             if lower and at not in self.at:
                 self._add(at, new_fit)
                 is_lower = True
@@ -153,12 +156,12 @@ class ProfileCurve:
 
     def _fill(self) -> None:
         """Close gaps between points, from both of their ends."""
-        for _ in range(FILL):
+        for _ in range(MAX_GAP_POINTS):
             gaps = np.diff(self.at)
             low = np.array([min(self.rise(k), self.rise(k + 1)) for k in range(len(gaps))])
-            gaps[low > THRESHOLD + BEYOND] = 0.0
-            level = np.abs(np.diff([f.deviance for f in self.fits])) < RISE[0]
-            gaps[level] *= LEVEL
+            gaps[low > THRESHOLD + MAX_EXCESS_DEVIANCE] = 0.0
+            level = np.abs(np.diff([f.deviance for f in self.fits])) < DEVIANCE_STEP[0]
+            gaps[level] *= LEVEL_GAP_WEIGHT
             k = int(np.argmax(gaps))
             if gaps[k] <= 1.01 * self.axis.most_step:
                 return
@@ -190,12 +193,12 @@ class ProfileCurve:
     def extend(self, side: int) -> None:
         """Continue outwards from the outermost point until well beyond the threshold or the end."""
         step = self.axis.first_step
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_CURVE_STEPS):
             end = 0 if side < 0 else len(self.at) - 1
             inner = min(max(end - side, 0), len(self.at) - 1)
             low, high = self.axis.low, self.axis.high
             at_end = self.at[end] <= low if side < 0 else self.at[end] >= high
-            if self.rise(end) > THRESHOLD + BEYOND or at_end:
+            if self.rise(end) > THRESHOLD + MAX_EXCESS_DEVIANCE or at_end:
                 return
             at = float(min(max(self.at[end] + side * step, low), high))
             new_fit = self.fit(at, end, inner) if inner != end else self.fit(at, end)
@@ -205,11 +208,11 @@ class ProfileCurve:
                 step *= 0.3
                 continue
             change = new_fit.deviance - self.fits[end].deviance
-            if change > RISE[1] and step > self.axis.least_step:
+            if change > DEVIANCE_STEP[1] and step > self.axis.least_step:
                 step *= 0.4
                 continue
             self._add(at, new_fit)
-            if change < RISE[0]:
+            if change < DEVIANCE_STEP[0]:
                 step = min(1.7 * step, self.axis.most_step)
 
     def _fixed(self, at: float) -> dict[int, float]:
@@ -231,7 +234,7 @@ class ProfileCurve:
         for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
             for k in order:
                 tried = self._best(self.at[k], self.fits[k - order.step])
-                if tried.deviance < self.fits[k].deviance - BETTER:
+                if tried.deviance < self.fits[k].deviance - MIN_IMPROVEMENT:
                     better = True
                 if tried.deviance < self.fits[k].deviance:
                     self.fits[k] = tried
@@ -256,7 +259,7 @@ class ProfileCurve:
             pair = self.crossing(side)
             if pair is None:
                 return
-            if min(abs(self.rise(k) - THRESHOLD) for k in pair) < CLOSE:
+            if min(abs(self.rise(k) - THRESHOLD) for k in pair) < THRESHOLD_TOLERANCE:
                 return
             at = self.interpolated(*pair)
             if at in self.at:

@@ -1,8 +1,9 @@
-"""Stiff and sloppy directions, and materials that give the same curves.
+"""Stiff and sloppy directions, and materials that give the same curves (non-identifiable paths).
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
-in units of its prior standard deviation. The eigenvector is straight, the ridge of a posterior is
-not: the sloppy direction is therefore given along materials with the same curves. The measured
+in units of its prior standard deviation. The eigenvector is straight, a
+posterior along it is often bent: the sloppy direction is therefore given along materials with the
+same curves. The measured
 curves of one posterior draw are the target. One parameter is fixed at a series of values, and at
 each the others are fitted to the target's loads, the mounting stretch following from the target's
 mounting force. What is left over is how much the curves change.
@@ -17,8 +18,14 @@ import pandas as pd
 
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
-from biaxbayes.identifiability.determined import some_draws
-from biaxbayes.identifiability.marginals import INTERVAL, LEVELS, Scale, parameter_scales
+from biaxbayes.identifiability.determined import thin_draws
+from biaxbayes.identifiability.marginals import (
+    INTERVAL,
+    LEVELS,
+    Z90,
+    ComparisonScale,
+    parameter_scales,
+)
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
@@ -29,8 +36,8 @@ from biaxbayes.specimens.specimen import Specimen
 
 # --- materials that give the same curves: one parameter is moved, the others follow --------------
 
-ROWS = 40  # of each protocol, to fit; the reported change is over all rows
-STEPS = 12
+TARGET_ROWS = 40  # of each protocol, to fit; the reported change is over all rows
+PATH_STEPS = 12
 
 
 @dataclass(frozen=True)
@@ -81,19 +88,19 @@ def same_curves(
         load = forward.response(point, data.stretch, lm[:, data.group]).load
         return load, lm
 
-    natural = [float(draw[n]) for n in law.names]
-    origin, index = law.to_fit_coordinates(natural), law.names.index(moved)
+    values_of_draw = [float(draw[n]) for n in law.names]
+    origin, index = law.to_fit_coordinates(values_of_draw), law.names.index(moved)
     follows = [i for i, n in enumerate(law.names) if n != moved and n in free]
-    target = replace(data, load=curves(origin)[0]).thinned(ROWS)
-    ridge = _Ridge(law, target, origin, index, np.array(follows, dtype=int), balanced)
-    here, low, high = (law.to_fit_coordinate(index, v) for v in (natural[index], *values))
+    target = replace(data, load=curves(origin)[0]).thinned(TARGET_ROWS)
+    fits = _CurveFits(law, target, origin, index, np.array(follows, dtype=int), balanced)
+    here, low, high = (law.to_fit_coordinate(index, v) for v in (values_of_draw[index], *values))
     logs = law.parameter(moved).logarithmic
 
     def path(end: float) -> list[np.ndarray]:
         if end == here:
             return []
         spaced = np.geomspace if logs and min(here, end) > 0.0 else np.linspace
-        return ridge.follow(spaced(here, end, STEPS)[1:])
+        return fits.follow(spaced(here, end, PATH_STEPS)[1:])
 
     points = [*reversed(path(low)), origin, *path(high)]
     loads, stretches = zip(*map(curves, points), strict=True)
@@ -109,8 +116,8 @@ def same_curves(
 
 
 @dataclass(frozen=True, eq=False)
-class _Ridge:
-    """The materials that come closest to the curves of one draw."""
+class _CurveFits:
+    """Fits of materials to the curves of one draw, with one parameter fixed."""
 
     law: Law
     target: Readings  # of the draw
@@ -146,10 +153,9 @@ class _Ridge:
 
 # --- stiff and sloppy directions: what combination of parameters is known -------------------------
 
-MOST_DRAWS = 4000
-SMALL = 0.1  # of the largest loading: left out of the words
-Z90 = 1.645
-FACTOR = 0.7  # in ln: wider is given as a factor
+MAX_COVARIANCE_DRAWS = 4000
+MIN_LOADING = 0.1  # of the largest loading: left out of the words
+MAX_PERCENT_WIDTH = 0.7  # in ln: wider is given as a factor
 
 
 @dataclass(frozen=True)
@@ -172,22 +178,22 @@ class Sloppiness:
 
 def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     """Find the directions and follow the sloppy one; None without free or with tied parameters."""
-    few = some_draws(draws, MOST_DRAWS)
+    thinned = thin_draws(draws, MAX_COVARIANCE_DRAWS)
     scales = [
         s
-        for s in parameter_scales(posterior.priors, posterior.quantities, few)
+        for s in parameter_scales(posterior.priors, posterior.quantities, thinned)
         if s.parameter.kind == MATERIAL and isinstance(s.prior, Prior)
     ]
     tied = any(isinstance(posterior.priors[name], Tie) for name in posterior.law.names)
     if not scales or tied:
         return None
-    directions = _directions(scales, few)
+    directions = _directions(scales, thinned)
     loadings = directions[-1].loadings
     moved = max(loadings, key=lambda name: abs(loadings[name]))
-    row = median_draw(few, posterior.specimen, posterior.law)
-    low, high = np.quantile(few[moved], INTERVAL)
+    row = median_draw(thinned, posterior.specimen, posterior.law)
+    low, high = np.quantile(thinned[moved], INTERVAL)
     path = same_curves(
-        few.iloc[row],
+        thinned.iloc[row],
         posterior.specimen,
         posterior.settings,
         moved,
@@ -197,12 +203,12 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     # error sd of a reading at the median load, as a stress, at the medians of the draws
     specimen, errors = posterior.specimen, posterior.settings.error_model
     load = np.median(np.abs(np.concatenate([specimen.load(p) for p in specimen.protocols])))
-    values = {p.name: float(np.median(few[p.name])) for p in errors.parameters}
+    values = {p.name: float(np.median(thinned[p.name])) for p in errors.parameters}
     error_kPa = float(errors.sd(values, load)) / float(specimen.area.min())
-    return Sloppiness(directions, path, path_text(path, error_kPa, few, posterior.law))
+    return Sloppiness(directions, path, path_text(path, error_kPa, thinned, posterior.law))
 
 
-def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ...]:
+def _directions(scales: list[ComparisonScale], draws: pd.DataFrame) -> tuple[Direction, ...]:
     columns, units = [], []
     for scale in scales:
         assert isinstance(scale.prior, Prior)
@@ -221,7 +227,9 @@ def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ..
     return tuple(out)
 
 
-def _combination(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spread: float) -> str:
+def _combination(
+    scales: list[ComparisonScale], vector: np.ndarray, units: np.ndarray, spread: float
+) -> str:
     """The combination as a product of powers or a sum, and how well it is known."""
     lead = int(np.argmax(np.abs(vector)))
     product = scales[lead].logarithmic
@@ -230,7 +238,7 @@ def _combination(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spr
     width = Z90 * spread * units[lead] / abs(vector[lead])
     terms = []
     for scale, c, v in zip(scales, coefficient, vector, strict=True):
-        if abs(v) < SMALL * abs(vector[lead]):
+        if abs(v) < MIN_LOADING * abs(vector[lead]):
             continue
         alone = abs(c - 1.0) < 0.005
         if not product:
@@ -242,12 +250,12 @@ def _combination(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spr
             step, unit = (10.0, " deg") if scale.unit else (0.1, "")
             terms.append(f"exp({c * step:+.2g} {scale.name}/{step:g}{unit})")
     if not product:
-        known = f"{width:.2g}{scales[lead].parameter.unit_words()}"
-    elif width < FACTOR:
-        known = f"{100.0 * np.expm1(width):.2g} %"
+        uncertainty = f"{width:.2g}{scales[lead].parameter.unit_words()}"
+    elif width < MAX_PERCENT_WIDTH:
+        uncertainty = f"{100.0 * np.expm1(width):.2g} %"
     else:
-        known = f"a factor {np.exp(width):.2g}"
-    return f"{' '.join(terms)}, to {known} (90 %)"
+        uncertainty = f"a factor {np.exp(width):.2g}"
+    return f"{' '.join(terms)}, to {uncertainty} (90 %)"
 
 
 def path_text(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 from biaxbayes.errors import listed
-from biaxbayes.identifiability.marginals import Density, Edge, Scale
+from biaxbayes.identifiability.marginals import Z90, ComparisonScale, Density, Edge
 from biaxbayes.identifiability.mounting_interval import MountingInterval
 from biaxbayes.identifiability.partners import Partners
 from biaxbayes.laws.law import Law
@@ -18,7 +18,7 @@ BOUNDED = "bounded"
 COMBINATION = "only in combination"
 NOT_IDENTIFIED = "not identified"
 VERDICTS = (IDENTIFIED, BOUNDED, COMBINATION, NOT_IDENTIFIED)
-"""Reported verdicts; beside them :data:`NO_VERDICT` of chains that have not converged, and
+"""Reported verdicts; further ones are :data:`NO_VERDICT` of chains that have not converged, and
 :data:`FIXED`."""
 NO_VERDICT = "no verdict"
 FIXED = "fixed"
@@ -47,18 +47,18 @@ class Thresholds:
     prior_excluded: float = 0.5
     # errors added to the range of the refits: changes of the mounting stretch that balance the
     # largest miss near the mounted state
-    refit_errors: float = 1.645
+    refit_errors: float = Z90
     # contradicted where the interval is less than this share of the range of the refits
     refit_share: float = 0.5
 
     def items(self, parameters: Iterable[Parameter]) -> list[tuple[str, float]]:
         """Names and values, with the widths of sharp intervals, for the header of a file."""
-        own = [(f.name, float(getattr(self, f.name))) for f in fields(self)]
+        numbers = [(f.name, float(getattr(self, f.name))) for f in fields(self)]
         widths: dict[str, float] = {}
         for p in parameters:
             stem = "log" if p.logarithmic else p.label.removesuffix(AXES.get(p.axis, ""))
             widths.setdefault(f"sharp_{stem}", p.sharp)
-        return [*own, *widths.items()]
+        return [*numbers, *widths.items()]
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Diagnostics:
 class ParameterVerdict:
     """The verdict on one parameter within the law; :class:`Reported` is what follows from it."""
 
-    scale: Scale
+    scale: ComparisonScale
     posterior_verdict: str  # from posterior and prior alone: one of VERDICTS, NO_VERDICT or FIXED
     text: str  # the same as a sentence
     diagnostics: Diagnostics | None = None  # None if fixed or tied, or if draws are unusable
@@ -140,7 +140,7 @@ def decide(
     traded = e.is_traded(t)
     if undefined:  # undefined at an end that is not excluded: no value is, however narrow
         return COMBINATION if traded else NOT_IDENTIFIED
-    # With a partner at an end (aligned fibres) the ridge may lead away from the truth.
+    # With a partner at an end (aligned fibres) correlated parameters may lie far from the truth.
     widest = 1.0 if partner_at_end else t.traded_width
     if traded and not e.parameter.is_sharp(e.low, e.high, widest):
         return COMBINATION
@@ -156,7 +156,7 @@ def decide(
 
 
 def assess_parameters(
-    scales: Sequence[Scale],
+    scales: Sequence[ComparisonScale],
     diagnostics: Mapping[str, Diagnostics],
     law: Law,
     state: str,
@@ -202,7 +202,7 @@ SENSITIVE = 0.05
 
 
 def verdict_sentence(
-    scale: Scale,
+    scale: ComparisonScale,
     verdict: str,
     diagnostics: Diagnostics | None,
     thresholds: Thresholds,

@@ -33,7 +33,7 @@ from biaxbayes.laws.materials import MaterialResponse, stress_and_slope
 
 @inlined
 def load_per_stress(section, stretch, mounting, mounted):
-    """Load per Cauchy stress, f / s, in one direction; arguments broadcast.
+    """Load per Cauchy stress, f / s, in a direction; arguments broadcast.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ BRACKET = (0.3, 4.0)
 wide priors are not truncated."""
 
 LOG_LOW, LOG_HIGH = float(np.log(BRACKET[0])), float(np.log(BRACKET[1]))
-MAX_STEPS = 40
+MAX_NEWTON_STEPS = 40
 MAX_STEP = 0.1  # in log stretch; keeps the exponential from overflowing on the way
 TOLERANCE = 1e-13  # of the log stretch; Newton's last step is quadratically smaller still
 
@@ -104,14 +104,14 @@ def solve_balance(constants, px, py, mounted):
     Returns
     -------
     ok : bool
-        Whether a stable root inside the bracket was found.
+        True if the iteration converged to a stable root inside the bracket.
     x, y : float
         Log mounting stretches.
     jxx, jxy, jyy : float
         Jacobian of the balance with respect to the log stretches, at the root.
     """
     x = y = 0.0
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         rx, ry, jxx, jxy, jyy = balance(constants, px, py, mounted, x, y)
         det = jxx * jyy - jxy * jxy
         if not (np.isfinite(det) and np.isfinite(rx) and np.isfinite(ry)):
@@ -146,19 +146,19 @@ class MountedState:
 
     Attributes
     ----------
-    found : bool
+    exists : bool
         False when no stable root exists inside :data:`BRACKET`; the rest is then NaN.
     stretch : ndarray, shape (2,)
         Mounting stretches (lm_x, lm_y).
     by_parameter : ndarray, shape (2, p)
-        d lm / d theta by the parameters of the law, angles in radians.
+        Derivative d lm / d theta with respect to the parameters of the law, angles in radians.
     by_reading : ndarray, shape (2, 2)
-        d lm / d p0, per kPa.
+        Derivative d lm / d p0, per kPa.
     log_determinant : float
         ln |det d p0 / d lm|, the change of variables from p0 to lm.
     """
 
-    found: bool
+    exists: bool
     stretch: np.ndarray
     by_parameter: np.ndarray
     by_reading: np.ndarray
@@ -208,7 +208,7 @@ def mounted_state(
 
 @inlined
 def log_change_of_variables(x, y, jxx, jxy, jyy, mounted):
-    """Give ln |det d p0 / d lm| from the Jacobian of the balance in log stretch."""
+    """Log determinant ln |det d p0 / d lm| from the Jacobian of the balance in log stretch."""
     # unloaded: dP_i/dlm_j = J_ij / (lm_i lm_j);  mounted: ds_i/dlm_j = J_ij / lm_j
     power = 1.0 if mounted else 2.0
     return np.log(jxx * jyy - jxy * jxy) - power * (x + y)

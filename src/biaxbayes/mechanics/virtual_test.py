@@ -64,7 +64,7 @@ def virtual_test(
     return VirtualTest(*measured.T, *total.T, *force.T, *piola.T, *cauchy.T)
 
 
-def smooth_misfit(
+def simulate_smooth_misfit(
     stretch: np.ndarray, relative_sd: float, rng: np.random.Generator, *, length: float = 0.25
 ) -> np.ndarray:
     """Relative model error (n,) that varies smoothly along a monotone path (n,).

@@ -20,11 +20,11 @@ from biaxbayes.sampling.population_monte_carlo import (
     SEARCH_COMPONENTS,
     Start,
     resample,
-    resample_ridges,
+    resample_clusters,
     search,
 )
 from biaxbayes.sampling.proposal import fit_mixture_proposal
-from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
+from biaxbayes.sampling.sampler import Checkpoint, Draws, Plan, Progress, draw
 from biaxbayes.sampling.target import Target
 from biaxbayes.tasks import one_blas_thread
 
@@ -38,8 +38,8 @@ def draw_posterior(
     posterior: Posterior,
     plan: Plan,
     *,
-    state: State | None = None,
-    on_block: Callable[[State], None] | None = None,
+    state: Checkpoint | None = None,
+    on_block: Callable[[Checkpoint], None] | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
 ) -> Draws:
@@ -84,10 +84,11 @@ def find_start(
     base = start_parameters(posterior)
     starts = np.vstack([posterior.coordinates(base)[0], _extra_starts(posterior, base, rng)])
     # The mounting force is measured, so its spread is not widened.
-    known = np.array([q.parameter.kind == FORCE for q in posterior.sampled])
+    scale_is_sd = np.array([q.parameter.kind == FORCE for q in posterior.sampled])
     target = posterior.target()
     try:
-        start = search(target, starts, _start_widths(posterior), rng, population, known=known)
+        widths = _start_widths(posterior)
+        start = search(target, starts, widths, rng, population, scale_is_sd=scale_is_sd)
     except NotConverged:
         raise NotConverged("no region of positive density around the deterministic fit") from None
     return _rescaled(posterior, target, start)
@@ -114,7 +115,7 @@ def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Targe
     regular = np.isfinite(u).all(axis=1)  # kappa = 0 to the last digit lies at infinity
     u, weights, label = u[regular], weights[regular], label[regular]
     label = np.unique(label, return_inverse=True)[1]
-    picked = resample_ridges(weights, label, half, rng)
+    picked = resample_clusters(weights, label, half, rng)
     with one_blas_thread():
         proposal = fit_mixture_proposal(
             u[picked],

@@ -19,11 +19,11 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.options import DesignOptions, Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
-from biaxbayes.specimens.protocol import Protocol as Record
+from biaxbayes.specimens.protocol import Protocol as MeasuredProtocol
 from biaxbayes.specimens.specimen import Specimen, pooled_reading
 
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
-MOST_ROWS = 200
+MAX_PLANNED_ROWS = 200
 HISTOLOGY = {"alpha": "fibre angle", "kappa": "dispersion"}
 
 
@@ -179,11 +179,13 @@ class FurtherProtocol:
         taken = {p.name for p in self.specimen.protocols}
         name = next(n for n in (f"next{i or ''}" for i in range(99)) if n not in taken)
         columns = (*self.stretch.T, *load.T)
-        record = Record(name, columns[0], columns[1], columns[2], columns[3], rest_rows=1)
+        protocol = MeasuredProtocol(
+            name, columns[0], columns[1], columns[2], columns[3], rest_rows=1
+        )
         if self.specimen.protocols[0].time_s is not None:
             last = float(self.specimen.protocols[-1].time_s[-1])  # type: ignore[index]
-            record = replace(record, time_s=last + 1.0 + np.arange(record.rows))
-        protocols = (*self.specimen.protocols, record)
+            protocol = replace(protocol, time_s=last + 1.0 + np.arange(protocol.rows))
+        protocols = (*self.specimen.protocols, protocol)
         return replace(self.specimen, protocols=protocols), posterior.options()
 
     def peak_load(self, draws: pd.DataFrame) -> tuple[float, float]:
@@ -215,7 +217,7 @@ def standard_candidates(
     kappa_sd: float = DesignOptions.kappa_sd,
     image_sd: float = DesignOptions.image_sd,
 ) -> list[Any]:
-    """Candidates for a specimen: protocols (ratios beside five standard ones), direct readings.
+    """Candidates for a specimen: protocols (five standard ratios and `ratios`), direct readings.
 
     Protocols reach the largest measured stretches, one goes `further` times as far.
     """
@@ -223,7 +225,7 @@ def standard_candidates(
     ends = [np.array([p.stretch_x[-1], p.stretch_y[-1]]) - 1.0 for p in specimen.protocols]
     top = np.max([[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols], axis=0) - 1.0
     rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
-    beta, rows_planned = posterior.beta, min(rows, MOST_ROWS)
+    beta, rows_planned = posterior.beta, min(rows, MAX_PLANNED_ROWS)
     mounting_sd = specimen.noise_sd if settings.reads_force else 0.0
 
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:

@@ -119,7 +119,7 @@ class Design:
                 "information_gain_nats": e.gain,
                 "information_gain_error": e.gain_error,
                 "effective_draws": e.effective,
-                "share_of_outcomes_below_20_draws": e.few,
+                "share_of_outcomes_below_20_draws": e.untrusted,
                 "trusted": e.trusted,
             }
             for i, name in enumerate(self.quantities):
@@ -174,7 +174,7 @@ def design(
         Default :func:`~biaxbayes.optimal_design.candidates.standard_candidates`.
     rank_by : str
         ``parameters`` (mean reduction over the free material parameters), ``information``, or
-        the name of a quantity whose spread is to shrink most.
+        the name of the quantity whose sd is to be reduced most.
     outcomes : int
         Simulated outcomes of each candidate.
     executor : Executor, optional
@@ -222,10 +222,10 @@ def design(
 
     pairs = list(zip(expected, chosen, strict=True))
     ranked = sorted([(e, c) for e, c in pairs if e is not None], key=rank)
-    some = draws.iloc[evenly_chosen(len(draws), PEAK_DRAWS)]
+    thinned = draws.iloc[evenly_chosen(len(draws), PEAK_DRAWS)]
     specimen = posterior.specimen
     peaks = [
-        PeakLoad(*c.peak_load(some), specimen.peak_load, specimen.unit)
+        PeakLoad(*c.peak_load(thinned), specimen.peak_load, specimen.unit)
         if isinstance(c, FurtherProtocol)
         else None
         for _, c in ranked

@@ -1,7 +1,7 @@
 """Expected benefit of one candidate measurement.
 
-Outcomes y of the candidate are simulated from some draws of the posterior; for each outcome the
-other draws are reweighted by its likelihood, which gives the posterior after the outcome,
+Outcomes y of the candidate are simulated from a subset of the posterior draws; for each outcome
+the other draws are reweighted by its likelihood, which gives the posterior after the outcome,
 
     p(x | data, y) = p(x | data) L(y | x) / Z(y).
 
@@ -9,7 +9,7 @@ A precise measurement leaves few effective draws. For some of the outcomes its p
 sampled (:class:`OutcomePosterior`): the reweighted draws, tempered so that enough of them count,
 give a first proposal, which population Monte Carlo
 (:mod:`biaxbayes.sampling.population_monte_carlo`) adapts to the density. The last population gives
-the spread of every quantity and, by its mean weight, Z(y).
+the sd of every quantity and, by its mean weight, Z(y).
 
 The expected information gain is, by nested Monte Carlo over outcomes j and draws i,
 
@@ -31,14 +31,14 @@ from biaxbayes.identifiability.marginals import parameter_scales
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.optimal_design.candidates import Candidate
-from biaxbayes.sampling.population_monte_carlo import explore, resample, tempering
+from biaxbayes.sampling.population_monte_carlo import adapt_proposal, resample, tempering_power
 from biaxbayes.sampling.proposal import MixtureProposal, fit_mixture_proposal
 
 
 def design_quantities(
     posterior: Posterior, draws: pd.DataFrame, stretch: float | None = None
 ) -> dict[str, np.ndarray]:
-    """Quantities whose spread is to shrink, on the scales of the verdicts.
+    """Quantities whose sd is to be reduced, on the scales of the verdicts.
 
     Parameters and mounting stretches (C1, k1, k2 as logs), in-plane structure tensor, and the
     logs of small-strain stiffness and of the stress at a total equibiaxial stretch.
@@ -57,8 +57,8 @@ def design_quantities(
 
 # --- the posterior after an outcome ---------------------------------------------------------------
 
-POPULATION = 2048
-COMPONENTS = 3
+OUTCOME_POPULATION = 2048
+OUTCOME_COMPONENTS = 3
 """A precise measurement leaves a narrow posterior, which is nearly Gaussian."""
 
 
@@ -102,11 +102,16 @@ class OutcomePosterior:
                 out[inside] += np.where(np.isfinite(gained), gained, -np.inf)
             return out
 
-        known = np.where(self._regular, log_weight, -np.inf)
-        tempered = np.where(np.isfinite(known), tempering(known) * log_weight, -np.inf)
+        valid = np.where(self._regular, log_weight, -np.inf)
+        tempered = np.where(np.isfinite(valid), tempering_power(valid) * log_weight, -np.inf)
         try:
-            _, x, log_weights = explore(
-                log_density, self._fitted(tempered, rng), self._bounds, rng, POPULATION, COMPONENTS
+            _, x, log_weights = adapt_proposal(
+                log_density,
+                self._fitted(tempered, rng),
+                self._bounds,
+                rng,
+                OUTCOME_POPULATION,
+                OUTCOME_COMPONENTS,
             )
         except NotConverged:
             return None
@@ -116,14 +121,14 @@ class OutcomePosterior:
         columns = np.column_stack([values[name] for name in self.quantities])
         # a material whose stress overflows is far from all readings
         finite = np.isfinite(columns).all(axis=1)
-        sd, effective = weighted_spread(log_weights[None, inside][:, finite], columns[finite])
+        sd, effective = weighted_sd(log_weights[None, inside][:, finite], columns[finite])
         log_evidence = float(log_mean(log_weights)) - self._normaliser(rng)
         return OutcomeResult(sd[0], log_evidence, float(effective[0]))
 
     def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> MixtureProposal:
-        chosen = resample(log_weight, POPULATION // 2, rng)
+        chosen = resample(log_weight, OUTCOME_POPULATION // 2, rng)
         return fit_mixture_proposal(
-            self._points[chosen], rng, bounds=self._bounds, components=COMPONENTS
+            self._points[chosen], rng, bounds=self._bounds, components=OUTCOME_COMPONENTS
         )
 
     def _normaliser(self, rng: np.random.Generator) -> float:
@@ -131,14 +136,14 @@ class OutcomePosterior:
         if self._log_normaliser is None:
             equal = np.where(self._regular, 0.0, -np.inf)
             first = self._fitted(equal, rng)
-            _, _, log_weights = explore(
-                self.posterior.log_prob, first, self._bounds, rng, 8 * POPULATION
+            _, _, log_weights = adapt_proposal(
+                self.posterior.log_prob, first, self._bounds, rng, 8 * OUTCOME_POPULATION
             )
             self._log_normaliser = float(log_mean(log_weights))
         return self._log_normaliser
 
 
-def weighted_spread(log_weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def weighted_sd(log_weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weighted sd of every quantity for every outcome, and effective draws of every outcome."""
     weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
@@ -158,12 +163,12 @@ def log_mean(log_weight: np.ndarray) -> np.ndarray:
 
 # --- the expected benefit of a candidate ----------------------------------------------------------
 
-OUTCOMES, DRAWS, BLOCKS = 200, 12_000, 4
-ENOUGH = 20.0
+OUTCOMES, INNER_DRAWS, BLOCKS = 200, 12_000, 4
+MIN_EFFECTIVE_DRAWS = 20.0
 """Effective draws below which the posterior of an outcome is not trusted."""
-FEW_SHARE = 0.1
-"""Share of such outcomes above which the numbers of a candidate are not trusted."""
-SOME_SHARE, RESAMPLED, SPARSE = 0.02, 100, 200.0
+MAX_UNTRUSTED_FRACTION = 0.1
+"""Fraction of such outcomes above which the numbers of a candidate are not trusted."""
+RESAMPLING_FRACTION, MAX_RESAMPLED_OUTCOMES, RESAMPLING_EFFECTIVE_DRAWS = 0.02, 100, 200.0
 """If more than 2 % of the outcomes have too few draws, those of the first 100 outcomes with fewer
 than 200 effective draws are resampled."""
 
@@ -179,12 +184,12 @@ class Expected:
     error: np.ndarray  # Monte Carlo
     at_least: np.ndarray  # lower bound by the best linear estimate, without reweighting
     effective: float  # median effective number of reweighted draws
-    few: float  # share of outcomes with fewer than 20 effective draws
+    untrusted: float  # fraction of outcomes with fewer than 20 effective draws
 
     @property
     def trusted(self) -> bool:
         """True if enough draws are left for the outcomes of this candidate."""
-        return self.few <= FEW_SHARE
+        return self.untrusted <= MAX_UNTRUSTED_FRACTION
 
 
 def expect(
@@ -198,7 +203,7 @@ def expect(
 ) -> Expected | None:
     """Expected benefit of a candidate; None if its loads overflow. With `posterior`, resample."""
     order = rng.permutation(len(draws))
-    outer, inner = order[:outcomes], np.sort(order[outcomes : outcomes + DRAWS])
+    outer, inner = order[:outcomes], np.sort(order[outcomes : outcomes + INNER_DRAWS])
     if len(inner) < 4 * BLOCKS:
         raise InputError(f"{len(draws)} draws are too few to rank by", remedy="sample longer")
     values = np.column_stack(list(quantities.values()))
@@ -210,15 +215,19 @@ def expect(
     at_truth = np.diag(candidate.log_likelihood(simulated, draws.iloc[outer]))
     values = values[inner]
     sd, blocks = values.std(axis=0), [slice(b, None, BLOCKS) for b in range(BLOCKS)]
-    spread, effective = weighted_spread(log_weight, values)
+    sd_after, effective = weighted_sd(log_weight, values)
     by_outcome = _ByOutcome(
-        spread / sd,
+        sd_after / sd,
         at_truth - log_mean(log_weight),
         effective,
-        np.array([weighted_spread(log_weight[:, b], values[b])[0] / sd for b in blocks]),
+        np.array([weighted_sd(log_weight[:, b], values[b])[0] / sd for b in blocks]),
         np.array([at_truth - log_mean(log_weight[:, b]) for b in blocks]),
     )
-    if posterior is not None and by_outcome.few > SOME_SHARE and len(posterior.mounts) <= 1:
+    if (
+        posterior is not None
+        and by_outcome.untrusted > RESAMPLING_FRACTION
+        and len(posterior.mounts) <= 1
+    ):
         # the stretch of all draws, as in the names of the quantities
         stretch = largest_equibiaxial(draws, posterior.specimen)
         names = tuple(quantities)
@@ -238,16 +247,17 @@ class _ByOutcome:
     block_gain: np.ndarray  # (BLOCKS, outcomes)
 
     @property
-    def few(self) -> float:
-        """Share of outcomes with too few effective draws."""
-        return float((self.effective < ENOUGH).mean())
+    def untrusted(self) -> float:
+        """Fraction of outcomes with too few effective draws."""
+        return float((self.effective < MIN_EFFECTIVE_DRAWS).mean())
 
     def averaged(self, name: str, at_least: np.ndarray) -> Expected:
         """Means over the outcomes, with their errors."""
         # The error has a part from the outcomes and one from the draws, estimated by blocks.
         blocks = self.block_ratio.mean(axis=1)
         from_draws = blocks.std(axis=0, ddof=1) / np.sqrt(BLOCKS)
-        # A bias that falls with the number of draws is BLOCKS times as large in one (jackknife).
+        # jackknife: a bias that falls as 1 / draws is BLOCKS times as large in a block, so
+        # bias = (mean over blocks - value from all draws) / (BLOCKS - 1)
         bias = (blocks.mean(axis=0) - self.ratio.mean(axis=0)) / (BLOCKS - 1)
         gains = self.block_gain.mean(axis=1)
         return Expected(
@@ -258,7 +268,7 @@ class _ByOutcome:
             np.sqrt(_error(self.ratio) ** 2 + from_draws**2 + bias**2),
             at_least,
             float(np.median(self.effective)),
-            self.few,
+            self.untrusted,
         )
 
 
@@ -273,13 +283,13 @@ def _resampled(
 ) -> _ByOutcome:
     """The first outcomes alone, with new draws for those that left too few."""
     first = _ByOutcome(
-        by_outcome.ratio[:RESAMPLED].copy(),
-        by_outcome.gain[:RESAMPLED].copy(),
-        by_outcome.effective[:RESAMPLED].copy(),
-        by_outcome.block_ratio[:, :RESAMPLED].copy(),
-        by_outcome.block_gain[:, :RESAMPLED].copy(),
+        by_outcome.ratio[:MAX_RESAMPLED_OUTCOMES].copy(),
+        by_outcome.gain[:MAX_RESAMPLED_OUTCOMES].copy(),
+        by_outcome.effective[:MAX_RESAMPLED_OUTCOMES].copy(),
+        by_outcome.block_ratio[:, :MAX_RESAMPLED_OUTCOMES].copy(),
+        by_outcome.block_gain[:, :MAX_RESAMPLED_OUTCOMES].copy(),
     )
-    for j in np.flatnonzero(first.effective < SPARSE):
+    for j in np.flatnonzero(first.effective < RESAMPLING_EFFECTIVE_DRAWS):
         posterior = after.after(simulated[j], log_weight[j], rng)
         if posterior is None or posterior.effective <= first.effective[j]:
             continue
@@ -295,7 +305,7 @@ def _error(values: np.ndarray) -> Any:
 
 
 def _linear_reduction(readings: np.ndarray, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Share by which the best linear estimate from the outcome shrinks each sd."""
+    """Fraction by which the best linear estimate from the outcome reduces each sd."""
     f, q = readings - readings.mean(axis=0), values - values.mean(axis=0)
     scale = 1.0 / np.sqrt(noise)
     f = f * scale

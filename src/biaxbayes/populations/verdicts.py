@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.determined import NORMAL_90
 from biaxbayes.identifiability.identify import diagnostics_from_draws, identify_draws
-from biaxbayes.identifiability.marginals import INTERVAL, Scale
-from biaxbayes.identifiability.reported import WIDEST, interval_text
+from biaxbayes.identifiability.marginals import INTERVAL, Z90, ComparisonScale
+from biaxbayes.identifiability.reported import MAX_RATIO, interval_text
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
@@ -55,7 +54,7 @@ def mean_verdicts(
     own, before = hyper.typical_median(group), prior.typical_median(group)
     columns = {v.name: v.from_scale(own[:, k]) for k, v in enumerate(hyper.values)}
     scales = [
-        Scale(Quantity(v.parameter), DrawnPrior(v.from_scale(before[:, k])))
+        ComparisonScale(Quantity(v.parameter), DrawnPrior(v.from_scale(before[:, k])))
         for k, v in enumerate(hyper.values)
     ]
     ends = np.full((len(materials), 2), top)
@@ -67,7 +66,7 @@ def mean_verdicts(
 def unless_wide(p: ParameterVerdict) -> ParameterVerdict:
     """The verdict, but not identified where a positive scale is known only to a factor of ten."""
     e = p.diagnostics
-    wide = e is not None and p.scale.logarithmic and e.high > WIDEST * e.low
+    wide = e is not None and p.scale.logarithmic and e.high > MAX_RATIO * e.low
     if e is None or not wide or p.posterior_verdict != IDENTIFIED:
         return p
     q = p.scale.parameter
@@ -100,7 +99,7 @@ def spread_parameter(v: PooledValue, side: str) -> Parameter:
         words=f"sd of {'ln ' if p.logarithmic else ''}{v.name}",
         low=0.0,
         at_low="no spread",
-        sharp=width / NORMAL_90,
+        sharp=width / (2.0 * Z90),
         digits=".2g",
     )
 
@@ -124,7 +123,7 @@ def spread_verdicts(
         for side, (values, scale) in sides.items():
             p = spread_parameter(v, side)
             half_normal = DrawnPrior(halfnorm.ppf(levels, scale=scale))
-            scales.append(Scale(Quantity(p), half_normal))
+            scales.append(ComparisonScale(Quantity(p), half_normal))
             columns[p.name] = values
             distances[p.name] = p.sharp
         verdicts = _assessed(scales, columns, log_prior, distances, law, state)
@@ -138,14 +137,14 @@ def spread_verdicts(
         )
         total = {p.name: hyper.total_sd(group)[:, k]}
         verdicts |= _assessed(
-            [Scale(Quantity(p), prior)], total, log_prior, {p.name: p.sharp}, law, state
+            [ComparisonScale(Quantity(p), prior)], total, log_prior, {p.name: p.sharp}, law, state
         )
         out[v.name] = {side: verdicts[f"{side} of {v.name}"] for side in (*sides, "sd_total")}
     return out
 
 
 def _assessed(
-    scales: Sequence[Scale],
+    scales: Sequence[ComparisonScale],
     columns: Mapping[str, np.ndarray],
     log_prior: np.ndarray,
     distances: Mapping[str, float],
@@ -191,7 +190,7 @@ def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter
     if np.ptp(values) <= CONSTANT * abs(values[0]):
         return {"verdict": FIXED}  # as the parameters are that it follows from
     low, high = (float(v) for v in np.quantile(values, INTERVAL))
-    narrow = not parameter.logarithmic or high <= WIDEST * low
+    narrow = not parameter.logarithmic or high <= MAX_RATIO * low
     if contraction < Thresholds().contraction or not narrow:
         return {"verdict": NOT_IDENTIFIED, "contraction": contraction}
     text = interval_text(low, high, parameter)

@@ -24,7 +24,7 @@ BANDS = ("median", "credible_low", "credible_high", "predictive_low", "predictiv
 """Endings of the columns of a predicted quantity."""
 
 MIXTURE_DRAWS = 4000  # draws that carry a predictive percentile
-MOST_STEPS = 60
+MAX_BISECTIONS = 60
 
 
 def tails(probability: float) -> tuple[float, float]:
@@ -80,7 +80,7 @@ def mixture_percentiles(
         # Start: the normal distribution of the same mean and variance.
         spread = np.sqrt(mean.var(axis=1) + (sd**2).mean(axis=1))
         q = np.clip(mean.mean(axis=1) + standard_quantile(level) * spread, low, high)
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_BISECTIONS):
             # F(q) = mean over draws of Phi((q - m) / sd), by Newton's method within [low, high]
             z = (q[:, None] - mean) / sd
             excess = standard_cdf(z).mean(axis=1) - level
@@ -109,7 +109,7 @@ def known_percentiles(values: np.ndarray, levels: tuple[float, ...]) -> np.ndarr
 # --- credible and predictive bands of a run at the states that were measured ---------------------
 
 
-BLOCK = 1_000_000  # model values in memory at once
+MAX_BLOCK_SIZE = 1_000_000  # model values in memory at once
 
 
 def bands(
@@ -163,7 +163,7 @@ def bands(
         stretch, measured = protocol.stretch[rows], specimen.load(protocol)[rows]
         scale = _scale(specimen, stretch)
         quantiles = np.empty((6, len(rows), 2))
-        step = max(1, BLOCK // (2 * len(chosen)))
+        step = max(1, MAX_BLOCK_SIZE // (2 * len(chosen)))
         for first in range(0, len(rows), step):
             part = slice(first, first + step)
             mean, sd = forward.predict(chosen, stretch[part], protocol.name)

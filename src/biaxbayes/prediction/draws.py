@@ -40,7 +40,7 @@ def protocol_mounting(draws: pd.DataFrame, protocol: Protocol) -> np.ndarray:
 # --- single draws that stand for a posterior: the median draw, the most probable one, a sample ---
 
 
-STATES = 60  # of each protocol, evenly along the record
+STATES_PER_PROTOCOL = 60  # of each protocol, evenly along the record
 
 
 def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
@@ -51,7 +51,7 @@ def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
     """
     out = []
     for protocol in specimen.protocols:
-        measured = protocol.stretch[evenly_chosen(protocol.rows, STATES)]
+        measured = protocol.stretch[evenly_chosen(protocol.rows, STATES_PER_PROTOCOL)]
         out.append(measured * np.median(protocol_mounting(draws, protocol), axis=0))
     return out
 

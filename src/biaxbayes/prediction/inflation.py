@@ -43,8 +43,8 @@ MMHG_PER_KPA = 7.500616827
 """Millimetres of mercury per kPa (1 mmHg = 133.322 Pa)."""
 
 GRID = 750  # states at which a crossing is looked for, equally spaced in log stretch
-MAX_STEPS = 80
-TOLERANCE = 1e-13  # of the stretch
+MAX_ROOT_STEPS = 80
+ROOT_TOLERANCE = 1e-13  # of the stretch
 
 
 @dataclass(frozen=True)
@@ -174,11 +174,11 @@ def inflation_stretch(
     coarse = pressure(grid[None, :])
     first, exists = _branch(grid, coarse, target, tube.axial_stretch)
     low, high = grid[first], grid[first + 1]
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_ROOT_STEPS):
         middle = 0.5 * (low + high)
         below = pressure(middle) < target
         low, high = np.where(below, middle, low), np.where(below, high, middle)
-        if np.max(high - low) <= TOLERANCE:
+        if np.max(high - low) <= ROOT_TOLERANCE:
             break
     return np.where(exists, 0.5 * (low + high), np.nan)
 

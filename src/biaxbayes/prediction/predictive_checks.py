@@ -1,4 +1,4 @@
-"""Posterior predictive checks: what the model misses, and for which tested paths."""
+"""Posterior predictive checks: residuals of the model, and for which tested paths it fails."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ from biaxbayes.options import Settings
 from biaxbayes.prediction.bands import compared_protocols, evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 
-# --- what the model misses: its errors beside the load cell's noise -------------------------------
+# --- residuals of the model compared with the load cell's noise ----------------------------------
 
-
-SMOOTH = -3.0
+SMOOTH_RUNS_Z = -3.0
 """Runs fewer than expected by this many standard deviations are no accident."""
-TAILS = (0.05, 0.95)
-MISSES = 0.05
-"""Share of the peak load beyond which a miss matters to whoever uses the parameters."""
-NOISE = 4.0
-"""Noise sds of one reading that a largest miss of some hundred readings may have by chance."""
-FEW_INSIDE = 0.8
+BAND_TAILS = (0.05, 0.95)
+LARGE_RESIDUAL = 0.05
+"""Fraction of the peak load beyond which a residual matters to whoever uses the parameters."""
+NOISE_SDS = 4.0
+"""Noise sds that the largest residual of some hundred readings may reach by chance."""
+MIN_BAND_COVERAGE = 0.8
 """Share of readings inside a 90 % predictive band, below which the band is too narrow."""
 
 
@@ -53,9 +52,9 @@ def predictive_checks(
         sign) and ``at`` (the measured stretch there), ``peak`` (largest absolute load),
         ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``
         of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
-        errors), ``inside`` (share of the readings inside their own 90 % predictive
-        band), ``share`` (largest miss over the largest load of the protocol, both directions) and
-        ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
+        errors), ``inside`` (fraction of the readings inside their own 90 % predictive
+        band), ``share`` (largest residual over the largest load of the protocol, both directions)
+        and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
         the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
@@ -70,7 +69,7 @@ def predictive_checks(
         with np.errstate(over="ignore", invalid="ignore"):
             # F(y) = mean over draws of Phi((y - m) / sd)
             below = standard_cdf((measured - mean) / np.maximum(sd, 1e-300)).mean(axis=0)
-        inside = ((below >= TAILS[0]) & (below <= TAILS[1])).mean(axis=0)
+        inside = ((below >= BAND_TAILS[0]) & (below <= BAND_TAILS[1])).mean(axis=0)
         residuals = measured - np.median(mean, axis=0)
         for axis, direction in enumerate("xy"):
             residual = residuals[:, axis]
@@ -106,8 +105,10 @@ def predictive_checks(
         return table.assign(share=[], verdict=[])
     peak = table.groupby("protocol")["peak"].transform("max").clip(lower=1e-300)
     relative = table["largest"].abs() / peak
-    within = (table["largest"].abs() <= NOISE * table["noise"]) & (table["runs_z"] >= SMOOTH)
-    verdict = np.where(within, "noise", np.where(relative > MISSES, "misses", "small"))
+    within = (table["largest"].abs() <= NOISE_SDS * table["noise"]) & (
+        table["runs_z"] >= SMOOTH_RUNS_Z
+    )
+    verdict = np.where(within, "noise", np.where(relative > LARGE_RESIDUAL, "misses", "small"))
     return table.assign(share=relative, verdict=verdict)
 
 
@@ -134,7 +135,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
             f"That is {ratio.min():.2g} to {ratio.max():.2g} times the noise of one load "
             f"reading: {words}."
         )
-    smooth = table[table["runs_z"] < SMOOTH]
+    smooth = table[table["runs_z"] < SMOOTH_RUNS_Z]
     if smooth.empty:
         out.append("The signs of the residuals change as often as those of independent errors.")
     else:
@@ -150,7 +151,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
     return out
 
 
-# --- posterior predictive checks in words: for which tested paths the model must not be used -----
+# --- posterior predictive checks as text: for which tested paths the model must not be used ------
 
 
 def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
@@ -169,7 +170,7 @@ def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> li
 
 
 def fit_in_words(checks: pd.DataFrame, unit: str, law_name: str) -> str:
-    """One sentence on how well a law fits: its misfit beside the noise of a reading.
+    """One sentence on how well a law fits: its misfit compared with the noise of a reading.
 
     ``unit`` is of the loads (N or kPa), ``law_name`` the name of the law in a sentence.
     """
@@ -188,8 +189,8 @@ def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> 
     by_noise = checks[checks["verdict"] == "noise"]
     if len(by_noise) == len(checks):
         out.append(
-            f"No reading lies further from the median model than {NOISE:g} times the load cell's "
-            "noise."
+            f"No reading lies further from the median model than {NOISE_SDS:g} times the load "
+            "cell's noise."
         )
     elif not out:
         worst = max(checks.to_dict("records"), key=lambda r: r["share"])
@@ -197,7 +198,7 @@ def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> 
             f"The model misses no protocol by more than {100 * worst['share']:.1f} % of its peak "
             f"({worst['protocol']} in {worst['direction']}, {abs(worst['largest']):.2g} {unit})."
         )
-    for row in checks[checks["inside"] < FEW_INSIDE].to_dict("records"):
+    for row in checks[checks["inside"] < MIN_BAND_COVERAGE].to_dict("records"):
         out.append(
             f"Only {100 * row['inside']:.0f} % of the readings of {row['protocol']} in "
             f"{row['direction']} lie inside their own 90 % predictive band: it is too narrow there."

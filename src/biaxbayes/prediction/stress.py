@@ -134,7 +134,7 @@ def _distance(hull: np.ndarray, points: np.ndarray, *, closed: bool = True) -> n
 
 MAX_DRAWS = 4000
 """Draws that carry the bands, evenly chosen: enough for their percentiles."""
-BLOCK = 2_000_000  # numbers in memory at once
+MAX_STRESS_BLOCK = 2_000_000  # numbers in memory at once
 
 
 def stretch_path(
@@ -217,7 +217,7 @@ def predict_stress(
     forward = ForwardModel.from_specimen(specimen, settings)
     material = forward.law.material(draws)
     blocks = []
-    rows = max(1, BLOCK // max(len(draws), 1))
+    rows = max(1, MAX_STRESS_BLOCK // max(len(draws), 1))
     for first in range(0, len(path), rows):
         total = path[None, first : first + rows, :] * factor[:, None, :]
         with np.errstate(over="ignore", invalid="ignore"):

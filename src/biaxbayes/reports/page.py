@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.figures.quantities import number
-from biaxbayes.identifiability.determined import MEASURED
-from biaxbayes.identifiability.reported import DASH, WIDE, interval_text
+from biaxbayes.identifiability.determined import AT_MEASURED_STRETCH
+from biaxbayes.identifiability.reported import COARSE_RATIO, DASH, interval_text
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
@@ -290,7 +290,7 @@ def determined_rows(run: Run) -> list[Row]:
     rows: list[Row] = []
     for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
         low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
-        wide = low > 0.0 and high / low > WIDE
+        wide = low > 0.0 and high / low > COARSE_RATIO
         low_text, median_text, high_text = (
             number(v, low, high, log=wide) for v in (low, median, high)
         )
@@ -313,7 +313,7 @@ def determined_rows(run: Run) -> list[Row]:
 
 def _largest_states(table: pd.DataFrame) -> pd.Series:
     """Rows at the largest total stretches, and at the end of every protocol."""
-    measured = table["quantity"].str.contains(MEASURED, regex=False)
+    measured = table["quantity"].str.contains(AT_MEASURED_STRETCH, regex=False)
     total = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
     state = table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)
     last = list(dict.fromkeys(state[total]))[-MOST_STRETCHES:]

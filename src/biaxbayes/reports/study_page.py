@@ -17,7 +17,7 @@ from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.population import study_figure
 from biaxbayes.figures.quantities import number
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.identifiability.reported import DASH, WIDE
+from biaxbayes.identifiability.reported import COARSE_RATIO, DASH
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
@@ -115,7 +115,7 @@ def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
 
 def _group_row(r: dict[Any, Any]) -> Row:
     low, centre, high = (float(r[k]) for k in ("lowest", "centre", "highest"))
-    log = low > 0.0 and high / low > WIDE
+    log = low > 0.0 and high / low > COARSE_RATIO
     between = float(r["sd_between"])
     spread = f"{between:.2g}"
     if math.isnan(between):

@@ -20,7 +20,7 @@ import numpy as np
 from biaxbayes.errors import CannotResume, InputError, RunError
 from biaxbayes.sampling.adaptation import WarmUp
 from biaxbayes.sampling.proposal import MixtureProposal
-from biaxbayes.sampling.sampler import State
+from biaxbayes.sampling.sampler import Checkpoint
 from biaxbayes.text_files import atomic_write_bytes, read_bytes, sync_folder
 
 FORMAT = 6
@@ -38,15 +38,15 @@ class DamagedCheckpoint(Exception):
 # --- the state of a run as nested dicts and lists of arrays and plain values, and back ------------
 
 
-def run_record(state: State) -> dict[str, Any]:
+def run_record(state: Checkpoint) -> dict[str, Any]:
     """Arrays and plain values of a run."""
     plain = {**vars(state), "frame": dict(state.frame), "warmup": vars(state.warmup)}
     return plain | {"proposal": state.proposal.arrays()}
 
 
-def run_state(record: Mapping[str, Any]) -> State:
+def run_state(record: Mapping[str, Any]) -> Checkpoint:
     """Inverse of :func:`run_record`; ValueError if its parts do not fit together."""
-    state = State(
+    state = Checkpoint(
         frame={"softening": float(record["frame"]["softening"])},
         proposal=MixtureProposal.from_arrays(record["proposal"]),
         members=[m | {"walker_random": tuple(m["walker_random"])} for m in record["members"]],

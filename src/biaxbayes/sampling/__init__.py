@@ -18,7 +18,7 @@ A banana whose first coordinate ends at zero:
 ``search`` is given points of positive density to start from, and how far around them to look. It
 climbs from each to a mode (:mod:`.modes`), puts a Student t with the local curvature there
 (Laplace's approximation), and lets population Monte Carlo (:mod:`.population_monte_carlo`) turn
-that into a proposal that fits, with a part for each ridge that lies apart. Independent ensembles of
+that into a proposal that fits, with a part for each cluster of modes. Independent ensembles of
 walkers (:mod:`.ensembles`) then move by differential evolution and by an independence move
 (:mod:`.independence_move`) whose proposal (:mod:`.proposal`) is a mixture of Student t
 distributions (:mod:`.mixture`), seen through triangular transport maps (:mod:`.transport_map`) and
@@ -29,15 +29,15 @@ frozen. :mod:`.sampler` runs blocks of steps until :mod:`.convergence` is satisf
 
 from biaxbayes.sampling.bridge import log_integral
 from biaxbayes.sampling.population_monte_carlo import Start, search
-from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
+from biaxbayes.sampling.sampler import Checkpoint, Draws, Plan, Progress, draw
 from biaxbayes.sampling.target import Target, bounds_array
 
 __all__ = [
+    "Checkpoint",
     "Draws",
     "Plan",
     "Progress",
     "Start",
-    "State",
     "Target",
     "bounds_array",
     "draw",

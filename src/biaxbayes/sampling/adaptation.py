@@ -1,7 +1,7 @@
 """Warm-up: from a first proposal to ensembles with a frozen one that fits.
 
 An independence sampler leaves a walker stuck for as long as its importance weight, density over
-proposal, exceeds the typical one. So the proposal is fitted to the walkers' own history, again and
+proposal, exceeds the median one. So the proposal is fitted to the walkers' own history, again and
 on a longer one while the largest weights lie far above the median.
 """
 
@@ -31,13 +31,13 @@ LOW_EXCESS, HIGH_EXCESS = 1.6, 4.0
 """Excess: how far the largest log weights (their 0.998 quantile) lie above the median one. Below
 the first, mixing is good; above the second, walkers get stuck."""
 DE_SHARES = (0.2, 0.35, 0.5)
-"""Share of differential evolution, another way to move: at a low excess, between, at a high one."""
+"""Share of differential-evolution moves: at a low excess, between, at a high one."""
 MAX_ROUNDS = 8
 GOOD_ACCEPTANCE = 0.45
 """Acceptance from which a proposal need not change before its final fit."""
 ROUNDS_OF_FIT = 2
 """Rounds that the final fit is made from."""
-RISE = 0.02
+MIN_ACCEPTANCE_RISE = 0.02
 """Smallest rise of acceptance that is worth another round."""
 ENOUGH_ACCEPTANCE, ENOUGH_EXCESS = 0.5, 3.1
 """Acceptance and excess with which the proposal of the rounds stays as it is: a better one would
@@ -56,8 +56,8 @@ class WarmUp:
 def warm_up(
     ensembles: Ensembles,
     proposal: MixtureProposal,
-    spread: np.ndarray,
-    ridge_points: np.ndarray,
+    overdispersed: np.ndarray,
+    cluster_points: np.ndarray,
     *,
     progress: Callable[[str], None] = lambda text: None,
 ) -> WarmUp:
@@ -65,17 +65,18 @@ def warm_up(
 
     Rounds of steps alternate with fits of the proposal to the newest pooled history, until the
     acceptance stops rising; if walkers could then be stuck for long, another is fitted with more
-    care. Differential evolution stays in the mix throughout. ``spread`` (n, d) are points wider
-    than the density (:func:`.tempered_points`), a fifth of the points of a final fit: a proposal
-    too narrow there would leave walkers stuck. ``ridge_points`` (m, d) are of every ridge; with
-    several of them every fit uses these, too, since few walkers may be on a ridge.
+    care. Differential evolution stays in the mix throughout. ``overdispersed`` (n, d) are points
+    wider than the density (:func:`.draw_tempered_points`), a fifth of the points of a final
+    fit: a proposal too narrow there would leave walkers stuck. ``cluster_points`` (m, d) are of
+    every cluster of modes; with several of them every fit uses these, too, since a cluster
+    may hold few walkers.
     """
     ensembles.proposal = proposal
     ensembles.set_share(0.7)
-    rounds, points, log_prob = _rounds(ensembles, ridge_points, progress)
+    rounds, points, log_prob = _rounds(ensembles, cluster_points, progress)
     acceptance, excess = ensembles.acceptance, LOW_EXCESS
-    if not _fits(ensembles, points, log_prob, spread):
-        acceptance, excess = _final_fits(ensembles, points, spread, ridge_points, progress)
+    if not _fits(ensembles, points, log_prob, overdispersed):
+        acceptance, excess = _final_fits(ensembles, points, overdispersed, cluster_points, progress)
     message = ""
     share = 1.0 - DE_SHARES[int(np.searchsorted((LOW_EXCESS, HIGH_EXCESS), excess))]
     if acceptance < POOR_ACCEPTANCE:
@@ -90,7 +91,7 @@ def warm_up(
 
 
 def _rounds(
-    ensembles: Ensembles, ridge_points: np.ndarray, progress: Callable[[str], None]
+    ensembles: Ensembles, cluster_points: np.ndarray, progress: Callable[[str], None]
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Rounds of steps and fits; their number, and the newest points with their log densities."""
     best, stalled, rounds = -1.0, 0, 0
@@ -103,25 +104,27 @@ def _rounds(
         progress(f"adapting, acceptance {acceptance:.2f}")
         points.append(chain[:, ROUND_STEPS // 4 :].reshape(-1, chain.shape[-1]))
         log_probs.append(log_prob[:, ROUND_STEPS // 4 :].ravel())
-        stalled = 0 if acceptance > best + RISE else stalled + 1
+        stalled = 0 if acceptance > best + MIN_ACCEPTANCE_RISE else stalled + 1
         best = max(best, acceptance)
         if rounds >= ROUNDS_OF_FIT and (acceptance > GOOD_ACCEPTANCE or stalled >= 2):
             break
         if acceptance < GOOD_ACCEPTANCE:
-            _adapt(ensembles, points[-1], ridge_points, COMPONENTS_OF_ROUNDS)
+            _adapt(ensembles, points[-1], cluster_points, COMPONENTS_OF_ROUNDS)
     newest = slice(-ROUNDS_OF_FIT, None)
     return rounds, np.concatenate(points[newest]), np.concatenate(log_probs[newest])
 
 
 def _fits(
-    ensembles: Ensembles, points: np.ndarray, log_prob: np.ndarray, spread: np.ndarray
+    ensembles: Ensembles, points: np.ndarray, log_prob: np.ndarray, overdispersed: np.ndarray
 ) -> bool:
-    """Test that no walker would be stuck for long, among the points or where `spread` is."""
+    """Test that no walker would be stuck for long, at the points or the `overdispersed` ones."""
     assert ensembles.proposal is not None
     if ensembles.acceptance < ENOUGH_ACCEPTANCE:
         return False
     log_weight = log_prob - ensembles.proposal.log_density(points)
-    in_tails = ensembles.members[0].log_density(spread) - ensembles.proposal.log_density(spread)
+    in_tails = ensembles.members[0].log_density(overdispersed) - ensembles.proposal.log_density(
+        overdispersed
+    )
     highest = np.max([log_weight.max(), in_tails.max()])  # NaN if any is: no fit
     return bool(highest - np.median(log_weight) < ENOUGH_EXCESS)
 
@@ -129,18 +132,18 @@ def _fits(
 def _final_fits(
     ensembles: Ensembles,
     points: np.ndarray,
-    spread: np.ndarray,
-    ridge_points: np.ndarray,
+    overdispersed: np.ndarray,
+    cluster_points: np.ndarray,
     progress: Callable[[str], None],
 ) -> tuple[float, float]:
     """Fit the frozen proposal, again while its excess is large; its acceptance and excess."""
     components = COMPONENTS
     acceptance = excess = 0.0
     for steps, limit in CHECKS:
-        count = min(len(spread), len(points) // 4)
-        chosen = ensembles.rng.choice(len(spread), count, replace=False)
-        history = np.concatenate([points, spread[chosen]])
-        _adapt(ensembles, history, ridge_points, components)
+        count = min(len(overdispersed), len(points) // 4)
+        chosen = ensembles.rng.choice(len(overdispersed), count, replace=False)
+        history = np.concatenate([points, overdispersed[chosen]])
+        _adapt(ensembles, history, cluster_points, components)
         ensembles.reset_counts()
         chain, log_prob = ensembles.run(steps)
         points = chain.reshape(-1, chain.shape[-1])
@@ -158,17 +161,17 @@ def _final_fits(
 def _adapt(
     ensembles: Ensembles,
     history: np.ndarray,
-    ridge_points: np.ndarray,
+    cluster_points: np.ndarray,
     components: int,
 ) -> None:
-    """Fit the proposal to points; a part to those of each ridge, where there are several."""
+    """Fit the proposal to points; a part to those of each cluster, where there are several."""
     label = None
     assert ensembles.proposal is not None
     if len(ensembles.proposal.parts) > 1:
-        history = np.concatenate([history, ridge_points])
+        history = np.concatenate([history, cluster_points])
         by_part = ensembles.proposal.log_densities(history)
-        points = np.bincount(by_part.argmax(axis=0), minlength=len(by_part))
-        large = points >= MIN_POINTS_PER_DIMENSION * history.shape[1]
+        counts = np.bincount(by_part.argmax(axis=0), minlength=len(by_part))
+        large = counts >= MIN_POINTS_PER_DIMENSION * history.shape[1]
         label = by_part[large].argmax(axis=0)
         components = min(components * (int(label.max()) + 1), MAX_COMPONENTS)
     ensembles.adapt(history, components=components, label=label)

@@ -18,9 +18,9 @@ from biaxbayes.sampling.convergence import autocorrelation_time
 from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.target import LogDensity
 
-LARGEST = 40_000
+MAX_BRIDGE_DRAWS = 40_000
 """Draws of either kind that are used; more would cost time and add no digit that matters."""
-ITERATIONS, SETTLED = 200, 1e-10
+MAX_BRIDGE_ITERATIONS, LOG_INTEGRAL_TOLERANCE = 200, 1e-10
 
 
 def log_integral(
@@ -32,10 +32,10 @@ def log_integral(
     is the log marginal likelihood.
     """
     ensembles, steps, walkers, d = chain.shape
-    stride = max(1, -(-ensembles * steps * walkers // LARGEST))
+    stride = max(1, -(-ensembles * steps * walkers // MAX_BRIDGE_DRAWS))
     chain = chain[:, ::stride]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(77,)))
-    fresh = proposal.sample(rng, min(chain[..., 0].size, LARGEST))
+    fresh = proposal.sample(rng, min(chain[..., 0].size, MAX_BRIDGE_DRAWS))
     return bridge(
         _log_ratio(log_prob, proposal, chain.reshape(-1, d)).reshape(chain.shape[:3]),
         _log_ratio(log_prob, proposal, fresh),
@@ -62,13 +62,13 @@ def bridge(draws_log_ratio: np.ndarray, proposal_log_ratio: np.ndarray) -> tuple
     n2 = float(second.size)
     log_s1, log_s2 = np.log(n1 / (n1 + n2)), np.log(n2 / (n1 + n2))
     value = float(logsumexp(second) - np.log(n2))  # importance sampling to start from
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_BRIDGE_ITERATIONS):
         # ln of p / (s1 p / Z + s2 q) under q, and of q / (s1 p / Z + s2 q) under p
         above = second - np.logaddexp(log_s1 + second - value, log_s2)
         below = -np.logaddexp(log_s1 + first - value, log_s2)
         before = value
         value = float(_log_mean(above) - _log_mean(below))
-        if abs(value - before) < SETTLED:
+        if abs(value - before) < LOG_INTEGRAL_TOLERANCE:
             break
     relative1 = np.exp(below - _log_mean(below)).reshape(draws_log_ratio.shape)
     relative2 = np.exp(above - _log_mean(above))

@@ -9,15 +9,15 @@ import numpy as np
 from scipy.cluster.vq import kmeans, vq
 from scipy.special import logsumexp
 
-DEGREES = 6.0
+DEGREES_OF_FREEDOM = 6.0
 """Degrees of freedom: tails heavier than those of any posterior that falls like a Gaussian."""
 MAX_ITERATIONS = 50
-TOLERANCE = 2e-3
+EM_TOLERANCE = 2e-3
 """Rise of the mean log density at which expectation maximisation ends."""
 VARIANCE_FLOOR = 1e-6
 """Added to the variances; coordinates are roughly standardised."""
 MIN_WEIGHT = 1e-4
-STARTS = 4
+KMEANS_STARTS = 4
 """Starts of k-means, the best of which counts: with one alone the fit to a bent density of twenty
 coordinates was worse."""
 
@@ -36,7 +36,7 @@ class StudentMixture:
 
     def density(self, x: np.ndarray) -> np.ndarray:
         """Density at points of shape (n, d); shape (n,)."""
-        d, nu = self.means.shape[1], DEGREES
+        d, nu = self.means.shape[1], DEGREES_OF_FREEDOM
         # Gamma((nu + d) / 2) / (Gamma(nu / 2) (nu pi)^(d / 2) |L|)
         log_norm = math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu)
         log_norm -= 0.5 * d * math.log(nu * math.pi)
@@ -50,7 +50,7 @@ class StudentMixture:
         """Independent draws, shape (size, d)."""
         component = rng.choice(len(self.weights), size, p=self.weights)
         z = rng.standard_normal((size, self.means.shape[1]))
-        z *= np.sqrt(DEGREES / rng.chisquare(DEGREES, size))[:, None]
+        z *= np.sqrt(DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, size))[:, None]
         return self.means[component] + np.einsum("nab,nb->na", self.factors[component], z)
 
     def with_component(self, weight: float, mean: np.ndarray, factor: np.ndarray) -> StudentMixture:
@@ -82,7 +82,7 @@ def fit_mixture(
     n, d = points.shape
     # A component needs several times d points for a usable covariance.
     components = max(1, min(components, n // (5 * (d + 1))))
-    centres, _ = kmeans(points, components, iter=STARTS, seed=rng)
+    centres, _ = kmeans(points, components, iter=KMEANS_STARTS, seed=rng)
     share = np.eye(len(centres))[vq(points, centres)[0]]  # (n, K): of each component in each point
     last = -np.inf
     for _ in range(MAX_ITERATIONS):
@@ -98,7 +98,7 @@ def fit_mixture(
         log_joint = log_joint - 0.5 * squared_distances(points, means, np.linalg.inv(factors))
         log_density = logsumexp(log_joint, axis=1, keepdims=True)
         share = np.exp(log_joint - log_density)
-        if abs(log_density.mean() - last) < TOLERANCE:
+        if abs(log_density.mean() - last) < EM_TOLERANCE:
             break
         last = log_density.mean()
     weights = np.maximum(totals / totals.sum(), MIN_WEIGHT)

@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import connected_components
 
 from biaxbayes.sampling.target import LogDensity
 
-MAX_STEPS = 40
+MAX_NEWTON_STEPS = 40
 STEP_FACTORS = np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 1e-3])
-STEEPEST = 1e14  # curvature in units of scale; beyond it differences are noise
-SETTLED = 1e-2  # rise of the log density below which a start is good enough
+MAX_CURVATURE = 1e14  # curvature in units of scale; beyond it differences are noise
+MIN_RISE = 1e-2  # rise of the log density below which a start is good enough
 
 
 def local_mode(
@@ -29,9 +29,9 @@ def local_mode(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Climb to a mode (d,) by damped Newton steps on finite differences, inside the bounds.
 
-    Many points at once cost microseconds, so differences are cheaper than a derivation would be
-    worth. Also returns a square root (d, d) of the covariance of the local Gaussian approximation,
-    its widths limited to ``scale``: beyond it a direction counts as not determined.
+    Many points at once cost microseconds, so finite differences suffice. Also returns a square
+    root (d, d) of the covariance of the local Gaussian approximation, its widths
+    limited to ``scale``: beyond it a direction counts as not determined.
     """
     low = np.where(np.isfinite(bounds[:, 0]), bounds[:, 0] + 1e-3, -np.inf)
     high = np.where(np.isfinite(bounds[:, 1]), bounds[:, 1] - 1e-3, np.inf)
@@ -39,7 +39,7 @@ def local_mode(
     value = float(log_density(x[None])[0])
     step = 0.02 * scale
     factor = np.diag(scale)
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         gradient, hessian = _differences(log_density, x, value, step, low, high)
         # Directions in units of scale, so that the eigenvalues compare with one.
         h = -hessian * np.outer(scale, scale)
@@ -49,7 +49,7 @@ def local_mode(
             curvature, directions = np.linalg.eigh(0.5 * (h + h.T))
         except np.linalg.LinAlgError:
             break
-        curvature = np.clip(np.abs(curvature), 1.0, STEEPEST)
+        curvature = np.clip(np.abs(curvature), 1.0, MAX_CURVATURE)
         factor = scale[:, None] * directions / np.sqrt(curvature)
         move = factor @ (factor.T @ gradient)
         candidates = np.clip(x + STEP_FACTORS[:, None] * move, low, high)
@@ -60,7 +60,7 @@ def local_mode(
             x, value = candidates[best], float(values[best])
         # A fraction of the conditional sd of each coordinate, from the diagonal of the precision.
         step = 0.3 * scale / np.sqrt((directions**2 * curvature).sum(axis=1))
-        if rise < SETTLED:
+        if rise < MIN_RISE:
             break
     return x, factor
 
@@ -93,11 +93,11 @@ def _differences(
     return gradient, hessian
 
 
-MOST_MODES = 6
-NEGLIGIBLE = 9.0
+MAX_MODES = 6
+NEGLIGIBLE_LOG_MASS = 9.0
 """Log mass, and log height, below those of the best at which a mode is left out."""
-SAME_MODE = 2.0
-"""Two modes nearer than this many local standard deviations a dimension are one."""
+SAME_MODE_DISTANCE = 2.0
+"""Two modes count as one below this distance, root mean square per dimension, in local sds."""
 
 
 @dataclass(frozen=True)
@@ -131,35 +131,39 @@ def find_modes(
     for mode in modes:
         lost_mass = modes[0].log_mass - mode.log_mass
         lost_height = max(m.height for m in modes) - mode.height
-        if min(lost_mass, lost_height) < NEGLIGIBLE and not any(_same(mode, m) for m in distinct):
+        if min(lost_mass, lost_height) < NEGLIGIBLE_LOG_MASS and not any(
+            _same(mode, m) for m in distinct
+        ):
             distinct.append(mode)
-    return distinct[:MOST_MODES]
+    return distinct[:MAX_MODES]
 
 
-SADDLE = 3.0
-"""Modes are on one ridge where the log density falls by less than this between them."""
-BETWEEN = 33
-"""Points of the straight line between two modes at which that is seen."""
+MAX_SADDLE_DEPTH = 3.0
+"""Modes are in one cluster where the log density falls by less than this between them."""
+LINE_POINTS = 33
+"""Points of the straight line between two modes at which that is tested."""
 
 
-def separate_ridges(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
-    """Modes by the ridge that they lie on, in their order.
+def mode_clusters(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
+    """Clusters of modes that a path of high density joins, in the order of the modes.
 
-    Two modes are on one ridge if the density along the straight line between them, or between
-    others of the ridge, does not fall much below the lower one. A ridge that bends away from the
-    line may count as two.
+    Two modes are in one cluster if the density along the straight line between them, or between
+    others of the cluster, does not fall much below the lower one. A bent posterior, which the line
+    leaves, may count as two clusters.
     """
-    t = np.linspace(0.0, 1.0, BETWEEN)[:, None]
+    t = np.linspace(0.0, 1.0, LINE_POINTS)[:, None]
     connected = np.eye(len(modes))
     for i, j in combinations(range(len(modes)), 2):
         between = log_density((1.0 - t) * modes[i].location + t * modes[j].location)
-        connected[i, j] = between.min() > min(modes[i].height, modes[j].height) - SADDLE
+        connected[i, j] = between.min() > min(modes[i].height, modes[j].height) - MAX_SADDLE_DEPTH
     count, label = connected_components(connected, directed=False)
-    return [[m for m, k in zip(modes, label, strict=True) if k == ridge] for ridge in range(count)]
+    return [
+        [m for m, k in zip(modes, label, strict=True) if k == cluster] for cluster in range(count)
+    ]
 
 
 def _same(one: Mode, other: Mode) -> bool:
     """Test whether two modes are within the local widths of both."""
     offset = one.location - other.location
     z = np.array([np.linalg.solve(m.factor, offset) for m in (one, other)])
-    return bool((np.sqrt((z**2).mean(axis=1)) < SAME_MODE).all())
+    return bool((np.sqrt((z**2).mean(axis=1)) < SAME_MODE_DISTANCE).all())

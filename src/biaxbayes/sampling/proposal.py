@@ -1,4 +1,4 @@
-"""The proposal of the independence move: mixtures seen through transport maps, side by side.
+"""The proposal of the independence move: weighted sum of transported mixtures.
 
 A :class:`TransportedMixture` is a mixture of Student t distributions in the reference coordinates
 of a triangular :class:`.transport_map.TransportMap`. Where a coordinate is bounded the mixture is
@@ -6,8 +6,8 @@ folded: a draw beyond the bound is reflected back, and the density adds up the i
 points mirrored at their bound, the mixture is smooth across it, and no proposal is wasted on the
 far side.
 
-A :class:`MixtureProposal` is several of them side by side, one for each ridge of a density that no
-single map makes Gaussian.
+A :class:`MixtureProposal` is a weighted sum of them, one for each cluster of modes of a density
+that no single map makes Gaussian.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class MixtureProposal:
         return np.asarray(np.logaddexp.reduce(self.log_densities(x), axis=0))
 
     def nearest_part(self, x: np.ndarray) -> np.ndarray:
-        """The part that is densest at points of shape (n, d); shape (n,)."""
+        """Index of the part that is densest at points of shape (n, d); shape (n,)."""
         return np.asarray(self.log_densities(x).argmax(axis=0))
 
     def arrays(self) -> dict[str, np.ndarray]:

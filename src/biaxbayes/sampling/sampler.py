@@ -28,8 +28,8 @@ from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     Start,
     dispersed_starts,
-    ridge_points,
-    tempered_points,
+    draw_cluster_points,
+    draw_tempered_points,
 )
 from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.target import Target
@@ -54,8 +54,12 @@ class Plan:
         Effective sample size of the worst quantity.
     max_steps : int
         Maximum number of steps of each ensemble after the warm-up.
+    ensembles : int
+        Independent ensembles, which the convergence diagnostics compare.
     walkers : int
         Minimum number per ensemble; at least four per coordinate are used.
+    seed : int
+        Determines the draws.
     workers : int
         Threads that advance ensembles; the draws do not depend on it.
     population : int
@@ -74,7 +78,7 @@ class Plan:
     first_block: int = FIRST_BLOCK
 
     def search_rng(self) -> np.random.Generator:
-        """Random numbers of the search, which the warm-up goes on with."""
+        """Random numbers of the search, continued by the warm-up."""
         return np.random.default_rng(self._seeds()[0])
 
     def ensemble_seed(self) -> np.random.SeedSequence:
@@ -86,13 +90,15 @@ class Plan:
 
 
 @dataclass
-class State:
-    """A run between two blocks, as saved in a checkpoint.
+class Checkpoint:
+    """The state of a run between two blocks.
 
     Attributes
     ----------
     frame : mapping of str to float
         Coordinate constants of the target.
+    proposal : MixtureProposal
+        The frozen proposal of the independence move.
     members : list of dict
         Snapshot of each ensemble.
     chain : ndarray, shape (ensembles, stored steps, walkers, d)
@@ -151,10 +157,10 @@ class Draws:
 
 def draw(
     target: Target,
-    start: Start | State,
+    start: Start | Checkpoint,
     plan: Plan,
     *,
-    on_block: Callable[[State], None] | None = None,
+    on_block: Callable[[Checkpoint], None] | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
 ) -> Draws:
@@ -162,42 +168,42 @@ def draw(
 
     Parameters
     ----------
-    start : Start or State
-        The result of a search, or the state from which a run is continued.
+    start : Start or Checkpoint
+        The result of a search, or the checkpoint from which a run is continued.
     on_block : callable, optional
         Called after the warm-up and every block with the state to save.
     stop : callable
         Called between blocks; True (or the number of a signal) ends the run early.
     """
     seconds: dict[str, float] = {}
-    if isinstance(start, State):
+    if isinstance(start, Checkpoint):
         state = start
-        ensembles = restored_ensembles(target, plan, state)
+        ensembles = restore_ensembles(target, plan, state)
     else:
         clock = time.perf_counter()
-        ensembles, state = warmed_up(target, start, plan, progress)
+        ensembles, state = start_ensembles(target, start, plan, progress)
         seconds["warm-up"] = time.perf_counter() - clock
         if on_block:
             on_block(state)
     clock = time.perf_counter()
-    due = _next_assessment(state.steps, plan)
+    next_check = _next_assessment(state.steps, plan)
     convergence = unassessed("stopped")
     quantities: dict[str, np.ndarray] = {}  # those of the chain; empty until it is assessed
-    if state.steps == due:
+    if state.steps == next_check:
         quantities, convergence = _assess(target, state.chain, plan)
-    rate = 0.0  # share of the effective sample size that a step brings
+    rate = 0.0  # effective sample size per step, as a fraction of the goal
     interrupted = False
     while convergence.state != "converged" and state.steps < plan.max_steps:
         if stop():
             interrupted = True
             break
-        if state.steps == due:
-            due = _next_assessment(due + 1, plan)
-        state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
+        if state.steps == next_check:
+            next_check = _next_assessment(next_check + 1, plan)
+        state = _advance(ensembles, state, min(next_check - state.steps, LONGEST_BLOCK), target)
         quantities = {}
         # The check for stuck walkers is cheap, the other diagnostics take longer.
-        moving = longest_stuck(state.chain) <= MAX_STUCK * state.chain.shape[1]
-        if state.steps == due and (moving or state.steps == plan.max_steps):
+        unstuck = longest_stuck(state.chain) <= MAX_STUCK * state.chain.shape[1]
+        if state.steps == next_check and (unstuck or state.steps == plan.max_steps):
             quantities, convergence = _assess(target, state.chain, plan)
             rate = convergence.worst_ess / plan.ess / state.steps
         progress(Progress("sampling", min(rate * state.steps, 0.99)))
@@ -224,12 +230,12 @@ def draw(
     )
 
 
-def warmed_up(
+def start_ensembles(
     target: Target,
     start: Start,
     plan: Plan,
     progress: Callable[[Progress], None] = lambda p: None,
-) -> tuple[Ensembles, State]:
+) -> tuple[Ensembles, Checkpoint]:
     """Ensembles after the warm-up, and the state before the first step."""
     walkers = max(plan.walkers, 4 * target.dimension)
     ensembles = Ensembles(
@@ -242,12 +248,12 @@ def warmed_up(
     result = warm_up(
         ensembles,
         start.proposal,
-        tempered_points(start),
-        ridge_points(start),
+        draw_tempered_points(start),
+        draw_cluster_points(start),
         progress=lambda text: progress(Progress(f"warming up: {text}")),
     )
     assert ensembles.proposal is not None
-    return ensembles, State(
+    return ensembles, Checkpoint(
         frame=target.frame,
         proposal=ensembles.proposal,
         members=[m.snapshot() for m in ensembles.members],
@@ -260,8 +266,8 @@ def warmed_up(
     )
 
 
-def restored_ensembles(target: Target, plan: Plan, state: State) -> Ensembles:
-    """Ensembles that continue from a state; the target's counts are set to those of the state."""
+def restore_ensembles(target: Target, plan: Plan, state: Checkpoint) -> Ensembles:
+    """Ensembles that continue from a checkpoint, to whose counts the target's are set."""
     ensembles = Ensembles(
         target.log_prob,
         [m["coordinates"] for m in state.members],
@@ -277,7 +283,7 @@ def restored_ensembles(target: Target, plan: Plan, state: State) -> Ensembles:
     return ensembles
 
 
-def _advance(ensembles: Ensembles, state: State, block: int, target: Target) -> State:
+def _advance(ensembles: Ensembles, state: Checkpoint, block: int, target: Target) -> Checkpoint:
     """Run a block and store its steps, thinned so that memory stays bounded."""
     chain, _ = ensembles.run(block)
     # Stored steps are those whose number is a multiple of the thinning.
@@ -300,6 +306,7 @@ def _next_assessment(steps: int, plan: Plan) -> int:
     """Number of steps of the first assessment that is not before ``steps``."""
     due = min(plan.first_block, plan.max_steps)
     while due < min(steps, plan.max_steps):
+        # rounded down to a multiple of 32 steps
         growth = int(due * (ASSESSMENT_GROWTH - 1.0)) // 32 * 32
         due = min(due + max(plan.first_block, growth), plan.max_steps)
     return due

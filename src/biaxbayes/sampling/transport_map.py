@@ -18,15 +18,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CROSSED = 6
+CROSSED_COORDINATES = 6
 """Number of leading coordinates whose products with each other are terms."""
-RIDGE = 1e-4
-WIDTH_RIDGE = 1e-2
+RIDGE_PENALTY = 1e-4
+WIDTH_RIDGE_PENALTY = 1e-2
 SATURATION = 4.0
 """The map stops following predecessors beyond this many standard deviations."""
-WIDEST = 4.0
+MAX_LOG_WIDTH = 4.0
 """Limit of |s_k|."""
-REWEIGHTED = 3
+REGRESSION_ROUNDS = 3
 """Rounds of regression: on the points, on their scatter, on the points weighted by it."""
 
 
@@ -45,7 +45,7 @@ class TransportMap:
         """Reference coordinates r of points x, shape (n, d), and ln |dr/dx| of each."""
         z = (x[:, self.order] - self.centre) / self.scale
         mean = mean_terms(z) @ self.coefficients.T
-        width = np.clip(width_terms(z) @ self.widths.T, -WIDEST, WIDEST)
+        width = np.clip(width_terms(z) @ self.widths.T, -MAX_LOG_WIDTH, MAX_LOG_WIDTH)
         return (z - mean) * np.exp(-width), -width.sum(axis=1) - np.log(self.scale).sum()
 
     def from_reference(self, r: np.ndarray) -> np.ndarray:
@@ -55,7 +55,7 @@ class TransportMap:
             terms = mean_terms(z[:, :k])
             mean = terms @ self.coefficients[k, : terms.shape[1]]
             width = width_terms(z[:, :k]) @ self.widths[k, : 2 * k]
-            z[:, k] = r[:, k] * np.exp(np.clip(width, -WIDEST, WIDEST)) + mean
+            z[:, k] = r[:, k] * np.exp(np.clip(width, -MAX_LOG_WIDTH, MAX_LOG_WIDTH)) + mean
         x = np.empty_like(z)
         x[:, self.order] = z * self.scale + self.centre
         return x
@@ -73,14 +73,14 @@ class TransportMap:
 def mean_terms(z: np.ndarray) -> np.ndarray:
     """Terms of the quadratic regressions: 1, then z_k, z_k^2 - 1 and z_k z_j, j < k, for each k."""
     n, d = z.shape
-    crossed = min(d, CROSSED)
+    crossed = min(d, CROSSED_COORDINATES)
     out = np.ones((n, 1 + 2 * d + crossed * (crossed - 1) // 2))
     z = np.clip(z, -SATURATION, SATURATION)
     end = 1
     for k in range(d):
         out[:, end], out[:, end + 1] = z[:, k], z[:, k] ** 2 - 1.0
         end += 2
-        if k < CROSSED:
+        if k < CROSSED_COORDINATES:
             out[:, end : end + k] = z[:, k, None] * z[:, :k]
             end += k
     return out
@@ -129,15 +129,17 @@ def _heteroscedastic(
     s, slopes = np.zeros(len(target)), np.zeros(logs.shape[1])
     terms = np.column_stack([np.ones(len(target)), logs])
     row = np.empty(0)
-    for _ in range(REWEIGHTED):
+    for _ in range(REGRESSION_ROUNDS):
         weight = np.exp(-2.0 * s)
-        row = _regression(means, target, RIDGE, weight / weight.mean())
+        row = _regression(means, target, RIDGE_PENALTY, weight / weight.mean())
         left = (target - means @ row) * np.exp(-s)
         # ln |left| of a Gaussian scatters by 1.1 whatever its width; its mean follows ln width.
         spread = np.log(np.abs(left) + 1e-3 * left.std() + 1e-300) + s
         # the log width is free up to a constant
-        slopes = _regression(terms, spread - spread.mean(), WIDTH_RIDGE, np.ones(len(s)))[1:]
-        s = np.clip(logs @ slopes, -WIDEST, WIDEST)
+        slopes = _regression(terms, spread - spread.mean(), WIDTH_RIDGE_PENALTY, np.ones(len(s)))[
+            1:
+        ]
+        s = np.clip(logs @ slopes, -MAX_LOG_WIDTH, MAX_LOG_WIDTH)
     return row, slopes
 
 

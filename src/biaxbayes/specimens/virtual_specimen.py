@@ -24,7 +24,7 @@ from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.virtual_test import VirtualTest, smooth_misfit, virtual_test
+from biaxbayes.mechanics.virtual_test import VirtualTest, simulate_smooth_misfit, virtual_test
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text
@@ -361,7 +361,9 @@ def _record(
         force = np.column_stack([test.force_x_N, test.force_y_N])
         path = np.arange(len(force), dtype=float)
         # always drawn, so that the noise of a seed does not depend on the misfit
-        misfit = [smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)]
+        misfit = [
+            simulate_smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)
+        ]
         noise = machine.noise_N * rng.standard_normal(force.shape)
         # f_j = f_true_j (1 + misfit_j)
         force = force * (1.0 + machine.misfit * np.column_stack(misfit))

@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.distance import contractions, prior_material
-from biaxbayes.identifiability.determined import derived_quantities, some_draws
-from biaxbayes.identifiability.reported import WIDEST
+from biaxbayes.identifiability.determined import derived_quantities, thin_draws
+from biaxbayes.identifiability.reported import MAX_RATIO
 from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED, Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.runs.run import Run
@@ -113,7 +113,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
 def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     """Structure tensor and small-strain stiffness, often known if parameters are correlated."""
     posterior = run.posterior()
-    thinned = some_draws(draws)
+    thinned = thin_draws(draws)
     after, before = (
         derived_quantities(d, posterior.law, [], [1.0])
         for d in (thinned, prior_material(posterior, thinned))
@@ -122,7 +122,7 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     for quantity, share in zip(after, contractions(before, after), strict=True):
         scale = LOG if quantity.unit else LINEAR
         q05, q50, q95 = np.quantile(quantity.values, [0.05, 0.5, 0.95])
-        narrow = scale == LINEAR or q95 <= WIDEST * q05
+        narrow = scale == LINEAR or q95 <= MAX_RATIO * q05
         known = run.state == "converged" and share >= Thresholds().contraction and narrow
         rows.append(
             {

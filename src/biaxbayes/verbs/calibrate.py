@@ -324,7 +324,7 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 def closing_message(folder: Path, outcome: CalibrationResult, tested: bool) -> str:
     """Uniformity and coverage of each quantity, and the conclusion."""
-    from biaxbayes.calibration.ranks import FEWEST
+    from biaxbayes.calibration.ranks import MIN_REPLICATIONS
 
     total = sum(outcome.states.values())
     lines = [f"{'':18s} {'uniform p':>9s} {'in band':>8s}   coverage of 50, 80, 90, 95 %"]
@@ -338,10 +338,10 @@ def closing_message(folder: Path, outcome: CalibrationResult, tested: bool) -> s
         f"{total} replications, "
         + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all converged")
     )
-    if total < FEWEST and (outcome.calibrated or not tested):
+    if total < MIN_REPLICATIONS and (outcome.calibrated or not tested):
         lines.append(
             f"{total} replications are too few: wrong intervals would look the same; run "
-            f"{FEWEST} or more (--replications, with --resume)"
+            f"{MIN_REPLICATIONS} or more (--replications, with --resume)"
         )
     elif tested:
         verdict = "uniform" if outcome.calibrated else "NOT uniform"

@@ -87,12 +87,13 @@ def check(
     if "grips" not in data.metadata:
         findings.append(Finding("grips", "note", GRIPS_NOT_STATED))
     if data.needs_grip_correction:
-        from biaxbayes.grips.geometry import in_words, stated_hooks
+        from biaxbayes.grips.geometry import describe_hooks, stated_hooks
 
         width = 2.0 * stated_hooks(data).radius_mm
         words = (
-            f"sample and fit correct the loads for {in_words(data)}, each of which moves a patch "
-            f"{width:.3g} mm wide; stretches from {data.metadata.get('stretch_from', 'markers')}"
+            f"sample and fit correct the loads for {describe_hooks(data)}, each of which moves a "
+            f"patch {width:.3g} mm wide; stretches from "
+            f"{data.metadata.get('stretch_from', 'markers')}"
         )
         findings.append(Finding("grips", "note", words))
     if fit:

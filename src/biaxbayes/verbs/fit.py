@@ -97,13 +97,13 @@ def fit_all(
 def corrected_specimen(specimen: Specimen, **options: Any) -> Specimen:
     """The specimen with its loads corrected for the grips that its file states, if it does."""
     from biaxbayes.fitting.fit import fit as fitted
-    from biaxbayes.grips.correction import corrected_for_grips
+    from biaxbayes.grips.correction import correct_for_grips
 
     if not specimen.needs_grip_correction:
         return specimen
     method = "zeroed" if specimen.is_tared else "constrained"
-    correction = corrected_for_grips(specimen, lambda data: fitted(data, method, **options))
-    notes = (*specimen.notes, correction.in_words)
+    correction = correct_for_grips(specimen, lambda data: fitted(data, method, **options))
+    notes = (*specimen.notes, correction.sentence)
     return replace(correction.specimen, notes=notes)
 
 

@@ -70,7 +70,7 @@ def ledger(
         As in :class:`LedgerPlan`, and for a specimen
         :class:`~biaxbayes.options.InferringOptions`.
     """
-    from biaxbayes.comparison.mounting_bias import Variant, sample_variants
+    from biaxbayes.comparison.mounting_bias import MountingModelDraws, sample_mounting_models
     from biaxbayes.comparison.mounting_bias import ledger as lay_out
     from biaxbayes.verbs.sample import SampleJob
 
@@ -87,7 +87,7 @@ def ledger(
                 file=run.path,
                 remedy="give a run whose mounting is noisy, exact or free, or the specimen's CSV",
             )
-        inferred = Variant(posterior, run.draws, run.state)
+        inferred = MountingModelDraws(posterior, run.draws, run.state)
     else:
         model, inferred = InferringOptions.from_values(model).keywords(), None
         specimen = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
@@ -96,7 +96,7 @@ def ledger(
     )
     for finding in prepared.findings if inferred is None else ():
         progress(Progress("fitting", note=str(finding)))
-    variants = sample_variants(
+    variants = sample_mounting_models(
         prepared.specimen, prepared.options, prepared.plan, inferred, progress
     )
     result = lay_out(variants, stretches or None)

@@ -120,7 +120,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
     """Write both tables and profile-provenance.json into a folder; ``about``: what was profiled."""
     from pandas import concat
 
-    from biaxbayes.identifiability.profile import FLAT
+    from biaxbayes.identifiability.profile import FLAT_DEVIANCE
     from biaxbayes.identifiability.profile_curve import THRESHOLD
     from biaxbayes.runs.result import TABLE_DIGITS
 
@@ -130,7 +130,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
         "error sd profiled out, no prior",
         "n_eff_share": profiles[0].beta,
         "deviance_of_90_percent": THRESHOLD,
-        "deviance_of_flat": FLAT,
+        "deviance_of_flat": FLAT_DEVIANCE,
         "kinds": "structural: flat; practical: open on a side; finite: crossed on both sides (an "
         "angle of 0 or 90 degrees is a mirror and counts as closed)",
     }

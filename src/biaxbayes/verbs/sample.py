@@ -17,10 +17,10 @@ from biaxbayes.errors import Interrupted, TaredSpecimen
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.grips.correction import (
     GripCorrection,
-    as_corrected,
-    corrected_for_grips,
+    correct_for_grips,
     grip_findings,
     grip_record,
+    mark_grip_corrected,
     refuse_other_law,
 )
 from biaxbayes.grips.geometry import stated_hooks
@@ -112,7 +112,8 @@ class SampleJob:
         if specimen.needs_grip_correction:
             refuse_other_law(law, file)
             stated_hooks(specimen)
-        Posterior(as_corrected(specimen), **options, beta=1.0)  # raises before a folder is made
+        # raises before a folder is made
+        Posterior(mark_grip_corrected(specimen), **options, beta=1.0)
         plan = Plan(
             ess=amount.ess,
             max_steps=amount.max_steps,
@@ -211,9 +212,9 @@ class SampleJob:
             posterior = Posterior(specimen, **self.options, beta=1.0)
             return posterior.least_squares(self.plan.seed)
 
-        correction = corrected_for_grips(self.specimen, fitted)
+        correction = correct_for_grips(self.specimen, fitted)
         specimen = correction.specimen
-        specimen = replace(specimen, notes=(*specimen.notes, correction.in_words))
+        specimen = replace(specimen, notes=(*specimen.notes, correction.sentence))
         return replace(self, specimen=specimen, correction=correction)
 
     def _write_files(
@@ -235,8 +236,8 @@ class SampleJob:
         record = provenance(posterior, self.plan, draws, self.source)
         write_specimen(specimen, folder / "specimen.csv")
         if self.correction is not None:
-            spread = self.correction.spread(draws.quantities, posterior.forward)
-            ratios = self.correction.table(spread)
+            sd_log_ratio = self.correction.sd_log_ratio(draws.quantities, posterior.forward)
+            ratios = self.correction.table(sd_log_ratio)
             findings = (*findings, *grip_findings(self.correction, ratios))
             record["grips"] = grip_record(self.correction, ratios)
             write_csv(folder / "grips.csv", ratios, digits=8)
