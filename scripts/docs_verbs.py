@@ -16,7 +16,7 @@ import click
 
 from biaxbayes.cli import VERBS, group
 from biaxbayes.options import FIT_DESCRIPTIONS, WHICH_FIT
-from biaxbayes.reports.text import GLOSSARY, SEVERAL
+from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY
 from biaxbayes.specimens.keys import COLUMNS, KEYS, Column, Key
 from biaxbayes.text_files import atomic_write_text
 
@@ -78,7 +78,7 @@ COMMON = {
 
 def glossary() -> str:
     """The page of terms."""
-    known = (GLOSSARY | SEVERAL).items()
+    known = (GLOSSARY | SEVERAL_GLOSSARY).items()
     terms = "".join(f"| {term} | {words} |\n" for term, words in known if term not in COMMON)
     fits = "".join(f"| `{term}` | {words} |\n" for term, words in FIT_DESCRIPTIONS.items())
     return (

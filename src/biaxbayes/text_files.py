@@ -19,10 +19,10 @@ from biaxbayes.errors import InputError, printable
 if TYPE_CHECKING:
     import pandas as pd
 
-MAX_BYTES = 250_000_000
+MAX_TEXT_BYTES = 250_000_000
 MAX_LINES = 3_000_000
 MAX_LINE = 20_000
-CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
+CONTROL_BYTES = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
 """Control characters other than tab, line ends and form feed."""
 SIGNATURES = {
     b"PK\x03\x04": (
@@ -50,7 +50,7 @@ FORMULA = re.compile(r"'*[=+\-@\t\r]")
 # --- reading text files ---------------------------------------------------------------------------
 
 
-def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
+def read_bytes(path: Path, *, limit: int = MAX_TEXT_BYTES) -> bytes:
     """Content of a regular file that is neither empty nor larger than the limit."""
     try:
         status = path.stat()
@@ -90,7 +90,7 @@ def read_text(path: Path) -> str:
         before = raw[:position]
         return max(before.count(b"\n"), before.count(b"\r")) + 1
 
-    control = CONTROL.search(raw)
+    control = CONTROL_BYTES.search(raw)
     if control:
         byte = control.group()[0]
         problem = "is binary, not text" if byte == 0 else f"control character {byte:#04x}"

@@ -36,8 +36,8 @@ MOUNTED = (
     "which was loaded, as its stress-free reference."
 )
 LINE = 96  # characters; both programs take more
-LABEL = 56  # an Abaqus label may have 80, and suffixes follow
-TEXT = 200
+MAX_LABEL = 56  # an Abaqus label may have 80, and suffixes follow
+MAX_TEXT = 200
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ def safe_label(text: str) -> str:
     """A name that every file system and both programs accept, made from any text."""
     decomposed = unicodedata.normalize("NFKD", text)
     ascii_text = decomposed.encode("ascii", "ignore").decode()
-    label = re.sub(r"[^A-Za-z0-9]+", "_", ascii_text)[:LABEL].strip("_")
+    label = re.sub(r"[^A-Za-z0-9]+", "_", ascii_text)[:MAX_LABEL].strip("_")
     if not label:
         return "material"
-    return label if label[0].isalpha() else f"M_{label}"[:LABEL]
+    return label if label[0].isalpha() else f"M_{label}"[:MAX_LABEL]
 
 
 def plain_text(text: str) -> str:
@@ -92,7 +92,7 @@ def plain_text(text: str) -> str:
     plain = (ch for ch in decomposed if not unicodedata.combining(ch))
     line = "".join(ch if ch.isascii() and ch.isprintable() else "?" for ch in plain)
     line = " ".join(line.split())
-    return line if len(line) <= TEXT else line[: TEXT - 3] + "..."
+    return line if len(line) <= MAX_TEXT else line[: MAX_TEXT - 3] + "..."
 
 
 def header_lines(card: Card, version: str, conventions: list[str]) -> list[str]:

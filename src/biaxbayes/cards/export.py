@@ -35,7 +35,7 @@ AGREEMENT = 1e-8
 
 MANIFEST = "manifest.csv"
 BULK_RATIO = 1000.0  # FEBio's material is nearly incompressible, never exactly
-STATES = 60
+STATES_PER_PROTOCOL = 60
 CARD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*-\d{4,}\.(inp|feb)")
 
 
@@ -161,7 +161,9 @@ def _tested_states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
     """Total stretches (m, 2) of the tested states for one draw."""
     states = []
     for p in specimen.protocols:
-        states.append(p.stretch[evenly_chosen(p.rows, STATES)] * protocol_mounting(draw, p))
+        states.append(
+            p.stretch[evenly_chosen(p.rows, STATES_PER_PROTOCOL)] * protocol_mounting(draw, p)
+        )
     return np.vstack(states)
 
 

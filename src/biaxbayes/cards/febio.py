@@ -38,10 +38,10 @@ class Mixture(NamedTuple):
 
 
 Part = tuple[str, dict[str, float], float]
-STRESSES = ("c", "c1", "c2", "k1", "ksi", "E1", "E2", "E3", "G12", "G23", "G31")
+STRESS_PARAMETERS = ("c", "c1", "c2", "k1", "ksi", "E1", "E2", "E3", "G12", "G23", "G31")
 """Parameters of FEBio that are stresses."""
 
-AXES = (
+AXES_COMMENT = (
     "The first material axis (a) is the x axis of the test; d lies in the plane, towards its y "
     "axis. Replace the {} by the axes of your geometry."
 )
@@ -51,11 +51,11 @@ HGO_CONVENTIONS: tuple[str, ...] = (
     "  E = kappa (I1 - 3) + (1 - 3 kappa) (I4 - 1)",
     "c is 2 C1 of the fit: c is the initial shear modulus of the matrix.",
     "Two families lie at +gamma and -gamma degrees from the first material axis (a).",
-    AXES.format("mat_axis"),
+    AXES_COMMENT.format("mat_axis"),
     "kappa = 0 means aligned fibres, 1/3 an isotropic distribution; as a dispersion out of the "
     "plane (Holzapfel et al. 2015) it is kappa_op = (1 - kappa) / 2.",
 )
-THICKNESS = 1e-10
+THROUGH_THICKNESS_RATIO = 1e-10
 """Young's modulus through the thickness over the smaller one in the plane: FEBio wants it above
 zero, and the law has none."""
 
@@ -67,7 +67,12 @@ def _fung_parts(p: Mapping[str, float]) -> list[Part]:
     young = 1.0 / np.diag(compliance)
     # as if the plane were isotropic on average: b_x - b_xy = 2 mu / c there
     shear = 0.25 * p["c"] * (p["b_x"] + p["b_y"] - 2.0 * p["b_xy"])
-    values = {"E1": young[0], "E2": young[1], "E3": THICKNESS * young.min(), "c": p["c"]}
+    values = {
+        "E1": young[0],
+        "E2": young[1],
+        "E3": THROUGH_THICKNESS_RATIO * young.min(),
+        "c": p["c"],
+    }
     values |= dict.fromkeys(("G12", "G23", "G31"), shear)
     values |= {"v12": -compliance[0, 1] * young[0], "v23": 0.0, "v31": 0.0}
     return [(MATRIX, {"c1": p["c0"], "c2": 0.0}, 0.0), (FUNG, values, 0.0)]
@@ -95,7 +100,7 @@ MIXTURES = {
             "NOT SEEN BY THE TEST: the shear moduli G12, G23, G31, chosen as "
             "c (b_x + b_y - 2 b_xy)/4, what a plane that is isotropic on average would have; and "
             "E3, v23, v31: the law has no term through the thickness, and E3 is as good as zero.",
-            AXES.format("mixture's mat_axis"),
+            AXES_COMMENT.format("mixture's mat_axis"),
         ),
     ),
     "four-fibre": Mixture(
@@ -107,7 +112,7 @@ MIXTURES = {
             "ksi is k1/2 and alpha (of FEBio) is k2 of the fit; beta = 2. Fibres carry no load in "
             "compression, neither in this program nor in the fit. Each fiber vector is given in "
             "the material axes of the mixture.",
-            AXES.format("mixture's mat_axis"),
+            AXES_COMMENT.format("mixture's mat_axis"),
         ),
     ),
 }
@@ -165,7 +170,7 @@ def write_febio(card: Card, version: str) -> str:
 def _add_values(node: ElementTree.Element, card: Card, values: Mapping[str, float]) -> None:
     """An element for each parameter, stresses (kPa) in the units of the card."""
     for name, value in values.items():
-        number = card.stress(value) if name in STRESSES else value
+        number = card.stress(value) if name in STRESS_PARAMETERS else value
         ElementTree.SubElement(node, name).text = repr(float(number))
 
 

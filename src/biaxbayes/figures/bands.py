@@ -16,11 +16,11 @@ from matplotlib.patches import Patch
 
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
+    AXIS_MARKERS,
     CREDIBLE,
     DASHES,
     FINER_UNIT,
-    LOADS,
-    MARKERS,
+    LOAD_LABELS,
     PAGE_MM,
     PREDICTIVE,
     SIDE_BY_SIDE_MM,
@@ -36,19 +36,19 @@ from biaxbayes.options import CONTENT, Settings
 from biaxbayes.prediction.bands import bands, true_loads
 from biaxbayes.specimens.specimen import Specimen
 
-ROWS, DRAWS = 200, 500
+DRAWN_READINGS, BAND_DRAWS = 200, 500
 """Readings of a curve and draws for the bands; from longer records every n-th reading is drawn, as
 a note in the figure says."""
-MAX_ROWS, LEAST_MM, LEFT_MM, STRIP_MM = 3, 32.0, 16.0, 12.0
+MAX_PANEL_ROWS, MIN_PANEL_MM, LEFT_MM, RESIDUAL_MM = 3, 32.0, 16.0, 12.0
 """Rows of panels, least width of a panel, space at their left, height of the residuals."""
 TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": DASHES}
 """Line style of true loads."""
 OPEN_UP_TO = 150
 """Readings of a curve up to which markers are large and open."""
-QUANTILES = tuple(
+BAND_QUANTILES = tuple(
     f"{kind}_{end}" for kind in ("credible", "predictive") for end in ("low", "median", "high")
 )
-KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
+BAND_KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
 
 
 def bands_figure(
@@ -64,9 +64,18 @@ def bands_figure(
     """Draw load against measured stretch with both bands, and residuals, for up to 12 protocols."""
     shown = replace(specimen, protocols=specimen.protocols[: shown_protocols(specimen, width_mm)])
     table = bands(
-        shown, draws, settings=settings, probability=probability, max_rows=ROWS, max_draws=DRAWS
+        shown,
+        draws,
+        settings=settings,
+        probability=probability,
+        max_rows=DRAWN_READINGS,
+        max_draws=BAND_DRAWS,
     )
-    true = None if truth is None else true_loads(shown, truth, settings=settings, max_rows=ROWS)
+    true = (
+        None
+        if truth is None
+        else true_loads(shown, truth, settings=settings, max_rows=DRAWN_READINGS)
+    )
     return figure_from_bands(
         specimen, table, truth=true, probability=probability, width_mm=width_mm, style=style
     )
@@ -83,8 +92,8 @@ def figure_from_bands(
 ) -> Figure:
     """Draw a table of :func:`~biaxbayes.prediction.bands.bands`, with true loads at its rows."""
     # The table names quantiles after their levels; rename them by their order.
-    table = table.set_axis(pd.Index([*table.columns[:5], *QUANTILES]), axis=1)
-    columns = [*QUANTILES, "measured"]
+    table = table.set_axis(pd.Index([*table.columns[:5], *BAND_QUANTILES]), axis=1)
+    columns = [*BAND_QUANTILES, "measured"]
     if truth is not None:
         table, columns = table.assign(truth=truth), [*columns, "truth"]
     scale, unit = residual_unit(table, specimen.unit)
@@ -106,7 +115,7 @@ def figure_from_bands(
             if len(specimen.protocols) > 1:
                 load.set_title(plain(name, int(width_mm / len(panels) ** 0.5 / 3.0)), pad=2.0)
             if first:
-                load.set_ylabel(LOADS[specimen.stress_pair], linespacing=1.1)
+                load.set_ylabel(LOAD_LABELS[specimen.stress_pair], linespacing=1.1)
         figure.align_ylabels()
         handles = _handles(specimen, probability, truth is not None)
         across = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
@@ -117,11 +126,11 @@ def figure_from_bands(
 
 def shown_protocols(specimen: Specimen, width_mm: float) -> int:
     """Number of protocols that a figure of this width has panels for."""
-    return min(len(specimen.protocols), MAX_ROWS * _most_columns(specimen, width_mm))
+    return min(len(specimen.protocols), MAX_PANEL_ROWS * _most_columns(specimen, width_mm))
 
 
 def _most_columns(specimen: Specimen, width_mm: float) -> int:
-    most = max(1, int((width_mm - LEFT_MM) // LEAST_MM))
+    most = max(1, int((width_mm - LEFT_MM) // MIN_PANEL_MM))
     return min(most, 3 if len(specimen.protocols) <= 6 else 4)
 
 
@@ -132,8 +141,10 @@ def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes
     across = math.ceil(count / down)
     load_mm = min((width_mm - LEFT_MM) / across - 3.0, 66.0 if across == 1 else 50.0)
     legend_mm = 5.0 if width_mm >= SIDE_BY_SIDE_MM else 13.0
-    figure = blank_figure(width_mm, legend_mm + down * (load_mm + 2.0 * STRIP_MM + 18.0))
-    grid = figure.add_gridspec(3 * down, across, height_ratios=[load_mm, STRIP_MM, STRIP_MM] * down)
+    figure = blank_figure(width_mm, legend_mm + down * (load_mm + 2.0 * RESIDUAL_MM + 18.0))
+    grid = figure.add_gridspec(
+        3 * down, across, height_ratios=[load_mm, RESIDUAL_MM, RESIDUAL_MM] * down
+    )
     panels: list[list[Axes]] = []
     for k in range(count):
         row, column = 3 * (k // across), k % across
@@ -184,7 +195,7 @@ def _marker(axis: str, readings: int) -> dict[str, Any]:
     hue, few = colour(axis), readings <= OPEN_UP_TO
     size, edge = (2.2, 0.5) if few else (1.4, 0.0)
     return {
-        "marker": MARKERS[axis],
+        "marker": AXIS_MARKERS[axis],
         "markersize": size,
         "markerfacecolor": "white" if few else hue,
         "markeredgecolor": hue,
@@ -196,7 +207,7 @@ def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:
     """Both bands, the median, the readings and the true loads."""
     order = np.argsort(x, kind="stable")
     curves = part.iloc[order]
-    for kind, opacity in KINDS:
+    for kind, opacity in BAND_KINDS:
         low, high = curves[f"{kind}_low"], curves[f"{kind}_high"]
         ax.fill_between(x[order], low, high, color=colour(axis), alpha=opacity, linewidth=0.0)
     ax.plot(x[order], curves["credible_median"], color=colour(axis), linewidth=0.8)
@@ -225,7 +236,7 @@ def _handles(specimen: Specimen, probability: float, truth: bool) -> list[Any]:
         label = f"{axis}: {plain(direction, 16)}" if direction else axis
         look = {"color": colour(axis), "linewidth": 0.8, **_marker(axis, 1)}
         handles.append(Line2D([], [], label=label, **look))
-    for kind, opacity in reversed(KINDS):
+    for kind, opacity in reversed(BAND_KINDS):
         label = f"{kind} band, {100 * probability:g} %"
         handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
     return [*handles, Line2D([], [], label="truth", **TRUE)] if truth else handles

@@ -38,7 +38,7 @@ SHORT = {COMBINATION: "in combination"}
 CELL_MM, FOREST_ROW_MM = 9.5, 4.2
 REPORTED_OFFSET = 0.3
 """Offset of the reported interval below the posterior, in rows."""
-NOTE = (
+LEDGER_NOTE = (
     "coloured: posterior within the law; below in grey: the reported interval (arrow: bound)\n"
     "filled: identified or bounded in that run; open: not, so differences are not of the tissue"
 )
@@ -90,7 +90,7 @@ def forest_figure(comparison: Comparison) -> Figure:
     labels = [plain(label, 16) for label in comparison.labels]
     with print_style():
         tall = FOREST_ROW_MM * len(labels) + 1.0
-        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, NOTE)
+        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, LEDGER_NOTE)
         for ax, row in zip(axes, rows, strict=True):
             _draw_forest(ax, row)
     return figure
@@ -246,9 +246,9 @@ TREATMENTS = {
     "ignored, forces zeroed (medians, 90 %)": ("^", 0.25),
 }
 """Label, marker and offset of each treatment."""
-LEVELS = ("q05", "median", "q95")
+LEDGER_QUANTILES = ("q05", "median", "q95")
 LEDGER_ROW_MM = 8.5
-LARGEST_LINEAR, LINEAR = 15.0, 2.0
+MAX_LINEAR_SHIFT, LINEAR_SHIFT = 15.0, 2.0
 """Up to the first shift the axis is linear; beyond, it is logarithmic outside the second."""
 
 
@@ -260,7 +260,10 @@ def ledger_figure(ledger: Ledger) -> Figure:
         centre = row["inferred_median"]
         # per cent: 100 (s / median inferred - 1)
         values.append(
-            [[100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEVELS] for n in MOUNTING_MODELS]
+            [
+                [100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEDGER_QUANTILES]
+                for n in MOUNTING_MODELS
+            ]
         )
         name = quantity(f"{row['quantity']} at {row['total_stretch']:.4g}").symbol
         labels.append(f"{name}\n({number(centre, row['inferred_q05'], row['inferred_q95'])} kPa)")
@@ -277,22 +280,24 @@ def ledger_figure(ledger: Ledger) -> Figure:
 
 def _draw_shifts(ax: Axes, ledger: Ledger) -> None:
     """Quantiles of each treatment, in standard deviations from the inferred median."""
-    shifts = np.empty((len(ledger.parameters), len(MOUNTING_MODELS), len(LEVELS)))
+    shifts = np.empty((len(ledger.parameters), len(MOUNTING_MODELS), len(LEDGER_QUANTILES)))
     for i, row in enumerate(ledger.parameters.to_dict("records")):
         transform = np.log if str(row["scale"]).startswith("ln ") else float
         sd = row["inferred_sd"] if row["inferred_sd"] > 0.0 else np.nan
         # (q - median inferred) / sd inferred, on the scale of the comparison
-        quantiles = [[transform(row[f"{name}_{q}"]) for q in LEVELS] for name in MOUNTING_MODELS]
+        quantiles = [
+            [transform(row[f"{name}_{q}"]) for q in LEDGER_QUANTILES] for name in MOUNTING_MODELS
+        ]
         shifts[i] = (np.array(quantiles) - transform(row["inferred_median"])) / sd
     title = "shift (standard deviations of the inferred posterior"
     limit = max(3.0, float(np.nanmax(np.abs(shifts))))
-    if limit > LARGEST_LINEAR:
-        ax.set_xscale("symlog", linthresh=LINEAR)
+    if limit > MAX_LINEAR_SHIFT:
+        ax.set_xscale("symlog", linthresh=LINEAR_SHIFT)
         ax.minorticks_off()
-        for end in (-LINEAR, LINEAR):
+        for end in (-LINEAR_SHIFT, LINEAR_SHIFT):
             ax.axvline(end, color="0.4", linewidth=0.6, linestyle=":", zorder=0.5)
-        title += f";\nlogarithmic beyond the dotted lines at \u00b1{LINEAR:g}"
-    limit *= 1.6 if limit > LARGEST_LINEAR else 1.1
+        title += f";\nlogarithmic beyond the dotted lines at \u00b1{LINEAR_SHIFT:g}"
+    limit *= 1.6 if limit > MAX_LINEAR_SHIFT else 1.1
     labels = [axis_text(ledger.known[str(n)]).symbol for n in ledger.parameters["quantity"]]
     _draw_treatments(ax, shifts, labels)
     ax.set(xlim=(-limit, limit), xlabel=f"{title})")

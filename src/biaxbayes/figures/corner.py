@@ -54,9 +54,9 @@ from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 
-PANEL_MM, LEAST_PANEL_MM, TURNED_MM = 46.0, 8.0, 20.0
+MAX_PANEL_MM, MIN_PANEL_MM, TURNED_MM = 46.0, 8.0, 20.0
 """Largest height and smallest width of a panel; width below which tick labels are turned."""
-MARGIN_MM, LINE_MM = 16.0, 3.4
+MARGIN_MM, LEGEND_LINE_MM = 16.0, 3.4
 """Space for the labels; height of a line of the legend."""
 OVERLAY = "filled 50 %, outline 90 % of the draws, within the law"
 
@@ -158,12 +158,14 @@ def overlay_figure(
                 # Every density has the same height, since widths are compared.
                 x, density = curve(values, axis)
                 ax.plot(x, density / density.max(), color=hue, linewidth=0.9)
-                ax.fill_between(x, density / density.max(), color=hue, alpha=FILL, lw=0.0)
+                ax.fill_between(x, density / density.max(), color=hue, alpha=REGION_OPACITY, lw=0.0)
                 ax.set_ylim(0.0, 1.08)
             for i, j in np.argwhere(np.tri(len(columns), k=-1)) if len(points) else ():
                 x, y = (points[run][columns[k].name] for k in (j, i))
                 grid[i, j].plot(x, y, "o", color=hue, markersize=2.6)
-            handles.append(Patch(fc=(hue, FILL), ec=hue, linewidth=0.9, label=plain(label, 24)))
+            handles.append(
+                Patch(fc=(hue, REGION_OPACITY), ec=hue, linewidth=0.9, label=plain(label, 24))
+            )
         _set_axes(grid, columns, PAGE_MM)
         _add_legend(figure, handles, title)
     return figure
@@ -200,12 +202,12 @@ def _columns(
 def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]:
     """Panels of a lower triangle; labels at the outer ones only."""
     count = len(columns)
-    if (width_mm - MARGIN_MM) / count < LEAST_PANEL_MM:
+    if (width_mm - MARGIN_MM) / count < MIN_PANEL_MM:
         raise InputError(
             f"{count} quantities do not fit a width of {width_mm:g} mm",
             remedy="name fewer with `parameters`, or choose `width_mm=180`",
         )
-    figure = blank_figure(width_mm, min(width_mm, count * PANEL_MM + MARGIN_MM))
+    figure = blank_figure(width_mm, min(width_mm, count * MAX_PANEL_MM + MARGIN_MM))
     figure.get_layout_engine().set(w_pad=0.9 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
     places = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
@@ -290,7 +292,7 @@ def _add_legend(figure: Figure, handles: list[Any], title: str, columns: int = 1
     else:
         figure.legend(handles=handles, loc="outside upper left", **how)
         lines = len(handles) + title.count("\n") + 1
-        figure.set_figheight(figure.get_figheight() + lines * LINE_MM * MM)
+        figure.set_figheight(figure.get_figheight() + lines * LEGEND_LINE_MM * MM)
 
 
 # --- the joint posterior of two quantities as regions of given content ---------------------------
@@ -299,7 +301,7 @@ CONTENTS = (0.5, 0.9, 0.99)
 """Contents of the regions as shares of the draws."""
 SHADES = (0.18, 0.42, 0.78)
 """Darkness of the regions, the widest first."""
-FILL = 0.3
+REGION_OPACITY = 0.3
 """Opacity of the region of 50 % and of the marginal in an overlay."""
 CELLS = 1.5
 """Width (sd) of the smoothing kernel in cells of the histogram."""
@@ -372,7 +374,7 @@ def _look(hue: str, filled: bool | None) -> dict[str, Any]:
     if filled is False:
         return look | {"levels": (0.9,), "contour_kwargs": {"linewidths": 0.9}}
     if filled is None:
-        fills: dict[str, Any] = {"colors": ["none", "none", (*to_rgb(hue), FILL)]}
+        fills: dict[str, Any] = {"colors": ["none", "none", (*to_rgb(hue), REGION_OPACITY)]}
         edges: dict[str, Any] = {"linewidths": [0.8, 0.0]}
         return look | {"levels": CONTENTS[:2], "contourf_kwargs": fills, "contour_kwargs": edges}
     # Shades are mixed with white, not made transparent: panels stay small in a vector file.

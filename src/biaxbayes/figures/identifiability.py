@@ -44,9 +44,9 @@ VERDICT_COLOURS = {
     FIXED: "#DDDDDD",
 }
 PRIOR_GREY, POSTERIOR = "0.82", "#0072B2"
-WIDE_ROW_MM, NARROW_ROW_MM, LINE_MM, MOST_ROWS = 12.5, 24.0, 3.4, 16
+WIDE_ROW_MM, NARROW_ROW_MM, REASON_LINE_MM, MAX_ROWS = 12.5, 24.0, 3.4, 16
 """Least heights of a row, and that of a line of its reason."""
-WIDE_LINE, NARROW_LINE = 40, 24
+WIDE_CHARACTERS, NARROW_CHARACTERS = 40, 24
 """Letters per line of a reason."""
 
 
@@ -58,14 +58,16 @@ def identifiability_figure(
     style: Style = None,
 ) -> Figure:
     """Prior and posterior of the first 16 parameters beside their rows of the reported table."""
-    rows = reported[:MOST_ROWS]
+    rows = reported[:MAX_ROWS]
     wide = width_mm >= SIDE_BY_SIDE_MM
-    letters, least = (WIDE_LINE, WIDE_ROW_MM) if wide else (NARROW_LINE, NARROW_ROW_MM)
-    reasons = [fill(row.reason, letters, break_on_hyphens=False) for row in rows]
-    above = 2 if wide else 4  # lines of interval and verdict
-    heights = [max(least, LINE_MM * (text.count("\n") + above)) for text in reasons]
+    characters, min_mm = (
+        (WIDE_CHARACTERS, WIDE_ROW_MM) if wide else (NARROW_CHARACTERS, NARROW_ROW_MM)
+    )
+    reasons = [fill(row.reason, characters, break_on_hyphens=False) for row in rows]
+    fixed_lines = 2 if wide else 4  # lines of interval and verdict
+    heights = [max(min_mm, REASON_LINE_MM * (text.count("\n") + fixed_lines)) for text in reasons]
     widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.48)
-    heads = ["prior (grey), posterior within the law", "contraction", "to report"]
+    headings = ["prior (grey), posterior within the law", "contraction", "to report"]
     with print_style(style):
         figure = blank_figure(width_mm, 7.0 + sum(heights))
         grid = figure.subplots(
@@ -76,10 +78,10 @@ def identifiability_figure(
             if wide:
                 _draw_contraction(axes[1], verdicts[row.name])
             _write_row(axes[-1], row, reason, wide=wide)
-        for ax, head in zip(
-            grid[0], heads if wide else ["prior, posterior", "to report"], strict=True
+        for ax, heading in zip(
+            grid[0], headings if wide else ["prior, posterior", "to report"], strict=True
         ):
-            ax.set_title(head, loc="left", **small_text(color="0.35"))
+            ax.set_title(heading, loc="left", **small_text(color="0.35"))
     return figure
 
 
@@ -99,13 +101,13 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
         return
     if row.scale.logarithmic:
         ax.set_xscale("log")
-    for density, face, edge in (
+    for density, colour, edge in (
         (diagnostics.prior_density, PRIOR_GREY, "0.6"),
         (diagnostics.posterior_density, POSTERIOR, None),
     ):
         x, height = row.scale.from_scale(density.x), density.height / density.peak
-        ax.fill_between(x, height, color=face, alpha=1.0 if edge else 0.75, linewidth=0.0)
-        ax.plot(x, height, color=edge or face, linewidth=0.5)
+        ax.fill_between(x, height, color=colour, alpha=1.0 if edge else 0.75, linewidth=0.0)
+        ax.plot(x, height, color=edge or colour, linewidth=0.5)
     # the physical range if it is bounded, otherwise 98 % of the prior and all of the posterior
     prior, (low, high) = row.scale.prior, row.scale.limits
     if not (np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low)))):
@@ -135,9 +137,11 @@ def _write_row(ax: Axes, row: ReportRow, reason: str, *, wide: bool) -> None:
     """The verdict in a box; beside it, or below, interval and reason."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    face = VERDICT_COLOURS[row.verdict]
-    how: dict[str, Any] = small_text(va="center")
-    box = {"boxstyle": "round,pad=0.3", "facecolor": face, "edgecolor": "none"}
-    ax.text(0.02, 0.5 if wide else 0.9, row.verdict, color=text_colour(face), bbox=box, **how)
-    place = (0.42, 0.5) if wide else (0.0, 0.3)
-    ax.text(*place, f"{row.interval_with_unit}\n{reason}", **how)
+    colour = VERDICT_COLOURS[row.verdict]
+    text_style: dict[str, Any] = small_text(va="center")
+    box = {"boxstyle": "round,pad=0.3", "facecolor": colour, "edgecolor": "none"}
+    ax.text(
+        0.02, 0.5 if wide else 0.9, row.verdict, color=text_colour(colour), bbox=box, **text_style
+    )
+    position = (0.42, 0.5) if wide else (0.0, 0.3)
+    ax.text(*position, f"{row.interval_with_unit}\n{reason}", **text_style)

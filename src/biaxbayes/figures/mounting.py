@@ -42,14 +42,14 @@ from biaxbayes.specimens.specimen import Specimen
 
 # --- hooks ---------------------------------------------------------------------------------------
 
-MAX_PROTOCOLS = 6
+MAX_DRAWN_PROTOCOLS = 6
 HEIGHT_MM = 55.0
 TWO_SD = 2.0
 
 
 def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
     """Sketch the sheet and its hooks; draw the hook load over the uniform one, with two sd."""
-    names = ratios["protocol"].drop_duplicates().to_list()[:MAX_PROTOCOLS]
+    names = ratios["protocol"].drop_duplicates().to_list()[:MAX_DRAWN_PROTOCOLS]
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
     with print_style():
@@ -118,7 +118,7 @@ ROW_MM = 9.0
 
 
 @dataclass(frozen=True)
-class MountedState:
+class DrawnState:
     """Draws of the stretches and forces of a mounted state, shape (n, 2), reading and truth."""
 
     label: str
@@ -163,7 +163,7 @@ def mounting_figure(
 
 def _states(
     specimen: Specimen, draws: pd.DataFrame, truth: Mapping[str, float]
-) -> list[MountedState]:
+) -> list[DrawnState]:
     labels = mounting_labels(draws, specimen)[:MAX_STATES]
     shared = labels == ("",)
     readings, sds = specimen.mounting_readings(shared=shared)
@@ -178,7 +178,7 @@ def _states(
         return None
 
     return [
-        MountedState(
+        DrawnState(
             plain(label, 16),
             colour(i),
             draws[list(mounting_names("stretch", label))].to_numpy(dtype=float),
@@ -192,7 +192,7 @@ def _states(
     ]
 
 
-def _draw_stretches(ax: Axes, states: list[MountedState]) -> None:
+def _draw_stretches(ax: Axes, states: list[DrawnState]) -> None:
     """Regions of the joint posterior of the mounting stretches."""
     true_values = [s.true_stretch for s in states if s.true_stretch is not None]
     axes = [
@@ -225,7 +225,7 @@ def _draw_stretches(ax: Axes, states: list[MountedState]) -> None:
     ax.set_title(title, loc="right", **small_text(color="0.3"))
 
 
-def _draw_forces(ax: Axes, states: list[MountedState], unit: str, probability: float) -> None:
+def _draw_forces(ax: Axes, states: list[DrawnState], unit: str, probability: float) -> None:
     """Intervals of the mounting force and of its reading, both about the reading."""
     tail = 0.5 * (1.0 - probability)
     rows = [(state, k) for state in states for k in (0, 1)]

@@ -18,10 +18,10 @@ from biaxbayes.figures.style import (
     text_colour,
 )
 
-COLUMNS = 4
-LABEL_LENGTH, LEAST_LABEL_MM = 18, 2.6
+PANELS_PER_LINE = 4
+LABEL_LENGTH, MIN_LABEL_MM = 18, 2.6
 """Characters of a label, and the least distance of rows that are labelled singly."""
-MARKERS = ("o", "s", "^", "D", "v", "P")
+GROUP_MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 def row_panels(
@@ -32,9 +32,9 @@ def row_panels(
     note: str,
 ) -> tuple[Figure, list[Axes]]:
     """A figure of equal panels, four per line, with labelled rows and a note at its foot."""
-    lines = max(-(-count // COLUMNS), 1)
+    lines = max(-(-count // PANELS_PER_LINE), 1)
     figure = blank_figure(PAGE_MM, lines * (tall_mm + 13.0) + 7.0)
-    panels = figure.subplots(lines, COLUMNS, squeeze=False)
+    panels = figure.subplots(lines, PANELS_PER_LINE, squeeze=False)
     for ax in panels.flat[count:]:
         ax.remove()
     for ax in panels.flat[:count]:
@@ -47,7 +47,7 @@ def row_panels(
 
 def group_look(k: int) -> tuple[str, str]:
     """Colour and marker of the k-th group, layer or run."""
-    return colour(k), MARKERS[k % len(MARKERS)]
+    return colour(k), GROUP_MARKERS[k % len(GROUP_MARKERS)]
 
 
 def draw_cells(

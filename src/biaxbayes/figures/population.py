@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from biaxbayes.figures.corner import overlay_figure
-from biaxbayes.figures.panels import LABEL_LENGTH, LEAST_LABEL_MM, group_look, row_panels
+from biaxbayes.figures.panels import LABEL_LENGTH, MIN_LABEL_MM, group_look, row_panels
 from biaxbayes.figures.quantities import (
-    LOG_SPREAD,
+    LOG_AXIS_RATIO,
     AxisText,
     axis_span,
     axis_text,
@@ -29,7 +29,7 @@ from biaxbayes.studies.groups import USABLE_VERDICTS
 
 # --- the specimens of a study, quantity by quantity, ordered by layer ----------------------------
 
-DERIVED = ("Hx", "Hy", "stiffness_x at 1", "stiffness_y at 1")
+DERIVED_NAMES = ("Hx", "Hy", "stiffness_x at 1", "stiffness_y at 1")
 STUDY_ROW_MM, TALLEST_STUDY_MM = 4.2, 62.0
 STUDY_NOTE = "within the law; filled: identified or bounded; open: neither; cross: fixed"
 
@@ -41,9 +41,9 @@ def study_figure(table: pd.DataFrame) -> Figure:
     specimens = table.drop_duplicates("specimen")[["specimen", "layer"]]
     specimens = specimens.sort_values("layer", key=lambda c: c.map(layers.index), kind="stable")
     assessed = [q.name for q in known_or_default(None).assessed()]
-    names = [n for n in (*assessed, *DERIVED) if (drawn["quantity"] == n).any()]
+    names = [n for n in (*assessed, *DERIVED_NAMES) if (drawn["quantity"] == n).any()]
     row_mm = min(STUDY_ROW_MM, TALLEST_STUDY_MM / max(len(specimens), 1))
-    if row_mm >= LEAST_LABEL_MM:
+    if row_mm >= MIN_LABEL_MM:
         rows = {float(i): str(name) for i, name in enumerate(specimens["specimen"])}
     else:  # the layers, where specimens lie too close
         layer = specimens["layer"].reset_index(drop=True)
@@ -114,7 +114,7 @@ def forest_figure(
     labels = {
         float(i): plain(name, LABEL_LENGTH)
         for i, (kind, name, _) in enumerate(rows)
-        if kind == "group" or row_mm >= LEAST_LABEL_MM
+        if kind == "group" or row_mm >= MIN_LABEL_MM
     }
     with print_style():
         tall, names = row_mm * len(rows) + 1.0, list(labels.values())
@@ -134,7 +134,7 @@ def forest_figure(
                     _draw_interval(ax, record, "pooled", i + 0.17, hue, 1.4, marker, 2.8)
             ax.set(ylim=(len(rows) - 0.4, -0.6), xlabel=axis_text(Quantity(p)).label)
             low, high = ax.dataLim.intervalx
-            if p.logarithmic and low > 0.0 and high > LOG_SPREAD * low:
+            if p.logarithmic and low > 0.0 and high > LOG_AXIS_RATIO * low:
                 ax.set_xscale("log")
             few_ticks(ax.xaxis)
     return figure

@@ -15,10 +15,10 @@ from scipy.spatial.distance import cdist
 
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
+    AXIS_MARKERS,
     COLUMN_MM,
     CREDIBLE,
     DASHES,
-    MARKERS,
     PREDICTIVE,
     SIDE_BY_SIDE_MM,
     Style,
@@ -33,10 +33,10 @@ from biaxbayes.prediction.inflation import MMHG_PER_KPA
 from biaxbayes.prediction.stress import INSIDE
 
 STRESS_NAMES = {"cauchy": "Cauchy stress", "piola": "first Piola-Kirchhoff stress"}
-CURVE_MM, STRIP_MM = 56.0, 16.0
+CURVE_MM, BAND_STRIP_MM = 56.0, 16.0
 """Heights of the curves and of the bands less their median."""
 GREY = "0.3"
-BANDS = {"predictive": PREDICTIVE, "credible": CREDIBLE}
+BAND_OPACITY = {"predictive": PREDICTIVE, "credible": CREDIBLE}
 READINGS: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyle": "none"}
 
 
@@ -59,7 +59,7 @@ def stress_figure(
         nearest = cdist(read[stretches], table[stretches]).argmin(axis=1)
     wide = width_mm >= SIDE_BY_SIDE_MM
     with print_style(style):
-        heights = [CURVE_MM, *[STRIP_MM] * (1 if wide else 2)]
+        heights = [CURVE_MM, *[BAND_STRIP_MM] * (1 if wide else 2)]
         figure = blank_figure(width_mm, sum(heights) + 16.0)
         grid = figure.add_gridspec(len(heights), 2 if wide else 1, height_ratios=heights)
         first = figure.add_subplot(grid[0, 0])
@@ -77,8 +77,8 @@ def stress_figure(
             strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
             if read is not None:
                 at = read[name] if name else 1.0 + nearest
-                ax.plot(at, read[stem], MARKERS[axis], color=tint, **READINGS)
-                strip.plot(at, read[f"{stem}_residual"], MARKERS[axis], color=tint, **READINGS)
+                ax.plot(at, read[stem], AXIS_MARKERS[axis], color=tint, **READINGS)
+                strip.plot(at, read[f"{stem}_residual"], AXIS_MARKERS[axis], color=tint, **READINGS)
             if k == 0 or not wide:
                 strip.set_ylabel("less median\n(kPa)", linespacing=1.1, **small_text())
             few_ticks(strip.yaxis, 3)
@@ -153,7 +153,7 @@ def inflation_figure(
 
 
 def _bands(stem: str) -> list[str]:
-    return [f"{stem}_{kind}_{end}" for kind in BANDS for end in ("low", "high")]
+    return [f"{stem}_{kind}_{end}" for kind in BAND_OPACITY for end in ("low", "high")]
 
 
 def _draw_bands(
@@ -161,7 +161,7 @@ def _draw_bands(
 ) -> None:
     """Credible and predictive band of a column of the table, over or beside ``along``."""
     fill = ax.fill_between if upright else ax.fill_betweenx
-    for kind, opacity in BANDS.items():
+    for kind, opacity in BAND_OPACITY.items():
         low, high = (table[f"{stem}_{kind}_{end}"] for end in ("low", "high"))
         fill(along, low, high, color=tint, alpha=opacity, linewidth=0.0)
 
@@ -181,7 +181,7 @@ def _draw_line(ax: Axes, x: Any, y: Any, table: pd.DataFrame, tint: str, label: 
 def _add_legend(ax: Axes, table: pd.DataFrame, probability: float) -> None:
     """Lines of the axes, then the bands and states that were not tested."""
     handles: list[Any] = ax.get_legend_handles_labels()[0]
-    for kind, alpha in reversed(BANDS.items()):
+    for kind, alpha in reversed(BAND_OPACITY.items()):
         handles.append(
             Patch(fc=GREY, alpha=alpha, lw=0.0, label=f"{kind}, {100 * probability:g} %")
         )

@@ -30,7 +30,7 @@ from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
 ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
 CEILING = THRESHOLD + 2.0
 """Deviance up to which a curve is drawn."""
-LINES = ((0, "-"), (1, "--"), (2, "-."))
+CURVE_STYLES = ((0, "-"), (1, "--"), (2, "-."))
 """Colour and dashes of the curves of a panel."""
 
 
@@ -109,7 +109,7 @@ class _Curves:
     def stiffness(self, ax: Axes) -> None:
         """Stiffnesses and exponents relative to the best fit, on a logarithmic axis."""
         scales = [q for q in self.profile.known.of_kind(MATERIAL) if q.parameter.logarithmic]
-        for (hue, line), q in zip(cycle(LINES), scales, strict=False):
+        for (hue, line), q in zip(cycle(CURVE_STYLES), scales, strict=False):
             if q.name == self.profile.parameter or not self.best[q.name] > 0.0:
                 continue
             ratio = np.maximum(self.table[q.name].to_numpy() / self.best[q.name], 1e-4)
@@ -129,7 +129,7 @@ class _Curves:
         shown = [q for q in bounded if q.name != self.profile.parameter][:2]
         for k, q in enumerate(shown):
             side = ax if k == 0 else ax.twinx()
-            hue, line = LINES[k]
+            hue, line = CURVE_STYLES[k]
             values = self.table[q.name]
             side.plot(*self.smooth(values), color=colour(hue), linestyle=line)
             side.set_ylabel(axis_text(q).label, color=colour(hue) if len(shown) > 1 else "black")

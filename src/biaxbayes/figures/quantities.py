@@ -19,9 +19,9 @@ from biaxbayes.text_files import one_line
 MEAN = r"\bar{\lambda}"
 """Symbol of a mean over the mounted states."""
 OTHERS = {"lp": "log density", "log_likelihood": "log likelihood"}
-DERIVED = {"H": "$H_{0}$", "stiffness_": "$c_{{{0}{0}}}$", "cauchy_": r"$\sigma_{0}$"}
+DERIVED_SYMBOLS = {"H": "$H_{0}$", "stiffness_": "$c_{{{0}{0}}}$", "cauchy_": r"$\sigma_{0}$"}
 """Symbols of derived quantities by name without the direction."""
-LOG_SPREAD = 8.0
+LOG_AXIS_RATIO = 8.0
 """Ratio of the 99.5 % to the 0.5 % point above which a positive scale gets a logarithmic axis."""
 
 
@@ -67,8 +67,8 @@ def quantity(name: str, unit: str = "", known: Quantities | None = None) -> Axis
     if match is not None:
         return axis_text(match)
     stem, at, stretch = name.partition(" at ")
-    if stem[:-1] in DERIVED:
-        symbol, stress = DERIVED[stem[:-1]].format(stem[-1]), stem[:-1] != "H"
+    if stem[:-1] in DERIVED_SYMBOLS:
+        symbol, stress = DERIVED_SYMBOLS[stem[:-1]].format(stem[-1]), stem[:-1] != "H"
         edges = (0.0, np.inf if stress else 1.0)
         return AxisText(f"{symbol}{at}{stretch}", "kPa" if stress else "", edges, stress)
     return AxisText(OTHERS.get(name) or plain(name, 24))
@@ -77,7 +77,7 @@ def quantity(name: str, unit: str = "", known: Quantities | None = None) -> Axis
 def axis_span(q: AxisText, *values: np.ndarray, include: tuple[float, ...] = ()) -> Span:
     """Axis that shows the draws of one or more runs; logarithmic where a scale spreads widely."""
     low, high = np.quantile(np.concatenate(values), [0.005, 0.995])
-    log = bool(q.scale and low > 0.0 and high > LOG_SPREAD * low)
+    log = bool(q.scale and low > 0.0 and high > LOG_AXIS_RATIO * low)
     return span(*values, edges=q.edges, log=log, include=include)
 
 

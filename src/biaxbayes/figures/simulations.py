@@ -16,17 +16,17 @@ from biaxbayes.figures.quantities import quantity
 from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, colour, print_style
 from biaxbayes.optimal_design.design import Design
 
-COLUMNS = 4
+PANELS_PER_LINE = 4
 
 
 def rank_figure(ranks: pd.DataFrame, draws: int) -> Figure:
     """Draw the empirical distribution of the ranks less the uniform one, a panel per quantity."""
     groups = list(ranks.groupby("parameter", sort=False))
-    rows = -(-len(groups) // COLUMNS)
+    rows = -(-len(groups) // PANELS_PER_LINE)
     z = np.arange(1, draws + 1) / (draws + 1)
     with print_style():
         figure = blank_figure(PAGE_MM, 36.0 * rows + 12.0)
-        axes = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False)
+        axes = figure.subplots(rows, PANELS_PER_LINE, sharex=True, sharey=True, squeeze=False)
         for ax in axes.flat[len(groups) :]:
             ax.remove()
         for ax, (name, group) in zip(axes.flat, groups, strict=False):
@@ -50,7 +50,7 @@ def rank_figure(ranks: pd.DataFrame, draws: int) -> Figure:
 
 ROW_MM, NOTE_MM, LETTER_MM = 6.5, 3.6, 1.35
 """Height of a candidate and of a line of the notes, and mean width of a letter."""
-LARGEST = 0.8
+DARKEST_REDUCTION = 0.8
 """Reduction from which a cell has the darkest shade."""
 CAUTION = "\N{DOUBLE DAGGER}"
 """Marks candidates that come with a caution."""
@@ -63,7 +63,7 @@ def design_figure(design: Design) -> Figure:
     states = {q.name for q in design.known.values() if q.state}
     shown = [i for i, name in enumerate(design.quantities) if name not in states]
     reduction = np.array([e.reduction[shown] for e in expected])
-    faces = colormaps["Blues"](np.clip(reduction / LARGEST, 0.0, 1.0) / 1.35)
+    faces = colormaps["Blues"](np.clip(reduction / DARKEST_REDUCTION, 0.0, 1.0) / 1.35)
     notes = ["expected reduction of the sd, per cent; below a symbol: total stretch"]
     if not all(e.trusted for e in expected):
         notes.append("* too few effective draws: a rough number, see at_least in design.csv")

@@ -16,9 +16,9 @@ from matplotlib.lines import Line2D
 
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
+    AXIS_MARKERS,
     COLUMN_MM,
-    LOADS,
-    MARKERS,
+    LOAD_LABELS,
     PAGE_MM,
     blank_figure,
     colour,
@@ -53,7 +53,7 @@ def specimen_figure(specimen: Specimen) -> Figure:
             if len(specimen.protocols) > 1:
                 ax.set_title(plain(protocol.name, 34))
         figure.supxlabel("measured stretch")
-        figure.supylabel(LOADS[specimen.stress_pair])
+        figure.supylabel(LOAD_LABELS[specimen.stress_pair])
         handles, labels = grid[0, 0].get_legend_handles_labels()
         for k, name in enumerate((specimen.axis_x, specimen.axis_y)):
             labels[k] += f": {plain(name, 24)}" if name else ""
@@ -66,7 +66,7 @@ def _draw_protocol(ax: Axes, protocol: Protocol) -> None:
     rest = slice(0, protocol.rest_rows, max(1, protocol.rest_rows // REST_POINTS))
     for axis in "xy":
         stretch, load = getattr(protocol, f"stretch_{axis}"), getattr(protocol, f"load_{axis}")
-        how: dict[str, Any] = {"marker": MARKERS[axis], "color": colour(axis), "label": axis}
+        how: dict[str, Any] = {"marker": AXIS_MARKERS[axis], "color": colour(axis), "label": axis}
         ax.plot(stretch[shown], load[shown], ms=2.0, mew=0.0, lw=0.5, **how)
         label = "rows at rest" if axis == "y" else None
         black: dict[str, Any] = {"color": "black", "label": label, "zorder": 2.1}
@@ -78,8 +78,8 @@ def _draw_protocol(ax: Axes, protocol: Protocol) -> None:
 
 # --- deterministic fits --------------------------------------------------------------------------
 
-MAX_PROTOCOLS, DATA_POINTS = 6, 40
-LINES = {"x": "-", "y": "--"}
+MAX_DRAWN_PROTOCOLS, DATA_POINTS = 6, 40
+AXIS_DASHES = {"x": "-", "y": "--"}
 HEIGHTS = (3.0, 1.4)
 # Fits often coincide: the first are wide, and the last lie narrow on top of them.
 LOOKS: dict[str, dict[str, Any]] = {
@@ -93,7 +93,7 @@ DATA: dict[str, Any] = {"color": "0.3", "mfc": "none", "mew": 0.5, "ms": 2.5}
 
 def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
     """Draw measured and fitted loads, and residuals, of the first six protocols."""
-    count = min(len(specimen.protocols), MAX_PROTOCOLS)
+    count = min(len(specimen.protocols), MAX_DRAWN_PROTOCOLS)
     columns = min(3, count)
     blocks = -(-count // columns)
     with print_style():
@@ -108,14 +108,14 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
             if len(specimen.protocols) > 1:
                 upper.set_title(plain(specimen.protocols[k].name, 30))
             if k % columns == 0:
-                upper.set_ylabel(LOADS[specimen.stress_pair])
+                upper.set_ylabel(LOAD_LABELS[specimen.stress_pair])
                 lower.set_ylabel(f"data − fit ({specimen.unit})")
         for ax in grid[-2:, (count - 1) % columns + 1 :].flat:
             ax.remove()
         handles = []
         for name, direction in (("x", specimen.axis_x), ("y", specimen.axis_y)):
             label = f"{name}: {plain(direction or 'data and fit', 20)}"
-            look = {"marker": MARKERS[name], "linestyle": LINES[name], **DATA}
+            look = {"marker": AXIS_MARKERS[name], "linestyle": AXIS_DASHES[name], **DATA}
             handles.append(Line2D([], [], label=label, **look))
         handles += [Line2D([], [], label=fit.method, **LOOKS[fit.method]) for fit in fits]
         ncols = 3 if columns == 1 else len(handles)
@@ -137,10 +137,10 @@ def _draw_fits(
         stretch = protocol.stretch_x if axis == 0 else protocol.stretch_y
         if np.ptp(stretch) == 0.0:  # a fixed direction is drawn over the stretch in x
             stretch = protocol.stretch_x
-        upper.plot(stretch[points], load[points, axis], MARKERS[name], **DATA)
+        upper.plot(stretch[points], load[points, axis], AXIS_MARKERS[name], **DATA)
         for fit in fits:
             residual = fit.residuals[k][:, axis]
-            look = {"linestyle": LINES[name], **LOOKS[fit.method]}
+            look = {"linestyle": AXIS_DASHES[name], **LOOKS[fit.method]}
             upper.plot(stretch[moving], load[moving, axis] - residual, **look)
             lower.plot(stretch[moving], residual, **look)
     lower.axhline(0.0, color="0.6", linewidth=0.5, zorder=0)

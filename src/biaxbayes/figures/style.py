@@ -38,9 +38,9 @@ SIDE_BY_SIDE_MM = 120.0
 """Width from which panels are side by side."""
 CREDIBLE, PREDICTIVE = 0.45, 0.18
 """Opacity of the two bands."""
-MARKERS = {"x": "o", "y": "s"}
+AXIS_MARKERS = {"x": "o", "y": "s"}
 DASHES = (0, (3, 2))
-LOADS = {
+LOAD_LABELS = {
     "force": "force (N)",
     "piola": "first Piola-Kirchhoff\nstress (kPa)",
     "cauchy": "Cauchy stress (kPa)",

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.quantities import LOG_SPREAD, AxisText, known_or_default, quantity
+from biaxbayes.figures.quantities import LOG_AXIS_RATIO, AxisText, known_or_default, quantity
 from biaxbayes.figures.style import (
     PAGE_MM,
     REFERENCE,
@@ -25,9 +25,9 @@ from biaxbayes.figures.style import (
 from biaxbayes.parameters import MATERIAL, NOISE_PARAMETERS, STRETCH, Parameter, Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 
-STEPS = 200
+DRAWN_STEPS = 200
 """Steps that are drawn; more could not be distinguished in print."""
-LEVELS = (0.05, 0.5, 0.95)
+WALKER_QUANTILES = (0.05, 0.5, 0.95)
 """Quantiles of the walkers of an ensemble that are drawn at each step."""
 RANK_BINS = 20
 ROW_MM = 17.2
@@ -71,7 +71,7 @@ def trace_figure(
         figure.align_ylabels()
         ensembles = len(chains[rows[0]])
         handles = [Line2D([], [], color=colour(i), label=i + 1) for i in range(ensembles)]
-        first, last = (f"{100.0 * q:g}" for q in (LEVELS[0], LEVELS[-1]))
+        first, last = (f"{100.0 * q:g}" for q in (WALKER_QUANTILES[0], WALKER_QUANTILES[-1]))
         figure.legend(
             handles=[Line2D([], [], linestyle="none", label="ensemble"), *handles],
             title=f"thick: median, thin: {first} and {last} % of the walkers of an ensemble",
@@ -98,13 +98,13 @@ def _default_rows(chains: Mapping[str, np.ndarray], known: Quantities) -> list[s
 
 
 def _draw_trace(ax: Axes, values: np.ndarray, q: AxisText) -> None:
-    steps = evenly_chosen(values.shape[1], STEPS)
-    quantiles = np.quantile(values[:, steps], LEVELS, axis=2)
+    steps = evenly_chosen(values.shape[1], DRAWN_STEPS)
+    quantiles = np.quantile(values[:, steps], WALKER_QUANTILES, axis=2)
     for i in range(len(values)):
         for level, width in zip(quantiles[:, i], (0.3, 0.8, 0.3), strict=True):
             ax.plot(steps + 1, level, color=colour(i), linewidth=width)
     low, high = float(quantiles.min()), float(quantiles.max())
-    if q.scale and low > 0.0 and high > LOG_SPREAD * low:
+    if q.scale and low > 0.0 and high > LOG_AXIS_RATIO * low:
         ax.set_yscale("log")
     ax.margins(x=0.0, y=0.06)
     few_ticks(ax.yaxis, 3)

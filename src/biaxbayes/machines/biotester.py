@@ -11,7 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.cycles import Cycle, chosen_number, take_branch
+from biaxbayes.machines.cycles import Cycle, cycle_index, take_branch
 from biaxbayes.machines.recording import Gauge, Recording
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.table import Table
@@ -39,7 +39,7 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
         if index is not None:
             rows = np.flatnonzero(np.array(table.text(index)) == name)
         cycles = _cycles(table, numbers, phases, name, rows)
-        number = chosen_number(choice.cycle, cycles, table)
+        number = cycle_index(choice.cycle, cycles, table)
         taken = take_branch(
             partial(_recording, table, name, choice, gauge),
             cycles,

@@ -12,7 +12,7 @@ BRANCHES = ("loading", "unloading", "both")
 STRETCH_SOURCES = ("auto", "tracked", "rake")
 GAUGE_AT = ("zero", "start")
 DIRECTIONS = ("x", "y", "xy")
-GAUGE: dict[str, float] = {"minimum": 0.01, "maximum": 1e4}
+GAUGE_RANGE_MM: dict[str, float] = {"minimum": 0.01, "maximum": 1e4}
 """Possible gauge lengths, mm."""
 
 
@@ -50,9 +50,11 @@ class Choice(Options):
         "Length between marks or grips in x where the displacement is zero.",
         kind=float,
         metavar="MM",
-        **GAUGE,
+        **GAUGE_RANGE_MM,
     )
-    gauge_y_mm: float | None = option(None, "The same in y.", kind=float, metavar="MM", **GAUGE)
+    gauge_y_mm: float | None = option(
+        None, "The same in y.", kind=float, metavar="MM", **GAUGE_RANGE_MM
+    )
     gauge_at: str | None = option(
         None,
         "Where the gauge length was measured if the displacement does not start at zero: at "

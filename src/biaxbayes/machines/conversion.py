@@ -24,11 +24,14 @@ Header = Mapping[str, float | str]
 
 @dataclass(frozen=True)
 class Conversion:
-    """A specimen, and its recordings with the stretches as measured."""
+    """A specimen, its recordings, and its protocols with the stretches as measured.
+
+    ``geometry_given`` is True if the user stated the geometry.
+    """
 
     specimen: Specimen
     recordings: tuple[Recording, ...]
-    recorded: tuple[Protocol, ...]
+    protocols_as_measured: tuple[Protocol, ...]
     geometry_given: bool
 
     def __repr__(self) -> str:
@@ -37,16 +40,20 @@ class Conversion:
 
 
 def convert(
-    paths: Sequence[Path], choice: Choice, *, header: Header, protocol_names: Sequence[str] = ()
+    paths: Sequence[Path],
+    choice: Choice,
+    *,
+    header: Header,
+    protocol_names: Sequence[str] = (),
 ) -> Conversion:
     """Read machine exports as one specimen, as :func:`biaxbayes.convert` does."""
     recordings = _named_recordings(paths, choice, header, protocol_names)
-    # As measured: a reader divides by the stretch at rest, and sees the drift.
+    # stretches as measured: `Specimen` divides them by those at rest, and `check` reports the drift
     timed = all(r.time_s is not None for r in recordings)
-    recorded = []
+    protocols = []
     for r in recordings:
         (x, y), (load_x, load_y) = r.stretch.T, r.load.T
-        recorded.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
+        protocols.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
     stress_pair = recordings[0].stress_pair
     unit, other = ("N", "kPa") if stress_pair == "force" else ("kPa", "N")
     if f"load_noise_{other}" in header:
@@ -57,14 +64,14 @@ def convert(
     noise = header.get(f"load_noise_{unit}")
     specimen = Specimen(
         name=str(header.get("specimen", paths[0].stem)),
-        protocols=tuple(recorded),
+        protocols=tuple(protocols),
         stress_pair=stress_pair,
         geometry=str(header.get("geometry", "unloaded")),
         load_noise=None if noise is None else float(noise),
         metadata=_metadata(recordings, paths, choice, header),
         **{key: header[key] for key in ARGUMENT_KEYS if key in header},  # type: ignore[arg-type]
     )
-    return Conversion(specimen, tuple(recordings), tuple(recorded), "geometry" in header)
+    return Conversion(specimen, tuple(recordings), tuple(protocols), "geometry" in header)
 
 
 def _named_recordings(
@@ -100,7 +107,7 @@ def _named_recordings(
 
 def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
     """Checked recordings of all tables of a file; sheets without the columns are left out."""
-    tables, others = read_tables(path, choice.sheets)
+    tables, skipped = read_tables(path, choice.sheets)
     edges = None
     if "edge_x_mm" in header and "edge_y_mm" in header:
         edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
@@ -110,7 +117,7 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
     recordings: list[Recording] = []
     for sheet, table in tables.items():
         if len(tables) > 1 and not reader.recognises(table, choice):
-            others[sheet] = "has none of the columns"
+            skipped[sheet] = "has none of the columns"
             continue
         for r in reader.recordings(table, choice, gauge):
             name = f"{sheet} {r.name}".rstrip() if len(tables) > 1 else r.name
@@ -118,8 +125,8 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
     if not recordings:
         remedy = next(iter(tables.values())).listing
         raise InputError("no sheet has the columns", file=path, remedy=remedy)
-    if others:
-        note = "sheets left out: " + ", ".join(f"{k} ({why})" for k, why in others.items())
+    if skipped:
+        note = "sheets left out: " + ", ".join(f"{k} ({why})" for k, why in skipped.items())
         recordings = [replace(r, notes=(*r.notes, note)) for r in recordings]
     if choice.tension_negative:
         signs = [-1.0 if axis in choice.tension_negative else 1.0 for axis in "xy"]
@@ -136,7 +143,8 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
 def _check(r: Recording, file: Path, header: Header) -> None:
     """Refuse a recording whose numbers cannot be what their columns say."""
     if len(r.lines) < 2:
-        problem = f"{len(r.lines)} row left of the {r.branch} branch"
+        rows = "no row is" if len(r.lines) == 0 else "only 1 row is"
+        problem = f"{rows} left of the {r.branch} branch"
         raise InputError(problem, file=file, remedy="choose another `cycle` or `branch`")
     sections: tuple[float | None, float | None] = (None, None)
     if r.stress_pair == "force":
@@ -169,8 +177,8 @@ def _check_signs(recordings: Sequence[Recording], file: object) -> None:
         change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
         if change >= -NEGATIVE * largest:
             continue
-        away = stretch - stretch[0]
-        if load[np.abs(away).argmax()] > load[0] and -away.min() > away.max():
+        strain = stretch - stretch[0]
+        if load[np.abs(strain).argmax()] > load[0] and -strain.min() > strain.max():
             raise InputError(
                 f"the load in {axis} rises by {-change:.3g} while the stretch in {axis} falls to "
                 f"{stretch.min():.4g}: the machine may count extension as negative, or the strain "

@@ -13,12 +13,13 @@ from biaxbayes.specimens.branches import cycles, path_progress
 from biaxbayes.tables.table import Table
 
 SAME_RATIO_DEG = 2.5
-"""Largest difference of angle between peaks of one ratio; 1:1 and 1:0.9 differ by 3 degrees."""
+"""Largest angle between peaks of the same ratio; 1:1 and 1:0.9 differ by 3 degrees."""
 STEADY_DEG = 0.75
 """Largest change of angle from cycle to cycle of the quantity that the machine controls."""
-SETTLED = 0.03
-"""Change of peak load or curve between the last cycles below which they repeat (a convention)."""
-SAME_PEAK = 0.05
+SETTLED_CHANGE = 0.03
+"""Relative change of peak load or curve up to which the last cycles repeat (a convention)."""
+SAME_REACH = 0.05
+"""Relative difference of the paths up to which two cycles reach the same stretch."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Cycle:
         return {"loading": up, "unloading": down[::-1], "both": np.union1d(up, down)}[branch]
 
 
-def recorded_cycles(
+def split_cycles(
     stretch: np.ndarray, load: np.ndarray, labels: Sequence[str] | None, table: Table
 ) -> list[Cycle]:
     """Cycles by the labels of a column, otherwise from the curves."""
@@ -43,7 +44,7 @@ def recorded_cycles(
         groups = {"": np.arange(len(stretch))}
     else:
         groups = {k: np.flatnonzero(np.array(labels) == k) for k in dict.fromkeys(labels)}
-    recorded = []
+    all_cycles = []
     for label, rows in groups.items():
         rises = cycles(path_progress(stretch[rows], load[rows]))
         if not rises and label == list(groups)[-1]:
@@ -51,13 +52,13 @@ def recorded_cycles(
             raise InputError(problem, file=table.path, remedy=f"check the columns; {table.listing}")
         first = len(rises) if labels is None else 1
         for number, (up, down) in enumerate(rises[-first:], start=1):
-            recorded.append(Cycle(label or str(number), rows[up], rows[down]))
-    return recorded
+            all_cycles.append(Cycle(label or str(number), rows[up], rows[down]))
+    return all_cycles
 
 
-def chosen_number(which: str, recorded: Sequence[Cycle], table: Table) -> int:
+def cycle_index(which: str, all_cycles: Sequence[Cycle], table: Table) -> int:
     """Index of the selected cycle, ``last`` or a label."""
-    labels = [cycle.label for cycle in recorded]
+    labels = [cycle.label for cycle in all_cycles]
     if which == "last":
         return len(labels) - 1
     if which not in labels:
@@ -69,46 +70,46 @@ def chosen_number(which: str, recorded: Sequence[Cycle], table: Table) -> int:
 
 
 def take_branch(
-    record: Callable[[Cycle, str], Recording],
-    recorded: Sequence[Cycle],
+    convert: Callable[[Cycle, str], Recording],
+    all_cycles: Sequence[Cycle],
     group: Sequence[int],
     branch: str,
     label: str,
 ) -> Recording:
-    """A branch of the last cycle of a group, and how it differs from the cycle before.
+    """A branch of the last cycle of a group, with a note on how it differs from the cycle before.
 
-    ``record`` converts the rows of a cycle and branch; ``label`` names the group in the note.
+    ``convert`` converts the rows of a cycle and branch; ``label`` names the group in the note.
     """
     number = group[-1]
-    taken = record(recorded[number], branch)
-    # a cycle among others, such as ``6 of 6``
-    name, place = recorded[number].label, f"{number + 1} of {len(recorded)}"
-    cycle = place if name == str(number + 1) else f"{name} ({place})"
-    taken = replace(
-        taken,
-        cycle=cycle if len(recorded) > 1 else None,
+    recording = convert(all_cycles[number], branch)
+    # such as ``6 of 6``
+    name, number_of = all_cycles[number].label, f"{number + 1} of {len(all_cycles)}"
+    cycle = number_of if name == str(number + 1) else f"{name} ({number_of})"
+    recording = replace(
+        recording,
+        cycle=cycle if len(all_cycles) > 1 else None,
         branch=branch,
-        time_s=None if branch == "unloading" else taken.time_s,
+        time_s=None if branch == "unloading" else recording.time_s,
     )
     if len(group) < 2:
-        return taken
-    text, settled = settling(*(record(recorded[n], "loading") for n in group[-2:]))
+        return recording
+    text, settled = settling(*(convert(all_cycles[n], "loading") for n in group[-2:]))
     text = f"{label}: {text}" if label else text
     if settled:
-        return replace(taken, notes=(*taken.notes, text))
-    return replace(taken, assumptions=(*taken.assumptions, text))
+        return replace(recording, notes=(*recording.notes, text))
+    return replace(recording, assumptions=(*recording.assumptions, text))
 
 
 # --- ratios ---------------------------------------------------------------------------------------
 
 
 def by_ratio(
-    stretch: np.ndarray, load: np.ndarray, recorded: Sequence[Cycle]
+    stretch: np.ndarray, load: np.ndarray, all_cycles: Sequence[Cycle]
 ) -> dict[str, list[int]]:
     """Cycle numbers by the ratio x:y of peak stretches or loads, whichever is steadier."""
-    ways = []
+    candidates = []
     for curves in (stretch, load):
-        peaks = np.array([curves[c.loading[-1]] - curves[c.loading[0]] for c in recorded])
+        peaks = np.array([curves[c.loading[-1]] - curves[c.loading[0]] for c in all_cycles])
         angles = np.degrees(np.arctan2(peaks[:, 1], peaks[:, 0]))
         groups: list[list[int]] = []
         for i, angle in enumerate(angles):
@@ -117,17 +118,18 @@ def by_ratio(
             if group is None:
                 groups.append(group := [])
             group.append(i)
-        spread = max((float(np.ptp(angles[g])) for g in groups if len(g) > 1), default=np.inf)
-        # Steady from cycle to cycle: what the machine controls. Else rather too many than lost.
-        order = (0, round(4 * spread)) if spread < STEADY_DEG else (1, -len(groups))
-        shares = np.array([peaks[g[-1]] / np.abs(peaks[g[-1]]).max() for g in groups])
-        uneven = float(np.abs(4 * shares - np.round(4 * shares)).sum())
-        ways.append(((*order, uneven), groups, shares))
-    _, groups, shares = min(ways, key=lambda way: way[0])
+        angle_range = max((float(np.ptp(angles[g])) for g in groups if len(g) > 1), default=np.inf)
+        # The quantity that is steady from cycle to cycle is the controlled one; if neither is, take
+        # the more groups, so that no ratio is lost.
+        order = (0, round(4 * angle_range)) if angle_range < STEADY_DEG else (1, -len(groups))
+        fractions = np.array([peaks[g[-1]] / np.abs(peaks[g[-1]]).max() for g in groups])
+        uneven = float(np.abs(4 * fractions - np.round(4 * fractions)).sum())
+        candidates.append(((*order, uneven), groups, fractions))
+    _, groups, fractions = min(candidates, key=lambda candidate: candidate[0])
     if len(groups) == 1:
         return {"": groups[0]}
     named: dict[str, list[int]] = {}
-    for group, (x, y) in zip(groups, shares, strict=True):
+    for group, (x, y) in zip(groups, fractions, strict=True):
         name = f"{round(20 * x) / 20:g}:{round(20 * y) / 20:g}"
         while name in named:
             name += "'"
@@ -139,7 +141,7 @@ def by_ratio(
 
 
 def settling(before: Recording, last: Recording) -> tuple[str, bool]:
-    """Change between the loading branches of two cycles, and whether it repeats."""
+    """Change between the loading branches of two cycles as text, and whether they repeat."""
     branches = (before, last)
     peaks = np.array([r.load[-1] - r.load[0] for r in branches])
     largest = np.abs(peaks[1]).max()
@@ -154,13 +156,13 @@ def settling(before: Recording, last: Recording) -> tuple[str, bool]:
     curve = float(np.abs(curves[1] - curves[0]).mean(axis=0).max()) / largest
     change = (peaks[1] - peaks[0]) / largest
     reach = [path[-1] - path[0] for path in paths]
-    if abs(reach[1] - reach[0]) > SAME_PEAK * reach[1]:
-        words = f"the last two cycles reach different stretches; their curves differ by {curve:.1%}"
-        settled = curve <= SETTLED
+    if abs(reach[1] - reach[0]) > SAME_REACH * reach[1]:
+        text = f"the last two cycles reach different stretches; their curves differ by {curve:.1%}"
+        settled = curve <= SETTLED_CHANGE
     else:
-        words = (
+        text = (
             f"between the last two cycles the peak load changes by {change[0]:+.1%} in x and "
             f"{change[1]:+.1%} in y, the curve by {curve:.1%} (of the largest load)"
         )
-        settled = max(curve, *np.abs(change).tolist()) <= SETTLED
-    return (words if settled else f"preconditioning has not settled: {words}"), settled
+        settled = max(curve, *np.abs(change).tolist()) <= SETTLED_CHANGE
+    return (text if settled else f"preconditioning has not settled: {text}"), settled

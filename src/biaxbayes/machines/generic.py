@@ -13,8 +13,8 @@ from biaxbayes.machines.columns import SHEAR, Column, column_map, parse_columns
 from biaxbayes.machines.cycles import (
     Cycle,
     by_ratio,
-    chosen_number,
-    recorded_cycles,
+    cycle_index,
+    split_cycles,
     take_branch,
 )
 from biaxbayes.machines.recording import Gauge, Recording
@@ -62,10 +62,10 @@ def _protocols(
     """The selected cycle of a record, or the last one of each ratio."""
     whole = _recording(table, columns, rows, gauge)
     labels = table.text(columns["cycle"].index, rows) if "cycle" in columns else None
-    cycles = recorded_cycles(whole.stretch, whole.load, labels, table)
+    cycles = split_cycles(whole.stretch, whole.load, labels, table)
     ratios = by_ratio(whole.stretch, whole.load, cycles)
     if choice.cycle != "last":
-        wanted = chosen_number(choice.cycle, cycles, table)
+        wanted = cycle_index(choice.cycle, cycles, table)
         group = next(group for group in ratios.values() if wanted in group)
         ratios = {"": [n for n in group if n <= wanted]}
     if len(ratios) > 1:

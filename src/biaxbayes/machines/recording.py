@@ -8,7 +8,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 
-LONGEST, SHORTEST = 1.5, 0.11
+MAX_LENGTH_OVER_EDGE, MIN_LENGTH_OVER_EDGE = 1.5, 0.11
 """Range of lengths between marks or grips over the edge of the tissue: longer ones are impossible,
 shorter ones are probably in cm."""
 
@@ -51,7 +51,7 @@ class Gauge:
     given_mm: tuple[float | None, float | None] = (None, None)  # by the user
     edges_mm: tuple[float, float] | None = None  # used in place of a length that is not given
     geometry: str = "unloaded"  # state of the edges
-    at: str = ""  # `gauge_at` of Choice
+    at: str = ""  # as `gauge_at` of `Choice`
 
     def from_displacement(
         self, moved_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
@@ -116,7 +116,7 @@ class Gauge:
     def _doubt(self, length_mm: float, k: int, column: str, file: object) -> str:
         """Refuse a length that does not fit on the tissue; return a note on a very short one."""
         axis, edge = "xy"[k], None if self.edges_mm is None else self.edges_mm[k]
-        if edge is not None and length_mm > LONGEST * edge:
+        if edge is not None and length_mm > MAX_LENGTH_OVER_EDGE * edge:
             raise InputError(
                 f"the length of {length_mm:g} mm in {axis} does not fit on a tissue with an edge "
                 f"of {edge:g} mm",
@@ -127,6 +127,6 @@ class Gauge:
                 f"stretch_{axis}={column}:displacement_mm with `gauge_{axis}_mm` and "
                 "`gauge_at=start`",
             )
-        if edge is not None and length_mm < SHORTEST * edge:
+        if edge is not None and length_mm < MIN_LENGTH_OVER_EDGE * edge:
             return f" (only {length_mm / edge:.0%} of the edge of {edge:g} mm: is it in mm?)"
         return ""

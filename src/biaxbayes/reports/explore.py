@@ -26,7 +26,7 @@ from markupsafe import Markup
 from biaxbayes.errors import InputError
 from biaxbayes.figures.bands import abscissa, residual_unit, shown_protocols
 from biaxbayes.figures.quantities import axis_span, corner_columns, number
-from biaxbayes.figures.style import CREDIBLE, LOADS, PAGE_MM, colour, print_style
+from biaxbayes.figures.style import CREDIBLE, LOAD_LABELS, PAGE_MM, colour, print_style
 from biaxbayes.identifiability.bounded_density import Span
 from biaxbayes.identifiability.reported import ReportRow
 from biaxbayes.model.posterior import Posterior
@@ -35,16 +35,16 @@ from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
 from biaxbayes.reports.templates import page_template
-from biaxbayes.reports.text import as_html, cut
+from biaxbayes.reports.text import as_html, truncate
 
 LEAST_EFFECTIVE = 200
 """Effective draws (Kish) below which another prior is refused."""
-MOST_DRAWS = 700
+MAX_DRAWS = 700
 """Draws on the page."""
-STATES, MOST_STATES = 130, 41
+MAX_STATES, MAX_STATES_PER_PROTOCOL = 130, 41
 """Largest number of states of all protocols together, and of one."""
-BINS = 24
-PANEL, CURVE = 105, 380
+HISTOGRAM_BINS = 24
+PANEL_PX, CURVE_PX = 105, 380
 """Width of a panel of the corner, and of the curves of a protocol, pixels."""
 GREY = "#4a525c"
 UUID = r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
@@ -57,7 +57,7 @@ def can_be_explored(known: Quantities, draws: pd.DataFrame) -> bool:
 
 def thinned_draws(draws: pd.DataFrame) -> pd.DataFrame:
     """The draws that the page holds, evenly chosen."""
-    return draws.iloc[evenly_chosen(len(draws), MOST_DRAWS)].reset_index(drop=True)
+    return draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)].reset_index(drop=True)
 
 
 def explore_page(
@@ -104,10 +104,10 @@ def explore_page(
     page = file_html(
         document,
         INLINE,
-        title=f"{cut(posterior.specimen.name)} – explore the posterior",
+        title=f"{truncate(posterior.specimen.name)} – explore the posterior",
         template=page_template("explore.html.jinja"),
         template_variables={
-            "name": cut(posterior.specimen.name),
+            "name": truncate(posterior.specimen.name),
             "law": posterior.law.title,
             "law_called": posterior.law.short_name,
             "report": report,
@@ -119,7 +119,7 @@ def explore_page(
             "axes": axes,
             "priors": priors,
             "hues": hues,
-            "width": PANEL * len(axes) + 80,
+            "width": PANEL_PX * len(axes) + 80,
             "protocols": shown_protocols(posterior.specimen, PAGE_MM),
             "all_protocols": len(posterior.specimen.protocols),
             "directions": [("x", posterior.specimen.axis_x), ("y", posterior.specimen.axis_y)],
@@ -192,8 +192,8 @@ def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, l
     for i, j in np.argwhere(np.tri(len(axes))).tolist():
         diagonal = i == j
         panel = figure(
-            width=PANEL + (55 if j == 0 else 0),
-            height=PANEL + (45 if i == last else 0),
+            width=PANEL_PX + (55 if j == 0 else 0),
+            height=PANEL_PX + (45 if i == last else 0),
             x_range=ranges[j],
             x_axis_type=kinds[j],
             y_axis_type="linear" if diagonal else kinds[i],
@@ -233,7 +233,7 @@ def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, l
 
 def _histogram(panel: Any, axis: Axis, hue: str) -> Any:
     """Draw all draws as a line, the selected ones as bars; return the source of both."""
-    edges = axis.span.back(np.linspace(0.0, 1.0, BINS + 1))
+    edges = axis.span.back(np.linspace(0.0, 1.0, HISTOGRAM_BINS + 1))
     counts = np.histogram(axis.values, edges)[0] / len(axis.values)
     source = ColumnDataSource(
         {"left": edges[:-1], "right": edges[1:], "all": counts, "selected": counts}
@@ -258,7 +258,10 @@ def _curve_panels(
     specimen = posterior.specimen
     count = shown_protocols(specimen, PAGE_MM)
     drawn = curves_of_draws(
-        specimen, few, settings=posterior.settings, max_rows=min(MOST_STATES, STATES // count)
+        specimen,
+        few,
+        settings=posterior.settings,
+        max_rows=min(MAX_STATES_PER_PROTOCOL, MAX_STATES // count),
     )[:count]
     tables = [_table(curves) for curves in drawn]
     factor, finer = residual_unit(pd.concat(tables), specimen.unit)
@@ -267,12 +270,12 @@ def _curve_panels(
     for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
         test = {str(axis): part for axis, part in table.groupby("direction")}
         places, label = abscissa(test)
-        title = Title(text=PlainText(cut(protocol.protocol, 60)))
-        load = figure(width=CURVE, height=230, tools=[], title=title)
-        residual = figure(width=CURVE, height=150, tools=[], x_range=load.x_range)
+        title = Title(text=PlainText(truncate(protocol.protocol, 60)))
+        load = figure(width=CURVE_PX, height=230, tools=[], title=title)
+        residual = figure(width=CURVE_PX, height=150, tools=[], x_range=load.x_range)
         load.xaxis.visible = False
         residual.xaxis.axis_label = label
-        load.yaxis.axis_label = LOADS[specimen.stress_pair].replace("\n", " ")
+        load.yaxis.axis_label = LOAD_LABELS[specimen.stress_pair].replace("\n", " ")
         residual.yaxis.axis_label = f"less median ({finer})"
         for panel in (load, residual):
             panel.axis.axis_label_text_font_style = "normal"

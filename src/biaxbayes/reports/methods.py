@@ -13,15 +13,15 @@ from biaxbayes.identifiability.verdict import (
 )
 from biaxbayes.model.priors import prior_text
 from biaxbayes.parameters import STRETCH
-from biaxbayes.reports.text import STATES, as_latex, cut, latex_text
+from biaxbayes.reports.text import CONVERGENCE_TEXTS, as_latex, latex_text, truncate
 from biaxbayes.runs.run import Run
 
-LOADS = {
+LOAD_PHRASES = {
     "force": "the forces",
     "piola": "the first Piola-Kirchhoff stresses",
     "cauchy": "the nominal stresses (Cauchy stress over measured stretch)",
 }
-MOUNTING = {
+MOUNTING_SENTENCES = {
     "noisy": (
         "For every draw the mounting stretches were the root of the balance between the model and "
         "the load at the mounted state, whose reading has the load cell's own error; the density "
@@ -54,7 +54,7 @@ def methods(run: Run) -> str:
         _grips(run),
         f"It was described by {run.law.in_words}. Measured stretches refer to the mounted state; "
         "the total stretch is the measured one times the mounting stretch.",
-        MOUNTING[str(run.provenance["settings"]["mounting"])],
+        MOUNTING_SENTENCES[str(run.provenance["settings"]["mounting"])],
         _noise(run),
         f"Priors: {priors}." if priors else "",
         _sampling(run),
@@ -85,7 +85,7 @@ def _grips(run: Run) -> str:
         if "grips" in run.specimen.metadata:
             return ""
         return "Loads were taken as those of a uniform test, whatever the grips."
-    words = cut(record.get("in_words", ""), 300)
+    words = truncate(record.get("in_words", ""), 300)
     text = (
         f"{words[:1].upper()}{words[1:]}: the force of a finite-element sheet at the least-squares "
         "fit over that of a uniform test; fit and finite elements were repeated until the ratio "
@@ -102,7 +102,7 @@ def _grips(run: Run) -> str:
 
 def _noise(run: Run) -> str:
     noise, settings = run.provenance["noise"], run.provenance["settings"]
-    loads = LOADS[run.specimen.stress_pair]
+    loads = LOAD_PHRASES[run.specimen.stress_pair]
     text = f"Errors of {loads} were Gaussian with an inferred standard deviation"
     errors = run.settings.error_model
     if errors is not CONSTANT:
@@ -127,7 +127,7 @@ def prior_texts(run: Run) -> dict[str, str]:
     words = {}
     for name, prior in priors.items() if isinstance(priors, dict) else ():
         known = run.quantities.get(name)
-        words[cut(name, 40)] = cut(prior_text(prior, "" if known is None else known.unit))
+        words[truncate(name, 40)] = truncate(prior_text(prior, "" if known is None else known.unit))
     return words
 
 
@@ -135,9 +135,10 @@ def _sampling(run: Run) -> str:
     record = run.provenance
     sampler, convergence = record["sampler"], record["convergence"]
     emcee = record.get("versions", {}).get("emcee", "")
+    version = truncate(record.get("biaxbayes", ""), 30)
     text = (
-        f"The joint posterior was sampled with biaxbayes {cut(record.get('biaxbayes', ''), 30)} "
-        f"(emcee {cut(emcee, 30)}) in {sampler.get('ensembles', 4)} independent ensembles of "
+        f"The joint posterior was sampled with biaxbayes {version} (emcee {truncate(emcee, 30)}) "
+        f"in {sampler.get('ensembles', 4)} independent ensembles of "
         f"{sampler.get('walkers', 0)} walkers for {sampler.get('steps', 0):,} steps after an "
         f"adaptive warm-up (seed {record['seed']})"
     )
@@ -147,7 +148,7 @@ def _sampling(run: Run) -> str:
             f"{convergence['worst_rhat']:.4f}, the smallest effective sample size "
             f"{convergence['worst_ess']:,.0f}."
         )
-    return f"{text}. The chains did NOT converge: {cut(convergence['reason'], 300)}."
+    return f"{text}. The chains did NOT converge: {truncate(convergence['reason'], 300)}."
 
 
 def _intervals(run: Run) -> str:
@@ -191,7 +192,7 @@ def latex_table(run: Run) -> str:
     name = latex_text(run.specimen.name)
     caption = f"{name}: reported 90\\,\\% intervals and 95\\,\\% bounds."
     if run.state != "converged":
-        caption += f" {latex_text(STATES[run.state])}"
+        caption += f" {latex_text(CONVERGENCE_TEXTS[run.state])}"
     rows = []
     for row in run.result.rows:
         texts = [latex_text(t, 300) for t in (row.interval, row.unit, row.verdict, row.reason)]
@@ -241,11 +242,11 @@ def closing_message(run: Run) -> str:
             f"converged (R-hat {convergence['worst_rhat']:.4f}, at least "
             f"{convergence['worst_ess']:.0f} effective draws of every quantity)"
         )
-    lines = [f"{printable(cut(name, 80))}: {verdict}"]
+    lines = [f"{printable(truncate(name, 80))}: {verdict}"]
     if isinstance(grips := record.get("grips"), dict):
-        lines.append(printable(cut(grips.get("in_words", ""), 200)))
+        lines.append(printable(truncate(grips.get("in_words", ""), 200)))
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
-    lines += [printable(cut(f["message"], 400)) for f in serious[:1]]
+    lines += [printable(truncate(f["message"], 400)) for f in serious[:1]]
     advice = "; ".join(filter(None, (result.low_information, result.advice)))
     rest = [printable(text) for text in (result.fit, advice) if text]
     rest += [printable(text) for text in result.warnings[:1]]

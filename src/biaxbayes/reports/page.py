@@ -16,12 +16,12 @@ from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
 from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
-from biaxbayes.reports.text import STATES, cut
+from biaxbayes.reports.text import CONVERGENCE_TEXTS, truncate
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
-NAME, EXPLORE = REPORTS["html"], REPORTS["explore"]
-FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger", "grips")
+PAGE, EXPLORE = REPORTS["html"], REPORTS["explore"]
+RUN_FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger", "grips")
 METHOD = (
     "Improved Mechanical Characterization of Soft Tissues Including Mounting Stretches. "
     "Mathematical and Computational Applications 29(4), 55, 2024.",
@@ -36,7 +36,7 @@ SOFTWARE = (
     "The biaxbayes developers. biaxbayes: Bayesian material parameters and mounting stretches "
     "from planar biaxial tests, version {}."
 )
-LOADS = {
+LOAD_TEXTS = {
     "force": "forces (N)",
     "piola": "first Piola-Kirchhoff stress (kPa)",
     "cauchy": "Cauchy stress (kPa)",
@@ -51,7 +51,7 @@ def write_report(folder: Path | str, run: Run | None = None) -> Path:
     """
     folder = Path(folder)
     page = report_page(run or open_run(folder), explore=(folder / EXPLORE).is_file())
-    path = folder / NAME
+    path = folder / PAGE
     atomic_write_text(path, page)
     return path
 
@@ -67,14 +67,14 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     if len(checks):
         sentences = checks_in_words(checks, run.specimen.unit, run.law.name)
         sentences += misfit_in_words(checks)
-    version = cut(record.get("biaxbayes", ""), 30)
+    version = truncate(record.get("biaxbayes", ""), 30)
     return page_template("report.html.jinja").render(
         run=run,
         result=result,
-        name=cut(run.specimen.name),
+        name=truncate(run.specimen.name),
         explore=EXPLORE if explore else "",
-        verdict=STATES[run.state],
-        reason=cut(record["convergence"]["reason"], 400),
+        verdict=CONVERGENCE_TEXTS[run.state],
+        reason=truncate(record["convergence"]["reason"], 400),
         facts=_specimen_facts(run),
         tests=_test_rows(run),
         load="force" if run.specimen.stress_pair == "force" else "nominal stress",
@@ -84,16 +84,16 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         ],
         convergence_rows=_convergence_rows(run),
         contractions=_contraction_rows(run),
-        figures=pictures(run.path, FIGURES),
+        figures=pictures(run.path, RUN_FIGURES),
         stresses=stress_rows(run),
         determined=determined_rows(run),
         grips=_grip_rows(run),
         noise=record["noise"],
         sampler=record["sampler"],
         convergence=record["convergence"],
-        misfit_sentences=[cut(text, 400) for text in dict.fromkeys(sentences)],
+        misfit_sentences=[truncate(text, 400) for text in dict.fromkeys(sentences)],
         misfit=_misfit_rows(checks),
-        notes=[cut(n, 400) for n in (*record["notes"], record["sampler"]["message"]) if n],
+        notes=[truncate(n, 400) for n in (*record["notes"], record["sampler"]["message"]) if n],
         settings_facts=_settings_facts(run),
         version_facts=_version_facts(run),
         citations=[
@@ -130,10 +130,10 @@ def _grip_rows(run: Run) -> list[tuple[str, ...]]:
 def _specimen_facts(run: Run) -> list[tuple[str, str]]:
     """Specimen and test at a glance."""
     s = run.specimen
-    facts = [("Specimen", cut(s.name))]
+    facts = [("Specimen", truncate(s.name))]
     if s.layer:
-        facts.append(("Layer", cut(s.layer)))
-    axes = [f"{a}: {cut(n, 60)}" for a, n in (("x", s.axis_x), ("y", s.axis_y)) if n]
+        facts.append(("Layer", truncate(s.layer)))
+    axes = [f"{a}: {truncate(n, 60)}" for a, n in (("x", s.axis_x), ("y", s.axis_y)) if n]
     if axes:
         facts.append(("Axes", ", ".join(axes)))
     if s.edge_x_mm and s.edge_y_mm and s.thickness_mm:
@@ -141,11 +141,11 @@ def _specimen_facts(run: Run) -> list[tuple[str, str]]:
         facts.append(("Dimensions", f"{size}, {s.geometry}"))
     else:
         facts.append(("Reference of the stresses", f"{s.geometry} dimensions"))
-    facts.append(("Measured", LOADS[s.stress_pair]))
+    facts.append(("Measured", LOAD_TEXTS[s.stress_pair]))
     if s.noise_sd > 0.0:
         source = "given" if s.load_noise is not None else "estimated from the record"
         facts.append(("Noise of one load reading", f"{s.noise_sd:.3g} {s.unit} ({source})"))
-    facts.append(("File", cut(run.provenance.get("source", ""))))
+    facts.append(("File", truncate(run.provenance.get("source", ""))))
     return facts
 
 
@@ -154,9 +154,9 @@ def _settings_facts(run: Run) -> list[tuple[str, str]]:
     settings = run.provenance["settings"]
     facts = [
         ("Material law", run.law.title),
-        ("Mounting force", cut(settings.get("mounting", ""), 30)),
-        ("Mounted states", cut(settings.get("mounting_stretch", ""), 30)),
-        ("Errors", cut(settings.get("noise", ""), 30)),
+        ("Mounting force", truncate(settings.get("mounting", ""), 30)),
+        ("Mounted states", truncate(settings.get("mounting_stretch", ""), 30)),
+        ("Errors", truncate(settings.get("noise", ""), 30)),
         ("Sd of the errors", str(run.settings.error_model)),
         ("Fibres in extension only", "yes" if settings.get("fibre_switch") is True else "no"),
     ]
@@ -170,10 +170,10 @@ def _version_facts(run: Run) -> list[tuple[str, str]]:
     record = run.provenance
     versions = record.get("versions")
     return [
-        ("biaxbayes", cut(record.get("biaxbayes", ""), 30)),
+        ("biaxbayes", truncate(record.get("biaxbayes", ""), 30)),
         ("Seed", str(record["seed"])),
-        ("SHA-256 of the specimen", cut(record.get("specimen_sha256", ""), 64)),
-        *((cut(k, 30), cut(v, 30)) for k, v in (versions or {}).items()),
+        ("SHA-256 of the specimen", truncate(record.get("specimen_sha256", ""), 64)),
+        *((truncate(k, 30), truncate(v, 30)) for k, v in (versions or {}).items()),
     ]
 
 
@@ -190,7 +190,7 @@ def _test_rows(run: Run) -> list[Row]:
         stretches = (f"{p.stretch_x.max():.3f}", f"{p.stretch_y.max():.3f}")
         mounted = f"{fx:.3g}, {fy:.3g}" if p.rest_rows else "as the others"
         loads = (f"{load[0]:.3g}", f"{load[1]:.3g}")
-        rows.append((cut(p.name, 60), f"{p.rows:,}", *stretches, *loads, mounted))
+        rows.append((truncate(p.name, 60), f"{p.rows:,}", *stretches, *loads, mounted))
     return rows
 
 
@@ -198,7 +198,7 @@ def _misfit_rows(checks: pd.DataFrame) -> list[Row]:
     """The posterior predictive check of every curve."""
     return [
         (
-            cut(r["protocol"], 60),
+            truncate(r["protocol"], 60),
             r["direction"],
             f"{r['rms']:.3g}",
             f"{100 * r['share']:.2g} %",
@@ -236,7 +236,7 @@ def _contraction_rows(run: Run) -> list[Row]:
             (
                 quantity,
                 f"{min(100.0 * max(contraction, 0.0), 99.9):.3g} %",
-                cut(", ".join(partners.split())) or "none",
+                truncate(", ".join(partners.split())) or "none",
                 f"{100.0 * float(r['spread_given_partners']):.0f} %",
                 f"{float(r['prior_sensitivity']):.2f}",
                 f"{float(r['likelihood_sensitivity']):.2f}",
@@ -256,13 +256,13 @@ def _law_rows(run: Run) -> list[Row]:
             f"{p.number(float(r[n]))} ± {float(r[f'{n}_sd']):.2g}" for n, p in known.items()
         ]
         equal = "yes" if r["fits"] else "no"
-        rows.append((cut(r["law"], 30), f"{float(r['rms']):.3g}", equal, ", ".join(stretches)))
+        rows.append((truncate(r["law"], 30), f"{float(r['rms']):.3g}", equal, ", ".join(stretches)))
     return rows
 
 
 MOST_STRETCHES = 3
 """Number of total stretches on the page, beside the end of every protocol."""
-TENSOR = {
+TENSOR_TEXTS = {
     "Hx": "structure tensor, x",
     "Hy": "structure tensor, y",
     "Hz": "structure tensor, through the thickness",
@@ -277,7 +277,7 @@ def stress_rows(run: Run) -> list[Row]:
         low, median, high = (float(r[k]) for k in ("low", "median", "high"))
         low_text, median_text, high_text = (number(v, low, high) for v in (low, median, high))
         state = f"{float(r['stretch_x']):g}, {float(r['stretch_y']):g}"
-        name = cut(r["quantity"], 90)
+        name = truncate(r["quantity"], 90)
         rows.append((name, state, median_text, f"{low_text} to {high_text}", str(r["unit"])))
     return rows
 
@@ -297,10 +297,10 @@ def determined_rows(run: Run) -> list[Row]:
         x, y = float(r["stretch_x"]), float(r["stretch_y"])
         percent = 100.0 * float(r["relative_width"])
         width = f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
-        name = cut(r["quantity"], 90)
+        name = truncate(r["quantity"], 90)
         rows.append(
             (
-                TENSOR.get(name, name),
+                TENSOR_TEXTS.get(name, name),
                 "" if math.isnan(x) else f"{x:g}, {y:g}",
                 median_text,
                 f"{low_text} to {high_text}",

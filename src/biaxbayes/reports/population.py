@@ -22,11 +22,11 @@ from biaxbayes.populations.text import (
 )
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.text import counted, cut
+from biaxbayes.reports.text import plural, truncate
 from biaxbayes.studies.groups import USABLE_VERDICTS
 
 PAGE = "population.html"
-FIGURES = {
+FIGURE_TEXTS = {
     "population-forest": (
         "Specimens alone and pooled",
         "Medians and 90 % intervals. Grey: the specimen by its own test alone; coloured: together "
@@ -56,7 +56,7 @@ def population_page(
     folder: Path, tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]
 ) -> str:
     """The page as HTML from the three tables and the record in population.json."""
-    drawn = pictures(folder, tuple(FIGURES))
+    drawn = pictures(folder, tuple(FIGURE_TEXTS))
     own = tables["specimens"].drop_duplicates("specimen")
     state, reason = (record["convergence"][k] for k in ("state", "reason"))
     converged = state == "converged"
@@ -64,16 +64,16 @@ def population_page(
     shown = [n for n in names if n in KNOWN_QUANTITIES]
     heads = [Markup(">") + with_unit(n, KNOWN_QUANTITIES[n].unit) for n in shown]
     return page_template("population.html.jinja").render(
-        name=cut(record["name"]),
-        specimens=counted(len(own), "specimen"),
-        donors=counted(int(own["donor"].nunique()), "donor"),
+        name=truncate(record["name"]),
+        specimens=plural(len(own), "specimen"),
+        donors=plural(int(own["donor"].nunique()), "donor"),
         state=state,
         verdict="The chains have converged." if converged else f"The population is {state}:",
         reason="" if converged else reason,
-        left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
-        notes=[cut(n, 500) for n in record["notes"]],
-        figure_titles={stem: FIGURES[stem][0] for stem in drawn},
-        figures=[(k, *FIGURES[k], picture) for k, picture in drawn.items()],
+        left_out=[(truncate(k), truncate(v, 300)) for k, v in record["left_out"].items()],
+        notes=[truncate(n, 500) for n in record["notes"]],
+        figure_titles={stem: FIGURE_TEXTS[stem][0] for stem in drawn},
+        figures=[(k, *FIGURE_TEXTS[k], picture) for k, picture in drawn.items()],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
         columns=["Specimen, group, donor", ">#Fit", *heads],
         own=_specimens(tables["specimens"], shown),
@@ -103,15 +103,21 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
             median = (_marked(r.median, r.identified), r.reported)
             rows.append((named(r.quantity), unit_text(r.unit), median, r.verdict, *sds, *r.new))
         sentences = [
-            (named(r["quantity"]), cut(r["in_words"].removeprefix(f"{r['quantity']}: "), 400))
+            (named(r["quantity"]), truncate(r["in_words"].removeprefix(f"{r['quantity']}: "), 400))
             for r in part.to_dict("records")
             if r["quantity"] in pooled and isinstance(r["in_words"], str)
         ]
-        counts = {k: counted(int(part.iloc[0][k]), k[:-1]) for k in ("specimens", "donors")}
+        counts = {k: plural(int(part.iloc[0][k]), k[:-1]) for k in ("specimens", "donors")}
         columns = ["Quantity", "Unit", ">#Typical donor", "#Verdict"]
         columns += [*(f">{head}" for head in heads), ">#New specimen", ">#New donor"]
         out.append(
-            {"name": cut(group, 60), "columns": columns, "rows": rows, "words": sentences, **counts}
+            {
+                "name": truncate(group, 60),
+                "columns": columns,
+                "rows": rows,
+                "words": sentences,
+                **counts,
+            }
         )
     return out
 
@@ -132,7 +138,8 @@ def _specimens(table: pd.DataFrame, names: list[str]) -> list[Row]:
             identified = r["pooled_verdict"] in (*USABLE_VERDICTS, FIXED)
             cells.append((_marked(median, identified), ends, f"({alone})"))
         first = part.iloc[0]
-        head = (cut(label, 60), f"{cut(first['group'], 40)}, {cut(first['donor'], 40)}")
+        group, donor = truncate(first["group"], 40), truncate(first["donor"], 40)
+        head = (truncate(label, 60), f"{group}, {donor}")
         out.append((head, three_digits(float(first["specimen_predictive_p"])), *cells))
     return out
 
@@ -145,7 +152,7 @@ def _contrasts(table: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
             (named(r.quantity), r.kind, r.median, r.interval, r.direction, r.probability)
             for r in contrast_rows(part)
         ]
-        out.append((cut(a, 40), cut(b, 40), rows))
+        out.append((truncate(a, 40), truncate(b, 40), rows))
     return out
 
 
@@ -153,8 +160,8 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
     """One paragraph for a paper, with the numbers of this population."""
     groups = tables["groups"].drop_duplicates("group")
     members = "; ".join(
-        f"{cut(r['group'], 60)}: {counted(r['specimens'], 'specimen')} of "
-        f"{counted(r['donors'], 'donor')}"
+        f"{truncate(r['group'], 60)}: {plural(r['specimens'], 'specimen')} of "
+        f"{plural(r['donors'], 'donor')}"
         for r in groups.to_dict("records")
     )
     pooled = record["pooled"]

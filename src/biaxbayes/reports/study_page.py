@@ -22,7 +22,7 @@ from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.text import as_html, cut, derived_text
+from biaxbayes.reports.text import as_html, derived_text, truncate
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
@@ -38,14 +38,14 @@ def study_page(result: StudyResult) -> str:
         q for q in KNOWN_QUANTITIES.assessed() if (result.table["quantity"] == q.name).any()
     ]
     columns: list[str | Markup] = ["Specimen, layer, donor"]
-    columns += [Markup.escape(cut(name, 40)) for name in result.own_columns]
+    columns += [Markup.escape(truncate(name, 40)) for name in result.own_columns]
     columns += ["State", *(Markup(">") + with_unit(q.name, q.unit) for q in assessed)]
     return page_template("study.html.jinja").render(
-        name=cut(result.name),
+        name=truncate(result.name),
         total=sum(states.values()),
         converged=states.get("converged", 0),
         states=[(k, v) for k, v in states.items() if k != "converged"],
-        failures=[(cut(k), cut(v, 300)) for k, v in result.failures.items()],
+        failures=[(truncate(k), truncate(v, 300)) for k, v in result.failures.items()],
         columns=columns,
         specimens=_specimens(result, [q.name for q in assessed]),
         figures=pictures(result.folder, (FIGURE,)),
@@ -53,7 +53,7 @@ def study_page(result: StudyResult) -> str:
         donors=_groups(result.groups, "donor"),
         contrasts=_contrasts(result.contrasts),
         warning=WARNING,
-        notes=[cut(n, 400) for n in result.notes],
+        notes=[truncate(n, 400) for n in result.notes],
     )
 
 
@@ -78,11 +78,11 @@ def _specimens(result: StudyResult, names: list[str]) -> list[Row]:
     table = {(str(r["specimen"]), str(r["quantity"])): r for r in result.table.to_dict("records")}
     rows: list[Row] = []
     for s in result.specimens.to_dict("records"):
-        label, page = cut(s["specimen"], 60), f"{s['folder']}/report.html"
+        label, page = truncate(s["specimen"], 60), f"{s['folder']}/report.html"
         if (result.folder / page).is_file():
             label = Markup('<a href="{}">{}</a>').format(quote(page), label)
-        origin = ", ".join(cut(s[k], 40) for k in ("layer", "donor") if s[k])
-        own = [cut(s[name], 40) for name in result.own_columns]
+        origin = ", ".join(truncate(s[k], 40) for k in ("layer", "donor") if s[k])
+        own = [truncate(s[name], 40) for name in result.own_columns]
         cells = [_cell(table.get((str(s["specimen"]), n))) for n in names]
         rows.append(((label, origin), *own, s["state"], *cells))
     return rows
@@ -109,7 +109,7 @@ def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
             if r["identified"] > 0 and _of_tissue(str(r["quantity"]))
         ]
         counts = {k: int(first[k]) for k in ("specimens", "converged")}
-        out.append({"name": cut(group, 60), "rows": rows, **counts})
+        out.append({"name": truncate(group, 60), "rows": rows, **counts})
     return out
 
 
@@ -157,7 +157,7 @@ def _contrasts(contrasts: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
             ends = f"{first} to {last}" if low < high else DASH
             signs = (str(r["b_greater"]), str(r["b_less"]))
             rows.append((*head, counts, *signs, middle, ends))
-        out.append((cut(a, 40), cut(b, 40), rows))
+        out.append((truncate(a, 40), truncate(b, 40), rows))
     return out
 
 

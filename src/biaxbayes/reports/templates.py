@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 import biaxbayes
 from biaxbayes.parameters import Quantity
-from biaxbayes.reports.text import GLOSSARY, SEVERAL, as_html
+from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, as_html
 
 Cell: TypeAlias = str | Quantity | Markup | tuple[str | Markup, ...]
 """A text, a quantity (its symbol), or a text with further ones in small print below."""
@@ -38,7 +38,7 @@ def page_template(name: str) -> Template:
     terms = list(GLOSSARY)
     environment.globals |= {
         "version": biaxbayes.__version__,
-        "glossary": lambda terms: [(term, (GLOSSARY | SEVERAL)[term]) for term in terms],
+        "glossary": lambda terms: [(term, (GLOSSARY | SEVERAL_GLOSSARY)[term]) for term in terms],
         "run_terms": terms,
         "verdict_terms": terms[terms.index("verdict") : terms.index("fixed") + 1],
     }

@@ -27,13 +27,13 @@ _LATEX = {
 }
 
 
-def cut(text: object, length: int = 120) -> str:
+def truncate(text: object, length: int = 120) -> str:
     """One line without control or direction-changing characters, at most ``length`` long."""
     line = one_line(str(text))
     return line if len(line) <= length else line[: length - 1].rstrip() + "…"
 
 
-DERIVED = {
+DERIVED_TEXTS = {
     "H": "structure tensor, {}",
     "stiffness_": "tangent stiffness, {}",
     "cauchy_": "Cauchy stress, {}",
@@ -44,7 +44,7 @@ SMALL_STRAIN = "small-strain stiffness, {}"
 def derived_text(name: str) -> str:
     """Text for a derived quantity such as ``cauchy_x at 1.1``; other names unchanged."""
     stem, at, stretch = name.partition(" at ")
-    text = DERIVED.get(stem[:-1])
+    text = DERIVED_TEXTS.get(stem[:-1])
     if text is None or stem[-1:] not in "xyz":
         return name
     if stem.startswith("stiffness_") and stretch in ("", "1"):
@@ -52,7 +52,7 @@ def derived_text(name: str) -> str:
     return text.format(stem[-1]) + (f", at {stretch}" if at else "")
 
 
-STATES = {
+CONVERGENCE_TEXTS = {
     "converged": "Converged chains: the ensembles agree and hold enough independent draws.",
     "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",
     "unusable": "Not usable: the ensembles disagree, so the draws must not be used.",
@@ -60,7 +60,7 @@ STATES = {
 """How far a run can be trusted, by its state."""
 
 
-def counted(number: int, noun: str) -> str:
+def plural(number: int, noun: str) -> str:
     """A number with its noun, as ``2 specimens``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
@@ -68,10 +68,10 @@ def counted(number: int, noun: str) -> str:
 def as_html(quantity: Quantity | str) -> Markup:
     """Symbol of a quantity as HTML, or a name; what comes from a file is escaped."""
     if isinstance(quantity, str):
-        return escape(cut(quantity, 80))
+        return escape(truncate(quantity, 80))
     p = quantity.parameter
     symbol = Markup(p.html) if p.html else escape(p.name)
-    label = cut(quantity.state, 40)
+    label = truncate(quantity.state, 40)
     return symbol + (Markup(" <bdi>{}</bdi>").format(label) if label else "")
 
 
@@ -84,7 +84,7 @@ def as_latex(quantity: Quantity) -> str:
 
 def latex_text(text: object, length: int = 120) -> str:
     """Text from a file that LaTeX prints as it stands."""
-    return "".join(_LATEX.get(c, c) for c in cut(text, length))
+    return "".join(_LATEX.get(c, c) for c in truncate(text, length))
 
 
 # --- glossary ------------------------------------------------------------------------------------
@@ -92,5 +92,5 @@ def latex_text(text: object, length: int = 120) -> str:
 _TERMS = tomllib.loads(Path(__file__).with_name("glossary.toml").read_text(encoding="utf-8"))
 GLOSSARY: dict[str, str] = _TERMS["run"]
 """Terms of a run's report, figures and tables."""
-SEVERAL: dict[str, str] = _TERMS["several"]
+SEVERAL_GLOSSARY: dict[str, str] = _TERMS["several"]
 """Further terms of pages on several specimens, or laws."""

@@ -6,10 +6,10 @@ import numpy as np
 
 from biaxbayes.specimens.protocol import second_difference_scatter
 
-CYCLE_SHARE = 0.3
-"""Share of the whole range that a rise and a fall must have to count as a cycle."""
+CYCLE_FRACTION = 0.3
+"""Fraction of the whole range that a rise and a fall must have to count as a cycle."""
 TOLERATED_DROP = 0.05
-"""Tolerated drop below the running maximum, as a share of the range."""
+"""Tolerated drop below the running maximum, as a fraction of the range."""
 
 
 def path_progress(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -20,9 +20,9 @@ def path_progress(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
     """
     total = np.zeros(len(stretch))
     for curves in (stretch, load):
-        away = curves - curves[0]
-        furthest = away[np.abs(away).argmax(axis=0), [0, 1]]
-        path = (away * np.where(furthest < 0.0, -1.0, 1.0)).sum(axis=1)
+        change = curves - curves[0]
+        furthest = change[np.abs(change).argmax(axis=0), [0, 1]]
+        path = (change * np.where(furthest < 0.0, -1.0, 1.0)).sum(axis=1)
         range_ = np.abs(path).max()
         total += path / range_ if range_ > 0.0 else 0.0
     return total / 2.0
@@ -57,7 +57,7 @@ def cycles(path: np.ndarray) -> list[tuple[slice, slice]]:
     range_ = float(np.ptp(path))
     # The valley is the lowest of many noisy rows: allow for both ends of the noise.
     level = 0.001 * range_ + 6.0 * path_scatter(path)
-    turns = _turning_points(path, CYCLE_SHARE * range_)
+    turns = _turning_points(path, CYCLE_FRACTION * range_)
     cycles = []
     for number, (valley, peak) in enumerate(turns):
         before = turns[number - 1][1] if number else 0
@@ -74,7 +74,7 @@ def cycles(path: np.ndarray) -> list[tuple[slice, slice]]:
 
 
 def _turning_points(path: np.ndarray, amplitude: float) -> list[tuple[int, int]]:
-    """Rows (valley, peak) of every rise of at least ``amplitude``."""
+    """Rows (valley, peak) of each rise of at least ``amplitude``."""
     pairs: list[tuple[int, int]] = []
     low = high = 0
     rising = False

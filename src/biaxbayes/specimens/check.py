@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.branches import CYCLE_SHARE, path_progress, path_scatter, reversal
+from biaxbayes.specimens.branches import CYCLE_FRACTION, path_progress, path_scatter, reversal
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
@@ -29,17 +29,17 @@ DRIFT = 0.002
 LARGE_DRIFT = 0.02
 """Difference from which they are refused until the header gives their reference: twice the drift of
 the preconditioned aorta among the project's measured tissue."""
-SIGNIFICANT = 3.0
+SIGNIFICANT_SDS = 3.0
 CLIPPED_ROWS = 3
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
-"""Shares of the load range between which stiffnesses are compared."""
+"""Fractions of the load range between which stiffnesses are compared."""
 STIFF_START = 1.5
 PROPORTIONAL = 0.01
 JUMP = 0.05
 FEW_ROWS = 8
 LAG = 3.0
 DISORDER = 0.15
-"""Scatter about the neighbours, as a share of the range; shuffled rows have 0.25 to 0.3."""
+"""Scatter about the neighbours over the range; shuffled rows have 0.25 to 0.3."""
 USUAL_PEAK_KPA = (1.0, 2_000.0)
 USUAL_STRETCH = (1.01, 2.0)
 USUAL_EDGE_MM = (2.0, 100.0)
@@ -252,8 +252,8 @@ def _unequal(specimen: Specimen) -> Iterator[Finding]:
     for k, axis in enumerate("xy"):
         sd = np.array([np.hypot(sds[i, k], sds[j, k]) for i, j in pairs])
         apart = np.array([abs(readings[i, k] - readings[j, k]) for i, j in pairs])
-        worst = int(np.argmax(apart - SIGNIFICANT * sd))
-        if apart[worst] > SIGNIFICANT * sd[worst]:
+        worst = int(np.argmax(apart - SIGNIFICANT_SDS * sd))
+        if apart[worst] > SIGNIFICANT_SDS * sd[worst]:
             i, j = pairs[worst]
             noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
             differing.append(
@@ -272,11 +272,12 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
     """First rows that differ in stretch, and the state that stretches are relative to."""
     names = [p.name for p in specimen.protocols]
     if specimen.reference == "common":
-        away = [p.name for p in specimen.protocols if p.rest_rows == 0]
-        if away:
+        without_rest = [p.name for p in specimen.protocols if p.rest_rows == 0]
+        if without_rest:
+            more = " ..." if len(without_rest) > 4 else ""
             message = (
-                f"{len(away)} of {len(names)} protocols do not start at the mounted state "
-                f"({', '.join(away[:4])}{' ...' if len(away) > 4 else ''}): the mounting "
+                f"{len(without_rest)} of {len(names)} protocols do not start at the mounted state "
+                f"({', '.join(without_rest[:4])}{more}): the mounting "
                 "force is taken from the others"
             )
             yield Finding("common-reference", "note", message)
@@ -309,7 +310,7 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _paths(specimen: Specimen) -> Iterator[Finding]:
-    """Every protocol: its number of rows, its order and direction, its time."""
+    """Each protocol: its number of rows, its order and direction, its time."""
     for p in specimen.protocols:
         load = specimen.load(p)
         if p.rows < FEW_ROWS:
@@ -342,7 +343,7 @@ def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Iterator[Finding]:
         dropped = float(path[peak] - path[peak:].min())
         yield Finding(
             "unloading",
-            "error" if dropped >= CYCLE_SHARE * float(np.ptp(path)) else "warning",
+            "error" if dropped >= CYCLE_FRACTION * float(np.ptp(path)) else "warning",
             f"the path turns back at row {peak + 1} of {p.rows}: unloading (or several cycles) "
             "mixed in. An elastic model has one curve; convert with --branch loading",
             p.name,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from biaxbayes.errors import InputError
 from biaxbayes.text_files import number_in, one_line
 
-NEEDED = "required"
+REQUIRED = "required"
 ONE_PAIR = "required, or another pair"
 OF_FORCES = "required with forces"
 NONE = "none"
@@ -48,9 +48,9 @@ COLUMNS = {
     "stretch_x": Column(
         "Stretch along x relative to the mounted state; each protocol is divided by its own value "
         "at rest where that is not 1, unless `reference` is common",
-        NEEDED,
+        REQUIRED,
     ),
-    "stretch_y": Column("The same along y", NEEDED),
+    "stretch_y": Column("The same along y", REQUIRED),
     "protocol": Column(
         "Name of the loading path, the same in all its rows, which are together", "one protocol"
     ),

@@ -17,8 +17,7 @@ OUTLIER = 1e4
 SMALL_SECTION_MM2 = 0.1
 """An edge of 2 mm times a thickness of 0.05 mm, the smallest usual ones."""
 NEGATIVE = 0.3
-"""Compression at the largest stretch, as a share of the largest load, beyond which signs are wrong.
-"""
+"""Compression at the largest stretch over the largest load, beyond which signs are wrong."""
 
 
 STRIPS = (
@@ -108,5 +107,5 @@ def check_load(
             remedy = f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are "
             remedy += "in metres, multiply them by 1000"
         elif stress > OUTLIER * limit:
-            remedy = "mend the value or remove the row"
+            remedy = "correct the value or remove the row"
         raise refusal(f"{problem}more than soft tissue bears", index=row, remedy=remedy)

@@ -17,7 +17,7 @@ RISE_SHARE = 0.005
 """Largest rise of the load, as a share of its range, that counts as drift."""
 LOAD_ROWS = ("load_x", "load_y")
 CURVES = ("stretch_x", "stretch_y", *LOAD_ROWS)
-AUTOMATIC = -1
+AUTO_REST_ROWS = -1
 """Value of ``rest_rows`` for which the rows at rest are counted from the curves."""
 STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
 TIME_LIMIT_S = 1e9
@@ -103,7 +103,7 @@ class Protocol:
     load_x: np.ndarray
     load_y: np.ndarray
     time_s: np.ndarray | None = None
-    rest_rows: int = AUTOMATIC
+    rest_rows: int = AUTO_REST_ROWS
     reference: tuple[float, float] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -126,7 +126,7 @@ class Protocol:
             remedy = "give seconds from the start of the test"
             problem = f"a time of {time[index]:g} s is out of range"
             raise self._error(problem, "time_s", int(index), remedy)
-        if self.rest_rows == AUTOMATIC:
+        if self.rest_rows == AUTO_REST_ROWS:
             rest = rest_rows(self.stretch_x, self.stretch_y, self.recorded_load)
             object.__setattr__(self, "rest_rows", rest)
         if not 0 <= self.rest_rows <= self.rows:

@@ -25,11 +25,12 @@ STRESS_PAIRS = {
     "piola": ("piola_x_kPa", "piola_y_kPa"),
     "cauchy": ("cauchy_x_kPa", "cauchy_y_kPa"),
 }
-"""Columns of the stress pairs of a file."""
-RESOLUTION = 1e-6
-"""Resolution of a load cell relative to the peak load (20 bit); smaller residuals are rounding."""
+"""Load columns of a file by stress pair, the quantity that they hold."""
+ASSUMED_RESOLUTION = 1e-6
+"""Resolution over the peak load that every load cell is assumed to have (20 bit); smaller residuals
+are rounding."""
 FINE_DIGITS = 0.1
-"""Digits finer than this share of the standard error of a mounting reading are fine enough."""
+"""Digits finer than this fraction of the standard error of a mounting reading can show a tare."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,10 @@ class Specimen:
         Standard deviation of one reading of the load cell, in :attr:`unit`.
     layer, axis_x, axis_y : str, optional
     reference : {"each protocol", "common"}, optional
-        Reference of the stretches of the protocols. ``each protocol`` (the default): the first
-        rows of each are the mounted state, and its stretches are divided by
-        their mean there. ``common``: one state for all protocols, the mounted state, where the
-        stretch is (1, 1); a protocol that does not start there has no rows at rest.
+        Reference of the stretches. ``each protocol`` (the default): the first rows of each protocol
+        are the mounted state, and its stretches are divided by their mean there. ``common``: one
+        mounted state for all protocols, where the stretch is (1, 1); a protocol that does not start
+        there has no rows at rest.
     metadata : mapping, optional
         Further header keys of a specimen file (measurement uncertainties and the like), as
         numbers or text.
@@ -216,7 +217,7 @@ class Specimen:
     @property
     def load_resolution(self) -> float:
         """Resolution of the load cell, in :attr:`unit`: a millionth of the largest load."""
-        return RESOLUTION * self.peak_load
+        return ASSUMED_RESOLUTION * self.peak_load
 
     @property
     def is_tared(self) -> bool:
@@ -271,16 +272,15 @@ class Specimen:
         Parameters
         ----------
         shared : bool
-            One mounted state for all protocols, or one each.
+            True for one mounted state of all protocols, False for one per protocol.
 
         Returns
         -------
         reading, sd : ndarray, shape (m, 2)
             In :attr:`unit`; m is 1 when shared, else the number of protocols, with NaN for one
-            that does not start at the mounted state. The sd is that
-            of the mean of the rows at rest: the load cell's noise, or the scatter of the rows
-            where five or more show a larger one. When shared, the scatter between the
-            protocols counts as well.
+            that does not start at the mounted state. The sd is that of the mean of the rows at
+            rest: the load cell's noise, or the scatter of the rows where five or more show a larger
+            one. When shared, the scatter between the protocols counts as well.
         """
         readings, sds = [], []
         for p in self.protocols:
@@ -329,7 +329,7 @@ class Specimen:
         return self.with_protocols([p for p in self.protocols if p.name != name])
 
     def with_protocols(self, protocols: Sequence[Protocol]) -> Specimen:
-        """The same specimen with some of its protocols.
+        """The same specimen with the given protocols of it.
 
         If none of them starts at the mounted state, the rows at rest of another one are put in
         front of the first: with a common reference they hold for all.

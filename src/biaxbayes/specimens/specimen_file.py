@@ -21,7 +21,7 @@ from biaxbayes.specimens.keys import (
     checked_value,
 )
 from biaxbayes.specimens.plausibility import check_readings
-from biaxbayes.specimens.protocol import AUTOMATIC, CURVES, Protocol, ReadingError
+from biaxbayes.specimens.protocol import AUTO_REST_ROWS, CURVES, Protocol, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.table import STRETCHES, SpecimenTable, read_table
 from biaxbayes.tables.units import likely_name
@@ -190,7 +190,7 @@ def _protocols(
     path: Path,
 ) -> tuple[Protocol, ...]:
     """The protocols of a table, relative to the mounted state if the header gives one."""
-    resting = [int(part) for part in values.get("rest_rows", str(AUTOMATIC)).split(",")]
+    resting = [int(part) for part in values.get("rest_rows", str(AUTO_REST_ROWS)).split(",")]
     count = len(table.groups)
     if len(resting) not in (1, count):
         problem = f"rest_rows has {len(resting)} values for {count} protocol{'s' * (count != 1)}"
@@ -261,7 +261,7 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
         **specimen.metadata,
     }
     common = specimen.reference == "common"
-    counted = [replace(p, rest_rows=AUTOMATIC) for p in protocols]
+    counted = [replace(p, rest_rows=AUTO_REST_ROWS) for p in protocols]
     given, automatic = (
         [(p.at_one() if common else p).rest_rows for p in some] for some in (protocols, counted)
     )

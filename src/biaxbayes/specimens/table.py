@@ -25,7 +25,7 @@ from biaxbayes.text_files import (
 )
 
 STRETCHES = ("stretch_x", "stretch_y")
-MAX_COLUMNS = 50
+MAX_SPECIMEN_COLUMNS = 50
 MAX_PROTOCOLS = 1_000
 
 
@@ -85,8 +85,8 @@ def _column_names(line: str, row: int, path: Path) -> list[str]:
                 "save it with commas and decimal points, or use 'biaxbayes convert --machine "
                 "generic'",
             )
-    if len(names) > MAX_COLUMNS or not any(name in COLUMNS for name in names):
-        count = f" ({len(names)} columns)" if len(names) > MAX_COLUMNS else ""
+    if len(names) > MAX_SPECIMEN_COLUMNS or not any(name in COLUMNS for name in names):
+        count = f" ({len(names)} columns)" if len(names) > MAX_SPECIMEN_COLUMNS else ""
         raise error(
             f"not a specimen CSV: no column of the first line after the header is known{count}",
             "expected comma-separated column names such as "

@@ -26,7 +26,7 @@ AUTO_ABOVE = 200
 """Rows of a protocol, without those at rest, from which ``auto`` averages."""
 AUTO_ROWS = 100
 """Largest number of rows of a protocol after ``auto``."""
-LEAST_ROWS = 10
+MIN_ROWS = 10
 
 
 @dataclass(frozen=True)
@@ -53,22 +53,22 @@ def rows_to_keep(specimen: Specimen, thin: int | str, *, automatic: bool) -> int
         rows = int(thin)
     except (TypeError, ValueError):
         raise InputError(f"cannot thin to {thin!r}", remedy="a number, none or auto") from None
-    if rows and rows < LEAST_ROWS:
+    if rows and rows < MIN_ROWS:
         raise InputError(
             f"thinning to {rows} rows per protocol leaves no curve",
-            remedy=f"{LEAST_ROWS} or more, or none",
+            remedy=f"{MIN_ROWS} or more, or none",
         )
     return rows
 
 
 def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
-    """Average consecutive rows to at most `rows` per protocol beside those at rest; 0 keeps all."""
+    """Average consecutive rows to at most `rows` per protocol after those at rest; 0 keeps all."""
     protocols, scatter, weight = [], [], []
     for protocol in specimen.protocols:
         count = protocol.rows - protocol.rest_rows
         size = -(-count // rows) if rows else 1
         load = specimen.load(protocol)[protocol.rest_rows :]
-        # Even groups: a short last one would count as a whole one, where the misfit is largest.
+        # Even groups: a short last one, where residuals are largest, would weigh as a full one.
         groups = -(-count // max(size, 1))
         starts = np.arange(groups) * count // max(groups, 1)
         weight.append(count / max(len(starts), 1))
@@ -98,8 +98,9 @@ def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
 def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Mean square about a line in each group of rows, shape (groups, 2).
 
-    A line through k readings leaves k - 2 of k - 1 parts. In groups of two nothing is left;
-    they get the value of the others.
+    The residuals about a line have k - 2 degrees of freedom, those about the mean k - 1, so the
+    mean square is scaled by (k - 1) / (k - 2). Groups of two have no residual about a line; theirs
+    is estimated from second differences.
     """
     out = np.full((len(starts), 2), np.nan)
     ends = [*starts[1:], len(load)]

@@ -64,7 +64,7 @@ class Machine:
         squared-exponential process along the path, independent in x and y and between
         protocols. It multiplies the true force of every row, the mounted state included.
     misfit_length : float
-        Its correlation length as a share of the path.
+        Its correlation length as a fraction of the path.
     stress_pair : {"force", "piola", "cauchy"}
         What the record holds. Stresses are computed as a lab does: force over the section in
         ``geometry``; "cauchy" is multiplied by the measured stretch.
@@ -85,8 +85,8 @@ class Truth:
 
     ``mounting_force_x, _y`` is the force of the material at the true mounting stretch, in
     ``unit`` (that of the record: N, or kPa over the section of the record's geometry);
-    ``disturbed_mounting_force`` is what the load cells really carried before their noise: with
-    the smooth misfit of the first row, and for hooks the sum over them. One pair per protocol.
+    ``disturbed_mounting_force`` is the load on the cells before their noise: with the
+    model error of the first row, and for hooks the sum over them. One pair per protocol.
     ``grips`` is None for a homogeneous specimen.
     """
 
@@ -146,7 +146,7 @@ def virtual_specimen(
     total_stretch, measured_stretch : float or (float, float)
         Largest stretch relative to the unloaded or to the mounted state; give one of them.
     ratios : sequence of (float, float)
-        One protocol each: the share of the stretch beyond the mounted state that x and y take,
+        One protocol each: the fraction of the stretch beyond the mounted state that x and y reach,
         scaled so that the larger is one.
     increments : int
         Equal increments of a protocol; its record has one more row.
@@ -264,8 +264,8 @@ def _largest_stretches(
     for x, y in ratios:
         if not (max(x, y) > 0.0 and min(x, y) >= 0.0 and math.isfinite(x + y)):
             raise ValueError("a ratio needs two numbers, not negative and not both zero")
-        share = np.array([x, y]) / max(x, y)
-        end = 1.0 + share * (largest - 1.0)
+        fraction = np.array([x, y]) / max(x, y)
+        end = 1.0 + fraction * (largest - 1.0)
         out[f"{x:g}:{y:g}"] = (float(end[0]), float(end[1]))
     if not out or len(out) < len(ratios):
         raise ValueError("give each ratio once")

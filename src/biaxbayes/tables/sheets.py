@@ -13,14 +13,14 @@ from typing import NamedTuple
 from biaxbayes.errors import InputError, printable
 from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of, without_empty_end
 
-MAX_BYTES = 64_000_000
+MAX_WORKBOOK_BYTES = 64_000_000
 MAX_ROWS = 500_000
 MAX_CELLS = 8_000_000
 MAX_UNPACKED = 200_000_000
 """Bytes of the contents of a compressed file."""
-CONTROL = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
+CONTROL_CHARACTERS = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "spaces", ",": "commas"}
-SAMPLE = 200
+SEPARATOR_LINES = 200
 """Lines at the end of the file from which its separator is read; a preamble is at the start."""
 
 
@@ -69,7 +69,7 @@ READERS = {
 
 def read_sheets(path: Path) -> dict[str, Sheet]:
     """Sheets of a file by name; a text file has one without a name."""
-    raw = read_bytes(path, limit=MAX_BYTES)
+    raw = read_bytes(path, limit=MAX_WORKBOOK_BYTES)
     reader = next((r for first, r in READERS.items() if raw.startswith(first)), None)
     if reader is None:
         for signature, (kind, remedy) in SIGNATURES.items():
@@ -154,7 +154,7 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
         except UnicodeDecodeError:
             # Instrument software on Windows writes its own code page, in names only.
             text, encoding = raw.decode("cp1252", errors="replace"), "Windows-1252"
-    control = CONTROL.search(text)
+    control = CONTROL_CHARACTERS.search(text)
     if control:
         row = text[: control.start()].count("\n") + 1
         raise InputError("is binary, not text", file=path, row=row, remedy="export it as CSV")
@@ -163,7 +163,9 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
 
 def _separator(lines: Sequence[str], path: Path) -> str:
     """The separator that cuts most lines into the same number of cells."""
-    sample = [line for line in lines if line.strip() and not line.startswith("#")][-SAMPLE:]
+    sample = [line for line in lines if line.strip() and not line.startswith("#")][
+        -SEPARATOR_LINES:
+    ]
     for separator in SEPARATORS:
         if separator == " ":
             # Only where all is numbers: decimal commas between spaces look like separators.

@@ -27,7 +27,7 @@ from biaxbayes.text_files import (
 ALL_SHEETS = "all"
 SHOWN_COLUMNS = 30
 MAX_COLUMNS = 2_000
-SAMPLE = 200
+SAMPLE_ROWS = 200
 """Rows from which the form of a table is read."""
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 MISSING = ("", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none")
@@ -249,7 +249,7 @@ def table_from_sheet(sheet: Sheet, path: Path) -> Table:
     if len(names) > MAX_COLUMNS:
         raise InputError(f"has {len(names)} columns", file=path, remedy="cut out those of the test")
     body = _squared(rows[start:], lines[start:], len(names), sheet, path)
-    comma = _decimal_comma(body[: 10 * SAMPLE], numeric, path)
+    comma = _decimal_comma(body[: 10 * SAMPLE_ROWS], numeric, path)
     notes = [*sheet.notes, "decimal commas"] if comma else sheet.notes
     columns = tuple(zip(*body, strict=True))
     return Table(
@@ -266,7 +266,7 @@ def table_from_sheet(sheet: Sheet, path: Path) -> Table:
 
 def _numeric_columns(rows: Sequence[Sequence[str]]) -> list[int]:
     """Columns that hold a number in at least half of the rows about the middle."""
-    middle = rows[len(rows) // 3 :][:SAMPLE]
+    middle = rows[len(rows) // 3 :][:SAMPLE_ROWS]
     width = max(map(len, middle), default=0)
     counts = [sum(j < len(r) and is_number(r[j]) for r in middle) for j in range(width)]
     return [j for j, count in enumerate(counts) if 2 * count >= len(middle)]
@@ -320,7 +320,7 @@ def _squared(
     rows: Sequence[Sequence[str]], lines: Sequence[int], width: int, sheet: Sheet, path: Path
 ) -> list[list[str]]:
     """Rows of equal width; in text, one that lacks more than sparse columns may be cut off."""
-    sample = rows[:: max(1, len(rows) // SAMPLE)]
+    sample = rows[:: max(1, len(rows) // SAMPLE_ROWS)]
     needed = 0
     for j in range(width):
         if 2 * sum(j < len(r) and bool(r[j].strip()) for r in sample) >= len(sample):

@@ -16,17 +16,17 @@ from pathlib import Path
 from biaxbayes.tables.sheets import MAX_UNPACKED, Sheet, sheet_from, too_large
 
 CELL = re.compile(rb"<(?:\w+:)?(?P<tag>row|c)(?=[\s/>])(?P<attributes>[^>]*)>")
-REFERENCE = re.compile(rb'\br="([A-Z]{0,3})(\d{1,7})"')
+CELL_REFERENCE = re.compile(rb'\br="([A-Z]{0,3})(\d{1,7})"')
 STRING = re.compile(rb"<(?:\w+:)?si\b.*?</(?:\w+:)?si>", re.DOTALL)
 ODS_CELL = re.compile(
     rb"<(?P<close>/?)table:(?P<tag>table|table-row|(?:covered-)?table-cell)(?=[\s/>])"
     rb"(?P<attributes>[^>]*)>"
 )
 REPEATED = re.compile(rb'number-(?:rows|columns)-repeated="(\d{1,9})"')
-MAX_CELLS = 2_000_000
-MAX_COLUMNS = 16_384
+MAX_SHEET_CELLS = 2_000_000
+EXCEL_COLUMNS = 16_384
 """Number of columns of a sheet in Excel."""
-LABEL = b"\xfd\x00\x0a\x00"
+STRING_CELL = b"\xfd\x00\x0a\x00"
 """First bytes of a cell of .xls that shows a shared string."""
 MAX_LABELS = 60_000
 
@@ -37,7 +37,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
 
     if raw.startswith(b"PK"):
         _check_archive(raw, path)
-    elif raw.count(LABEL) > MAX_LABELS:
+    elif raw.count(STRING_CELL) > MAX_LABELS:
         raise too_large("holds too many cells of text", path)
     book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(raw))
     by_name = {}
@@ -45,7 +45,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
         if meta.typ != python_calamine.SheetTypeEnum.WorkSheet:
             continue
         sheet = book.get_sheet_by_name(meta.name)
-        if sheet.total_height * sheet.total_width > MAX_CELLS:
+        if sheet.total_height * sheet.total_width > MAX_SHEET_CELLS:
             raise too_large(f"sheet {meta.name[:40]!r} spans too many cells", path)
         rows = sheet.to_python(skip_empty_area=False)
         by_name[meta.name] = sheet_from(rows, f"sheet {meta.name}")
@@ -65,15 +65,15 @@ def _check_archive(raw: bytes, path: Path) -> None:
                 longest = max((len(match[0]) for match in strings), default=0)
             elif "/worksheets/" in name and name.endswith(".xml"):
                 xml = archive.read(name)
-                if sum(xml.count(start) for start in (b"<c ", b"<c/>", b"<c>")) > MAX_CELLS:
-                    raise too_large(f"spans more than {MAX_CELLS:,} cells", path)
+                if sum(xml.count(start) for start in (b"<c ", b"<c/>", b"<c>")) > MAX_SHEET_CELLS:
+                    raise too_large(f"spans more than {MAX_SHEET_CELLS:,} cells", path)
                 rows, columns, labels = _extent(xml, path)
                 shown += labels
-                if rows * columns > MAX_CELLS:
+                if rows * columns > MAX_SHEET_CELLS:
                     raise too_large(f"spans {rows:,} rows of {columns:,} cells", path)
             elif name == "content.xml":
                 for rows, columns in _ods_extents(archive.read(name)):
-                    if rows * columns > MAX_CELLS:
+                    if rows * columns > MAX_SHEET_CELLS:
                         raise too_large(f"spans {rows:,} rows of {columns:,} cells", path)
         if shown * longest > MAX_UNPACKED:
             raise too_large(f"shows a text of {longest:,} letters in {shown:,} cells", path)
@@ -83,7 +83,7 @@ def _extent(xml: bytes, path: Path) -> tuple[int, int, int]:
     """Rows and columns that a sheet spans, and cells with a shared string."""
     row = column = rows = columns = labels = 0
     for match in CELL.finditer(xml):
-        reference = REFERENCE.search(match["attributes"])
+        reference = CELL_REFERENCE.search(match["attributes"])
         if match["tag"] == b"row":
             row = int(reference[2]) if reference else row + 1
             column = 0
@@ -95,8 +95,8 @@ def _extent(xml: bytes, path: Path) -> tuple[int, int, int]:
                 column = reduce(lambda n, letter: 26 * n + letter - ord("A") + 1, reference[1], 0)
             labels += b't="s"' in match["attributes"]
         rows, columns = max(rows, row), max(columns, column)
-        if columns > MAX_COLUMNS:
-            raise too_large(f"has a row of more than {MAX_COLUMNS:,} cells", path)
+        if columns > EXCEL_COLUMNS:
+            raise too_large(f"has a row of more than {EXCEL_COLUMNS:,} cells", path)
     return rows, columns, labels
 
 

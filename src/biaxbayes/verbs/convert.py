@@ -112,7 +112,7 @@ def convert(
     result = conversion(files, choice, header=values, protocol_names=list(protocol_names))
     if target is None:
         return result
-    text = specimen_text(result.specimen, result.recorded)
+    text = specimen_text(result.specimen, result.protocols_as_measured)
     specimen = parse_specimen(text.split("\n"), target)
     atomic_write_text(target, text)
     return replace(result, specimen=specimen)

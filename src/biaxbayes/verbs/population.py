@@ -29,7 +29,7 @@ from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan, 
 from biaxbayes.populations.specimens import Source, make_individual, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.reports.text import counted
+from biaxbayes.reports.text import plural
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import POPULATION, staged
 from biaxbayes.runs.provenance import settings_table, specimen_digest
@@ -408,7 +408,7 @@ def closing_message(result: PopulationResult) -> str:
 def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
     """Table of a group: medians, spreads and new specimens."""
     first = part.iloc[0]
-    members = f"{counted(first['specimens'], 'specimen')} of {counted(first['donors'], 'donor')}"
+    members = f"{plural(first['specimens'], 'specimen')} of {plural(first['donors'], 'donor')}"
     split = len(spread_parts(part)) > 1
     sds = ["sd donors", "sd specimens"] if split else ["sd total"]
     table = [["quantity", "unit", "median", "5 to 95 %", *sds, "new specimen", "verdict"]]

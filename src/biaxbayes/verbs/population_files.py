@@ -25,7 +25,7 @@ from biaxbayes.populations.tables import (
     groups_table,
     specimens_table,
 )
-from biaxbayes.reports.population import FIGURES, PAGE, population_page
+from biaxbayes.reports.population import FIGURE_TEXTS, PAGE, population_page
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
 from biaxbayes.runs.folder import (
     POPULATION,
@@ -230,7 +230,7 @@ def draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFram
             directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
         ),
     )
-    for stem, figure in zip(FIGURES, drawn, strict=True):
+    for stem, figure in zip(FIGURE_TEXTS, drawn, strict=True):
         save_pictures(figure, folder, stem)
 
 

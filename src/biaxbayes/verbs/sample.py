@@ -290,7 +290,7 @@ def write_figures(
     from biaxbayes.figures.style import save_pictures
     from biaxbayes.figures.trace import trace_figure
     from biaxbayes.reports.explore import can_be_explored, explore_page
-    from biaxbayes.reports.page import EXPLORE, NAME
+    from biaxbayes.reports.page import EXPLORE, PAGE
 
     specimen, known = posterior.specimen, posterior.quantities
     if result.state != "converged":
@@ -303,7 +303,7 @@ def write_figures(
     save_pictures(bands, folder, "stress-bands")
     save_pictures(identifiability_figure(verdicts, result.rows), folder, "identifiability")
     if can_be_explored(known, table):
-        page = explore_page(posterior, table, result.state, rows=result.rows, report=NAME)
+        page = explore_page(posterior, table, result.state, rows=result.rows, report=PAGE)
         atomic_write_text(folder / EXPLORE, page)
 
 
