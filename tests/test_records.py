@@ -195,7 +195,8 @@ def test_one_protocol_cannot_carry_four_families():
         return [str(f) for f in result]
 
     assert any(
-        "1 protocol is too few for the law four-fibre" in f for f in findings(1, "four-fibre")
+        "with 1 protocol the posterior of the law four-fibre" in f
+        for f in findings(1, "four-fibre")
     )
     assert not any("cannot carry" in f for f in findings(2, "four-fibre"))
     assert not any("cannot carry" in f for f in findings(1, "goh"))

@@ -196,7 +196,7 @@ class Ensemble:
         self.labels = [v for v in (self.group, self.donor) if len(np.unique(v)) < len(v)]
         draws = [member.pool[number] for member in design.individuals]
         least = min(map(len, draws))
-        self.pool = self._evaluated([d[:least] for d in draws], self._prior_weight)
+        self.pool = self._evaluate([d[:least] for d in draws], self._prior_weight)
         at = np.arange(n), rng.integers(least, size=(C, n))
         self.u, self.theta, self.log = (values[at] for values in self.pool[:3])
         # means start where the model allows them, spreads over-dispersed around their prior's scale
@@ -220,7 +220,7 @@ class Ensemble:
         """Weights of draws of a specimen's run: the likelihood cancels."""
         return -self.design.individuals[i].log_prior(theta + self.design.centre)
 
-    def _evaluated(self, u: Sequence[np.ndarray], weight: Callable[..., Any]) -> Values:
+    def _evaluate(self, u: Sequence[np.ndarray], weight: Callable[..., Any]) -> Values:
         """Values at coordinates of each specimen, with weights from a function of these."""
         padded = np.zeros((len(u), len(u[0]), max(self.sizes)))
         logs, thetas, weights = [], [], []
@@ -322,7 +322,7 @@ class Ensemble:
             def mixture_weight(i: int, u: np.ndarray, log: np.ndarray, _: np.ndarray) -> Any:
                 return log - tuning.proposals[i].log_density(u)
 
-            fresh = self._evaluated(drawn, mixture_weight)
+            fresh = self._evaluate(drawn, mixture_weight)
             self._offer("fresh", fresh, rows, mixture_weight)
         if len(tuning.directions):
             augmented = self.augmented()

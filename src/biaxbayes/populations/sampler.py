@@ -75,7 +75,7 @@ class History:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "every"}
 
     @classmethod
-    def joined(cls, parts: list[History], axis: int) -> History:
+    def concatenate(cls, parts: list[History], axis: int) -> History:
         """Histories of several ensembles (axis 0), or one after the other (axis 1)."""
         names = parts[0].arrays
         arrays = {k: np.concatenate([part.arrays[k] for part in parts], axis) for k in names}
@@ -242,9 +242,9 @@ def _stored_sweeps(
                 stored["effect"].append(ensemble.effect)
         return History(**{k: np.array(v)[None] for k, v in stored.items()}, every=every)
 
-    new = History.joined(list(pool.map(run, ensembles)), 0)
+    new = History.concatenate(list(pool.map(run, ensembles)), 0)
     if state.history is not None:
-        new = History.joined([state.history, new], 1)
+        new = History.concatenate([state.history, new], 1)
     return new.within_memory()
 
 
@@ -298,10 +298,10 @@ def _warm_up(
             points.mean(axis=0),
             points.std(axis=0),
         )
-        tuning = replace(tuning, steps=_tuned_steps(tuning, ensembles))
+        tuning = replace(tuning, steps=_tune_steps(tuning, ensembles))
     for _ in range(STEP_TUNING_ROUNDS):  # lengths of the joint moves alone, for the last components
         run(plan.round_sweeps // 2)
-        tuning = replace(tuning, steps=_tuned_steps(tuning, ensembles))
+        tuning = replace(tuning, steps=_tune_steps(tuning, ensembles))
     for ensemble in ensembles:
         ensemble.moves.clear()
     return tuning
@@ -325,7 +325,7 @@ def _principal_components(points: np.ndarray, rng: np.random.Generator) -> np.nd
     return leading
 
 
-def _tuned_steps(tuning: Tuning, ensembles: list[Ensemble]) -> np.ndarray:
+def _tune_steps(tuning: Tuning, ensembles: list[Ensemble]) -> np.ndarray:
     """Lengths (kinds, L) of the joint moves from the acceptance of the last round."""
     kinds, count = len(tuning.steps), len(tuning.directions)
     if tuning.steps.shape[1] != count:

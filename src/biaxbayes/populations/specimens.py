@@ -34,7 +34,7 @@ MIN_DRAWS = 50
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A specimen's run with sampling coordinates that suit its draws."""
+    """A specimen's run with sampling coordinates tuned to its draws."""
 
     label: str
     run: Run

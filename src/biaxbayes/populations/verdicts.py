@@ -36,7 +36,7 @@ from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.result import PRIOR_DRAWS, Hyper
 from biaxbayes.populations.specimens import Source
 
-CONSTANT = 1e-9
+CONSTANT_TOLERANCE = 1e-9
 
 # --- verdicts: the rule of single runs, with the prior that a value has here ---------------------
 
@@ -59,11 +59,11 @@ def mean_verdicts(
     ]
     ends = np.full((len(materials), 2), top)
     distances = law.bound_tolerances(law.material(materials), [ends])
-    verdicts = _assessed(scales, columns, hyper.log_prior(), distances, law, state)
-    return {name: unless_wide(p) for name, p in verdicts.items()}
+    verdicts = _assess(scales, columns, hyper.log_prior(), distances, law, state)
+    return {name: downgrade_wide(p) for name, p in verdicts.items()}
 
 
-def unless_wide(p: ParameterVerdict) -> ParameterVerdict:
+def downgrade_wide(p: ParameterVerdict) -> ParameterVerdict:
     """The verdict, but not identified where a positive scale is known only to a factor of ten."""
     e = p.diagnostics
     wide = e is not None and p.scale.logarithmic and e.high > MAX_RATIO * e.low
@@ -126,8 +126,8 @@ def spread_verdicts(
             scales.append(ComparisonScale(Quantity(p), half_normal))
             columns[p.name] = values
             distances[p.name] = p.sharp
-        verdicts = _assessed(scales, columns, log_prior, distances, law, state)
-        # apart: it is a function of the other two, not something that they trade with
+        verdicts = _assess(scales, columns, log_prior, distances, law, state)
+        # separately: it is a function of the other two, not a further parameter
         p = spread_parameter(v, "sd_total")
         prior = DrawnPrior(
             np.hypot(
@@ -136,14 +136,14 @@ def spread_verdicts(
             )
         )
         total = {p.name: hyper.total_sd(group)[:, k]}
-        verdicts |= _assessed(
+        verdicts |= _assess(
             [ComparisonScale(Quantity(p), prior)], total, log_prior, {p.name: p.sharp}, law, state
         )
         out[v.name] = {side: verdicts[f"{side} of {v.name}"] for side in (*sides, "sd_total")}
     return out
 
 
-def _assessed(
+def _assess(
     scales: Sequence[ComparisonScale],
     columns: Mapping[str, np.ndarray],
     log_prior: np.ndarray,
@@ -177,7 +177,7 @@ def specimen_verdicts(
     identification = identify_draws(
         source.posterior, pooled, state, priors={**source.posterior.priors, **own}
     )
-    verdicts = {p.name: unless_wide(p).posterior_verdict for p in identification.parameters}
+    verdicts = {p.name: downgrade_wide(p).posterior_verdict for p in identification.parameters}
     if state != "converged":
         return verdicts
     run_verdicts = {r.name: r.verdict for r in source.run.result.reported}
@@ -187,7 +187,7 @@ def specimen_verdicts(
 
 def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter) -> dict[str, Any]:
     """Verdict on a quantity that follows from parameters, as columns of population.csv."""
-    if np.ptp(values) <= CONSTANT * abs(values[0]):
+    if np.ptp(values) <= CONSTANT_TOLERANCE * abs(values[0]):
         return {"verdict": FIXED}  # as the parameters are that it follows from
     low, high = (float(v) for v in np.quantile(values, INTERVAL))
     narrow = not parameter.logarithmic or high <= MAX_RATIO * low

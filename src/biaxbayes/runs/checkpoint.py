@@ -74,7 +74,7 @@ def run_state(record: Mapping[str, Any]) -> Checkpoint:
 # --- bytes ---------------------------------------------------------------------------------------
 
 
-def packed(record: Any) -> bytes:
+def pack_record(record: Any) -> bytes:
     """Nested dicts and lists of arrays and plain values as one archive, behind its checksum."""
     arrays: dict[str, np.ndarray] = {}
 
@@ -95,8 +95,8 @@ def packed(record: Any) -> bytes:
     return hashlib.sha256(data).digest() + data
 
 
-def unpacked(data: bytes) -> dict[str, Any]:
-    """Inverse of :func:`packed`; no array is larger than the archive itself."""
+def unpack_record(data: bytes) -> dict[str, Any]:
+    """Inverse of :func:`pack_record`; no array is larger than the archive itself."""
     digest, body = data[:32], data[32:]
     if hashlib.sha256(body).digest() != digest:
         raise DamagedCheckpoint("is damaged (its checksum is wrong)")
@@ -120,7 +120,7 @@ def unpack(
 ) -> tuple[Any, dict[str, Any]]:
     """State and identity of a checkpoint; RunError if another version wrote it."""
     try:
-        stored = unpacked(data)
+        stored = unpack_record(data)
         if stored["format"] == FORMAT:
             return from_record(stored["state"]), dict(stored["identity"])
     except DamagedCheckpoint:
@@ -144,7 +144,7 @@ def save(
 ) -> None:
     """Write a checkpoint with the identity of its run (hashes and settings as JSON values)."""
     path, following = folder / NAME, folder / TEMPORARY_NAME
-    data = packed({"format": FORMAT, "identity": identity, "state": record(state)})
+    data = pack_record({"format": FORMAT, "identity": identity, "state": record(state)})
     try:
         atomic_write_bytes(following, data)
         # At every moment one of the names holds the newest whole checkpoint.

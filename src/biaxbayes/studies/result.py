@@ -21,7 +21,7 @@ from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED,
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.runs.run import Run
 from biaxbayes.studies.groups import group_summaries, layer_contrasts
-from biaxbayes.studies.study_file import Entry
+from biaxbayes.studies.study_file import LoadedSpecimen
 
 FAILED, INTERRUPTED = "failed", "interrupted"
 PARAMETER, CURVE = "parameter", "curve"
@@ -48,20 +48,22 @@ class SpecimenOutcome:
     notes: list[str] = field(default_factory=list)
 
 
-def study_table(entries: list[Entry], outcomes: Mapping[str, SpecimenOutcome]) -> pd.DataFrame:
+def study_table(
+    entries: list[LoadedSpecimen], outcomes: Mapping[str, SpecimenOutcome]
+) -> pd.DataFrame:
     """The study table: rows of every specimen in their order, with the columns of the study."""
     rows: list[dict[str, Any]] = []
     for e in entries:
         head = {
-            "specimen": e.entry.label,
+            "specimen": e.listing.label,
             "donor": e.donor,
             "layer": e.layer,
-            "file": os.fspath(e.entry.file),
+            "file": os.fspath(e.listing.file),
             "folder": e.folder,
-            **e.entry.columns,
+            **e.listing.columns,
         }
         rows += [head | row for row in outcomes[e.slug].rows]
-    own = [name for e in entries for name in e.entry.columns]
+    own = [name for e in entries for name in e.listing.columns]
     names = dict.fromkeys([*STUDY_COLUMNS[:3], *own, *STUDY_COLUMNS[3:]])
     return pd.DataFrame(rows, columns=list(names))
 
@@ -187,7 +189,7 @@ def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[
     return out
 
 
-def compared_layers(
+def layer_comparison(
     donor: str, layers: Mapping[str, str], distances: pd.DataFrame, notes: list[str]
 ) -> ComparedLayers:
     """Distances between runs as those between the layers of a donor; layers by label."""

@@ -264,10 +264,10 @@ def _force(value: object, where: str, path: Path) -> tuple[float, float] | None:
 
 
 @dataclass(frozen=True)
-class Entry:
+class LoadedSpecimen:
     """A specimen of the study, or the problem with reading it."""
 
-    entry: StudySpecimen
+    listing: StudySpecimen  # as in the study file
     slug: str  # name of the run folder
     specimen: Specimen | None = None
     problem: str = ""
@@ -282,15 +282,15 @@ class Entry:
     def donor(self) -> str:
         """Donor, by the study file or the header of the specimen."""
         in_header = self.specimen.metadata.get("donor", "") if self.specimen else ""
-        return self.entry.donor or str(in_header)
+        return self.listing.donor or str(in_header)
 
     @property
     def layer(self) -> str:
         """Layer, likewise."""
-        return self.entry.layer or (self.specimen.layer if self.specimen else None) or ""
+        return self.listing.layer or (self.specimen.layer if self.specimen else None) or ""
 
 
-def read_entries(study: Study) -> list[Entry]:
+def load_specimens(study: Study) -> list[LoadedSpecimen]:
     """Read the specimens; one that cannot be read stays in the list with its error."""
     out = []
     slugs: set[str] = set()
@@ -307,7 +307,7 @@ def read_entries(study: Study) -> list[Entry]:
             if entry.mounting_force is not None:
                 specimen = with_force(specimen, entry.mounting_force, entry.file)
         except BiaxbayesError as error:
-            out.append(Entry(entry, slug, problem=str(error)))
+            out.append(LoadedSpecimen(entry, slug, problem=str(error)))
             continue
         priors = {k: prior_value(v) for k, v in dict(entry.options.get("priors", {})).items()}
         content = {
@@ -320,5 +320,5 @@ def read_entries(study: Study) -> list[Entry]:
         }
         text = json.dumps(content, sort_keys=True, default=str)
         fingerprint = hashlib.sha256(text.encode()).hexdigest()
-        out.append(Entry(entry, slug, specimen, "", fingerprint))
+        out.append(LoadedSpecimen(entry, slug, specimen, "", fingerprint))
     return out

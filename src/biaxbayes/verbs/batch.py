@@ -46,18 +46,24 @@ from biaxbayes.studies.result import (
     ComparedLayers,
     SpecimenOutcome,
     StudyResult,
-    compared_layers,
     donor_groups,
+    layer_comparison,
     rows_of_run,
     rows_without_run,
     study_result,
     study_table,
 )
-from biaxbayes.studies.study_file import Entry, Study, read_entries, read_study, study_of_files
+from biaxbayes.studies.study_file import (
+    LoadedSpecimen,
+    Study,
+    load_specimens,
+    read_study,
+    study_of_files,
+)
 from biaxbayes.tasks import Executor
 from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claimed_folder, no_progress, no_stop
+from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claim_folder, no_progress, no_stop
 from biaxbayes.verbs.sample import SampleJob
 
 
@@ -113,7 +119,7 @@ def batch(
 class SpecimenTask:
     """A specimen to sample, or whose finished run is to be read."""
 
-    entry: Entry
+    loaded: LoadedSpecimen
     folder: Path
     ess: float
     max_steps: int
@@ -130,7 +136,7 @@ def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
             if not task.running.exists():
                 problem = f"{socket.gethostname()} does not see the study folder"
                 return SpecimenOutcome(INTERRUPTED, problem)
-            rows = rows_of_run(open_run(task.folder) if task.finished else _sampled(task, notes))
+            rows = rows_of_run(open_run(task.folder) if task.finished else _sample(task, notes))
             return SpecimenOutcome(rows[0]["state"], rows[0]["reason"], rows, notes)
         except Interrupted as error:
             return SpecimenOutcome(INTERRUPTED, str(error))
@@ -142,14 +148,16 @@ def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
             if os.environ.get("BIAXBAYES_DEBUG"):
                 traceback.print_exc()
             reason = f"internal error: {type(error).__name__}: {error}"
-    return _failed(reason, notes, task.entry.entry.options["law"])
+    return _failed_outcome(reason, notes, task.loaded.listing.options["law"])
 
 
-def _failed(reason: str, notes: Sequence[str] = (), law: str = DEFAULT_LAW) -> SpecimenOutcome:
+def _failed_outcome(
+    reason: str, notes: Sequence[str] = (), law: str = DEFAULT_LAW
+) -> SpecimenOutcome:
     return SpecimenOutcome(FAILED, reason, rows_without_run(FAILED, reason, law), list(notes))
 
 
-def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
+def _sample(task: SpecimenTask, notes: list[str]) -> Run:
     """The run of a specimen, continued from its checkpoint where there is one."""
 
     def note(progress: Progress) -> None:
@@ -159,16 +167,16 @@ def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
     def stop() -> bool:
         return not task.running.exists()
 
-    entry = task.entry.entry
-    assert task.entry.specimen is not None
+    listing = task.loaded.listing
+    assert task.loaded.specimen is not None
     job = SampleJob.prepare(
-        task.entry.specimen,
+        task.loaded.specimen,
         out=task.folder,
-        options=dict(entry.options),
-        amount=SamplingPlan(entry.seed, task.ess, task.max_steps, workers=1),
-        anyway=entry.anyway,
+        options=dict(listing.options),
+        amount=SamplingPlan(listing.seed, task.ess, task.max_steps, workers=1),
+        anyway=listing.anyway,
     )
-    job = replace(job, source=entry.file.name)
+    job = replace(job, source=listing.file.name)
     with first_alone():
         if stop():  # while another process was compiling
             raise Interrupted("stopped before it began")
@@ -204,7 +212,7 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
         except BiaxbayesError as error:
             return ComparedLayers(task.donor, notes=[f"no comparison: {error}"])
     layers = dict(zip(task.labels, task.layers, strict=True))
-    return compared_layers(task.donor, layers, comparison.distances, comparison.notes)
+    return layer_comparison(task.donor, layers, comparison.distances, comparison.notes)
 
 
 # --- the study -----------------------------------------------------------------------------------
@@ -223,7 +231,7 @@ def run_study(
 ) -> StudyResult:
     """Sample what is missing, compare the layers of each donor, and write every file."""
     executor = executor or InThisProcess()
-    with claimed_folder(folder, {STUDY}, "a study's", own={RUNS}), executor:
+    with claim_folder(folder, {STUDY}, "a study's", own={RUNS}), executor:
         runs = folder.absolute() / RUNS
         runs.mkdir(exist_ok=True)
         for left in folder.glob(f"{RUNNING_PREFIX}*"):
@@ -233,11 +241,11 @@ def run_study(
         running.touch()
         try:
             progress(Progress("reading specimens"))
-            entries = read_entries(study)
+            entries = load_specimens(study)
             outcomes = _sample_all(study, entries, folder, running, executor, progress, stop)
             table = study_table(entries, outcomes)
             progress(Progress("comparing layers"))
-            folders = {e.entry.label: runs / e.slug for e in entries}
+            folders = {e.listing.label: runs / e.slug for e in entries}
             tasks = [
                 LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
                 for donor, labels, layers in donor_groups(table)
@@ -256,7 +264,7 @@ def run_study(
 
 def _sample_all(
     study: Study,
-    entries: list[Entry],
+    entries: list[LoadedSpecimen],
     folder: Path,
     running: Path,
     executor: Executor,
@@ -265,7 +273,7 @@ def _sample_all(
 ) -> dict[str, SpecimenOutcome]:
     """The outcome of every specimen, by the name of its run folder."""
     runs = folder.absolute() / RUNS
-    outcomes = {e.slug: _failed(e.problem) for e in entries if e.specimen is None}
+    outcomes = {e.slug: _failed_outcome(e.problem) for e in entries if e.specimen is None}
     recorded = _recorded_runs(folder)
     finished = {
         e.slug: e.fingerprint
@@ -292,8 +300,8 @@ def _sample_all(
     ]
     tasks.sort(key=lambda task: not task.finished)  # reading a finished run takes no time
     for outcome in executor.run(sample_specimen, tasks, stop=stopped):
-        entry = tasks[outcome.index].entry
-        result = _failed(outcome.failure) if outcome.failure else outcome.value
+        entry = tasks[outcome.index].loaded
+        result = _failed_outcome(outcome.failure) if outcome.failure else outcome.value
         if result.state == INTERRUPTED:
             if not stopped():
                 raise RunError(
@@ -302,7 +310,7 @@ def _sample_all(
             continue
         outcomes[entry.slug] = result
         for note in result.notes:
-            progress(Progress("sampling", note=f"{entry.entry.label}: {note}"))
+            progress(Progress("sampling", note=f"{entry.listing.label}: {note}"))
         if result.state in STATES and entry.slug not in finished:
             finished[entry.slug] = entry.fingerprint
             _record_runs(study, folder, finished)

@@ -57,7 +57,7 @@ RANK_COLUMNS = (
     "rejected_draws",
     "seconds",
 )
-TEXT = ("parameter", "unit", "state", "reason")
+TEXT_COLUMNS = ("parameter", "unit", "state", "reason")
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,18 @@ def make_study(specimen: Specimen, options: Mapping[str, Any], plan: Calibration
     else:
         priors = {**protocol_prior(specimen, settings), **given}
     study = Study(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
-    return replace(study, **AS_SAMPLED) if len(settings.material_law.parameters) >= MANY else study
+    return (
+        replace(study, **SETTINGS_OF_SAMPLE)
+        if len(settings.material_law.parameters) >= MANY_PARAMETERS
+        else study
+    )
 
 
-MANY = 8
+MANY_PARAMETERS = 8
 """Number of parameters of a law from which replications use the ensembles of ``sample``. With the
 smaller ones of a study, 88 of 200 replications of ``four-fibre`` did not converge, and the ranks of
 its fibres were not uniform."""
-AS_SAMPLED: dict[str, Any] = {
+SETTINGS_OF_SAMPLE: dict[str, Any] = {
     "max_steps": 4_000,
     "ensembles": Plan.ensembles,
     "walkers": Plan.walkers,
@@ -130,7 +134,7 @@ def run_calibration(
     stop: Stop = inputs.no_stop,
 ) -> CalibrationResult:
     """Run the replications that are missing, and write every file."""
-    with inputs.claimed_folder(folder, {RECORD}, "a study's"):
+    with inputs.claim_folder(folder, {RECORD}, "a study's"):
         rows = _stored_rows(study, folder, resume=resume)
         missing = [i for i in range(replications) if i not in rows]
         if missing:
@@ -233,7 +237,7 @@ def read_ranks(path: Path) -> pd.DataFrame:
         if tuple(table.columns) != RANK_COLUMNS:
             raise ValueError
         for name in RANK_COLUMNS:
-            if name not in TEXT:
+            if name not in TEXT_COLUMNS:
                 # Python's parser reads back exactly what was written.
                 table[name] = [float(v) if v else math.nan for v in table[name]]
         table["state"] = table["state"].replace(STATES_OF_EARLIER_VERSIONS)

@@ -42,7 +42,7 @@ class Checked:
     def record(self) -> dict[str, Any]:
         """Contents as plain values, as ``biaxbayes check --json`` prints them."""
         return {
-            **understood(self.specimen),
+            **specimen_contents(self.specimen),
             "findings": [finding.record() for finding in self.findings],
         }
 
@@ -135,7 +135,7 @@ PLAIN_KEYS = ("layer", "axis_x", "axis_y", "geometry", "edge_x_mm", "edge_y_mm",
 FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis in "xy")
 
 
-def understood(specimen: Specimen) -> dict[str, Any]:
+def specimen_contents(specimen: Specimen) -> dict[str, Any]:
     """Contents of a specimen as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
     area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
@@ -201,7 +201,7 @@ def command(
     if as_json:
         click.echo(json.dumps(result.record(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
-        _print_checked(result)
+        _print_result(result)
         if figure is not None:
             click.echo(f"figure: {figure}")
         if sketch is not None:
@@ -210,7 +210,7 @@ def command(
     return InputError.exit_code if refused else 0
 
 
-def _print_checked(result: Checked) -> None:
+def _print_result(result: Checked) -> None:
     specimen, findings, about = result.specimen, result.findings, result.record()
     layer = f", {specimen.layer}" if specimen.layer else ""
     click.echo(f"specimen {specimen.name}{layer}")

@@ -94,7 +94,7 @@ def make_folder(path: PathLike) -> Path:
 
 
 @contextlib.contextmanager
-def claimed_folder(
+def claim_folder(
     folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
 ) -> Iterator[None]:
     """Make and lock a folder that is new, or holds one of `records` or nothing but `own` names."""
@@ -116,13 +116,13 @@ def claimed_folder(
 
 
 @contextlib.contextmanager
-def locked_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
+def lock_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
     """Claim and lock the folder of a run or population, and finish what a crash interrupted."""
     from biaxbayes.runs.checkpoint import NAMES
     from biaxbayes.runs.folder import KINDS, finish_moving, is_finished
 
     records = {*NAMES, record} if is_finished(folder, record) else {*NAMES}
-    with claimed_folder(folder, records, f"a {KINDS[record]}'s"):
+    with claim_folder(folder, records, f"a {KINDS[record]}'s"):
         finish_moving(folder, record)
         refuse_finished(folder, record, resume=resume, overwrite=overwrite)
         yield

@@ -36,7 +36,7 @@ from biaxbayes.options import (
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.checkpoint import DamagedCheckpoint, packed, unpacked
+from biaxbayes.runs.checkpoint import DamagedCheckpoint, pack_record, unpack_record
 from biaxbayes.runs.folder import stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.runs.result import REPORT
@@ -151,12 +151,12 @@ def compare_laws(
             seed = int(np.random.default_rng([plan.seed, key]).integers(2**62))
             tasks.append(Task(law, specimen, part, common, seed, plan.ess, plan.max_steps))
     if out is None:
-        predictions = _sampled(tasks, None, executor, progress, stop)
+        predictions = _sample_parts(tasks, None, executor, progress, stop)
         return weigh_laws(specimen, common, predictions, laws)
     folder = Path(out)
-    with inputs.claimed_folder(folder, {RECORD}, "a comparison of laws"):
+    with inputs.claim_folder(folder, {RECORD}, "a comparison of laws"):
         _record(folder, specimen, common, laws, plan, resume=resume)
-        predictions = _sampled(tasks, folder / PARTS, executor, progress, stop)
+        predictions = _sample_parts(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
         result = weigh_laws(specimen, common, predictions, laws)
         _write(result, specimen, folder)
@@ -198,7 +198,7 @@ def _record(
     atomic_write_text(record, text + "\n")
 
 
-def _sampled(
+def _sample_parts(
     tasks: Sequence[Task], folder: Path | None, executor: Executor, progress: OnProgress, stop: Stop
 ) -> dict[tuple[str, str], Prediction]:
     """Predictions by law and part, read from the folder or computed and stored there."""
@@ -232,13 +232,13 @@ def _sampled(
 def _store(path: Path, prediction: Prediction) -> None:
     draws = {"draws": prediction.draws.to_numpy(), "columns": list(prediction.draws.columns)}
     path.parent.mkdir(exist_ok=True)
-    atomic_write_bytes(path, packed(vars(prediction) | draws))
+    atomic_write_bytes(path, pack_record(vars(prediction) | draws))
 
 
 def _read(path: Path) -> Prediction | None:
     """A stored prediction; None if it is missing or damaged and has to be made again."""
     try:
-        record = unpacked(read_bytes(path))
+        record = unpack_record(read_bytes(path))
         draws = pd.DataFrame(record["draws"], columns=record.pop("columns"))
         return Prediction(**record | {"residuals": tuple(record["residuals"]), "draws": draws})
     except (InputError, DamagedCheckpoint, ValueError, KeyError, TypeError):

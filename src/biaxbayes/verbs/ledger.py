@@ -71,7 +71,7 @@ def ledger(
         :class:`~biaxbayes.options.InferringOptions`.
     """
     from biaxbayes.comparison.mounting_bias import MountingModelDraws, sample_mounting_models
-    from biaxbayes.comparison.mounting_bias import ledger as lay_out
+    from biaxbayes.comparison.mounting_bias import ledger as make_ledger
     from biaxbayes.verbs.sample import SampleJob
 
     plan, model = LedgerPlan.split(options)
@@ -96,10 +96,10 @@ def ledger(
     )
     for finding in prepared.findings if inferred is None else ():
         progress(Progress("fitting", note=str(finding)))
-    variants = sample_mounting_models(
+    models = sample_mounting_models(
         prepared.specimen, prepared.options, prepared.plan, inferred, progress
     )
-    result = lay_out(variants, stretches or None)
+    result = make_ledger(models, stretches or None)
     if out is not None:
         from biaxbayes.figures.comparisons import ledger_figure
         from biaxbayes.figures.style import save_pictures
@@ -171,8 +171,8 @@ def _print_ledger(result: Ledger, folder: Path) -> None:
             name = f"{name} at {row['total_stretch']:.4g}{mark}"
         unit = f" ({row['unit']})" if row["unit"] else ""
         cells = [name + unit, cell(row, "inferred")]
-        for treatment in ("ignored", "zeroed"):
-            cells += [cell(row, treatment), f"{row[f'shift_{treatment}_sd']:+.1f}"]
+        for mounting_model in ("ignored", "zeroed"):
+            cells += [cell(row, mounting_model), f"{row[f'shift_{mounting_model}_sd']:+.1f}"]
         lines.append(cells)
     for line in aligned(lines, right=range(1, 6)):
         click.echo(line)
@@ -183,7 +183,7 @@ def _print_ledger(result: Ledger, folder: Path) -> None:
 
 
 def cell(row: Any, name: str) -> str:
-    """Median and interval of a treatment, with the digits that distinguish its ends."""
+    """Median and interval of a mounting model, with the digits that distinguish its ends."""
     from biaxbayes.figures.quantities import number
 
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))

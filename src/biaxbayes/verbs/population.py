@@ -142,7 +142,7 @@ def sample_population(
         ess=options.ess, max_steps=options.max_steps, seed=options.seed, workers=options.processors
     )
     identity = _identity(sources, grouping, values, plan, options, priors)
-    with inputs.locked_folder(folder, POPULATION, resume=resume, overwrite=overwrite):
+    with inputs.lock_folder(folder, POPULATION, resume=resume, overwrite=overwrite):
         state = None
         if resume:
             state, note = checkpoint.load(folder, identity, PopulationCheckpoint.from_record)

@@ -240,8 +240,14 @@ def inflate(
 # --- the command ---------------------------------------------------------------------------------
 
 
-PATH = ("path", "stretch", "ratio", "protocol")
-TUBE = ("radius_mm", "wall_mm", "axial_stretch", "pressure_kPa", "circumferential_stretch")
+PATH_OPTION_NAMES = ("path", "stretch", "ratio", "protocol")
+TUBE_OPTION_NAMES = (
+    "radius_mm",
+    "wall_mm",
+    "axial_stretch",
+    "pressure_kPa",
+    "circumferential_stretch",
+)
 
 
 @click.command("predict")
@@ -292,9 +298,15 @@ def command(
     inflated = given.pop("inflate")
     relation = "with" if inflated else "without"
     opt.refuse_options(
-        context, PATH if inflated else TUBE, f"{{}} does not go {relation} `inflate`"
+        context,
+        PATH_OPTION_NAMES if inflated else TUBE_OPTION_NAMES,
+        f"{{}} does not go {relation} `inflate`",
     )
-    left_out = (*PATH, "reference", "stress") if inflated else (*TUBE, "around", "seed")
+    left_out = (
+        (*PATH_OPTION_NAMES, "reference", "stress")
+        if inflated
+        else (*TUBE_OPTION_NAMES, "around", "seed")
+    )
     chosen = {n: v for n, v in given.items() if v is not None and n not in left_out}
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path

@@ -103,8 +103,8 @@ class SampleJob:
         law, count = options["law"], len(specimen.protocols)
         if count < law_named(law).least_protocols:
             text = (
-                f"{count} protocol is too few for the law {law}: its posterior has several modes "
-                "of similar mass, and the chains may not converge. Test another ratio, or choose "
+                f"with {count} protocol the posterior of the law {law} has several modes of "
+                "similar mass, and the chains may not converge. Test another ratio, or choose "
                 "another law"
             )
             findings = (*findings, Finding("few-protocols", "warning", text))
@@ -133,13 +133,13 @@ class SampleJob:
         """Sample, write the run folder, and return its path."""
         progress = progress or _warn
         start = time.perf_counter()
-        with inputs.locked_folder(self.folder, PROVENANCE, resume=resume, overwrite=overwrite):
+        with inputs.lock_folder(self.folder, PROVENANCE, resume=resume, overwrite=overwrite):
             progress(Progress("fitting"))
             _show(self.findings, progress)
             fit_start = time.perf_counter()
             job = self
             if self.specimen.needs_grip_correction:
-                job = self._corrected_for_grips(progress)
+                job = self._correct_for_grips(progress)
             posterior = prepare(job.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(
                 posterior.specimen,
@@ -204,7 +204,7 @@ class SampleJob:
             draws.seconds["fit"] += fit_seconds
         return draws
 
-    def _corrected_for_grips(self, progress: OnProgress) -> SampleJob:
+    def _correct_for_grips(self, progress: OnProgress) -> SampleJob:
         """The same job with loads corrected to those of a uniform test."""
         progress(Progress("correcting for the grips"))
 
