@@ -29,6 +29,7 @@ from biaxbayes.populations.tables import (
     contradictions,
 )
 from biaxbayes.populations.text import contrast_rows, group_rows
+from biaxbayes.reports.population import FIGURE_TEXTS
 from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
@@ -41,7 +42,7 @@ from biaxbayes.verbs.population import (
     open_sources,
     sample_population,
 )
-from biaxbayes.verbs.population_files import FIGURES, TABLES, members_of_study
+from biaxbayes.verbs.population_files import TABLES, members_of_study
 from commands import refused, run
 
 MATERIALS = {
@@ -163,7 +164,7 @@ def test_files_say_the_same(population):
     draws = tree["posterior"]["mean"].sel(group="healthy", quantity="C1").to_numpy()
     row = population.groups.iloc[0]
     assert np.exp(np.median(draws)) == pytest.approx(row["mean_q50"], rel=1e-6)
-    for stem in FIGURES:
+    for stem in FIGURE_TEXTS:
         assert (population.folder / f"{stem}.pdf").stat().st_size > 2000
     page = (population.folder / "population.html").read_text()
     assert (population.reason or "R-hat") in page
