@@ -144,7 +144,9 @@ def test_materials_whose_stress_overflows_have_no_part_in_the_spreads(run, preci
         values[after.quantities[-1]][0] = np.nan
         return values
 
-    monkeypatch.setattr(information_gain, "explore", lambda *a, **k: (None, x, np.zeros(len(x))))
+    monkeypatch.setattr(
+        information_gain, "adapt_proposal", lambda *a, **k: (None, x, np.zeros(len(x)))
+    )
     monkeypatch.setattr(information_gain, "design_quantities", overflowing)
     equal = np.zeros(len(run.draws))
     result = fresh.after(np.array([40.0]), equal, np.random.default_rng(1))

@@ -311,7 +311,7 @@ def test_fit_minimises_the_objective_of_the_posterior(weighted):
     assert (beta < 0.3) == weighted
     w = np.sqrt(np.mean(np.concatenate(result.residuals) ** 2))
     reading, sd = specimen.mounting_readings(shared=True)
-    data = Readings.from_specimen(specimen, shared=True).stretched()
+    data = Readings.from_specimen(specimen, shared=True).loaded_rows()
 
     def objective(theta, lm):
         material = GOH(*theta)

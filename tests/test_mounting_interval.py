@@ -92,7 +92,7 @@ def test_a_wide_interval_is_no_value():
 def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():
     """Two sds of the mounting reading, and a fifth more misfit that counts for few readings."""
     fung = replace(law_fit("fung", 1.2, 1.03), reading_chi2=4.0)
-    few, many = (replace(law_fit(), independent=n) for n in (4.0, 200.0))
+    few, many = (replace(law_fit(), n_effective=n) for n in (4.0, 200.0))
     assert [f.law for f in LawFits((few, fung), 0.1, 100.0).fitting] == ["goh", "fung"]
     assert [f.law for f in LawFits((many, fung), 0.1, 100.0).fitting] == ["goh"]
     # the interval of a law that fits is never cut by the others
@@ -105,7 +105,7 @@ def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():
 def test_a_law_that_does_not_fit_does_not_count_between_two_that_do():
     """The second misses the loads less than the third, but it misses the mounting reading."""
     between = replace(law_fit("fung", 1.2, 1.2), reading_chi2=50.0)
-    best = replace(law_fit(), independent=4.0)
+    best = replace(law_fit(), n_effective=4.0)
     result = LawFits((best, between, law_fit("hgo", 1.25, 1.021)), 0.1, 100.0)
     assert [f.law for f in result.compared] == ["goh", "hgo"]
     interval = interval_from_laws(result, 0, 0, "goh", (1.018, 1.022))
@@ -170,7 +170,7 @@ def test_a_better_law_is_named_only_where_it_is_distinctly_better():
     # a difference below the noise counts where it rests on many independent readings, and where
     # the other law fits without a smooth misfit
     assert better_law_message(LawFits((fung, goh), 2.0, 100.0), "goh")
-    smooth, few = replace(fung, smooth=True), replace(fung, independent=3.0)
+    smooth, few = replace(fung, smooth=True), replace(fung, n_effective=3.0)
     for best in (smooth, few):
         assert not better_law_message(LawFits((best, goh), 2.0, 100.0), "goh")
     assert not better_law_message(LawFits((goh, replace(fung, rms=5.0)), 0.1, 100.0), "goh")

@@ -67,7 +67,7 @@ def test_a_clean_record_identifies_and_holds_the_truth(clean):
 
 def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
     plain = rows(with_fit(clean, widening={}))["C1"]
-    row = rows(with_fit(clean, widening={"C1": 1.5}, misfit=0.021))["C1"]
+    row = rows(with_fit(clean, widening={"C1": 1.5}, discrepancy_sd=0.021))["C1"]
     diagnostics = clean["C1"].diagnostics
     assert plain.verdict == row.verdict == "identified"
     assert plain.low == pytest.approx(diagnostics.low) and plain.high == pytest.approx(
@@ -81,7 +81,7 @@ def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
 
 
 def test_what_the_misfit_leaves_open_is_not_identified(clean):
-    row = rows(with_fit(clean, widening={"C1": 400.0}, misfit=0.2))["C1"]
+    row = rows(with_fit(clean, widening={"C1": 400.0}, discrepancy_sd=0.2))["C1"]
     assert row.verdict == "not identified" and math.isnan(row.low) and math.isnan(row.high)
     assert "the model error of GOH" in row.reason
     # as wide as that, the dispersion is bounded or open, never a value

@@ -125,7 +125,7 @@ def test_quantities_and_reasons_are_those_of_the_target():
         log_prob,
         BOUNDS,
         lambda x: {"ratio": x[:, 1] / (1.0 + x[:, 0]), "noise": np.arange(len(x)) * 1.0},
-        not_assessed=("noise",),
+        skip_diagnostics=("noise",),
         counts=counts,
         reasons=("beyond",),
     )

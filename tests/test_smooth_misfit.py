@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
+from biaxbayes.fitting.effective_readings import effective_readings, has_smooth_misfit
 from biaxbayes.fitting.law_fits import fit_law
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import simulate_smooth_misfit as drawn_misfit
@@ -13,7 +13,7 @@ from biaxbayes.specimens.specimen import Protocol, Specimen
 def test_independent_errors_keep_their_worth():
     rng = np.random.default_rng(4)
     sets = [list(rng.standard_normal((6, 60, 2))) for _ in range(100)]
-    assert sum(map(misses_smoothly, sets)) == 0
+    assert sum(map(has_smooth_misfit, sets)) == 0
     worth = [effective_readings(r).total / effective_readings(r).count.sum() for r in sets]
     assert np.median(worth) > 0.8
 
@@ -27,7 +27,7 @@ def test_what_a_fit_leaves_of_a_smooth_misfit_is_noticed():
         misfit = np.column_stack([np.polyval(rng.standard_normal(5), s) for _ in "xy"])
         fitted = np.array([np.polyval(np.polyfit(s, m, 2), s) for m in misfit.T]).T
         residuals.append(misfit - fitted + 0.01 * rng.standard_normal(misfit.shape))
-    assert misses_smoothly(residuals)
+    assert has_smooth_misfit(residuals)
     assert effective_readings(residuals).total < 0.3 * effective_readings(residuals).count.sum()
 
 
@@ -71,9 +71,9 @@ def specimen(misfit: float, noise: float, seed: int) -> Specimen:
 
 def test_the_size_of_the_misfit_is_that_of_the_truth():
     peak = specimen(0.0, 1e-9, 0).peak_load
-    sizes = [fit_law(specimen(0.03, 0.002 * peak, seed), "goh").misfit for seed in range(6)]
+    sizes = [fit_law(specimen(0.03, 0.002 * peak, seed), "goh").discrepancy_sd for seed in range(6)]
     assert 0.018 < np.median(sizes) < 0.045
-    none = [fit_law(specimen(0.0, 0.002 * peak, seed), "goh").misfit for seed in range(6)]
+    none = [fit_law(specimen(0.0, 0.002 * peak, seed), "goh").discrepancy_sd for seed in range(6)]
     assert np.median(none) < 0.004
 
 
@@ -102,4 +102,4 @@ def test_posteriors_are_widened_where_the_law_misses_and_hardly_elsewhere():
 
 def test_a_record_without_noise_has_no_misfit():
     fit = fit_law(specimen(0.0, 0.0, 0), "goh")
-    assert fit.misfit < 1e-6 and np.all(fit.sd < 1e-5)
+    assert fit.discrepancy_sd < 1e-6 and np.all(fit.sd < 1e-5)

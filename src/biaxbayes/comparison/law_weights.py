@@ -32,7 +32,7 @@ from biaxbayes.comparison.mixture import (
 )
 from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
-from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
+from biaxbayes.fitting.effective_readings import effective_readings, has_smooth_misfit
 from biaxbayes.identifiability.mounting_interval import (
     MEASURED_REASON,
     MountingInterval,
@@ -327,7 +327,7 @@ def _reported(
     )
     if f"{names[0]}_q50" not in laws:
         return ()
-    smooth = misses_smoothly(residuals)
+    smooth = has_smooth_misfit(residuals)
     density = {str(law): float(value) for law, value in laws["left_out_density_nats"].items()}
     rows = []
     for name in names:

@@ -1,8 +1,8 @@
-"""One least squares over theta with the mounting stretch implicit in the force balance.
+"""Least-squares fit of theta with the mounting stretch implicit in the force balance.
 
-It minimises the posterior's own misfit, without its priors. With z the mounting force less its
-reading in sds s0 of the load cell, r the residuals of the n stretched rows, w their sd (profiled:
-their root mean square) and beta their weight n_eff / n,
+It maximises the likelihood of the posterior, without its priors, by reweighted least squares. With
+z the mounting force less its reading in sds s0 of the load cell, r the residuals of the n rows
+after those at rest, w their sd (profiled: their root mean square) and beta their weight n_eff / n,
 
     sum z^2 + beta sum r^2 / w^2.
 
@@ -21,9 +21,9 @@ import numpy as np
 from biaxbayes.errors import InputError, TaredSpecimen
 from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.least_squares import (
+    DESCENT_TOLERANCE,
     FINALISTS,
-    STEPS,
-    TOLERANCE,
+    MAX_DESCENT_STEPS,
     Descent,
     best_descent,
     descend,
@@ -42,7 +42,7 @@ FIT_MOUNTING = ("exact", "noisy", "ignored", "zeroed")
 MAX_REWEIGHTINGS, REWEIGHTED_TOLERANCE = 50, 1e-10
 MAX_WEIGHTS = 10
 """beta changes discontinuously, so it is frozen after this many iterations."""
-MIN_SD = 1e-6
+MIN_RELATIVE_SD = 1e-6
 """Relative to the peak load: a reading with a smaller sd is treated as exact."""
 
 
@@ -60,14 +60,14 @@ def constrained_fit(
     fibre_switch: bool = False,
     compiled: bool = True,
 ) -> FitResult:
-    """Least squares on the measured load, the mounting stretch solved for at every step.
+    """Least-squares fit of the measured load, with the mounting stretch solved for at every step.
 
     ``mounting`` is one of:
 
     - noisy: the mounting force is unknown, and its reading is one datum with the load cell's sd
     - exact: the reading is taken as exact, as in files without load noise
-    - ignored, zeroed: the mounted state is taken as unloaded, with loads as they are, or less
-      their reading
+    - ignored, zeroed: the mounted state is taken as unloaded, with unchanged loads, or loads
+      less their first reading
 
     ``weighted`` counts rows by their effective number. ``initial`` is a further starting point,
     with which ``starts`` may be 0. ``compiled`` solves for the mounted state in compiled code; for
@@ -177,8 +177,8 @@ class FitSetup:
     ) -> FitResult:
         """Result of fit coordinates and mounting stretches (2, m), compared with the data.
 
-        A fit that misses by no more than the written digits of the data explain has converged, even
-        if its descent has not.
+        A fit whose residuals are explained by the written digits of the data has converged, even if
+        its descent has not.
         """
         data, law = self.data, self.law
         lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
@@ -188,16 +188,16 @@ class FitSetup:
             mounting_load = forward.response(point, 1.0, lm).load
             # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
             measured = data.load / response.per_stress
-            miss = measured - response.stress.stress
+            residual = measured - response.stress.stress
             total = float(((measured - measured.mean()) ** 2).sum())
-            r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
-            rmse = float(np.sqrt((miss**2).mean()))
+            r2 = 1.0 - float((residual**2).sum()) / total if total > 0.0 else math.nan
+            rmse = float(np.sqrt((residual**2).mean()))
             converged = descent.converged
             if not converged and np.isfinite(mounting_stretch).all():
                 converged = rmse <= rounding_bound(self.specimen, data, response)
-            left = data.load - response.load
-            if np.sqrt((left**2).mean()) < self.specimen.load_resolution:
-                left = np.zeros_like(left)
+            load_residual = data.load - response.load
+            if np.sqrt((load_residual**2).mean()) < self.specimen.load_resolution:
+                load_residual = np.zeros_like(load_residual)
         return FitResult(
             method=method,
             material=law.material_at(law.from_fit_coordinates(point)),
@@ -205,11 +205,11 @@ class FitSetup:
             mounting_load=mounting_load.T.copy(),
             r2=r2,
             rmse_kPa=rmse,
-            mae_kPa=float(np.abs(miss).mean()),
+            mae_kPa=float(np.abs(residual).mean()),
             iterations=descent.iterations,
             converged=bool(converged and np.isfinite(rmse)),
             at_bound=self._at_bound(point, lm, method),
-            residuals=tuple(left[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows),
+            residuals=tuple(load_residual[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows),
         )
 
     def _at_bound(self, point: np.ndarray, lm: np.ndarray, method: str) -> tuple[str, ...]:
@@ -235,19 +235,19 @@ def minimum(
     weighted: bool,
     compiled: bool,
     finalists: int = FINALISTS,
-    steps: int = STEPS,
-    tolerance: float = TOLERANCE,
+    steps: int = MAX_DESCENT_STEPS,
+    tolerance: float = DESCENT_TOLERANCE,
 ) -> tuple[LoadResiduals, Descent]:
     """The problem at its final weights, and its minimum.
 
     First the reading is exact. With a noisy one, reweighted least squares with unknown mounting
     forces follow, until w and beta are stable.
     """
-    data, stretched, free = setup.data, setup.data.stretched(), setup.free
+    data, rows_in_fit, free = setup.data, setup.data.loaded_rows(), setup.free
     peak, one = data.peak, np.ones_like(data.mounting_load)
 
     def problem_at(scale: float, reading_sd: np.ndarray | None) -> LoadResiduals:
-        common = (stretched, "load", setup.point, free, scale, one, setup.law)
+        common = (rows_in_fit, "load", setup.point, free, scale, one, setup.law)
         if not setup.balanced:
             return LoadResiduals(*common)
         return BalancedMounting(*common, reading_sd=reading_sd, compiled=compiled)
@@ -257,16 +257,16 @@ def minimum(
     limits: dict[str, Any] = {"steps": steps, "tolerance": tolerance}
     starts = [p[free] for p in points]
     descent = best_descent(problem, starts, lower, upper, finalists=finalists, **limits)
-    exact = setup.mounting != "noisy" or data.mounting_sd.max() <= MIN_SD * peak
+    exact = setup.mounting != "noisy" or data.mounting_sd.max() <= MIN_RELATIVE_SD * peak
     if exact or not np.isfinite(descent.cost):
         return problem, descent
 
-    sd, offsets = np.maximum(data.mounting_sd, MIN_SD * peak), data.mounting_load.size
+    sd, offsets = np.maximum(data.mounting_sd, MIN_RELATIVE_SD * peak), data.mounting_load.size
     unknowns = np.concatenate([descent.unknowns, np.zeros(offsets)])
     lower = np.concatenate([lower, np.full(offsets, -np.inf)])
     upper = np.concatenate([upper, np.full(offsets, np.inf)])
     limits["tolerance"] = max(tolerance, REWEIGHTED_TOLERANCE)
-    rows, floor = 2 * stretched.group.size, MIN_SD * peak
+    rows, floor = 2 * rows_in_fit.group.size, MIN_RELATIVE_SD * peak
     rms, beta = max(np.sqrt(descent.cost / rows) * peak, floor), 1.0
     iterations, stable = descent.iterations, False
     for iteration in range(MAX_REWEIGHTINGS):
@@ -274,11 +274,11 @@ def minimum(
         problem = problem_at(scale, sd)
         descent = descend(problem, unknowns, lower, upper, **limits)
         unknowns, iterations = descent.unknowns, iterations + descent.iterations
-        misfit = problem.residual(unknowns)[:rows] * scale
-        new_rms = max(float(np.sqrt(misfit @ misfit / rows)), floor)
+        residual = problem.residual(unknowns)[:rows] * scale
+        new_rms = max(float(np.sqrt(residual @ residual / rows)), floor)
         new_beta = beta
         if weighted and iteration < MAX_WEIGHTS:
-            new_beta = effective_readings(stretched.by_protocol(misfit)).beta
+            new_beta = effective_readings(rows_in_fit.by_protocol(residual)).beta
         stable = abs(new_rms - rms) <= 1e-4 * rms and abs(new_beta - beta) <= 0.01 * beta
         rms, beta = new_rms, new_beta
         if stable:

@@ -1,7 +1,7 @@
 """Effective number of independent readings of a curve.
 
-Neighbouring residuals of a real specimen are nearly equal, because the model, not the load cell,
-is what misses. A curve of n residuals with autocorrelation rho(t) carries
+Neighbouring residuals of a real specimen are nearly equal, because the error of the
+model, not of the load cell, dominates. A curve of n residuals with autocorrelation rho(t) carries
 
     n_eff = n / (1 + 2 sum rho(t))
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MIN_EFFECTIVE_SIZE = 2.0  # least n_eff of a curve, or its sd would be undefined
+MIN_EFFECTIVE_SIZE = 2.0  # smallest n_eff of a curve, or its sd would be undefined
 MAX_SIGN_CHANGE_Z = 3.0  # standard deviations of the sign changes of independent errors
 
 
@@ -23,7 +23,7 @@ def effective_size(residual: np.ndarray) -> float:
     """Effective number of independent readings, 2 to n, of residuals (n,) along a path.
 
     Geyer's initial positive sequence: autocorrelations are summed in pairs while the sum of a
-    pair is positive. The mean is not removed, since a constant misfit is misfit too.
+    pair is positive. The mean is not removed, since a constant residual is misfit too.
     """
     n = residual.size
     if n < 4:
@@ -76,7 +76,7 @@ def effective_readings(
     return EffectiveReadings(count, effective)
 
 
-def misses_smoothly(residuals: Sequence[np.ndarray]) -> bool:
+def has_smooth_misfit(residuals: Sequence[np.ndarray]) -> bool:
     """True if the signs of residuals (n_p, 2) change too seldom for independent errors."""
     changes = steps = 0
     for part in residuals:

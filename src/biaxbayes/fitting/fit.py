@@ -1,7 +1,7 @@
 """Deterministic fits of a specimen: three that infer the mounting stretch, two that do not.
 
 ``fip`` is the alternation of Math. Comput. Appl. 2024, 29(4), 55, Section 2.2.2 and Figure 2. Its
-fixed point is not a minimum of one objective: with noise it differs from the least squares.
+fixed point is not a minimum of one objective: with noise it differs from the least-squares fit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from biaxbayes.specimens.specimen import Specimen
 METHODS = FIT_METHODS
 PRESTRETCH_METHODS = ("fip", "linden", "constrained")
 
-# --- the fit of the method paper: find the mounting stretch, update the data, refit, repeat ------
+# --- the fit of the method paper: solve for the mounting stretch, update the data, refit, repeat -
 
 MAX_ALTERNATIONS = 500
 FIRST_ALTERNATIONS = 40
@@ -37,7 +37,8 @@ def best_alternation(
 ) -> tuple[Descent, np.ndarray]:
     """Alternate loosely from every start, then the best to the end."""
     first = [
-        alternate(setup, point, scale, most=FIRST_ALTERNATIONS, tolerance=1e-4) for point in starts
+        alternate(setup, point, scale, max_alternations=FIRST_ALTERNATIONS, tolerance=1e-4)
+        for point in starts
     ]
     best, lm = min(first, key=lambda end: (not end[0].converged, end[0].cost))
     end, lm = alternate(setup, best.unknowns, scale, first=lm)
@@ -50,7 +51,7 @@ def alternate(
     scale: float,
     *,
     first: np.ndarray | None = None,
-    most: int = MAX_ALTERNATIONS,
+    max_alternations: int = MAX_ALTERNATIONS,
     tolerance: float = ALTERNATION_TOLERANCE,
 ) -> tuple[Descent, np.ndarray]:
     """Alternate from one material until neither mounting stretch nor stress changes.
@@ -60,8 +61,8 @@ def alternate(
     """
     data, free, law = setup.data, setup.free, setup.law
     lm = np.ones_like(data.mounting_load) if first is None else first
-    cost, settled, count = np.inf, False, 0
-    for count in range(1, most + 1):  # noqa: B007 - reported
+    cost, converged, count = np.inf, False, 0
+    for count in range(1, max_alternations + 1):  # noqa: B007 - reported
         root = data.forward(law).solve_mounting(point, data.mounting_load)
         has_root = bool(np.isfinite(root).all())
         new_lm = root if has_root else lm
@@ -74,11 +75,11 @@ def alternate(
             float((np.abs(new_point - point) / (np.abs(new_point) + 1e-3)).max()),
         )
         lm, point, cost = new_lm, new_point, descent.cost
-        settled = has_root and descent.converged and change <= tolerance
-        # Nothing changes any more, settled or stuck at a material that balances no root
+        converged = has_root and descent.converged and change <= tolerance
+        # Nothing changes any more, converged or stuck at a material that balances no root
         if change <= tolerance or not np.isfinite(cost):
             break
-    return Descent(point, cost, count, settled), lm
+    return Descent(point, cost, count, converged), lm
 
 
 # --- one method, and all of them -----------------------------------------------------------------
@@ -101,12 +102,12 @@ def fit(
     Parameters
     ----------
     method : str
-        ``standard``: the mounted state is the reference, loads as they are.
+        ``standard``: the mounted state is the reference, with unchanged loads.
         ``zeroed``: the same with the first load subtracted.
         ``fip``: the method paper's alternation of root finding and refitting.
         ``linden``: the mounting stretches are two more unknowns.
-        ``constrained``: one least squares with the mounting stretch implicit, its force one reading
-        with the load cell's noise: the mode of the posterior's own misfit.
+        ``constrained``: a least-squares fit with the mounting stretch implicit and its force as one
+        reading with the load cell's noise: the maximum of the posterior's likelihood.
         The first four minimise residuals of the Cauchy stress over all rows, as their
         authors did; ``constrained`` minimises residuals of the load, as the posterior does.
     starts : int

@@ -1,11 +1,11 @@
-"""Laws fitted to a record: their misfits, mounting stretches and errors, and how laws differ.
+"""Fits of all laws to a specimen: residuals, mounting stretches, standard errors, comparison.
 
-Two errors are computed at the least squares of a law. That of the fit itself holds the noise of all
-readings, the mounting one among them, and the smooth misfit of the law
-(:mod:`~biaxbayes.fitting.smooth_misfit`). That of the posterior is by its own curvature, rows
+Two standard errors are computed at the least-squares fit of a law. That of the fit itself includes
+the noise of all readings, the mounting one among them, and the smooth misfit of the law
+(:mod:`~biaxbayes.fitting.smooth_misfit`). That of the posterior follows from its curvature, rows
 weighted by their effective number. Their ratio is the factor by which an interval is widened. The
-prior limits both errors of a material parameter: where it, and not the data, ends an interval, a
-misfit of the law does not widen it.
+prior limits both errors of a material parameter: where the prior, and not the data, bounds an
+interval, a misfit of the law does not widen it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.fitting.constrained import FitSetup, minimum
-from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
+from biaxbayes.fitting.effective_readings import effective_readings, has_smooth_misfit
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
 from biaxbayes.fitting.smooth_misfit import pseudo_inverse, smooth_misfit
 from biaxbayes.laws import DEFAULT_LAW, LAWS
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # --- one law -------------------------------------------------------------------------------------
 
-AMONG_LAWS: dict[str, Any] = {"finalists": 2, "steps": 100, "tolerance": 1e-8}
+LAW_FIT_LIMITS: dict[str, Any] = {"finalists": 2, "steps": 100, "tolerance": 1e-8}
 """Limits of fits that are compared with one another. A flat valley of Fung's or Lee-Sacks'
 law takes 500 steps to its floor; stopped like this, the rms of 56 fits to the shipped specimens lay
 at most 3 % above it, and the mounting stretches within a tenth of their sd."""
@@ -39,18 +39,18 @@ at most 3 % above it, and the mounting stretches within a tenth of their sd."""
 
 @dataclass(frozen=True, eq=False)
 class LawFit:
-    """Fit of a law to a record: its misfit and its mounting stretch."""
+    """Fit of a law to a specimen."""
 
     law: str
-    rms: float  # misfit of the load, unit of the specimen
+    rms: float  # of the load residuals, unit of the specimen
     rmse_kPa: float  # of the Cauchy stress
     mounting_stretch: np.ndarray  # (m, 2): one row, or one per protocol
     sd: np.ndarray  # (m, 2), standard errors: noise of all readings and smooth misfit
     smooth: bool  # signs of the residuals show a smooth misfit
     converged: bool
     reading_chi2: float = 0.0  # squared residuals of the mounting readings over their sd
-    independent: float = np.inf  # effective number of readings
-    misfit: float = 0.0  # sd of the smooth misfit, as a share of the load
+    n_effective: float = np.inf  # effective number of readings
+    discrepancy_sd: float = 0.0  # sd of the smooth misfit over the load
     # by parameter: error of the fit over that of the posterior, at least one
     widening: Mapping[str, float] = field(default_factory=dict)
     mounting_widening: np.ndarray | None = None  # (m, 2), the same without any prior
@@ -68,7 +68,7 @@ def fit_law(
     weighted: bool = True,
     prior_sd: Mapping[str, float] | None = None,
 ) -> LawFit:
-    """Least squares of a law on the measured load, with its errors.
+    """Least-squares fit of a law to the measured load, with standard errors.
 
     Options as in :func:`.constrained_fit`. ``prior_sd`` (of logs, of cos^2 for angles) limits the
     errors whose ratio is ``widening``.
@@ -77,28 +77,28 @@ def fit_law(
         specimen, mounting, mounting_stretch, fixed, law, fibre_switch=fibre_switch
     )
     points, _ = setup.starting_points(starts, 0, None)
-    problem, descent = minimum(setup, points, weighted=weighted, compiled=False, **AMONG_LAWS)
+    problem, descent = minimum(setup, points, weighted=weighted, compiled=False, **LAW_FIT_LIMITS)
     fitted = setup.constrained_result(problem, descent)
-    plain = LawFit(
+    without_errors = LawFit(
         law,
         fitted.rms,
         fitted.rmse_kPa,
         fitted.mounting_stretch,
         np.zeros_like(fitted.mounting_stretch),
-        misses_smoothly(fitted.residuals),
+        has_smooth_misfit(fitted.residuals),
         fitted.converged,
-        independent=effective_readings(fitted.residuals).total,
+        n_effective=effective_readings(fitted.residuals).total,
     )
     if not np.isfinite(descent.cost):
-        return plain
+        return without_errors
     with np.errstate(all="ignore"):
         return _with_errors(
-            plain, setup, problem, descent.unknowns, prior_sd or {}, weighted=weighted
+            without_errors, setup, problem, descent.unknowns, prior_sd or {}, weighted=weighted
         )
 
 
 def _with_errors(
-    plain: LawFit,
+    without_errors: LawFit,
     setup: FitSetup,
     problem: LoadResiduals,
     unknowns: np.ndarray,
@@ -108,62 +108,66 @@ def _with_errors(
 ) -> LawFit:
     law, data = setup.law, problem.data
     r, jacobian = problem.evaluate(unknowns)
-    # what ended on a bound does not move
+    # unknowns on a bound are fixed there
     theta, (lower, upper) = unknowns[: setup.free.size], setup.bounds
     inside = (theta > lower) & (theta < upper)
-    moved = np.flatnonzero(np.concatenate([inside, np.ones(unknowns.size - theta.size, bool)]))
-    jacobian = jacobian[:, moved]
+    interior = np.flatnonzero(np.concatenate([inside, np.ones(unknowns.size - theta.size, bool)]))
+    jacobian = jacobian[:, interior]
     if not (np.isfinite(r).all() and np.isfinite(jacobian).all()):
-        return replace(plain, sd=np.full_like(plain.sd, np.inf))
+        return replace(without_errors, sd=np.full_like(without_errors.sd, np.inf))
     reading_sd = problem.reading_sd if isinstance(problem, BalancedMounting) else None
     noise_sd = setup.specimen.noise_sd
     relative_sd, full = smooth_misfit(data, r, jacobian, problem.scale, noise_sd, reading_sd)
 
-    # inverse curvature of the posterior's misfit, w with the degrees of freedom that are left
+    # covariance by the curvature of the posterior, with n rows, n_eff effective ones, p parameters:
+    # C = (J^T J / unit^2 + J_m^T J_m)^-1,   unit^2 = |r|^2 n_eff / (n (n_eff - p) beta)
     rows = 2 * data.group.size
     n_eff, beta = float(rows), 1.0
     if weighted:
         readings = effective_readings(data.by_protocol(r[:rows]))
         n_eff, beta = readings.total, readings.beta
-    left = max(n_eff - setup.free.size, 1.0)
-    unit = max(float(np.sqrt(r[:rows] @ r[:rows] / rows * n_eff / left / beta)), 1e-12)
+    freedom = max(n_eff - setup.free.size, 1.0)
+    unit = max(float(np.sqrt(r[:rows] @ r[:rows] / rows * n_eff / freedom / beta)), 1e-12)
     root = pseudo_inverse(np.vstack([jacobian[:rows] / unit, jacobian[rows:]]))
-    own = root @ root.T
+    of_posterior = root @ root.T
 
-    prior = _prior_precision(setup, theta, moved, prior_sd)
-    ratio = np.sqrt(np.diag(_limited(full, prior)) / np.diag(_limited(own, prior)))
-    by_unknown = dict(zip(moved.tolist(), ratio.tolist(), strict=True))
-    # parameters on a bound: the typical one of the others
-    usual = float(np.median(ratio[moved < theta.size])) if inside.any() else 1.0
+    prior = _prior_precision(setup, theta, interior, prior_sd)
+    ratio = np.sqrt(
+        np.diag(_add_precision(full, prior)) / np.diag(_add_precision(of_posterior, prior))
+    )
+    by_unknown = dict(zip(interior.tolist(), ratio.tolist(), strict=True))
+    # parameters on a bound: the median ratio of the others
+    median_ratio = float(np.median(ratio[interior < theta.size])) if inside.any() else 1.0
     widening = {
-        law.names[i]: _at_least_one(by_unknown.get(k, usual)) for k, i in enumerate(setup.free)
+        law.names[i]: _at_least_one(by_unknown.get(k, median_ratio))
+        for k, i in enumerate(setup.free)
     }
-    sd, mounting_widening = plain.sd, None
+    sd, mounting_widening = without_errors.sd, None
     if isinstance(problem, BalancedMounting):
         lm = problem.mounting(unknowns)
-        slope = problem.log_stretch_by_unknowns(unknowns, lm)[:, moved]
+        slope = problem.log_stretch_jacobian(unknowns, lm)[:, interior]
         total, within = (
             (np.sqrt(np.einsum("ij,jk,ik->i", slope, c, slope)).reshape(lm.shape) * lm).T
-            for c in (full, own)
+            for c in (full, of_posterior)
         )
         sd = np.where(np.isfinite(total), total, np.inf)
         mounting_widening = np.vectorize(_at_least_one)(total / within)
     return replace(
-        plain,
+        without_errors,
         sd=sd,
         reading_chi2=float(np.sum(r[rows:] ** 2)),
-        misfit=relative_sd,
+        discrepancy_sd=relative_sd,
         widening=widening,
         mounting_widening=mounting_widening,
     )
 
 
 def _prior_precision(
-    setup: FitSetup, theta: np.ndarray, moved: np.ndarray, prior_sd: Mapping[str, float]
+    setup: FitSetup, theta: np.ndarray, interior: np.ndarray, prior_sd: Mapping[str, float]
 ) -> np.ndarray:
-    """Precision of the prior by the unknowns that moved; zero where none is given."""
-    law, precision = setup.law, np.zeros(moved.size)
-    for k, unknown in enumerate(moved):
+    """Prior precision of the unknowns inside their bounds; zero where no prior is given."""
+    law, precision = setup.law, np.zeros(interior.size)
+    for k, unknown in enumerate(interior):
         if unknown >= theta.size or law.names[i := setup.free[unknown]] not in prior_sd:
             continue
         value, parameter = float(theta[unknown]), law.parameters[i]
@@ -172,12 +176,12 @@ def _prior_precision(
     return precision
 
 
-def _limited(covariance: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """(C^-1 + P)^-1 = C - C P^1/2 (1 + P^1/2 C P^1/2)^-1 P^1/2 C with P diagonal."""
+def _add_precision(covariance: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Covariance (C^-1 + P)^-1 = C - C P^1/2 (1 + P^1/2 C P^1/2)^-1 P^1/2 C with P diagonal."""
     root = np.sqrt(precision)
-    half = covariance * root
-    inner = np.eye(root.size) + root[:, None] * half
-    limited: np.ndarray = covariance - half @ np.linalg.solve(inner, half.T)
+    C_root = covariance * root
+    middle = np.eye(root.size) + root[:, None] * C_root
+    limited: np.ndarray = covariance - C_root @ np.linalg.solve(middle, C_root.T)
     return limited
 
 
@@ -190,21 +194,21 @@ def _at_least_one(ratio: float) -> float:
 LAW_FIT_ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
 CLOSE_RMS = 1.15
-"""Laws whose misfit is within this factor of that of the best, or of the noise, fit a record."""
+"""Laws whose rms is within this factor of that of the best, or of the noise, fit a specimen."""
 CLOSE_CHI2 = 6.0
 """So does a law whose chi-square lies within this of the best: 2 ln 20, odds of one to twenty."""
 MIN_COMPARED_LAWS = 2
 """Mounting stretches are compared over the laws that fit, or over this many of the best where fewer
 do: one law alone does not show how far laws differ."""
 BETTER_RMS_RATIO = 0.75
-"""Another law describes a record distinctly better where it misses by less than this share."""
+"""Another law fits a specimen distinctly better where its rms is less than this fraction."""
 MIN_RELATIVE_DIFFERENCE = 2e-3
-"""Share of the largest load: about the error that the calibration of a load cell leaves."""
+"""Fraction of the largest load: about the error that the calibration of a load cell leaves."""
 
 
 @dataclass(frozen=True)
 class LawFits:
-    """Fits of all laws to one record."""
+    """Fits of all laws to one specimen."""
 
     fits: tuple[LawFit, ...]  # the best first
     noise: float  # sd of a reading by the load cell, unit of the specimen
@@ -221,7 +225,7 @@ class LawFits:
         out = []
         for f in self.fits:
             # n_eff (rms^2 / s^2 - 1) and the squared error of the mounting reading
-            chi2 = best.independent * ((max(f.rms, least) / least) ** 2 - 1.0) + f.reading_chi2
+            chi2 = best.n_effective * ((max(f.rms, least) / least) ** 2 - 1.0) + f.reading_chi2
             if f.rms <= CLOSE_RMS * least or chi2 - best.reading_chi2 <= CLOSE_CHI2:
                 out.append(f)
         return tuple(out)
@@ -237,11 +241,11 @@ class LawFits:
 
     @property
     def least_difference(self) -> float:
-        """Smallest difference between misfits that counts."""
+        """Smallest difference between rms values that counts."""
         return max(self.noise, MIN_RELATIVE_DIFFERENCE * self.peak)
 
     def to_frame(self, mounts: Sequence[str] = ("",)) -> pd.DataFrame:
-        """One row per law: misfits, mounting stretches by name, their sd and widening."""
+        """One row per law: residuals, mounting stretches by name, their sd and widening."""
         from pandas import DataFrame
 
         return DataFrame(
@@ -254,8 +258,8 @@ class LawFits:
                     "rms": f.rms,
                     "rmse_kPa": f.rmse_kPa,
                     "reading_chi2": f.reading_chi2,
-                    "independent_readings": f.independent,
-                    "smooth_misfit": f.misfit,
+                    "independent_readings": f.n_effective,
+                    "smooth_misfit": f.discrepancy_sd,
                     **{
                         key: float(values[i, axis])
                         for i, state in enumerate(mounts)
@@ -282,16 +286,16 @@ def fit_laws(
     mounting_stretch: str = "shared",
     rows: int = LAW_FIT_ROWS,
     starts: int = 3,
-    own: Mapping[str, Mapping[str, Any]] | None = None,
+    options_by_law: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> LawFits | None:
-    """Fit laws to an averaged record; `own` are further arguments of `fit_law` by law."""
+    """Fit laws to an averaged record; `options_by_law` are further arguments of `fit_law`."""
     data = averaged_specimen(specimen, rows)
     common: dict[str, Any] = {
         "mounting": mounting,
         "mounting_stretch": mounting_stretch,
         "starts": starts,
     }
-    fits = [fit_law(data, law, **common, **(own or {}).get(law, {})) for law in laws]
+    fits = [fit_law(data, law, **common, **(options_by_law or {}).get(law, {})) for law in laws]
     usable = [f for f in fits if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
     ordered = tuple(sorted(usable, key=lambda f: f.rms))
     return LawFits(ordered, specimen.noise_sd, specimen.peak_load) if usable else None
@@ -299,16 +303,16 @@ def fit_laws(
 
 def better_law_message(fits: LawFits, law: str) -> str:
     """Text on a law that fits distinctly better, or without smooth misfit; else empty."""
-    best, own = fits.fits[0], fits[law]
-    if own is None or best.law == law:
+    best, given = fits.fits[0], fits[law]
+    if given is None or best.law == law:
         return ""
     message = (
         f"{best.law} fits better than {law} (root mean square error {best.rmse_kPa:.2g} and "
-        f"{own.rmse_kPa:.2g} kPa): see biaxbayes laws"
+        f"{given.rmse_kPa:.2g} kPa): see biaxbayes laws"
     )
-    if best.rms < BETTER_RMS_RATIO * own.rms and own.rms - best.rms > fits.least_difference:
+    if best.rms < BETTER_RMS_RATIO * given.rms and given.rms - best.rms > fits.least_difference:
         return message
-    return message if own not in fits.fitting and not best.smooth else ""
+    return message if given not in fits.fitting and not best.smooth else ""
 
 
 QUICK: dict[str, Any] = {"rows": 20, "starts": 2}
@@ -316,15 +320,15 @@ QUICK: dict[str, Any] = {"rows": 20, "starts": 2}
 
 
 def quick_better_law(specimen: Specimen) -> str:
-    """Text on a law that describes a record distinctly better, by quick fits; else empty."""
+    """Text on a law that fits a specimen distinctly better, by quick fits; else empty."""
     mounting = "ignored" if specimen.is_tared else "noisy"
-    own = fit_laws(specimen, (DEFAULT_LAW,), mounting=mounting, **QUICK)
-    # no law misses by less than the noise
-    if own is None or own.fits[0].rms - own.noise < own.least_difference:
+    default = fit_laws(specimen, (DEFAULT_LAW,), mounting=mounting, **QUICK)
+    # no law can fit better than the noise
+    if default is None or default.fits[0].rms - default.noise < default.least_difference:
         return ""
     others = fit_laws(
         specimen, [name for name in LAWS if name != DEFAULT_LAW], mounting=mounting, **QUICK
     )
-    fits = (*own.fits, *(others.fits if others else ()))
+    fits = (*default.fits, *(others.fits if others else ()))
     ordered = tuple(sorted(fits, key=lambda f: f.rms))
-    return better_law_message(replace(own, fits=ordered), DEFAULT_LAW)
+    return better_law_message(replace(default, fits=ordered), DEFAULT_LAW)

@@ -19,8 +19,8 @@ import numpy as np
 
 TINY = 1e-300
 INTERIOR_STEPS = 10  # accepted, before a step may end on a bound
-REACH = 0.9  # of the way to a bound, until then
-ROUNDING_FLOOR = 1e-26  # mean square of residuals scaled to order one: nothing but rounding is left
+INTERIOR_FRACTION = 0.9  # of the way to a bound, until then
+ROUNDING_FLOOR = 1e-26  # mean square of residuals scaled to order one: rounding alone
 
 
 class Problem(Protocol):
@@ -31,7 +31,7 @@ class Problem(Protocol):
         ...
 
 
-STEPS, TOLERANCE = 500, 1e-12
+MAX_DESCENT_STEPS, DESCENT_TOLERANCE = 500, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +51,8 @@ def descend(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    steps: int = STEPS,
-    tolerance: float = TOLERANCE,
+    steps: int = MAX_DESCENT_STEPS,
+    tolerance: float = DESCENT_TOLERANCE,
 ) -> Descent:
     """Minimise the sum of squared residuals in a box.
 
@@ -76,7 +76,7 @@ def descend(
             if _stationary(norms, gradient, free, cost, tolerance):
                 return Descent(x, cost, accepted, True)
         # Early steps keep inside: with k1 or C1 at zero the other gradients vanish or mislead.
-        reach = REACH if accepted < interior else 1.0
+        reach = INTERIOR_FRACTION if accepted < interior else 1.0
         near, far = x + reach * (lower - x), x + reach * (upper - x)
         step, predicted = _step(J, r, cost, free, column, damping, x, near, far)
         if predicted <= tolerance * cost and damping <= 1.0:
@@ -181,10 +181,10 @@ def best_descent(
     upper: np.ndarray,
     *,
     finalists: int = FINALISTS,
-    steps: int = STEPS,
-    tolerance: float = TOLERANCE,
+    steps: int = MAX_DESCENT_STEPS,
+    tolerance: float = DESCENT_TOLERANCE,
 ) -> Descent:
-    """Take a few steps from every start, then follow the best ``finalists``; the lowest end."""
+    """Take 20 steps from every start, then continue the best ``finalists``; the lowest result."""
     first = [
         descend(problem, start, lower, upper, steps=FIRST_STEPS, tolerance=1e-8) for start in starts
     ]

@@ -6,9 +6,9 @@ What is compared (``quantity``):
                f_k l_k lm_k / A0_k  (unloaded dimensions)  or  f_k l_k / Am_k  (mounted)
     "load"     A0_k P_k(theta, l lm)  or  Am_k lm_k P_k(theta, l lm)  with f_k
 
-What is known of the mounting stretch: it is given (:class:`LoadResiduals`), two more unknowns
+Mounting stretch: given (:class:`LoadResiduals`), two more unknowns
 (:class:`FreeMounting`), or the root of the force balance at the mounted state, with the
-mounting load given or an unknown with a reading (:class:`BalancedMounting`).
+mounting load either given or unknown and measured (:class:`BalancedMounting`).
 
 All residuals are model minus data over one scale, shape (rows,); parameters are the free ones
 among the law's coordinates, followed by those of the mounting state.
@@ -76,7 +76,7 @@ class Readings:
         return max(float(np.abs(self.load).max()), 1e-300)
 
     def thinned(self, per_protocol: int) -> Readings:
-        """Evenly chosen stretched rows of each protocol, the last included."""
+        """Evenly chosen rows of each protocol after those at rest, with the last one."""
         chosen_rows = []
         for rows in self.rows:
             index = np.arange(rows.start, rows.stop)
@@ -94,8 +94,8 @@ class Readings:
             rows=tuple(slice(a, b) for a, b in pairwise(ends)),
         )
 
-    def stretched(self) -> Readings:
-        """The readings without rows at rest, which enter a posterior as the mounting reading."""
+    def loaded_rows(self) -> Readings:
+        """The rows after those at rest, which enter a posterior as the mounting reading instead."""
         return self.thinned(self.at_rest.size)
 
     def by_protocol(self, residual: np.ndarray) -> list[np.ndarray]:
@@ -145,22 +145,29 @@ class LoadResiduals:
         return self.mounting_stretch
 
     def _rows(self, point: np.ndarray, lm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals (2n,), by theta (p, 2n) and by all ln lm (2n, 2m)."""
+        """Residuals (2n,), and their derivatives with respect to fit coordinates and ln lm.
+
+        Shapes (p, 2n) and (2n, 2m).
+        """
         data = self.data
         rows = self.forward.response(point, data.stretch, lm[:, data.group])
-        miss, by_point, by_lm = rows.load - data.load, rows.by_fit_coordinate, rows.by_log_mounting
+        residual, by_point, by_lm = (
+            rows.load - data.load,
+            rows.by_fit_coordinate,
+            rows.by_log_mounting,
+        )
         if self.quantity == "cauchy":
             # s - f l lm / A0 (unloaded), s - f l / Am (mounted)
-            miss, by_point = miss / rows.per_stress, by_point / rows.per_stress[:, None]
+            residual, by_point = residual / rows.per_stress, by_point / rows.per_stress[:, None]
             by_lm = by_lm / rows.per_stress[:, None]
             if not data.mounted:
-                by_lm[0, 0] += miss[0]
-                by_lm[1, 1] += miss[1]
+                by_lm[0, 0] += residual[0]
+                by_lm[1, 1] += residual[1]
         by_point = by_point.transpose(1, 0, 2).reshape(point.size, -1) / self.scale
         # a row depends on the mounting stretches of its own group, columns ordered (k, group)
         member = data.group[:, None] == np.arange(lm.shape[1])
         by_all = (by_lm / self.scale).transpose(0, 2, 1)[..., None] * member[:, None, :]
-        return miss.ravel() / self.scale, by_point, by_all.reshape(-1, lm.size)
+        return residual.ravel() / self.scale, by_point, by_all.reshape(-1, lm.size)
 
 
 @dataclass(eq=False)
@@ -203,8 +210,8 @@ class FreeMounting(LoadResiduals):
 class BalancedMounting(LoadResiduals):
     """The mounting stretch is the root of the force balance at the mounted state.
 
-    With ``reading_sd`` (2, m) the mounting loads are unknowns too, in units of their sd from
-    their readings, and add one residual each.
+    With ``reading_sd`` (2, m) the mounting loads are unknowns too, as deviations z from
+    their readings in units of the sd, which are residuals as well.
     """
 
     reading_sd: np.ndarray | None = None
@@ -215,8 +222,9 @@ class BalancedMounting(LoadResiduals):
         reading = self.data.mounting_load
         if self.reading_sd is None:
             return reading
-        offset = unknowns[self.free.size :].reshape(reading.shape)
-        return reading + offset * self.reading_sd
+        z = unknowns[self.free.size :].reshape(reading.shape)
+        # f0 = reading + z s0
+        return reading + z * self.reading_sd
 
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m); NaN where no root exists."""
@@ -225,8 +233,8 @@ class BalancedMounting(LoadResiduals):
             self.fit_coordinates(unknowns), load, compiled=self.compiled
         )
 
-    def log_stretch_by_unknowns(self, unknowns: np.ndarray, lm: np.ndarray) -> np.ndarray:
-        """Derivative of all ln lm, at mounting stretches lm, by the unknowns: (2m, unknowns).
+    def log_stretch_jacobian(self, unknowns: np.ndarray, lm: np.ndarray) -> np.ndarray:
+        """Derivative (2m, unknowns) of all ln lm, at stretches lm, with respect to the unknowns.
 
         By the implicit function theorem: with the mounting load f0 = q(theta, lm),
 
@@ -239,26 +247,26 @@ class BalancedMounting(LoadResiduals):
         by_theta = by_theta[..., self.free].reshape(2 * groups, -1)
         if self.reading_sd is None:
             return by_theta
-        by_offset = inverse * self.reading_sd.T[:, None]
-        return np.hstack([by_theta, _block_diagonal(by_offset.transpose(1, 2, 0))])
+        by_z = inverse * self.reading_sd.T[:, None]
+        return np.hstack([by_theta, _block_diagonal(by_z.transpose(1, 2, 0))])
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative."""
-        offsets = unknowns[self.free.size :]
+        z = unknowns[self.free.size :]
         lm = self.mounting(unknowns)
         if not np.isfinite(lm).all():
-            rows = 2 * self.data.group.size + offsets.size
+            rows = 2 * self.data.group.size + z.size
             return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
         r, by_point, by_lm = self._rows(self.fit_coordinates(unknowns), lm)
-        jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, lm)
+        jacobian = by_lm @ self.log_stretch_jacobian(unknowns, lm)
         jacobian[:, : self.free.size] += by_point[self.free].T
-        # an offset has itself for a residual
-        by_offset = np.eye(offsets.size, unknowns.size, self.free.size)
-        return np.concatenate([r, offsets]), np.vstack([jacobian, by_offset])
+        # the residual of z is z itself
+        by_z = np.eye(z.size, unknowns.size, self.free.size)
+        return np.concatenate([r, z]), np.vstack([jacobian, by_z])
 
 
 def _block_diagonal(blocks: np.ndarray) -> np.ndarray:
-    """(2, 2, m), one matrix per mounted state, as (2 m, 2 m) by all, ordered (k, group)."""
+    """Matrices (2, 2, m) of the mounted states as one (2 m, 2 m), block-diagonal; (k, group)."""
     groups = blocks.shape[2]
     out = np.zeros((2, groups, 2, groups))
     for g in range(groups):

@@ -1,8 +1,8 @@
-"""Result of a deterministic fit, and how far the written digits of a record leave it open.
+"""Result of a deterministic fit, and how far rounding of the data limits it.
 
 A record without noise is fitted down to the last digit of its file. There the cost is rounding
-alone, no step lowers it, and its gradient says nothing: a fit that
-misses by no more than the rounding of the data has converged.
+alone, no step lowers it, and its gradient says nothing: a fit whose
+residuals are explained by the rounding of the data has converged.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def rounding_bound(specimen: Specimen, data: Readings, response: LoadResponse) -
 
 
 def misfit_sentence(law_name: str, rms: float, noise: float, peak: float, unit: str) -> str:
-    """The misfit of a law beside the noise of a reading, as one sentence.
+    """The misfit of a law compared with the noise of a reading, as one sentence.
 
     ``rms`` of the residuals, ``noise`` (sd of a reading by the load cell) and ``peak`` load are in
     ``unit``, N or kPa.

@@ -47,11 +47,11 @@ def screened_points(
     readings = Screening(stretch, load, data.area, with_mounting, point, free, CANDIDATES, factor)
     with np.errstate(all="ignore"):
         points, mounting, cost, features = screen(law, readings, rng)
-    chosen = _spread_out(cost, features, count)
+    chosen = _distinct_points(cost, features, count)
     return points[chosen], mounting[chosen]
 
 
-def _spread_out(cost: np.ndarray, features: np.ndarray, count: int) -> np.ndarray:
+def _distinct_points(cost: np.ndarray, features: np.ndarray, count: int) -> np.ndarray:
     """Indices of low costs, no two close to each other while there is a choice."""
     order = np.argsort(cost, kind="stable")
     chosen: list[int] = []

@@ -53,7 +53,7 @@ class ConditionalLikelihood:
         data = Readings.from_specimen(
             specimen, shared=settings.shared, zeroed=settings.mounting == "zeroed"
         )
-        self.data: Readings = data.stretched()
+        self.data: Readings = data.loaded_rows()
         self.rows = 2 * self.data.group.size
         self.groups = data.mounting_load.shape[1]
         self.theta = self.law.lower.size  # unknowns before the mounting stretches

@@ -194,7 +194,7 @@ def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> Law
         laws,
         mounting=settings.fit_mounting,
         mounting_stretch=settings.mounting_stretch,
-        own={settings.law: run},
+        options_by_law={settings.law: run},
     )
 
 
@@ -319,7 +319,7 @@ def mounting_intervals(
 ) -> dict[str, MountingInterval]:
     """Reported intervals of the mounting stretches by name, from `diagnostics` within the law."""
     law = posterior.law.name
-    own, out = fits[law], {}
+    fit, out = fits[law], {}
     for i, state in enumerate(posterior.mounts):
         for axis, name in enumerate(mounting_names("stretch", state)):
             if name not in diagnostics:
@@ -328,7 +328,7 @@ def mounting_intervals(
             if posterior.specimen.metadata.get(name) is not None:
                 out[name] = MountingInterval(e.low, e.high, MEASURED_REASON)
                 continue
-            factors = None if own is None else own.mounting_widening
+            factors = None if fit is None else fit.mounting_widening
             factor = 1.0 if factors is None else float(factors[i, axis])
             interval = widen_interval(e.low, e.median, e.high, factor)
             out[name] = interval_from_laws(fits, i, axis, law, interval, by_prior=e.by_prior)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
-from biaxbayes.fitting.effective_readings import misses_smoothly
+from biaxbayes.fitting.effective_readings import has_smooth_misfit
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.model.posterior import Posterior
@@ -59,7 +59,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     if not settings.infers_mounting:
         return None
     # as a whole or near the mounted state
-    if not (misses_smoothly(residuals) or misses_smoothly([_toe(r) for r in residuals])):
+    if not (has_smooth_misfit(residuals) or has_smooth_misfit([_toe(r) for r in residuals])):
         return None
     data = averaged_specimen(posterior.specimen, REFIT_ROWS)
 

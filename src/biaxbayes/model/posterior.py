@@ -256,7 +256,7 @@ class Posterior:
             log_prob,
             self.bounds,
             self.natural,
-            not_assessed=("log_likelihood",),
+            skip_diagnostics=("log_likelihood",),
             counts=seen,
             reasons=REASONS,
             frame={"softening": self.sampling_constants.softening},

@@ -317,7 +317,7 @@ def _assess(
 ) -> tuple[dict[str, np.ndarray], Convergence]:
     """The target's quantities, and the convergence of those that are assessed."""
     quantities = _quantities(target, chain)
-    assessed = {name: v for name, v in quantities.items() if name not in target.not_assessed}
+    assessed = {name: v for name, v in quantities.items() if name not in target.skip_diagnostics}
     return quantities, assess(assessed, target_ess=plan.ess)
 
 

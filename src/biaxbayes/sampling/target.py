@@ -38,7 +38,7 @@ class Target:
     quantities : callable, optional
         Coordinates (n, d) to the quantities of interest, a dict of arrays (n,). Default: the
         coordinates.
-    not_assessed : tuple of str
+    skip_diagnostics : tuple of str
         Quantities that are computed and stored, but whose convergence is not assessed.
     counts : int64 ndarray, shape (1 + reasons,), optional
         Where ``log_prob`` counts its evaluations: first those of positive density, then those
@@ -53,7 +53,7 @@ class Target:
     log_prob: LogDensity
     bounds: np.ndarray
     quantities: Callable[[np.ndarray], Mapping[str, np.ndarray]] = _coordinates
-    not_assessed: tuple[str, ...] = ()
+    skip_diagnostics: tuple[str, ...] = ()
     counts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     reasons: tuple[str, ...] = ()
     frame: Mapping[str, float] = field(default_factory=dict)
