@@ -36,7 +36,7 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
 @pytest.mark.parametrize("width", [85.0, 180.0])
 def test_verdicts_are_readable(run, width):
     opened = open_run(run)
-    figure = identifiability_figure(opened.analysed()[1], opened.result.rows, width_mm=width)
+    figure = identifiability_figure(opened.analyse()[1], opened.result.rows, width_mm=width)
     assert_readable(figure, width)
 
 

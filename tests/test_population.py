@@ -344,7 +344,7 @@ def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
     assert "finished study" in refused(capsys, "population", tmp_path, "--out", tmp_path / "out")
     priors = tmp_path / "priors.toml"
     priors.write_text("[sd_donors]\nkappa = 0.1\n")
-    with pytest.raises(InputError, match=r"\[sd_donors\] 'kappa' is no pooled parameter"):
+    with pytest.raises(InputError, match=r"\[sd_donors\] 'kappa' is not a pooled parameter"):
         quick_job(study, tmp_path / "out", priors=PopulationPriors.read(priors))()
     for text, message in (
         ("[spread]\nC1 = 1", "no table of population priors"),

@@ -54,7 +54,7 @@ RANKED_DRAWS = 127
 def values_of(priors: PopulationPriors) -> list[PooledValue]:
     """The pooled values of GOH with these priors."""
     law = GOHLaw()
-    return priors.applied(pooled_values(law, law.names))
+    return priors.apply_to(pooled_values(law, law.names))
 
 
 class Truths:

@@ -93,7 +93,7 @@ def pool(
     sources = [run.source(label) for label, run in runs.items()]
     grouping = Grouping(tuple(runs), tuple(group), tuple(donor))
     stated = priors or PopulationPriors()
-    values = stated.applied(pooled_values(sources[0].posterior.law, pooled_names(sources)))
+    values = stated.apply_to(pooled_values(sources[0].posterior.law, pooled_names(sources)))
     asked = sampler.PopulationPlan(seed=seed, **(POPULATION | plan))
     individuals = [make_individual(s, values, asked.ensembles) for s in sources]
     design = make_design(individuals, grouping, values, PopulationOptions(), stated)

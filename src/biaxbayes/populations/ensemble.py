@@ -1,6 +1,6 @@
-"""One ensemble of chains over specimens and what they have in common, and how it moves.
+"""One ensemble of chains over specimens and their common distribution, and its moves.
 
-A chain holds the coordinates of every specimen and the means, donor effects and spreads. In a sweep
+A chain holds the coordinates of every specimen and the means, donor effects and sds. In a sweep
 
 1. each specimen moves by its own density: differential evolution on an archive of the warm-up, and
    draws of a mixture fitted to it;
@@ -9,8 +9,8 @@ A chain holds the coordinates of every specimen and the means, donor effects and
    integrated out;
 3. some rounds without a likelihood: each specimen is offered draws of its own run, accepted on the
    ratio of the population's density to the run's prior (Lunn, Barrett, Sweeting and Thompson,
-   JRSS C 62 (2013) 551); spreads, means and donor effects move as in :mod:`.hierarchy`. Where
-   single posteriors are wide, spreads and specimens wait for one another: that takes rounds.
+   JRSS C 62 (2013) 551); sds, means and donor effects move as in :mod:`.hierarchy`. Where
+   single posteriors are wide, sds and specimens mix slowly: hence several rounds.
 
 The sampler is independent of tissue: an :class:`Individual` is a density, a pool and bounds.
 """
@@ -41,9 +41,9 @@ POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
 """Draws of the run offered to a specimen in a round, draws of the mixture and joint moves in a
 sweep. With more draws of the run, its finite number has more influence."""
 POOL_ROUNDS = 4
-"""Rounds in a sweep of draws of the run, spreads and means: they cost no likelihood."""
+"""Rounds in a sweep of draws of the run, sds and means: they need no likelihood."""
 JOINT_MOVE_NAMES = ("together", "apart", "apart in donors")
-"""Kinds of joint moves: all in one direction, or apart from the mean of a group or donor."""
+"""Joint moves: all specimens in one direction, or scaled deviations from a group or donor mean."""
 DEVIATION_MOVE_PROBABILITY = 0.5
 """Probability that a joint move scales deviations from the mean of a group or donor."""
 MIN_WEIGHT = 1e-9
@@ -99,7 +99,7 @@ class Tuning:
     archives: tuple[np.ndarray, ...]
     proposals: tuple[TransportedMixture, ...]  # empty before the first fit
     directions: np.ndarray  # (L, n, dmax): principal components times their sd
-    # (kinds, L): lengths of joint moves, and sds of the log factors of those apart
+    # (kinds, L): lengths of joint moves, and sds of the log factors of scaled deviations
     steps: np.ndarray
     centre: np.ndarray  # (n, dmax), mean of each specimen's coordinates
     sd: np.ndarray
@@ -192,14 +192,14 @@ class Ensemble:
         self.sizes = [member.dimension for member in design.individuals]
         layout, C, n = design.layout, chains, len(design.individuals)
         self.group, self.donor = layout.group, layout.donor
-        # what specimens can be drawn apart from: groups, and donors with several specimens
+        # deviations are scaled about the means of groups, and of donors with several specimens
         self.labels = [v for v in (self.group, self.donor) if len(np.unique(v)) < len(v)]
         draws = [member.pool[number] for member in design.individuals]
         least = min(map(len, draws))
         self.pool = self._evaluate([d[:least] for d in draws], self._prior_weight)
         at = np.arange(n), rng.integers(least, size=(C, n))
         self.u, self.theta, self.log = (values[at] for values in self.pool[:3])
-        # means start where the model allows them, spreads over-dispersed around their prior's scale
+        # means start where the model allows them, sds over-dispersed around their prior's scale
         self.blocks = []
         for columns, own in design.blocks:
             b, theta = own.low.size, np.ascontiguousarray(self.theta[..., columns])
@@ -286,7 +286,7 @@ class Ensemble:
             for (columns, layout), block in zip(self.design.blocks, self.blocks, strict=True)
         ]
 
-    def augmented(self) -> list[Augmented]:
+    def draw_rejected(self) -> list[Augmented]:
         """Rejected draws outside the box, by block."""
         return [augment(self.rng, *pair) for pair in self._with_values(self.theta)]
 
@@ -325,7 +325,7 @@ class Ensemble:
             fresh = self._evaluate(drawn, mixture_weight)
             self._offer("fresh", fresh, rows, mixture_weight)
         if len(tuning.directions):
-            augmented = self.augmented()
+            augmented = self.draw_rejected()
             marginal = self.log_marginal(self.theta, augmented)
             for _ in range(JOINT_MOVES):
                 self.move_together(tuning, augmented, marginal)
@@ -345,7 +345,7 @@ class Ensemble:
         self._count(name, accepted)
 
     def _evolve(self, tuning: Tuning) -> None:
-        """Each specimen by differences of its past, of several lengths (ter Braak, Vrugt 2008)."""
+        """Move each specimen by differences of its archive (ter Braak and Vrugt 2008)."""
         (C, n), rng = self.log.shape, self.rng
         lengths = np.array([len(a) for a in tuning.archives])
         first, second = (rng.random((2, C, n)) * lengths).astype(np.int64)

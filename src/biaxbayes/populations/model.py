@@ -73,7 +73,7 @@ class PooledValue:
 
     @property
     def edges(self) -> tuple[float, float]:
-        """Range on the scale; infinite where there is no edge."""
+        """Range on the scale; infinite where unbounded."""
         return (-math.inf, math.inf) if self.parameter.logarithmic else self.parameter.range
 
     def to_scale(self, natural: np.ndarray) -> np.ndarray:
@@ -132,14 +132,14 @@ class PopulationPriors:
     eta_donors: float = ETA
     eta_specimens: float = ETA
 
-    def applied(self, values: Sequence[PooledValue]) -> list[PooledValue]:
-        """The values with these priors; InputError for a prior of what is not pooled."""
+    def apply_to(self, values: Sequence[PooledValue]) -> list[PooledValue]:
+        """The values with these priors; InputError for a parameter that is not pooled."""
         names = [v.name for v in values]
         for table in ("mean", "sd_donors", "sd_specimens"):
             for name in getattr(self, table):
                 if name not in names:
                     raise InputError(
-                        f"[{table}] {name[:60]!r} is no pooled parameter of this study",
+                        f"[{table}] {name[:60]!r} is not a pooled parameter of this study",
                         remedy=f"pooled are {', '.join(names)}",
                     )
         out = []
@@ -158,7 +158,7 @@ class PopulationPriors:
         for key, value in table.items():
             if key not in known or not isinstance(value, dict):
                 raise InputError(
-                    f"{key[:60]!r} is no table of population priors",
+                    f"{key[:60]!r} is not a table of population priors",
                     file=path,
                     remedy=f"tables are {', '.join(f'[{k}]' for k in known)}",
                 )
@@ -244,7 +244,7 @@ def make_design(
     )
     eta = np.array(
         [
-            eta if correlated(options.correlations, count, len(values)) else 0.0
+            eta if has_correlations(options.correlations, count, len(values)) else 0.0
             for eta, count in (
                 (chosen.eta_donors, len(donors)),
                 (chosen.eta_specimens, len(individuals)),
@@ -279,7 +279,7 @@ def make_design(
     return Design(tuple(individuals), tuple(zip(blocks, layouts, strict=True)), centre)
 
 
-def correlated(option: str, count: int, values: int) -> bool:
+def has_correlations(option: str, count: int, values: int) -> bool:
     """True if correlations are inferred from this many specimens or donors."""
     if values < 2 or option == "never":
         return False

@@ -95,7 +95,7 @@ class Hyper:
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
         return Hyper(self.values, self.covariance_index, *(a[rows] for a in parts))
 
-    def repeated(self, times: int) -> Hyper:
+    def repeat(self, times: int) -> Hyper:
         """Each draw repeated, one copy after the other."""
         return self.at(np.repeat(np.arange(self.draws), times))
 
@@ -163,8 +163,8 @@ class Hyper:
     ) -> tuple[float, np.ndarray]:
         """Posterior predictive p of a specimen (M, p) in its group: jointly, and value by value.
 
-        The squared distance from the group's mean in units of the spread (donors included), beside
-        that of a new specimen of the same draw (Gelman, Meng and Stern 1996). A specimen
+        The squared distance from the group's mean in units of the sds (donors included), compared
+        with that of a new specimen of the same draw (Gelman, Meng and Stern 1996). A specimen
         pulls its own group, so that p is rather too large.
         """
         covariance = np.zeros_like(self.factor)
@@ -202,7 +202,7 @@ def _prior_draws(
     mu, sd_donors, sd, location = (
         np.concatenate(part)[:draws] for part in zip(*accepted, strict=True)
     )
-    if len(sd_donors) < draws:  # priors that hardly leave a location inside: some draws stand twice
+    if len(sd_donors) < draws:  # priors with hardly a location inside: some draws are repeated
         at = np.arange(draws) % max(len(sd_donors), 1)
         mu, sd_donors, sd, location = (a[at] for a in (mu, sd_donors, sd, location))
     return mu, sd_donors, sd, location
@@ -278,8 +278,8 @@ class Population:
         every = history.every if with_specimens else 1
 
         def flat(values: np.ndarray) -> np.ndarray:
-            taken = values[:, ::every]
-            rows = taken.reshape(math.prod(taken.shape[:3]), *taken.shape[3:])
+            stored = values[:, ::every]
+            rows = stored.reshape(math.prod(stored.shape[:3]), *stored.shape[3:])
             return rows[evenly_chosen(len(rows), most)]
 
         partial = flat(history.partial)

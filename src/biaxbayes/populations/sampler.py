@@ -279,7 +279,7 @@ def _warm_up(
             -1, *nothing.shape
         )
 
-    def fitted(member: Any, points: np.ndarray, seed: int) -> TransportedMixture:
+    def fit_mixture(member: Any, points: np.ndarray, seed: int) -> TransportedMixture:
         own = np.random.default_rng(seed)
         return fit_transported_mixture(
             points, own, bounds=member.bounds, components=MIXTURE_COMPONENTS
@@ -292,7 +292,7 @@ def _warm_up(
         seeds = rng.integers(2**63, size=len(members))
         tuning = Tuning(
             own,
-            tuple(pool.map(fitted, members, own, seeds)),
+            tuple(pool.map(fit_mixture, members, own, seeds)),
             _principal_components(points, rng),
             tuning.steps,
             points.mean(axis=0),

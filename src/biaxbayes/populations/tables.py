@@ -120,11 +120,11 @@ def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
     """Structure tensor, stiffness and stress of a group, draw by draw."""
     hyper, rng = population.hyper(DERIVED_DRAWS), population.rng(1 + g)
     typical, medians = _typical(population, hyper, g, rng)
-    between, wide = hyper.repeated(DONORS_PER_DRAW), hyper.repeated(4)
-    donors = derived(population, between.median(between.donors(g, rng), g))
+    between, wide = hyper.repeat(DONORS_PER_DRAW), hyper.repeat(4)
+    donors = derived_from_values(population, between.median(between.donors(g, rng), g))
     location = wide.donors(g, rng)
-    new_specimens = derived(population, wide.specimens(location, g, rng))
-    new_donors = derived(population, wide.median(location, g))
+    new_specimens = derived_from_values(population, wide.specimens(location, g, rng))
+    new_donors = derived_from_values(population, wide.median(location, g))
     prior = population.prior[0].at(evenly_chosen(PRIOR_DRAWS, DERIVED_DRAWS))
     _, before = _typical(population, prior, g, population.rng(700 + g))
     shares = contractions(before, medians)
@@ -153,7 +153,7 @@ def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
         yield head | _numbers(population, parts) | verdict
 
 
-def derived(population: Population, theta: np.ndarray) -> list[Derived]:
+def derived_from_values(population: Population, theta: np.ndarray) -> list[Derived]:
     """Structure tensor, stiffness and stress of materials; infinite where not computable."""
     # equibiaxial total stretches that every specimen reached: half-way and the largest
     top = min(s.largest_stretch for s in population.sources)
@@ -167,8 +167,8 @@ def _typical(
     population: Population, hyper: Hyper, g: int, rng: np.random.Generator
 ) -> tuple[list[Derived], list[Derived]]:
     """Quantities of the typical donor's specimens, and their median draw by draw."""
-    within = hyper.repeated(SPECIMENS_PER_DRAW)
-    single = derived(population, within.specimens(within.mu[:, g], g, rng))
+    within = hyper.repeat(SPECIMENS_PER_DRAW)
+    single = derived_from_values(population, within.specimens(within.mu[:, g], g, rng))
     shape = (hyper.draws, SPECIMENS_PER_DRAW)
     return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
 
@@ -244,7 +244,7 @@ def contrasts_table(population: Population) -> pd.DataFrame:
                 | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
                 | _difference(population, second[:, k] - first[:, k])
             )
-        pair = (derived(population, thinned.typical_median(g)) for g in (a, b))
+        pair = (derived_from_values(population, thinned.typical_median(g)) for g in (a, b))
         for q, other in zip(*pair, strict=True):
             key, unit, x, y = q.key, q.unit or "1", q.values, other.values
             log = unit != "1" and min(x.min(), y.min()) > 0.0

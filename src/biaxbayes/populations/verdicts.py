@@ -90,7 +90,7 @@ def reported_text(p: ParameterVerdict) -> str:
 
 
 def spread_parameter(v: PooledValue, side: str) -> Parameter:
-    """The sd of a pooled value; it is sharp if its uncertainty hardly widens a new specimen."""
+    """The sd of a pooled value; sharp if its uncertainty barely widens a new specimen."""
     p = v.parameter
     width = math.log(p.sharp) if p.logarithmic else p.sharp
     return Parameter(

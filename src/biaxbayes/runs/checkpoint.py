@@ -32,7 +32,7 @@ MAX_CHECKPOINT_BYTES = 1_000_000_000
 
 
 class DamagedCheckpoint(Exception):
-    """The bytes are not what was written."""
+    """The bytes of a checkpoint are damaged."""
 
 
 # --- the state of a run as nested dicts and lists of arrays and plain values, and back ------------

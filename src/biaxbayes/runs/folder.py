@@ -106,7 +106,7 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
     ready = folder / READY
     if ready.is_symlink() or not ready.is_dir():
         return []
-    listed, before = _listed(ready / record), _listed(folder / record)
+    listed, before = _read_manifest(ready / record), _read_manifest(folder / record)
     for name, digest in before.items():
         # A file of the previous run that this one does not have; files of the user stay.
         if listed and name not in listed and _digest(folder / name) == digest:
@@ -213,7 +213,7 @@ def stored_identity(path: Path) -> Any:
     return _record(path).get("identity")
 
 
-def _listed(path: Path) -> dict[str, str]:
+def _read_manifest(path: Path) -> dict[str, str]:
     """Files that a provenance lists, of the folder and its evidence; empty if unreadable."""
     files = _record(path).get("files")
     if not isinstance(files, dict):

@@ -273,7 +273,7 @@ def as_record(result: RunResult) -> dict[str, Any]:
 
 
 def json_values(value: Any) -> Any:
-    """Values that JSON knows: numbers to twelve digits; NaN and infinity become null."""
+    """Values as JSON has them: numbers to twelve digits; NaN and infinity become null."""
     if isinstance(value, Mapping):
         return {str(k): json_values(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

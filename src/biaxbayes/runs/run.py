@@ -160,9 +160,9 @@ class Run:
             trusted_path(self.path, RESULTS, self.provenance)
             record = read_json(self.path, RESULTS)
             return result_from_record(record, self.law, self.quantities, path)
-        return self.analysed()[0]
+        return self.analyse()[0]
 
-    def analysed(self) -> tuple[RunResult, Identifiability]:
+    def analyse(self) -> tuple[RunResult, Identifiability]:
         """The result, and the verdicts with their densities, computed from the draws."""
         from biaxbayes.identifiability.identify import identify_run
         from biaxbayes.runs.result import run_result

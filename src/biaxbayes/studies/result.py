@@ -152,7 +152,7 @@ def _sd_on_scale(values: Any, scale: str) -> float:
     return float(moved.std()) if np.isfinite(moved).all() else math.nan
 
 
-# --- the layers of a donor, and how far they are apart --------------------------------------------
+# --- the layers of a donor, and the distances between them ---------------------------------------
 
 
 MAX_WITHOUT_DONOR = 6

@@ -133,9 +133,9 @@ def read_study(path: Path) -> Study:
 def _columns(value: object, path: Path) -> tuple[str, ...]:
     """Names of the columns that make groups."""
     given = value if isinstance(value, list) else [None]
-    taken = {*SPECIMEN_KEYS} - {"layer", "donor"}
+    reserved = {*SPECIMEN_KEYS} - {"layer", "donor"}
     for name in given:
-        if not isinstance(name, str) or not name.isidentifier() or name in taken:
+        if not isinstance(name, str) or not name.isidentifier() or name in reserved:
             raise InputError(
                 f"columns: {str(name)[:60]!r} cannot be a column",
                 file=path,

@@ -196,7 +196,7 @@ def _stored_rows(study: Study, folder: Path, *, resume: bool) -> dict[int, list[
             )
         for row in read_ranks(folder / RANKS).to_dict("records"):
             rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
-    # First, since rows of another study must not stand beside this record.
+    # First, since rows of another study must not belong to this record.
     write_csv(folder / RANKS, _frame(rows))
     text = json.dumps({**identity, "identity": digest}, indent=2)
     atomic_write_text(folder / RECORD, text + "\n")

@@ -163,13 +163,13 @@ def _print_comparison(result: Comparison, out: Path) -> None:
         click.echo(f"{printable(member.label)}: 90 % intervals and 95 % bounds")
         for line in row_lines(report_rows(reported, member.posterior.quantities)):
             click.echo(f"  {line}")
-    apart = result.distances[result.distances["identified_in_both"]]
-    if len(apart):
+    identified = result.distances[result.distances["identified_in_both"]]
+    if len(identified):
         click.echo(
             "\nlargest differences, within the law, of quantities that both runs identify or bound "
             "(90 % intervals; in common sd):"
         )
-    for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):
+    for (a, b), rows in identified.groupby(["run_a", "run_b"], sort=False):
         most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
         click.echo(f"  {printable(str(b))} minus {printable(str(a))}")
         cells = []

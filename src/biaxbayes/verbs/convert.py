@@ -81,7 +81,7 @@ def convert(
             if name in options
         }
         choice = Choice.from_values({**options, **several})
-    choice = _checked_choice(choice)
+    choice = _check_choice(choice)
     paths = [raw] if isinstance(raw, str | Path) else raw
     files, target = [Path(path) for path in paths], None if out is None else Path(out)
     seen: set[Path] = set()
@@ -118,8 +118,8 @@ def convert(
     return replace(result, specimen=specimen)
 
 
-def _checked_choice(choice: Choice) -> Choice:
-    """Refuse options of another machine format, and a cycle that is no number."""
+def _check_choice(choice: Choice) -> Choice:
+    """Refuse options of another machine format, and a cycle that is not a number."""
     values = {
         "--columns": choice.columns,
         "--set": choice.sets,

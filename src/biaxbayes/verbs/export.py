@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DRAW_AT = ("median", "map")
-NEW_SPECIMENS = 20
+DEFAULT_NEW_SPECIMENS = 20
 """Cards of new specimens of a population where no number is given."""
 MEAN_CURVE = "mean-curve"
 
@@ -162,7 +162,7 @@ def _export_population(
     # Stretches are total ones: the unloaded state is the reference.
     table = table.assign(**dict.fromkeys(mounting_names("stretch"), 1.0))
     mean, _ = chosen_draws(table, specimen, law, at="median")
-    count = min(chosen.draws or NEW_SPECIMENS, len(table))
+    count = min(chosen.draws or DEFAULT_NEW_SPECIMENS, len(table))
     rows, _ = chosen_draws(table, specimen, law, count=count, seed=chosen.seed)
     how: dict[str, Any] = {
         "program": program,

@@ -67,7 +67,7 @@ def fit(
     chosen = dict(vars(FitOptions.from_values(options)))
     if method == ALL_FITS:
         del chosen["initial"]
-    data = corrected_specimen(open_specimen(specimen, mounting_force), **chosen)
+    data = correct_for_hooks(open_specimen(specimen, mounting_force), **chosen)
     if method == ALL_FITS:
         results = fit_by_all(data, **chosen)
     else:
@@ -94,7 +94,7 @@ def fit_all(
     return fits if isinstance(fits, list) else [fits]
 
 
-def corrected_specimen(specimen: Specimen, **options: Any) -> Specimen:
+def correct_for_hooks(specimen: Specimen, **options: Any) -> Specimen:
     """The specimen with its loads corrected for the grips that its file states, if it does."""
     from biaxbayes.fitting.fit import fit as fitted
     from biaxbayes.grips.correction import correct_for_grips
@@ -123,7 +123,7 @@ def _write_fits(
     rows = []
     for result in fits:
         row = _record(result, truth)
-        for name in STRETCHES:
+        for name in STRETCH_NAMES:
             value = row.pop(name)
             if isinstance(value, list):
                 row |= {
@@ -193,7 +193,7 @@ def command(
     from biaxbayes.verbs.plot import read_truth
 
     fixed = opt.fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
-    data = corrected_specimen(open_specimen(specimen, mounting_force), fixed=fixed, **given)
+    data = correct_for_hooks(open_specimen(specimen, mounting_force), fixed=fixed, **given)
     known = None if truth is None else read_truth(truth, data.name)
     results = fit(data, method, fixed=fixed, **given)
     fits = results if isinstance(results, list) else [results]
@@ -220,13 +220,13 @@ def command(
     return opt.NOT_CONVERGED if missed else 0
 
 
-UNMOUNTED = ("standard", "zeroed")
+METHODS_WITHOUT_MOUNTING = ("standard", "zeroed")
 """Methods without a mounting stretch."""
-STRETCHES = ("mounting_stretch_x", "mounting_stretch_y")
-COARSE = {"deg": "{:.2f}", "1": "{:.4f}"}
+STRETCH_NAMES = ("mounting_stretch_x", "mounting_stretch_y")
+FORMAT_BY_UNIT = {"deg": "{:.2f}", "1": "{:.4f}"}
 """Formats of angles and of dimensionless parameters that are not logarithmic."""
-AFTER = (
-    *((name.replace("_", " "), "", name, "{:.4f}") for name in STRETCHES),
+FIT_ROWS = (
+    *((name.replace("_", " "), "", name, "{:.4f}") for name in STRETCH_NAMES),
     ("R2", "", "r2", "{:.5f}"),
     ("RMSE", "kPa", "rmse_kPa", "{:.4g}"),
     ("MAE", "kPa", "mae_kPa", "{:.4g}"),
@@ -250,7 +250,7 @@ def _print_fits(
     lines += ["= fixed"] if fixed else []
     lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
     lines.append(WHICH_FIT)
-    if any(result.method in UNMOUNTED for result in fits):
+    if any(result.method in METHODS_WITHOUT_MOUNTING for result in fits):
         lines.append(
             "R2, RMSE and MAE compare the Cauchy stress with the data at the mounting stretch of "
             "the fit; for standard and zeroed they do not show the distance from the tissue."
@@ -277,10 +277,15 @@ def _table(
         table.add_column(result.method, justify="right", no_wrap=True)
     # label, unit, key of the record and format
     rows = [
-        (p.name, p.unit.replace("1", ""), p.label, "{:.4g}" if p.logarithmic else COARSE[p.unit])
+        (
+            p.name,
+            p.unit.replace("1", ""),
+            p.label,
+            "{:.4g}" if p.logarithmic else FORMAT_BY_UNIT[p.unit],
+        )
         for p in fits[0].material.law.parameters
     ]
-    rows += AFTER
+    rows += FIT_ROWS
     if truth is not None:
         rows.append(("parameter error", "", "parameter_error", "{:.4g}"))
     records = [_record(result, truth) for result in fits]
@@ -291,7 +296,7 @@ def _table(
             values = value if isinstance(value, list) else [value]
             shown = ["-" if value is None else form.format(value) for value in values]
             mark = "*" if label in result.at_bound else "=" if label in fixed else ""
-            if key in STRETCHES and result.method in UNMOUNTED:
+            if key in STRETCH_NAMES and result.method in METHODS_WITHOUT_MOUNTING:
                 shown = ["-"]
             cells.append("\n".join(shown) + mark)
         table.add_row(f"{label} {unit}".rstrip(), *cells)

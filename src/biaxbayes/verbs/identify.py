@@ -33,7 +33,7 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     from biaxbayes.runs.result import write_result
 
     opened = as_run(run)
-    result, verdicts = opened.analysed()
+    result, verdicts = opened.analyse()
     if out is not None:
         folder = make_folder(out)
         names = write_result(result, folder)

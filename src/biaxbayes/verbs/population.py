@@ -135,7 +135,7 @@ def sample_population(
     sources, left_out = open_sources(members, anyway=anyway)
     grouping, notes = group_sources(members, sources)
     names = pooled_names(sources)
-    values = priors.applied(
+    values = priors.apply_to(
         pooled_values(sources[0].posterior.law, names, mounting=options.pool_mounting)
     )
     plan = PopulationPlan(
@@ -253,7 +253,9 @@ def group_sources(members: list[Member], sources: list[Source]) -> tuple[Groupin
     )
     out = []
     if nameless := [m.label for m in pooled if not m.donor]:
-        out.append(f"no donor is given for {_listed(nameless)}: each counts as a separate donor")
+        out.append(
+            f"no donor is given for {_names_text(nameless)}: each counts as a separate donor"
+        )
     donors = len(grouping.donors)
     if donors == 1:
         out.append(
@@ -278,9 +280,9 @@ def group_sources(members: list[Member], sources: list[Source]) -> tuple[Groupin
                 else f"group {group} has one specimen"
             )
     by_group = {g: {grouping.donor[i] for i in grouping.members(g)} for g in grouping.groups}
-    apart = [(a, b) for a, b in combinations(by_group, 2) if not by_group[a] & by_group[b]]
-    if apart:
-        groups = "; ".join(f"{a} and {b}" for a, b in apart[:3])
+    disjoint = [(a, b) for a, b in combinations(by_group, 2) if not by_group[a] & by_group[b]]
+    if disjoint:
+        groups = "; ".join(f"{a} and {b}" for a, b in disjoint[:3])
         out.append(
             f"no donor in common: {groups}: their contrasts include differences between donors"
         )
@@ -299,7 +301,7 @@ def _notes_on_runs(sources: list[Source]) -> list[str]:
         fewest = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
         out.append(
             f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
-            f"({counts[0]}: {_listed(fewest)})"
+            f"({counts[0]}: {_names_text(fewest)})"
         )
     tops = [s.largest_stretch for s in sources]
     low, high = min(tops), max(tops)
@@ -307,8 +309,8 @@ def _notes_on_runs(sources: list[Source]) -> list[str]:
         fewest = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
         out.append(
             f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
-            f"{_listed(fewest)}): stress and stiffness are given up to {low:.3f}, and above it the "
-            "band of a new specimen does not rest on all specimens"
+            f"{_names_text(fewest)}): stress and stiffness are given up to {low:.3f}, and above it "
+            "the band of a new specimen does not rest on all specimens"
         )
     weights = np.array([s.run.beta for s in sources])
     if np.median(weights) < MISFIT_WEIGHT:
@@ -321,7 +323,7 @@ def _notes_on_runs(sources: list[Source]) -> list[str]:
     return out
 
 
-def _listed(names: list[str]) -> str:
+def _names_text(names: list[str]) -> str:
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + more
 

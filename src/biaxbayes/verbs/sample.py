@@ -208,11 +208,11 @@ class SampleJob:
         """The same job with loads corrected to those of a uniform test."""
         progress(Progress("correcting for the grips"))
 
-        def fitted(specimen: Specimen) -> FitResult:
+        def fit_specimen(specimen: Specimen) -> FitResult:
             posterior = Posterior(specimen, **self.options, beta=1.0)
             return posterior.least_squares(self.plan.seed)
 
-        correction = correct_for_grips(self.specimen, fitted)
+        correction = correct_for_grips(self.specimen, fit_specimen)
         specimen = correction.specimen
         specimen = replace(specimen, notes=(*specimen.notes, correction.sentence))
         return replace(self, specimen=specimen, correction=correction)

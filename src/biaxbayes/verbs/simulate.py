@@ -111,7 +111,7 @@ def simulate(
             raise InputError("no such folder", file=Path(out).parent, remedy="make it first")
         for path in (Path(out), truth_file(Path(out))):
             check_new(path, overwrite)
-    specimen, truth = _simulated(test, test.name or ("virtual" if out is None else Path(out).stem))
+    specimen, truth = _simulate(test, test.name or ("virtual" if out is None else Path(out).stem))
     if out is not None:
         # The truth first, so that no specimen is left without its truth.
         write_truth([truth], truth_file(Path(out)))
@@ -124,7 +124,7 @@ def truth_file(out: Path) -> Path:
     return out.with_name(f"{out.stem}.truth.json")
 
 
-def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
+def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
     from biaxbayes.laws.goh import GOH
