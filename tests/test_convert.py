@@ -89,7 +89,7 @@ def test_without_tracked_points_the_rake_serves(tmp_path, capsys):
     assert code == 0 and "from the rakes" in text
     code, _, err = biotester(tmp_path / "raw.csv", out, capsys, "--stretch-from", "tracked")
     assert code == 2
-    assert "no tracked points" in err and "found SetName, Cycle" in err
+    assert "no tracked points" in err and "columns are SetName, Cycle" in err
 
 
 @pytest.mark.parametrize("cycle", [1, 3])
@@ -136,7 +136,7 @@ def test_sets_and_files_become_protocols(tmp_path, capsys):
     assert code == 0
     assert [p.name for p in read_specimen(out).protocols] == ["1:1", "1:0.5"]
     code, _, err = biotester(path, out, capsys, "--set", "2:1")
-    assert code == 2 and "no set '2:1'" in err and "found Precondition, 1:1, 1:0.5" in err
+    assert code == 2 and "no set '2:1'" in err and "sets are Precondition, 1:1, 1:0.5" in err
     other = written(tmp_path, third.text(), "half.csv")
     arguments = [path, other, "--machine", "biotester", "--out", out, *DIMENSIONS]
     code, _, _ = run([*arguments, "--protocol-names", "a, b"], capsys)
@@ -189,7 +189,7 @@ def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):
         ([], "more than one sheet"),
         (["1 to 1", "1 to 1"], "1 to 1"),
         (["1 to 1", "Notes"], "'Notes' holds no table"),
-        (["C"], "no sheet 'C'; found 1 to 1"),
+        (["C"], "no sheet 'C'; sheets are 1 to 1"),
     ):
         code, _, err = run([*words, *(w for s in sheets for w in ("--sheet", s))], capsys)
         assert code == 2 and message in err and err.count("\n") == 1, err
@@ -231,11 +231,14 @@ LINES = GOOD.splitlines()
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (GOOD.replace("XForce_mN", "XLoad_mN"), ("no column 'XForce_mN'", "found SetName, Cycle")),
+        (
+            GOOD.replace("XForce_mN", "XLoad_mN"),
+            ("no column 'XForce_mN'", "columns are SetName, Cycle"),
+        ),
         (GOOD.replace("YForce_mN", "XForce_N"), ("XForce_mN and XForce_N are ambiguous",)),
         (GOOD.replace("Cycle", "Phase"), ("no column 'Cycle'", "--machine generic")),
         (GOOD.replace("2-Hold", "holding"), ("'holding' is not a phase", "column Cycle", "row ")),
-        (GOOD.replace("Stretch", "Pull"), ("no Stretch phase", "found hold, preload, pull")),
+        (GOOD.replace("Stretch", "Pull"), ("no Stretch phase", "phases are hold, preload, pull")),
         (GOOD.replace("XForce_mN", "XForce_N"), ("column XForce", "MPa", "in mN")),
         ("\n".join([*LINES[:-1], LINES[-1][:40]]), ("cut off", f"row {len(LINES)}")),
         ("\n".join(LINES[1:]), ("has no line of column names", "row 1")),
@@ -254,7 +257,7 @@ def test_refused_exports(text, says, tmp_path, capsys):
 
 
 REFUSED_OPTIONS = [
-    (["--cycle", "7"], "no cycle 7; found 1, 2"),
+    (["--cycle", "7"], "no cycle 7; cycles are 1, 2"),
     (["--cycle", "first"], "--cycle 'first' is not a cycle"),
     (["--columns", "stretch_x=F11"], "--columns is for --machine generic"),
     (["--load-noise-kPa", "1"], "--load-noise-kPa does not fit"),
@@ -492,7 +495,7 @@ def test_cycles_detected_from_the_curves(tmp_path, capsys):
     code, _, specimen = generic(tmp_path, text, columns, capsys, "--cycle", 1)
     assert specimen.protocols[0].load_x[-1] == 2.0 + 60.0 * 0.7**2
     code, printed, _ = generic(tmp_path, text, columns, capsys, "--cycle", 4)
-    assert code == 2 and "no cycle 4; found 1, 2, 3" in printed
+    assert code == 2 and "no cycle 4; cycles are 1, 2, 3" in printed
     # The same with a column that numbers them.
     number = np.repeat([5, 6, 9], len(up))
     text = generic_text(stretch, load, ["a", "b", "P_kPa", "Q_kPa", "No"], [number])
@@ -546,7 +549,7 @@ def test_shear_angle_knows_rotation_from_shear():
 @pytest.mark.parametrize(
     ("columns", "says"),
     [
-        ("stretch_x=F13", ("no column 'F13'", "found F11, F22, P_kPa, Q_kPa, P, F11")),
+        ("stretch_x=F13", ("no column 'F13'", "columns are F11, F22, P_kPa, Q_kPa, P, F11")),
         ("stretch_x=F11,stretch_y=F22", ("column 'F11' is ambiguous: columns 1 and 6",)),
         ("stretch_x=E,stretch_y=F22", ("not clear what kind of stretch or strain 'E'", "green")),
         ("stretch_x=F22,stretch_y=E:stretch", ("no column for a force or stress",)),

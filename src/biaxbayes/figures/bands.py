@@ -28,7 +28,7 @@ from biaxbayes.figures.style import (
     add_note,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
     small_text,
 )
@@ -102,16 +102,16 @@ def figure_from_bands(
         groups = table.groupby("protocol", sort=False)
         for (load, *strips), (name, group) in zip(panels, groups, strict=True):
             test = {str(axis): part for axis, part in group.groupby("direction")}
-            places, label = abscissa(test)
+            abscissas, label = abscissa(test)
             first = load.get_subplotspec().is_first_col()  # type: ignore[union-attr]
             for (axis, part), strip in zip(test.items(), strips, strict=True):
-                _draw(load, places[axis], part, axis)
+                _draw(load, abscissas[axis], part, axis)
                 missed = scale * part[columns].sub(part["credible_median"], axis=0)
-                _draw(strip, places[axis], missed, axis)
+                _draw(strip, abscissas[axis], missed, axis)
                 if first:
                     strip.set_ylabel(f"residual\n({unit})", linespacing=1.1, **small_text())
             strips[-1].set_xlabel(label)
-            few_ticks(load.xaxis, 5)
+            limit_ticks(load.xaxis, 5)
             if len(specimen.protocols) > 1:
                 load.set_title(plain(name, int(width_mm / len(panels) ** 0.5 / 3.0)), pad=2.0)
             if first:
@@ -130,8 +130,8 @@ def shown_protocols(specimen: Specimen, width_mm: float) -> int:
 
 
 def _most_columns(specimen: Specimen, width_mm: float) -> int:
-    most = max(1, int((width_mm - LEFT_MM) // MIN_PANEL_MM))
-    return min(most, 3 if len(specimen.protocols) <= 6 else 4)
+    max_columns = max(1, int((width_mm - LEFT_MM) // MIN_PANEL_MM))
+    return min(max_columns, 3 if len(specimen.protocols) <= 6 else 4)
 
 
 def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes]]]:
@@ -153,7 +153,7 @@ def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes
         x = figure.add_subplot(grid[row + 1, column], sharex=load, sharey=first[1])
         y = figure.add_subplot(grid[row + 2, column], sharex=load, sharey=first[1] or x)
         for ax in (load, x, y):
-            few_ticks(ax.yaxis, 5 if ax is load else 3)
+            limit_ticks(ax.yaxis, 5 if ax is load else 3)
             ax.tick_params(labelbottom=ax is y, labelleft=column == 0)
         panels.append([load, x, y])
     return figure, panels
@@ -167,19 +167,19 @@ def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
 
 def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
     """Abscissae of the curves in x and y and their name: own stretch, leading stretch or row."""
-    own = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
-    leading = max(own, key=lambda axis: float(np.ptp(own[axis])))
-    shared = dict.fromkeys(own, own[leading])
+    own_stretch = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
+    leading = max(own_stretch, key=lambda axis: float(np.ptp(own_stretch[axis])))
+    shared = dict.fromkeys(own_stretch, own_stretch[leading])
     rows = {axis: part["row"].to_numpy() + 1.0 for axis, part in test.items()}
     choices = (
-        (own, "measured stretch"),
+        (own_stretch, "measured stretch"),
         (shared, f"measured stretch in {leading}"),
         (rows, "row of the protocol"),
     )
     for choice in choices:
-        places = choice[0]
-        wide = all(np.ptp(x) > 0.15 * np.ptp(own[leading]) for x in places.values())
-        if wide and all(_is_curve(places[axis], part) for axis, part in test.items()):
+        abscissas = choice[0]
+        wide = all(np.ptp(x) > 0.15 * np.ptp(own_stretch[leading]) for x in abscissas.values())
+        if wide and all(_is_curve(abscissas[axis], part) for axis, part in test.items()):
             break
     return choice
 
@@ -192,12 +192,12 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
 
 def _marker(axis: str, readings: int) -> dict[str, Any]:
     """Marker of the readings of a curve: large and open where there are few."""
-    hue, few = colour(axis), readings <= OPEN_UP_TO
-    size, edge = (2.2, 0.5) if few else (1.4, 0.0)
+    hue, is_sparse = colour(axis), readings <= OPEN_UP_TO
+    size, edge = (2.2, 0.5) if is_sparse else (1.4, 0.0)
     return {
         "marker": AXIS_MARKERS[axis],
         "markersize": size,
-        "markerfacecolor": "white" if few else hue,
+        "markerfacecolor": "white" if is_sparse else hue,
         "markeredgecolor": hue,
         "markeredgewidth": edge,
     }

@@ -22,7 +22,7 @@ from biaxbayes.figures.style import (
     add_note,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
 )
 from biaxbayes.identifiability.bounded_density import at_edges, curve, interval
@@ -150,7 +150,7 @@ def _draw_forest(ax: Axes, row: ForestRow) -> None:
             ax.plot(at, y, "|" if known else arrow, clip_on=known, **grey)
     ax.set(ylim=(len(row.draws) - 0.4, -0.6), xscale="log" if axis.log else "linear")
     ax.set(xlim=(axis.low, axis.high), xlabel=row.quantity.label)
-    few_ticks(ax.xaxis)
+    limit_ticks(ax.xaxis)
 
 
 # --- laws: misfit and prediction, mounting stretches, the bands of their mixture -----------------
@@ -166,43 +166,45 @@ def _weighted_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
     return rows, -np.arange(len(rows), dtype=float)
 
 
-def _label_laws(ax: Axes, rows: pd.DataFrame, places: np.ndarray) -> None:
-    ax.set_yticks(places, rows["law"])
-    ax.set_ylim(places[-1] - 0.7, 0.7)
+def _label_laws(ax: Axes, rows: pd.DataFrame, positions: np.ndarray) -> None:
+    ax.set_yticks(positions, rows["law"])
+    ax.set_ylim(positions[-1] - 0.7, 0.7)
     ax.tick_params(axis="y", length=0)
-    ax.axhline(places[-1] + 0.5, color="0.6", linewidth=0.5)
+    ax.axhline(positions[-1] + 0.5, color="0.6", linewidth=0.5)
 
 
 def law_misfit_figure(compared: LawComparison) -> Figure:
     """Misfit of the record beside that of left-out parts, and the weights."""
-    rows, places = _weighted_rows(compared)
+    rows, positions = _weighted_rows(compared)
     laws = rows["law"] != STACKED
     with print_style():
         blue = colour(0)
         figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
-        misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
+        residual_ax, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
         left_out = rows["left_out_rms_kPa"]
-        misfit.hlines(places, rows["rms_kPa"], left_out, color="0.75", linewidth=0.8)
+        residual_ax.hlines(positions, rows["rms_kPa"], left_out, color="0.75", linewidth=0.8)
         look: dict[str, Any] = {"ms": 4.0, "mec": blue}
-        misfit.plot(rows["rms_kPa"], places, "o", mfc="white", label="of the fit to all", **look)
-        misfit.plot(left_out, places, "o", mfc=blue, label="of parts left out", **look)
-        misfit.set_xlim(left=0.0)
-        misfit.set_xlabel("rms misfit (kPa)")
-        _label_laws(misfit, rows, places)
-        weights.barh(places[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
+        residual_ax.plot(
+            rows["rms_kPa"], positions, "o", mfc="white", label="of the fit to all", **look
+        )
+        residual_ax.plot(left_out, positions, "o", mfc=blue, label="of parts left out", **look)
+        residual_ax.set_xlim(left=0.0)
+        residual_ax.set_xlabel("rms misfit (kPa)")
+        _label_laws(residual_ax, rows, positions)
+        weights.barh(positions[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
         ends = rows["weight_low"][laws], rows["weight_high"][laws]
-        weights.hlines(places[laws], *ends, color="0.2")
+        weights.hlines(positions[laws], *ends, color="0.2")
         weights.set_xlim(0.0, 1.0)
         weights.set_xlabel("weight, and range with a part dropped")
-        for ax in (misfit, weights):
-            few_ticks(ax.xaxis)
+        for ax in (residual_ax, weights):
+            limit_ticks(ax.xaxis)
         figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
 def law_mounting_figure(compared: LawComparison) -> Figure | None:
     """Draw the mounting stretches by law, grey the reported interval; None if none is inferred."""
-    rows, places = _weighted_rows(compared)
+    rows, positions = _weighted_rows(compared)
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
@@ -214,9 +216,9 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
             low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
             # a law that hardly predicts is drawn lightly
             hues = np.where(rows["weight"] >= 0.05, colour(0), "0.65")
-            ax.hlines(places, low, high, color=hues, linewidth=1.6)
-            for place, m, hue in zip(places, median, hues, strict=True):
-                ax.plot(m, place, "o", markersize=3.5, color=hue)
+            ax.hlines(positions, low, high, color=hues, linewidth=1.6)
+            for position, m, hue in zip(positions, median, hues, strict=True):
+                ax.plot(m, position, "o", markersize=3.5, color=hue)
             ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
             first, last = reported[name].low, reported[name].high
             if np.isfinite(first):
@@ -226,8 +228,8 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
                 ax.axvspan(first, end, color="0.9", linewidth=0.0, zorder=-5)
                 ax.set_xlim(min(left, first), max(right, last if np.isfinite(last) else 0.0))
             ax.set_xlabel(quantity(name).label)
-            few_ticks(ax.xaxis)
-        _label_laws(panels[0], rows, places)
+            limit_ticks(ax.xaxis)
+        _label_laws(panels[0], rows, positions)
     return figure
 
 

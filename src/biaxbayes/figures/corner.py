@@ -39,7 +39,7 @@ from biaxbayes.figures.style import (
     Style,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
 )
 from biaxbayes.identifiability.bounded_density import (
@@ -209,12 +209,12 @@ def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]
         )
     figure = blank_figure(width_mm, min(width_mm, count * MAX_PANEL_MM + MARGIN_MM))
     figure.get_layout_engine().set(w_pad=0.9 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
-    places = figure.add_gridspec(count, count)
+    grid_spec = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
     unit_above = " (" if width_mm >= SIDE_BY_SIDE_MM else "\n("
     labels = [column.quantity.label.replace(" (", unit_above) for column in columns]
     for i, j in np.argwhere(np.tri(count)).tolist():
-        grid[i, j] = ax = figure.add_subplot(places[i, j])
+        grid[i, j] = ax = figure.add_subplot(grid_spec[i, j])
         ax.tick_params(labelbottom=i == count - 1, labelleft=j == 0)
         if i == count - 1:
             ax.set_xlabel(labels[j])
@@ -237,7 +237,7 @@ def _set_axes(grid: np.ndarray, columns: list[Column], width_mm: float) -> None:
             name, span_of = axis.axis_name, column.axis
             ax.set(**{f"{name}scale": "log" if span_of.log else "linear"})
             ax.set(**{f"{name}lim": (span_of.low, span_of.high)})
-            few_ticks(axis, 2)
+            limit_ticks(axis, 2)
             ticks = [t for t in axis.get_majorticklocs() if span_of.low <= t <= span_of.high]
             if narrow or len(ticks) > 3:
                 axis.set_ticks(sorted({ticks[0], ticks[-1]}))  # a log axis may have but one

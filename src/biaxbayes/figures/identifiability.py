@@ -16,7 +16,7 @@ from biaxbayes.figures.style import (
     SIDE_BY_SIDE_MM,
     Style,
     blank_figure,
-    few_ticks,
+    limit_ticks,
     print_style,
     small_text,
     text_colour,
@@ -116,7 +116,7 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
         low, high = prior.ppf(np.array([0.01, 0.99]))
         low, high = min(low, ends[0]), max(high, ends[1])
     ax.set(xlim=(low, high), ylim=(0.0, 1.08))
-    few_ticks(ax.xaxis)
+    limit_ticks(ax.xaxis)
     ax.tick_params(axis="x", length=2.0, pad=1.0)
 
 
@@ -125,11 +125,15 @@ def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:
     ax.set_axis_off()
     if row.diagnostics is None:
         return
-    share = max(row.diagnostics.contraction, 0.0)
+    contraction = max(row.diagnostics.contraction, 0.0)
     ax.barh(0.0, 1.0, height=0.4, color="0.92")
-    ax.barh(0.0, share, height=0.4, color="0.35")
+    ax.barh(0.0, contraction, height=0.4, color="0.35")
     ax.set(xlim=(0.0, 1.9), ylim=(-0.6, 0.6))
-    text = f"{100.0 * min(share, 0.999):.1f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
+    text = (
+        f"{100.0 * min(contraction, 0.999):.1f} %"
+        if contraction > 0.99
+        else f"{100.0 * contraction:.0f} %"
+    )
     ax.text(1.06, 0.0, text, va="center", **small_text())
 
 

@@ -29,7 +29,7 @@ from biaxbayes.figures.style import (
     Style,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
     small_text,
 )
@@ -70,7 +70,7 @@ def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
                 band = ratio - error, ratio + error
                 ax.fill_between(stretch, *band, color=hue, alpha=CREDIBLE, lw=0)
             ax.set_xlabel("stretch")
-            few_ticks(ax.xaxis, 4)
+            limit_ticks(ax.xaxis, 4)
             if len(names) > 1:
                 ax.set_title(plain(str(name), 30))
         axes[0, 0].set_ylabel("force on hooks /\nforce of a uniform test")
@@ -98,8 +98,8 @@ def _draw_sketch(ax: Axes, specimen: Specimen) -> None:
         offsets = (np.arange(hooks.count) - 0.5 * (hooks.count - 1.0)) * hooks.spacing(along)
         for side in (-1.0, 1.0):
             for offset in offsets:
-                place = (side * (across / 2.0 - hooks.inset_mm), float(offset))
-                centre = place if axis == "x" else place[::-1]
+                position = (side * (across / 2.0 - hooks.inset_mm), float(offset))
+                centre = position if axis == "x" else position[::-1]
                 label = f"hooks in {axis}" if side > 0.0 and offset == offsets[0] else None
                 patch = Circle(centre, hooks.radius_mm, color=colour(axis), alpha=0.6, lw=0)
                 patch.set_label(label)
@@ -218,8 +218,8 @@ def _draw_stretches(ax: Axes, states: list[DrawnState]) -> None:
         xlabel=f"mounting stretch {quantity('mounting_stretch_x').symbol}",
         ylabel=f"mounting stretch {quantity('mounting_stretch_y').symbol}",
     )
-    few_ticks(ax.xaxis, 5)
-    few_ticks(ax.yaxis, 5)
+    limit_ticks(ax.xaxis, 5)
+    limit_ticks(ax.yaxis, 5)
     contents = ", ".join(f"{100 * c:g}" for c in (CONTENTS if single else (0.9,)))
     title = f"within the law, regions: {contents} %" + (r";  $\times$ truth" if true_values else "")
     ax.set_title(title, loc="right", **small_text(color="0.3"))
@@ -253,7 +253,7 @@ def _draw_forces(ax: Axes, states: list[DrawnState], unit: str, probability: flo
     ax.set_ylim(len(names) - 0.5, -0.5)
     reach = 1.05 * (float(np.abs(ax.dataLim.intervalx).max()) or 1e-3)
     ax.set_xlim(-reach, reach)
-    few_ticks(ax.xaxis, 5)
+    limit_ticks(ax.xaxis, 5)
     ax.axvline(0.0, **REFERENCE)
     ax.set_xlabel(f"mounting force less its reading ({shown_unit})")
     content = f"{100 * probability:g} %"

@@ -27,7 +27,7 @@ GROUP_MARKERS = ("o", "s", "^", "D", "v", "P")
 def row_panels(
     count: int,
     tall_mm: float,
-    places: Sequence[float],
+    positions: Sequence[float],
     labels: Sequence[str],
     note: str,
 ) -> tuple[Figure, list[Axes]]:
@@ -38,7 +38,7 @@ def row_panels(
     for ax in panels.flat[count:]:
         ax.remove()
     for ax in panels.flat[:count]:
-        ax.set_yticks(places, labels)
+        ax.set_yticks(positions, labels)
         ax.tick_params(axis="y", length=0.0, labelleft=ax.get_subplotspec().is_first_col())
         ax.spines["left"].set_visible(False)
     add_note(figure, note)
@@ -62,8 +62,8 @@ def draw_cells(
     image = np.array([[to_rgb(face) for face in row] for row in colours])
     ax.imshow(image, aspect="auto", interpolation="nearest")
     for (i, j), text in np.ndenumerate(np.array(texts, dtype=object)):
-        how = small_text(ha="center", va="center", linespacing=1.1)
-        ax.text(j, i, text, color=text_colour(colours[i][j]), **how)
+        text_style = small_text(ha="center", va="center", linespacing=1.1)
+        ax.text(j, i, text, color=text_colour(colours[i][j]), **text_style)
     ax.set_yticks(range(len(rows)), rows)
     ax.set_xticks(range(len(columns)), columns)
     ax.xaxis.tick_top()

@@ -22,7 +22,7 @@ from biaxbayes.figures.quantities import (
     plain,
     quantity,
 )
-from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, few_ticks, print_style
+from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, limit_ticks, print_style
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import Parameter, Quantity
 from biaxbayes.studies.groups import USABLE_VERDICTS
@@ -85,7 +85,7 @@ def _draw_specimens(
         ax.plot(record["q50"], i, marker, mfc=hue if identified else "white", **look)
     ax.set(ylim=(len(specimens) - 0.4, -0.6), xscale="log" if axis.log else "linear")
     ax.set(xlim=(axis.low, axis.high), xlabel=q.label)
-    few_ticks(ax.xaxis)
+    limit_ticks(ax.xaxis)
 
 
 # --- before and after pooling --------------------------------------------------------------------
@@ -136,7 +136,7 @@ def forest_figure(
             low, high = ax.dataLim.intervalx
             if p.logarithmic and low > 0.0 and high > LOG_AXIS_RATIO * low:
                 ax.set_xscale("log")
-            few_ticks(ax.xaxis)
+            limit_ticks(ax.xaxis)
     return figure
 
 
@@ -198,8 +198,8 @@ def band_figure(
                     ax.plot(measured[:, axis], stress[:, axis], color="0.25", linewidth=0.5)
             ax.set_xlim(stretch.min(), stretch.max())
             ax.set_ylim(0.0, min(ax.get_ylim()[1], HIGHEST * median.max()))
-            few_ticks(ax.xaxis)
-            few_ticks(ax.yaxis)
+            limit_ticks(ax.xaxis)
+            limit_ticks(ax.yaxis)
             ax.set_title(f"{plain(groups[k], LABEL_LENGTH)}, {plain(directions[axis], 20)}")
         for ax in axes[-1]:
             ax.set_xlabel("total equibiaxial stretch")

@@ -24,7 +24,7 @@ from biaxbayes.figures.style import (
     Style,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
     small_text,
 )
@@ -64,14 +64,14 @@ def stress_figure(
         grid = figure.add_gridspec(len(heights), 2 if wide else 1, height_ratios=heights)
         first = figure.add_subplot(grid[0, 0])
         second = figure.add_subplot(grid[0, 1], sharex=first, sharey=first) if wide else first
-        places = (grid[1, 0], grid[1, 1]) if wide else (grid[1, 0], grid[2, 0])
-        strips = [figure.add_subplot(place, sharex=first) for place in places]
+        cells = (grid[1, 0], grid[1, 1]) if wide else (grid[1, 0], grid[2, 0])
+        strips = [figure.add_subplot(cell, sharex=first) for cell in cells]
         for k, (axis, ax, strip) in enumerate(zip("xy", (first, second), strips, strict=True)):
             stem, tint = f"{stress}_{axis}_kPa", colour(axis)
             median = table[f"{stem}_median"]
-            known = "" if directions[k] == axis else f": {plain(directions[k], 24)}"
+            direction = "" if directions[k] == axis else f": {plain(directions[k], 24)}"
             _draw_bands(ax, along, table, stem, tint)
-            _draw_line(ax, along, median, table, tint, label=f"{axis}{known}")
+            _draw_line(ax, along, median, table, tint, label=f"{axis}{direction}")
             about = table[_bands(stem)].sub(median, axis=0)
             _draw_bands(strip, along, about, stem, tint)
             strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
@@ -81,7 +81,7 @@ def stress_figure(
                 strip.plot(at, read[f"{stem}_residual"], AXIS_MARKERS[axis], color=tint, **READINGS)
             if k == 0 or not wide:
                 strip.set_ylabel("less median\n(kPa)", linespacing=1.1, **small_text())
-            few_ticks(strip.yaxis, 3)
+            limit_ticks(strip.yaxis, 3)
             ax.margins(x=0.0)
             ax.tick_params(labelbottom=False, labelleft=k == 0 or not wide)
             strip.tick_params(labelbottom=wide or k == 1)

@@ -18,7 +18,7 @@ from biaxbayes.figures.style import (
     Style,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
     small_text,
 )
@@ -62,7 +62,7 @@ def profile_figure(
                     ax.set_xscale("log")
                 else:
                     ax.margins(x=0.03)
-                few_ticks(ax.xaxis, 3)
+                limit_ticks(ax.xaxis, 3)
             if titles is not None:
                 row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
     return figure
@@ -103,7 +103,7 @@ class _Curves:
         at, how = ax.get_yaxis_transform(), small_text(ha="center", va="bottom", color="0.35")
         ax.text(0.5, THRESHOLD + 0.05, f"{100.0 * CONTENT:g} %", transform=at, **how)
         ax.set_ylim(0.0, CEILING)
-        few_ticks(ax.yaxis)
+        limit_ticks(ax.yaxis)
         ax.set_ylabel(r"$-2\,\Delta\ln L$")
 
     def stiffness(self, ax: Axes) -> None:
@@ -120,7 +120,7 @@ class _Curves:
         low, high = ax.get_ylim()
         ax.set_ylim(min(low, 0.5), max(high, 2.0))
         ax.set_ylabel("relative to best")
-        few_ticks(ax.yaxis)
+        limit_ticks(ax.yaxis)
         ax.legend(handlelength=1.8)
 
     def structure(self, ax: Axes) -> None:
@@ -133,10 +133,10 @@ class _Curves:
             values = self.table[q.name]
             side.plot(*self.smooth(values), color=colour(hue), linestyle=line)
             side.set_ylabel(axis_text(q).label, color=colour(hue) if len(shown) > 1 else "black")
-            least = 1.0 if q.parameter.unit == DEGREE else 0.005
-            pad, top = max(0.08 * float(np.ptp(values)), least), q.parameter.high
+            min_pad = 1.0 if q.parameter.unit == DEGREE else 0.005
+            pad, top = max(0.08 * float(np.ptp(values)), min_pad), q.parameter.high
             side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))
-            few_ticks(side.yaxis)
+            limit_ticks(side.yaxis)
             side.spines["right"].set_visible(k == 1)
 
     def mounting(self, ax: Axes) -> None:
@@ -157,7 +157,7 @@ class _Curves:
         low, high = ax.get_ylim()
         middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.004)
         ax.set_ylim(middle - half, middle + half)
-        few_ticks(ax.yaxis)
+        limit_ticks(ax.yaxis)
         ax.set_ylabel("mounting stretch")
         if len(ax.lines) > 1:
             ax.legend(handlelength=1.8)

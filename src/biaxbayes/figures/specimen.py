@@ -22,7 +22,7 @@ from biaxbayes.figures.style import (
     PAGE_MM,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
 )
 from biaxbayes.fitting.result import FitResult
@@ -145,4 +145,4 @@ def _draw_fits(
             lower.plot(stretch[moving], residual, **look)
     lower.axhline(0.0, color="0.6", linewidth=0.5, zorder=0)
     lower.tick_params(labelbottom=True)
-    few_ticks(lower.xaxis, 5)
+    limit_ticks(lower.xaxis, 5)

@@ -135,18 +135,18 @@ def blank_figure(width_mm: float, height_mm: float) -> Figure:
     return figure
 
 
-def few_ticks(axis: Axis, most: int = 4) -> None:
+def limit_ticks(axis: Axis, max_ticks: int = 4) -> None:
     """Set at most `most` intervals between labelled ticks at round values; no minor ticks."""
     if axis.get_scale() == "log":
         low, high = axis.get_view_interval()
         if high > 100.0 * low:
-            axis.set_major_locator(LogLocator(numticks=most))
+            axis.set_major_locator(LogLocator(numticks=max_ticks))
             axis.set_major_formatter(LogFormatterMathtext())
         else:
             axis.set_major_locator(LogLocator(subs=(1, 3) if high > 10.0 * low else (1, 2, 5)))
             axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     else:
-        axis.set_major_locator(MaxNLocator(most, steps=(1, 2, 5, 10)))
+        axis.set_major_locator(MaxNLocator(max_ticks, steps=(1, 2, 5, 10)))
     axis.set_minor_locator(NullLocator())
 
 

@@ -18,7 +18,7 @@ from biaxbayes.figures.style import (
     Style,
     blank_figure,
     colour,
-    few_ticks,
+    limit_ticks,
     print_style,
     small_text,
 )
@@ -107,16 +107,16 @@ def _draw_trace(ax: Axes, values: np.ndarray, q: AxisText) -> None:
     if q.scale and low > 0.0 and high > LOG_AXIS_RATIO * low:
         ax.set_yscale("log")
     ax.margins(x=0.0, y=0.06)
-    few_ticks(ax.yaxis, 3)
+    limit_ticks(ax.yaxis, 3)
     ax.set_ylabel(q.label.replace(" (", "\n("), linespacing=1.1)
 
 
 def _draw_ranks(ax: Axes, values: np.ndarray) -> None:
     """Density of the ranks; 1 where an ensemble has its share of the draws."""
     ranks = (values.ravel().argsort(kind="stable").argsort() + 0.5) / values.size
-    for i, own in enumerate(ranks.reshape(len(values), -1)):
-        density, edges = np.histogram(own, RANK_BINS, (0.0, 1.0), density=True)
+    for i, counts in enumerate(ranks.reshape(len(values), -1)):
+        density, edges = np.histogram(counts, RANK_BINS, (0.0, 1.0), density=True)
         ax.stairs(density, edges, baseline=None, color=colour(i), linewidth=0.7)
     ax.axhline(1.0, **REFERENCE)
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.05 * max(ax.dataLim.y1, 1.5)))
-    few_ticks(ax.yaxis, 3)
+    limit_ticks(ax.yaxis, 3)

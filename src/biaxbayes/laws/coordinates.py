@@ -67,7 +67,7 @@ def log_stress_scale(peak_kPa: float) -> float:
 
 @inlined
 def log_square(u):
-    """(ln L^2, ln of its derivative by u)."""
+    """(ln L^2, ln(d ln L^2 / du))."""
     tail = np.log1p(np.exp(-abs(u)))
     log_L = u if u < -30.0 else np.log(max(u, 0.0) + tail)
     # d ln L^2 / du = 2 e^u / (1 + e^u) / L

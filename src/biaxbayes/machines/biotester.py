@@ -96,7 +96,7 @@ def _chosen_sets(table: Table, names: Sequence[str], wanted: Sequence[str]) -> S
         return names
     for name in wanted:
         if name not in names:
-            remedy = f"found {', '.join(names)[:200]}"
+            remedy = f"sets are {', '.join(names)[:200]}"
             raise InputError(f"no set {name[:40]!r}", file=table.path, remedy=remedy)
     return tuple(dict.fromkeys(wanted)) or names[-1:]
 
@@ -108,7 +108,7 @@ def _cycles(
     labels = dict.fromkeys(numbers[rows][phases[rows] == "stretch"].tolist())
     if not labels:
         problem = f"no Stretch phase in set {name!r}" if name else "no Stretch phase"
-        remedy = f"found {', '.join(sorted(set(phases[rows].tolist())))[:80]}"
+        remedy = f"phases are {', '.join(sorted(set(phases[rows].tolist())))[:80]}"
         raise InputError(problem, file=table.path, column="Cycle", remedy=remedy)
     cycles = []
     for label in labels:

@@ -64,7 +64,9 @@ def cycle_index(which: str, all_cycles: Sequence[Cycle], table: Table) -> int:
     if which not in labels:
         shown = ", ".join(labels) if len(labels) < 12 else f"{labels[0]} to {labels[-1]}"
         raise InputError(
-            f"no cycle {which}", file=table.path, remedy=f"found {shown or 'none'}; or `cycle=last`"
+            f"no cycle {which}",
+            file=table.path,
+            remedy=f"cycles are {shown or 'none'}; or `cycle=last`",
         )
     return labels.index(which)
 

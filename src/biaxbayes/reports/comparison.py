@@ -84,7 +84,7 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
     numbers = ("median_a", "median_b", "difference_q50", "difference_q05", "difference_q95")
     pairs = []
     for (a, b), table in distances.groupby(["run_a", "run_b"], sort=False):
-        known: list[Row] = []
+        identified: list[Row] = []
         unknown: list[Row] = []
         for row in table.to_dict("records"):
             name = str(row["quantity"])
@@ -93,10 +93,10 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
             cells = [f"{row[key]:.4g}" for key in numbers]
             cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
             cells.append(f"{row['kolmogorov']:.2f}")
-            part = known if row["identified_in_both"] else unknown
+            part = identified if row["identified_in_both"] else unknown
             part.append((with_unit(name, row["unit"]), *cells))
         parts = {
-            "Identified or bounded in both runs": known,
+            "Identified or bounded in both runs": identified,
             "Not identified in both: differences are not of the tissue": unknown,
         }
         pairs.append({"a": a, "b": b, "parts": parts})

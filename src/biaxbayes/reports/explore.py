@@ -50,9 +50,9 @@ GREY = "#4a525c"
 UUID = r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 
 
-def can_be_explored(known: Quantities, draws: pd.DataFrame) -> bool:
+def can_be_explored(quantities: Quantities, draws: pd.DataFrame) -> bool:
     """True if a quantity varies that the page has panels for."""
-    return len(corner_columns(draws, known)) > 0
+    return len(corner_columns(draws, quantities)) > 0
 
 
 def thinned_draws(draws: pd.DataFrame) -> pd.DataFrame:
@@ -74,16 +74,17 @@ def explore_page(
             "this run has no posterior to explore",
             remedy="sample until it converges, with a free parameter",
         )
-    few = thinned_draws(draws)
+    thinned = thinned_draws(draws)
     with print_style():
         hues = {"x": colour("x"), "y": colour("y"), "selected": colour(2)}
-    axes, priors = _axes(posterior.quantities, draws, few, rows), _prior_controls(posterior, few)
+    axes = _axes(posterior.quantities, draws, thinned, rows)
+    priors = _prior_controls(posterior, thinned)
     # draws for all panels: axes of the corner, quantities with a prior, weights
     columns: dict[str, Any] = {f"axis {a.name}": a.values for a in axes}
-    columns |= {n: few[n].to_numpy(dtype=float) for p in priors for n in p["data"]["columns"]}
-    source = ColumnDataSource(columns | {"opacity": np.full(len(few), 0.5)}, name="draws")
+    columns |= {n: thinned[n].to_numpy(dtype=float) for p in priors for n in p["data"]["columns"]}
+    source = ColumnDataSource(columns | {"opacity": np.full(len(thinned), 0.5)}, name="draws")
     corner, histograms = _corner(axes, source, hues)
-    panels, curves, factor = _curve_panels(posterior, few, source, hues)
+    panels, curves, factor = _curve_panels(posterior, thinned, source, hues)
     script = CustomJS(
         args={
             "draws": source,
@@ -112,7 +113,7 @@ def explore_page(
             "law_called": posterior.law.short_name,
             "report": report,
             "state": state,
-            "draws": len(few),
+            "draws": len(thinned),
             "total": len(draws),
             "least": LEAST_EFFECTIVE,
             "percent": f"{100 * CONTENT:g}",
@@ -156,13 +157,13 @@ class Axis:
 
 
 def _axes(
-    known: Quantities, draws: pd.DataFrame, few: pd.DataFrame, rows: Sequence[ReportRow]
+    quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame, rows: Sequence[ReportRow]
 ) -> list[Axis]:
     axes = []
     reported = {row.name: row.interval for row in rows}
-    whole = corner_columns(draws, known)
-    for name, (text, values) in corner_columns(few, known).items():
-        states = [q for q in known.of_parameter(name) if q.name in few]
+    whole = corner_columns(draws, quantities)
+    for name, (text, values) in corner_columns(thinned, quantities).items():
+        states = [q for q in quantities.of_parameter(name) if q.name in thinned]
         parameter = states[0].parameter
         ends = [float(v) for v in np.quantile(whole[name][1], [0.05, 0.5, 0.95])]
         low, median, high = (number(v, ends[0], ends[2]) for v in ends)
@@ -219,8 +220,8 @@ def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, l
                 selection_fill_alpha=0.9,
                 nonselection_fill_alpha=0.1,
             )
-        for places, quantity in ((panel.below, axes[j]), (panel.left, axes[i])):
-            for axis in places:
+        for panel_axes, quantity in ((panel.below, axes[j]), (panel.left, axes[i])):
+            for axis in panel_axes:
                 unit = f" ({quantity.unit})" if quantity.unit else ""
                 axis.axis_label = quantity.name + unit
                 axis.axis_label_text_font_size, axis.major_label_text_font_size = "11px", "10px"
@@ -248,7 +249,7 @@ def _histogram(panel: Any, axis: Axis, hue: str) -> Any:
 
 
 def _curve_panels(
-    posterior: Posterior, few: pd.DataFrame, source: Any, hues: dict[str, str]
+    posterior: Posterior, thinned: pd.DataFrame, source: Any, hues: dict[str, str]
 ) -> tuple[Any, dict[str, Any], float]:
     """Loads of each protocol, and the residuals about the median of all draws.
 
@@ -259,7 +260,7 @@ def _curve_panels(
     count = shown_protocols(specimen, PAGE_MM)
     drawn = curves_of_draws(
         specimen,
-        few,
+        thinned,
         settings=posterior.settings,
         max_rows=min(MAX_STATES_PER_PROTOCOL, MAX_STATES // count),
     )[:count]
@@ -269,7 +270,7 @@ def _curve_panels(
     panels: list[list[Any]] = []
     for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
         test = {str(axis): part for axis, part in table.groupby("direction")}
-        places, label = abscissa(test)
+        abscissas, label = abscissa(test)
         title = Title(text=PlainText(truncate(protocol.protocol, 60)))
         load = figure(width=CURVE_PX, height=230, tools=[], title=title)
         residual = figure(width=CURVE_PX, height=150, tools=[], x_range=load.x_range)
@@ -281,10 +282,10 @@ def _curve_panels(
             panel.axis.axis_label_text_font_style = "normal"
             panel.min_border_left = 70
         for k, axis in enumerate("xy"):
-            order = np.argsort(places[axis], kind="stable")
+            order = np.argsort(abscissas[axis], kind="stable")
             column, loads = f"load {p} {axis}", protocol.load[:, order, k]
             source.data[column] = loads.astype(np.float32)
-            x, measured = places[axis][order], protocol.measured[order, k]
+            x, measured = abscissas[axis][order], protocol.measured[order, k]
             curves[column] = _draw_curve(
                 (load, residual), x, loads, measured, axis, hues[axis], factor
             )

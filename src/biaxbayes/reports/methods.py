@@ -91,11 +91,11 @@ def _grips(run: Run) -> str:
         "fit over that of a uniform test; fit and finite elements were repeated until the ratio "
         "settled (Fehervary et al., 2016)."
     )
-    mesh, spread = record.get("mesh_difference"), record.get("largest_sd_of_log_ratio")
-    if isinstance(mesh, float) and isinstance(spread, float):
+    mesh, sd_log_ratio = record.get("mesh_difference"), record.get("largest_sd_of_log_ratio")
+    if isinstance(mesh, float) and isinstance(sd_log_ratio, float):
         text += (
             f" The ratio differs by {100 * mesh:.2g} % between two meshes, and its standard "
-            f"deviation over the posterior is at most {100 * spread:.2g} %."
+            f"deviation over the posterior is at most {100 * sd_log_ratio:.2g} %."
         )
     return text
 

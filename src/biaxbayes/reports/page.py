@@ -249,11 +249,11 @@ def _contraction_rows(run: Run) -> list[Row]:
 def _law_rows(run: Run) -> list[Row]:
     """Least squares of every law under the same mounting constraint."""
     table = run.result.law_fits
-    known = {q.name: q.parameter for q in run.quantities.of_kind(STRETCH) if q.name in table}
+    parameters = {q.name: q.parameter for q in run.quantities.of_kind(STRETCH) if q.name in table}
     rows: list[Row] = []
     for r in table.to_dict("records"):
         stretches = [
-            f"{p.number(float(r[n]))} ± {float(r[f'{n}_sd']):.2g}" for n, p in known.items()
+            f"{p.number(float(r[n]))} ± {float(r[f'{n}_sd']):.2g}" for n, p in parameters.items()
         ]
         equal = "yes" if r["fits"] else "no"
         rows.append((truncate(r["law"], 30), f"{float(r['rms']):.3g}", equal, ", ".join(stretches)))

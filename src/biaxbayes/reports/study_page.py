@@ -82,9 +82,9 @@ def _specimens(result: StudyResult, names: list[str]) -> list[Row]:
         if (result.folder / page).is_file():
             label = Markup('<a href="{}">{}</a>').format(quote(page), label)
         origin = ", ".join(truncate(s[k], 40) for k in ("layer", "donor") if s[k])
-        own = [truncate(s[name], 40) for name in result.own_columns]
+        cells_of_specimen = [truncate(s[name], 40) for name in result.own_columns]
         cells = [_cell(table.get((str(s["specimen"]), n))) for n in names]
-        rows.append(((label, origin), *own, s["state"], *cells))
+        rows.append(((label, origin), *cells_of_specimen, s["state"], *cells))
     return rows
 
 
@@ -117,11 +117,11 @@ def _group_row(r: dict[Any, Any]) -> Row:
     low, centre, high = (float(r[k]) for k in ("lowest", "centre", "highest"))
     log = low > 0.0 and high / low > COARSE_RATIO
     between = float(r["sd_between"])
-    spread = f"{between:.2g}"
+    between_text = f"{between:.2g}"
     if math.isnan(between):
-        spread = DASH
+        between_text = DASH
     elif r["scale"] == "log":
-        spread = f"factor {math.exp(between):.2f}"
+        between_text = f"factor {math.exp(between):.2f}"
     mean, first, last = (number(v, low, high, log=log) for v in (centre, low, high))
     return (
         named(r["quantity"]),
@@ -129,15 +129,16 @@ def _group_row(r: dict[Any, Any]) -> Row:
         f"{r['identified']} of {r['converged']}",
         mean,
         f"{first} to {last}" if low < high else DASH,
-        spread,
+        between_text,
     )
 
 
 def _of_tissue(name: str) -> bool:
     """True for properties of the tissue, which groups are summarised in; not errors and loads."""
-    known = KNOWN_QUANTITIES.get(name)
-    return known is None or (
-        known.parameter.kind in (MATERIAL, STRETCH, DIMENSION) and (known.parameter.unit != LOAD)
+    quantity = KNOWN_QUANTITIES.get(name)
+    return quantity is None or (
+        quantity.parameter.kind in (MATERIAL, STRETCH, DIMENSION)
+        and quantity.parameter.unit != LOAD
     )
 
 

@@ -225,7 +225,7 @@ def hooked_specimen(
     InputError
         If scikit-fem is not installed.
     NotConverged
-        If no equilibrium is found, however small the increments.
+        If no equilibrium can be computed, however small the increments.
     """
     dimensions, hooks = dimensions or Dimensions(), hooks or Hooks()
     largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)

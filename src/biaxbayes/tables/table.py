@@ -57,7 +57,7 @@ class Table:
         """The column names in one line, for messages."""
         shown = ", ".join(self.names[:SHOWN_COLUMNS])
         more = len(self.names) - SHOWN_COLUMNS
-        return f"found {shown}" + (f" and {more} more" if more > 0 else "")
+        return f"columns are {shown}" + (f" and {more} more" if more > 0 else "")
 
     def column(self, wanted: str) -> int:
         """Index of the only column of a name; letter case and spaces do not matter."""
@@ -66,8 +66,8 @@ class Table:
             if len(matches) == 1:
                 return matches[0]
             if len(matches) > 1:
-                places = " and ".join(str(i + 1) for i in matches)
-                problem = f"column {wanted[:60]!r} is ambiguous: columns {places} have this name"
+                numbers = " and ".join(str(i + 1) for i in matches)
+                problem = f"column {wanted[:60]!r} is ambiguous: columns {numbers} have this name"
                 raise InputError(problem, file=self.path, remedy=f"rename one; {self.listing}")
         raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
 
@@ -201,7 +201,9 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
     for name in wanted:
         if name not in available:
             raise InputError(
-                f"no sheet {name[:40]!r}", file=path, remedy=f"found {', '.join(available)[:300]}"
+                f"no sheet {name[:40]!r}",
+                file=path,
+                remedy=f"sheets are {', '.join(available)[:300]}",
             )
         if wanted.count(name) > 1:
             raise InputError(f"sheet {name[:40]!r} is given twice", file=path, remedy="keep one")
@@ -221,8 +223,8 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
         raise InputError(
             f"{'more than one sheet holds' if tables else 'no sheet holds'} a table",
             file=path,
-            remedy=f"choose with `sheets`, once for each protocol, or `sheets={ALL_SHEETS}`; found "
-            f"{', '.join(available)[:300]}",
+            remedy=f"choose with `sheets`, once for each protocol, or `sheets={ALL_SHEETS}`; "
+            f"sheets are {', '.join(available)[:300]}",
         )
     return tables, others
 

@@ -176,10 +176,10 @@ def strain_kinds(column: str) -> set[str]:
 # --- a misspelt name ------------------------------------------------------------------------------
 
 
-def likely_name(name: str, known: Iterable[str], cutoff: float = 0.75) -> tuple[str, str]:
+def likely_name(name: str, names: Iterable[str], cutoff: float = 0.75) -> tuple[str, str]:
     """The likely intended name and a hint with a trailing space; both empty if no name is near."""
     given = unit_of_column(name)
-    for likely in difflib.get_close_matches(name[:60], known, n=3, cutoff=cutoff):
+    for likely in difflib.get_close_matches(name[:60], names, n=3, cutoff=cutoff):
         known_unit = unit_of_column(likely)
         if given is not None and (known_unit is None or known_unit.quantity != given.quantity):
             continue
