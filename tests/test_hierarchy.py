@@ -273,7 +273,7 @@ def test_density_that_joint_moves_carry_on_is_that_of_where_they_ended():
     n = len(GROUP)
     middle = np.zeros((n, 1))
     tuning = Tuning((), (), 0.3 * np.ones((1, n, 1)), np.ones((3, 1)), middle, middle + 1.0)
-    extra = ensemble.augmented()
+    extra = ensemble.draw_rejected()
     carried = ensemble.log_marginal(ensemble.theta, extra)
     first = carried.copy()
     for _ in range(20):
