@@ -8,12 +8,12 @@ from scipy.stats import norm
 
 from biaxbayes.sampling.population_monte_carlo import (
     CLUSTER_POINTS,
-    TEMPERED_SHARE,
+    TEMPERED_FRACTION,
     Start,
     dispersed_starts,
     draw_cluster_points,
     draw_tempered_points,
-    effective_share,
+    effective_fraction,
     resample,
     resample_clusters,
     search,
@@ -25,12 +25,12 @@ from biaxbayes.sampling.target import Target, bounds_array
 FREE = bounds_array({}, 2)
 
 
-def test_the_effective_share_is_that_of_equal_weights():
-    assert effective_share(np.full(50, -700.0)) == pytest.approx(1.0)
+def test_the_effective_fraction_is_that_of_equal_weights():
+    assert effective_fraction(np.full(50, -700.0)) == pytest.approx(1.0)
     # ten of fifty have all the weight
-    assert effective_share(np.r_[np.full(10, 3.0), np.full(40, -np.inf)]) == pytest.approx(0.2)
+    assert effective_fraction(np.r_[np.full(10, 3.0), np.full(40, -np.inf)]) == pytest.approx(0.2)
     w = np.array([1.0, 2.0, 3.0, 4.0])
-    assert effective_share(np.log(w)) == pytest.approx(100.0 / (4 * 30.0))
+    assert effective_fraction(np.log(w)) == pytest.approx(100.0 / (4 * 30.0))
 
 
 def test_weights_are_tempered_as_far_as_the_share_needs():
@@ -38,13 +38,13 @@ def test_weights_are_tempered_as_far_as_the_share_needs():
     # w = exp(s z): the share of the power p is exp(-p^2 s^2)
     s = 6.0
     z = norm.ppf((np.arange(200_000) + 0.5) / 200_000)
-    expected = np.sqrt(-np.log(TEMPERED_SHARE)) / s
+    expected = np.sqrt(-np.log(TEMPERED_FRACTION)) / s
     # 200,000 points end at z = 4.4: half a per cent
     assert tempering_power(s * z) == pytest.approx(expected, rel=1e-2)
     # where few have a weight at all, half of them are asked for
     few = np.r_[s * z[::1000], np.full(9800, -np.inf)]
     power = tempering_power(few)
-    share = effective_share(power * few[:200])
+    share = effective_fraction(power * few[:200])
     assert share == pytest.approx(0.5, rel=1e-6)
 
 
@@ -132,4 +132,4 @@ def test_a_search_finds_every_peak_with_its_mass():
     # normalised densities: the mean weight is the evidence, one
     mean = np.logaddexp.reduce(result.log_weight) - np.log(len(result.log_weight))
     assert mean == pytest.approx(0.0, abs=0.06)
-    assert effective_share(result.log_weight) > 0.4
+    assert effective_fraction(result.log_weight) > 0.4

@@ -103,7 +103,8 @@ class Replication:
     reason: str
     truth: dict[str, float]  # by the names of summary.csv, with log_likelihood
     rank: dict[str, int] = field(default_factory=dict)  # of the true value among RANKED_DRAWS draws
-    below: dict[str, float] = field(default_factory=dict)  # share of all draws below the true value
+    # fraction of all draws below the true value
+    below: dict[str, float] = field(default_factory=dict)
     median: dict[str, float] = field(default_factory=dict)
     sd: dict[str, float] = field(default_factory=dict)
     rejected: int = 0  # draws from the prior without a stable mounted state

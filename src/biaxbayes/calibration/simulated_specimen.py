@@ -43,13 +43,13 @@ def draw_truth(
     rng: np.random.Generator,
     priors: Mapping[str, Prior | float | Tie] | None = None,
 ) -> tuple[dict[str, float], int]:
-    """Draw from the prior cut to the support of the posterior; also return the number rejected.
+    """Draw from the prior truncated to the support of the posterior; also return the rejections.
 
     ``priors`` replace those of the model.
 
     The posterior is zero where the law has no such material, where no stable mounted state exists
-    in the bracket, and, if the mounting force is sampled, where Newton's method finds another
-    state from the unloaded one. Rejecting such draws gives the prior that the posterior uses.
+    in the bracket, and, if the mounting force is sampled, where Newton's method converges to
+    another state from the unloaded one. Rejecting such draws gives the prior of the posterior.
     """
     priors, quantities = model.priors if priors is None else priors, model.quantities
     for rejected in range(1000):

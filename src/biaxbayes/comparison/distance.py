@@ -120,16 +120,16 @@ def spread(quantity: Derived) -> float:
     """Half the width of the middle 68 %: of the logarithm, where the quantity has a unit."""
     values = quantity.values
     with np.errstate(divide="ignore", invalid="ignore"):
-        moved = np.log(values) if quantity.unit else values
-    moved = moved[np.isfinite(moved)]
-    if not moved.size:
+        scaled = np.log(values) if quantity.unit else values
+    scaled = scaled[np.isfinite(scaled)]
+    if not scaled.size:
         return np.inf
-    low, high = np.quantile(moved, [0.1587, 0.8413])
+    low, high = np.quantile(scaled, [0.1587, 0.8413])
     return max(0.5 * float(high - low), 1e-12)
 
 
 def contractions(prior: Sequence[Derived], posterior: Sequence[Derived]) -> list[float]:
-    """Share by which the data shrink the variance of each quantity, given in the same order."""
+    """Fraction by which the data shrink the variance of each quantity, given in the same order."""
     return [
         1.0 - (spread(after) / spread(before)) ** 2
         for before, after in zip(prior, posterior, strict=True)

@@ -52,17 +52,17 @@ def stacking_weights(log_density: np.ndarray, worth: np.ndarray) -> np.ndarray:
     """
     models = len(log_density)
     top = log_density.max(axis=0)
-    known = np.isfinite(top)  # a reading that all models exclude says nothing of their weights
-    density = np.exp(log_density[:, known] - top[known])
-    worth = worth[known]
+    predicted = np.isfinite(top)  # readings that all models exclude do not inform weights
+    density = np.exp(log_density[:, predicted] - top[predicted])
+    worth = worth[predicted]
     weight = np.full(models, 1.0 / models)
     prior = PRIOR_READINGS / models  # a - 1
     total = worth.sum() + PRIOR_READINGS
     for _ in range(_STEPS):
-        # expectation maximisation: the share of every reading that each model explains
-        share = weight[:, None] * density
-        mixture = share.sum(axis=0)
-        explained = (share / mixture) @ worth + prior
+        # expectation maximisation: the fraction of every reading that each model explains
+        joint = weight[:, None] * density
+        mixture = joint.sum(axis=0)
+        explained = (joint / mixture) @ worth + prior
         new = explained / total
         if np.abs(new - weight).max() < _TOLERANCE:
             return new
@@ -103,7 +103,7 @@ def mixed_percentiles(
 
 SHARPNESS_LOG_SD = 0.25
 """Sd of the prior of ln c, set with the aorta and the valve of the documentation in sight: parts
-are few, and their readings miss together. Half and twice of it change the share of left-out
+are few, and their residuals are correlated. Half and twice of it change the fraction of left-out
 readings in their bands by at most 0.08."""
 LEAST_SHARPNESS, LARGEST_SHARPNESS = 0.3, 20.0
 _LEAST_PROBABILITY = 1e-9
@@ -118,14 +118,16 @@ def mixed_probabilities(
     no part in the mixture there.
     """
     # F(y_i) = sum_k w_k mean_s Phi((y_i - m_ksi) / sd_ksi)
-    each, share = [], []
+    by_law, weights = [], []
     with np.errstate(invalid="ignore", divide="ignore"):
         for m, s, w in zip(model, sd, weight, strict=True):
             below = standard_cdf((measured - m) / s)
-            known = np.isfinite(below)
-            each.append(np.where(known, below, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-            share.append(w * known.any(axis=0))
-        probability: np.ndarray = np.sum(np.multiply(share, each), axis=0) / np.sum(share, axis=0)
+            finite = np.isfinite(below)
+            mean = np.where(finite, below, 0.0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
+            by_law.append(mean)
+            weights.append(w * finite.any(axis=0))
+        mixed = np.sum(np.multiply(weights, by_law), axis=0)
+        probability: np.ndarray = mixed / np.sum(weights, axis=0)
     return probability
 
 
@@ -134,8 +136,8 @@ def sharpness(probability: np.ndarray, worth: np.ndarray) -> float:
 
     Above 1 where readings lie nearer to the middle of the mixture than it predicts.
     """
-    known = np.isfinite(probability)
-    u, worth = probability[known], worth[known]
+    finite = np.isfinite(probability)
+    u, worth = probability[finite], worth[finite]
     u = np.clip(u, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
     logs, total = float(worth @ (np.log(u) + np.log1p(-u))), float(worth.sum())
 

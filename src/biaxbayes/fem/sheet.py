@@ -148,7 +148,7 @@ def _fibre_energy_slope(material: GOH, E: np.ndarray) -> np.ndarray:
 
 
 def _active(material: GOH, E: np.ndarray) -> np.ndarray:
-    """Share of a family that carries load: none in compression with the switch."""
+    """Fraction of a family that carries load: none in compression with the switch."""
     return 1.0 - material.fibre_switch * (E.real < 0.0)
 
 
@@ -167,7 +167,7 @@ class Sheet:
     serendipity : bool
         Elements of eight nodes instead of nine.
     distortion : float
-        Moves inner mesh points at random by up to this share of an element: for patch tests.
+        Moves inner mesh points at random by up to this fraction of an element: for patch tests.
 
     Raises
     ------

@@ -146,7 +146,7 @@ class Hooks:
 
 # --- mounting, then stretching from the mounted state --------------------------------------------
 
-GAUGE = 0.25  # distance of the markers as a share of the edge
+GAUGE = 0.25  # distance of the markers as a fraction of the edge
 TOLERANCE = 1e-10  # of the residual, relative to the forces
 MAX_ITERATIONS = 20
 MAX_HALVINGS = 12

@@ -35,8 +35,8 @@ def screened_points(
     ``point`` (p,) holds fixed values, ``free`` are the indices of the others. ``with_mounting``
     draws mounting stretches and counts the mounting reading; else they are one.
     """
-    few = data.thinned(SCREENING_ROWS)
-    stretch, load = few.stretch, few.load
+    thinned = data.thinned(SCREENING_ROWS)
+    stretch, load = thinned.stretch, thinned.load
     if with_mounting:
         stretch = np.hstack([np.ones_like(data.mounting_load), stretch])
         load = np.hstack([data.mounting_load, load])

@@ -15,11 +15,11 @@ from biaxbayes.options import CONTENT
 
 BINS = 256
 TAIL = 0.0005
-"""Share of the draws on each side that a range may leave out."""
+"""Fraction of the draws on each side that a range may leave out."""
 MARGIN = 0.08
-"""Share of the range of the draws that is left free beside them."""
+"""Fraction of the range of the draws added on either side."""
 TOUCHING = 0.5
-"""A density at an edge above this share of its maximum is piled up there."""
+"""A density at an edge above this fraction of its maximum is piled up there."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,7 @@ def interval(
 def robust_sd(u: np.ndarray) -> float:
     """Standard deviation, or that of the middle half where tails inflate it."""
     q25, q75 = np.quantile(u, [0.25, 0.75])
-    spread = float(q75 - q25) / 1.349
+    # of a normal: (q75 - q25) / 1.349
+    middle_sd = float(q75 - q25) / 1.349
     sd = float(np.std(np.clip(u, -1.0, 2.0)))
-    return min(sd, spread) if spread > 0.0 else sd
+    return min(sd, middle_sd) if middle_sd > 0.0 else sd

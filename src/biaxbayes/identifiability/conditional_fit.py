@@ -7,7 +7,7 @@ The deviance is -2 ln L of the posterior's own likelihood, with the error sd pro
 RSS is the misfit of the loads after the mounted state, n_eff = beta n the effective number of its n
 readings (beta = 1 for independent errors), f0 the mounting reading with its own sd s0, never
 tempered. No prior enters. The logarithm lies below its tangent, so least squares with the sd of the
-last step lowers D at every step until it settles.
+last step lowers D at every step until it converges.
 """
 
 from __future__ import annotations
@@ -78,22 +78,22 @@ class ConditionalLikelihood:
         count = self.lower.size if self.settings.reads_force else self.theta
         free = np.array([i for i in range(count) if i not in fixed], dtype=int)
         floor = MIN_ERROR_SD * self.data.peak
-        sd, before = max(error_sd, floor), np.inf
+        sd, previous = max(error_sd, floor), np.inf
         fit = ConditionalFit(point, np.inf, sd)
         for _ in range(rounds):
             fit = self._step(fit.unknowns, free, sd, steps)
             sd = max(fit.error_sd, floor)
-            if not (np.isfinite(fit.deviance) and before - fit.deviance > DEVIANCE_TOLERANCE):
+            if not (np.isfinite(fit.deviance) and previous - fit.deviance > DEVIANCE_TOLERANCE):
                 break
-            before = fit.deviance
+            previous = fit.deviance
         return fit
 
     def extra_starts(self, fixed_values: dict[int, float], count: int) -> list[np.ndarray]:
         """Promising starting points far from any other fit, the best of many random materials."""
         point = np.zeros(self.theta)
-        known = {i: v for i, v in {**self.fixed, **fixed_values}.items() if i < self.theta}
-        point[list(known)] = list(known.values())
-        free = np.array([i for i in range(self.theta) if i not in known], dtype=int)
+        fixed = {i: v for i, v in {**self.fixed, **fixed_values}.items() if i < self.theta}
+        point[list(fixed)] = list(fixed.values())
+        free = np.array([i for i in range(self.theta) if i not in fixed], dtype=int)
         materials, lm = screened_points(
             self.data,
             count,

@@ -94,8 +94,8 @@ def derived_quantities(
         for stretch in stiffness_at:
             jacobian = material.cauchy_by_log_stretch(stretch, stretch)
             for i, axis in enumerate("xy"):
-                own = jacobian[i, i, :, 0]
-                out.append(Derived(STIFFNESS, f"stiffness_{axis}", "kPa", stretch, own))
+                values = jacobian[i, i, :, 0]
+                out.append(Derived(STIFFNESS, f"stiffness_{axis}", "kPa", stretch, values))
         for stretch in stress_at:
             stress = material.cauchy(stretch, stretch)
             for axis, values in zip("xy", stress, strict=True):
@@ -120,8 +120,8 @@ def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
 def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
     """Largest total stretch that the test reached in both directions, at the median mounting."""
     lm = median_mounting(draws, specimen)
-    top = [p.stretch.max(axis=0) * m for p, m in zip(specimen.protocols, lm, strict=True)]
-    return float(np.max(top, axis=0).min())
+    largest = [p.stretch.max(axis=0) * m for p, m in zip(specimen.protocols, lm, strict=True)]
+    return float(np.max(largest, axis=0).min())
 
 
 # --- the table: determined.csv ------------------------------------------------------------------
@@ -271,8 +271,9 @@ def _rows(
             there = there * moved
         for axis, name in enumerate("xy"):
             # s_k = l_k P_k
-            own, tissue, sd = (state[axis] * v[:, axis] for v in (piola, there, error))
-            yield _row(f"Cauchy stress {name}", "kPa", state, own, (tissue, sd) if near else None)
+            cauchy, tissue, sd = (state[axis] * v[:, axis] for v in (piola, there, error))
+            of_tissue = (tissue, sd) if near else None
+            yield _row(f"Cauchy stress {name}", "kPa", state, cauchy, of_tissue)
         for name, i, j in TANGENTS:
             yield _row(f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0])
         yield _row("strain energy", "kPa", state, energy[:, 0])
@@ -292,8 +293,8 @@ def mounting_ratio(
     rng = np.random.default_rng(0)
     states = ("", *(p.name for p in specimen.protocols))
     for axis in range(2):
-        own = (ranges.get(mounting_names("stretch", state)[axis]) for state in states)
-        given = [r for r in own if r is not None]
+        by_state = (ranges.get(mounting_names("stretch", state)[axis]) for state in states)
+        given = [r for r in by_state if r is not None]
         if not given:
             continue
         low, high = np.mean(given, axis=0)
@@ -327,8 +328,8 @@ def _measured_rows(
             state = (float(x), float(y))
             piola, error = _piola(draws, forward, lm * state, lm, material)
             for axis, name in enumerate("xy"):
-                own, sd = (scale[:, axis] * v[:, axis] for v in (piola, error))
-                yield _row(f"nominal stress {name}{ending}", "kPa", state, own, (own, sd))
+                nominal, sd = (scale[:, axis] * v[:, axis] for v in (piola, error))
+                yield _row(f"nominal stress {name}{ending}", "kPa", state, nominal, (nominal, sd))
 
 
 def _piola(

@@ -15,9 +15,9 @@ from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 
 POOR_MISFIT = 0.07
-"""A misfit beyond this share of the largest load is no description."""
+"""A misfit beyond this fraction of the largest load is no description."""
 NOTICEABLE_MISFIT = 0.01
-"""Share of the largest load, and times the noise, beyond which exchanged columns are tried."""
+"""Fraction of the largest load, and times the noise, beyond which exchanged columns are tried."""
 BEYOND_NOISE = 3.0
 MAX_FIT_ROWS = 150
 QUICK_STARTS = 4
@@ -48,7 +48,7 @@ def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
 
 
 def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
-    """A warning where even the closest of some fits is no description; else empty."""
+    """A warning where even the best of several fits is too poor to use; else empty."""
     text, poor = _misfit(specimen, min(fits, key=lambda f: f.rms))
     return text + poor if poor else ""
 
@@ -66,8 +66,9 @@ def _misfit(specimen: Specimen, fit: FitResult) -> tuple[str, str]:
 
 
 SWAPPED = 0.6
-"""Exchanged columns are reported where they leave less than this share of the misfit; of 36 virtual
-tests of three ratios the largest share was 0.06, of an aorta that the model misses by 4 % 0.48."""
+"""Exchanged columns are reported where they leave less than this fraction of the misfit. The
+largest was 0.06 among 36 virtual tests of three ratios, and 0.48 for an aorta with a misfit of
+4 %."""
 
 
 def swapped_columns(
@@ -78,7 +79,7 @@ def swapped_columns(
     fibre_switch: bool = False,
     best: FitResult | None = None,
 ) -> Finding | None:
-    """A finding if a fit with `residuals` misses badly and exchanging x and y of the load helps."""
+    """A finding if a fit with `residuals` is poor and exchanging x and y of the load helps."""
     peak = specimen.peak_load
     bad = max(NOTICEABLE_MISFIT * peak, BEYOND_NOISE * specimen.noise_sd)
     if not root_mean_square(residuals) > bad:
@@ -88,14 +89,14 @@ def swapped_columns(
         protocols=tuple(replace(p, load_x=p.load_y, load_y=p.load_x) for p in specimen.protocols),
     )
     best = best or quick_fit(specimen, law=law, fibre_switch=fibre_switch)
-    own = best.rms
+    rms = best.rms
     exchanged = quick_fit(other, law=law, fibre_switch=fibre_switch).rms
-    if not (own > bad and exchanged < SWAPPED * own):
+    if not (rms > bad and exchanged < SWAPPED * rms):
         return None
     return Finding(
         "swapped",
         "warning",
-        f"x and y of the load seem to be swapped: the best fit misses by {100 * own / peak:.2g} % "
+        f"x and y of the load seem to be swapped: the best fit misses by {100 * rms / peak:.2g} % "
         f"of the largest load, with the two columns exchanged by {100 * exchanged / peak:.2g} %",
     )
 

@@ -253,7 +253,7 @@ def diagnostics_from_draws(
     distances: Mapping[str, float],
     thresholds: Thresholds,
 ) -> dict[str, Diagnostics]:
-    """Diagnostics by name from some of the draws; medians and intervals are of all draws.
+    """Diagnostics by name from thinned draws; medians and intervals are of all draws.
 
     `log_components` are log prior and log likelihood of each draw, `distances` those from a
     physical edge that count as near, by parameter.

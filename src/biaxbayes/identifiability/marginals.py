@@ -98,9 +98,9 @@ def parameter_scales(
     draws: pd.DataFrame,
 ) -> tuple[ComparisonScale, ...]:
     """The material parameters and mounting stretches of a run, in the order of its columns."""
-    known = {q.name: q for q in quantities.assessed()}
+    assessed = {q.name: q for q in quantities.assessed()}
     return tuple(
-        ComparisonScale(known[n], priors[n]) for n in map(str, draws.columns) if n in known
+        ComparisonScale(assessed[n], priors[n]) for n in map(str, draws.columns) if n in assessed
     )
 
 
@@ -127,9 +127,9 @@ class Density:
         """Height at a point; zero outside the grid."""
         return float(np.interp(x, self.x, self.height, left=0.0, right=0.0))
 
-    def width_above(self, share: float) -> float:
-        """Length on which the density is at least a share of its maximum."""
-        above = self.height >= share * self.peak
+    def width_above(self, fraction: float) -> float:
+        """Length on which the density is at least a fraction of its maximum."""
+        above = self.height >= fraction * self.peak
         return float(np.sum(np.gradient(self.x)[above]))
 
 
@@ -160,14 +160,14 @@ def _peaks(shape: Density) -> int:
     """Number of peaks by prominence: valleys are removed, the shallowest first."""
     h = shape.height
     inner = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
-    tops = [int(i) for i in inner]
+    peaks = [int(i) for i in inner]
     if h[0] > h[1]:
-        tops.insert(0, 0)
+        peaks.insert(0, 0)
     if h[-1] > h[-2]:
-        tops.append(h.size - 1)
-    valleys = [int(a + np.argmin(h[a : b + 1])) for a, b in pairwise(tops)]
+        peaks.append(h.size - 1)
+    valleys = [int(a + np.argmin(h[a : b + 1])) for a, b in pairwise(peaks)]
     while valleys:
-        depth = [h[v] / min(h[a], h[b]) for v, a, b in zip(valleys, tops, tops[1:], strict=False)]
+        depth = [h[v] / min(h[a], h[b]) for v, a, b in zip(valleys, peaks, peaks[1:], strict=False)]
         ends = [0, *valleys, h.size - 1]
         mass = [h[a : b + 1].sum() / h.sum() for a, b in pairwise(ends)]
         shallow, light = int(np.argmax(depth)), int(np.argmin(mass))
@@ -177,16 +177,16 @@ def _peaks(shape: Density) -> int:
             join = min(light, len(valleys) - 1)
         else:
             break
-        lower = join if h[tops[join]] < h[tops[join + 1]] else join + 1
-        del tops[lower], valleys[join]
-    return max(len(tops), 1)
+        lower = join if h[peaks[join]] < h[peaks[join + 1]] else join + 1
+        del peaks[lower], valleys[join]
+    return max(len(peaks), 1)
 
 
 # --- where a parameter's range ends, and whether the data keep it away from there ----------------
 
 
-PRIOR_TAIL = 0.025  # share of a prior without bounds that counts as its end
-BOUND_TAIL = 0.05  # share of a prior that counts as near a bound
+PRIOR_TAIL = 0.025  # fraction of a prior without bounds that counts as its end
+BOUND_TAIL = 0.05  # fraction of a prior that counts as near a bound
 
 
 @dataclass(frozen=True)
@@ -197,8 +197,8 @@ class Edge:
     value: float  # natural; without an end the prior's 2.5 % or 97.5 % quantile
     kind: str  # "physical" (of the law), "user" (bound of the prior) or "prior" (its tail)
     distance: float  # what counts as near, in the parameter's unit
-    mass: float  # share of the draws that near
-    prior_mass: float  # share of the prior that near
+    mass: float  # fraction of the draws that near
+    prior_mass: float  # fraction of the prior that near
     support: float  # averaged likelihood there over its maximum
 
     def text(self, parameter: Parameter) -> str:

@@ -29,7 +29,7 @@ from biaxbayes.identifiability.marginals import Z90
 MEASURED_REASON = "measured before and after mounting"
 """The reason of a mounting stretch that the specimen's header gives."""
 FURTHER_LAW = 0.09
-"""Allowance for a further law, as a share of the strain at mounting."""
+"""Allowance for a further law, as a fraction of the strain at mounting."""
 VALUE_WIDTH, FARTHEST_BELOW = 0.035, 0.3
 """Largest width of a value, and largest distance of a lower end below the best law."""
 # FURTHER_LAW and VALUE_WIDTH were tuned on 606 virtual specimens of seven kinds mounted at 1.02 to

@@ -1,8 +1,8 @@
 """Mounting stretches of fits to parts of a record.
 
 The way from the unloaded to the mounted state is not measured. The law extrapolates it from the
-curves beyond, so a law that misses those curves gives a mounting stretch that is no more certain
-than the miss. Fits to parts of the same record show how far it moves.
+curves beyond, so where a law leaves residuals on those curves the mounting stretch is as uncertain
+as they are large. Fits to parts of the same record show how far it changes.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import averaged_specimen
 
 LOAD_FRACTIONS = (0.3, 0.5)
-"""Parts of the record that are fitted alone: until a load passes this share of its peak."""
+"""Parts of the record that are fitted alone: until a load passes this fraction of its peak."""
 MIN_ROWS = 6
 REFIT_ROWS = 60
 """Rows of a protocol that the refits use, averaged."""
 TOE_FRACTION = 0.25
-"""Share of a protocol's rows that the miss near the mounted state is read from."""
+"""Fraction of a protocol's rows that count as near the mounted state."""
 REFIT_STARTS = 2
 CUT_PROBABILITY = 0.001
 
@@ -37,12 +37,12 @@ class MountingRefits:
     """Mounting stretches of fits to parts of a record, by name."""
 
     stretch: dict[str, np.ndarray]  # (fits,): the value in every fit that has it
-    error: dict[str, float]  # change that balances the largest miss near the mounted state
+    error: dict[str, float]  # change that balances the largest residual near the mounted state
 
     def range(
         self, name: str, interval: tuple[float, float], errors: float, prior: Prior | DrawnPrior
     ) -> tuple[float, float]:
-        """Range of an interval and all refits with their errors, cut to the prior."""
+        """Range of an interval and all refits with their errors, truncated to the prior."""
         values = self.stretch[name]
         margin = errors * self.error[name]
         low, high = interval
@@ -102,7 +102,7 @@ def _toe(residual: np.ndarray) -> np.ndarray:
 
 
 def _first_part(data: Specimen, share: float) -> Specimen:
-    """The record until a load first passes a share of its peak, six rows at least."""
+    """The record until a load first passes a fraction of its peak, six rows at least."""
     protocols = []
     for p in data.protocols:
         load = np.abs(data.load(p))
@@ -113,19 +113,19 @@ def _first_part(data: Specimen, share: float) -> Specimen:
 
 
 def _errors(posterior: Posterior, data: Specimen, full: FitResult) -> dict[str, float]:
-    """Largest miss near the mounted state over the stiffness there, as a stretch by name."""
+    """Largest residual near the mounted state over the stiffness there, as a stretch by name."""
     shared = posterior.settings.shared
     readings = Readings.from_specimen(data, shared=shared)
     point = posterior.law.to_fit_coordinates(full.material.values)
     forward = readings.forward(posterior.law)
     lm = forward.solve_mounting(point, readings.mounting_load)
-    # d f0 = df/d(ln lm) d(ln lm)
+    # d f0 = df/d(ln lm) d(ln lm),  so  d lm = lm (df/d(ln lm))^-1 d f0
     slope = forward.response(point, 1.0, lm).by_log_mounting.transpose(2, 0, 1)
     toes = [np.abs(_toe(r)).max(axis=0) for r in full.residuals]
-    miss = [np.max(toes, axis=0)] if shared else toes
+    residual = [np.max(toes, axis=0)] if shared else toes
     out: dict[str, float] = {}
     for i, label in enumerate(posterior.mounts):
         by_load = lm[:, i, None] * np.linalg.inv(slope[i])
-        error = np.hypot(*(by_load * miss[i]).T)
+        error = np.hypot(*(by_load * residual[i]).T)
         out |= dict(zip(mounting_names("stretch", label), map(float, error), strict=True))
     return out

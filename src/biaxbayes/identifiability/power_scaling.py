@@ -21,7 +21,7 @@ from biaxbayes.parameters import mounting_names
 POWERS = (0.99, 1.01)
 END_POWERS = (0.8, 1.25)
 DECIDING_SHIFT = 0.25
-"""A prior decides an end that moves by this share of its distance from the median for a prior of
+"""A prior decides an end that moves by this fraction of its distance from the median for a prior of
 twice the sd. Alone a normal prior moves it by 0.7 of that, with as much from the data by 0.35."""
 
 
@@ -62,7 +62,7 @@ def _divergence(p: np.ndarray, q: np.ndarray, width: np.ndarray) -> float:
 
 
 def ends_by_prior(values: np.ndarray, log_prior: np.ndarray) -> tuple[bool, bool]:
-    """Test of the (low, high) end for one that the prior, by its log at each draw, decides."""
+    """Whether the prior, given by its log at each draw, decides the (low, high) end."""
     order = np.argsort(values, kind="stable")
     values, centred = values[order], (log_prior - log_prior.mean())[order]
     ends = []
@@ -84,11 +84,11 @@ def log_prior(scales: tuple[ComparisonScale, ...], draws: pd.DataFrame) -> np.nd
     for scale in scales:
         prior = scale.prior
         if isinstance(prior, DrawnPrior):
-            known = density(scale.to_scale(prior.ppf(LEVELS)))
+            marginal = density(scale.to_scale(prior.ppf(LEVELS)))
             at = np.interp(
-                scale.to_scale(draws[scale.name].to_numpy(dtype=float)), known.x, known.height
+                scale.to_scale(draws[scale.name].to_numpy(dtype=float)), marginal.x, marginal.height
             )
-            total += np.log(np.maximum(at, 1e-12 * known.peak))
+            total += np.log(np.maximum(at, 1e-12 * marginal.peak))
             continue
         if not isinstance(prior, Prior) or prior.family in ("uniform", "loguniform"):
             continue

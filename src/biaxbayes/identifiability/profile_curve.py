@@ -19,7 +19,7 @@ from biaxbayes.parameters import DEGREE, MATERIAL, Parameter
 MIN_STEP_OF_SCALE = 1e-4
 """Lower end of the axis of a positive scale, which stands for zero (kPa or 1)."""
 STEPS_OF_SCALE = (0.02, MIN_STEP_OF_SCALE, 0.8)
-"""First, least and largest step of a positive scale, in logs."""
+"""First, smallest and largest step of a positive scale, in logs."""
 STEPS_OF_ANGLE = (0.5, 1e-3, 5.0)
 STEPS_OF_SHARE = (0.004, 1e-5, 0.02)
 STEPS_OF_STRETCH = (0.0005, 1e-6, 0.01)
@@ -95,10 +95,10 @@ DEVIANCE_STEP = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MAX_CURVE_STEPS = 80
 SWEEPS = 3
 EXTRA_STARTS = 4  # fresh starting points at an anchor
-FIRST_FIT_STEPS = 25  # steps of a first fit from each
+FIRST_FIT_STEPS = 25  # steps of a first fit from each of them
 MAX_FIRST_DEVIANCE = 50.0  # deviance above the lowest beyond which a first fit is not continued
-MAX_GAP_POINTS = 60  # most points put into gaps
-LEVEL_GAP_WEIGHT = 0.3  # a gap counts by this share where the curve is level
+MAX_GAP_POINTS = 60  # maximum number of points put into gaps
+LEVEL_GAP_WEIGHT = 0.3  # a gap counts by this fraction where the curve is level
 MIN_IMPROVEMENT = 1e-4
 MIN_LOWER_DEVIANCE = 0.02  # in deviance: less is the error of interpolating
 THRESHOLD_TOLERANCE = 0.01  # of a point to the threshold, in deviance
@@ -137,11 +137,13 @@ class ProfileCurve:
             at, best = float(at), self.fits[self.lowest]
             extra = self.likelihood.extra_starts(self._fixed(at), EXTRA_STARTS)
             starts = [best, *(replace(best, unknowns=unknowns) for unknowns in extra)]
-            looks = [self._best(at, start, rounds=2, steps=FIRST_FIT_STEPS) for start in starts]
-            looks.sort(key=lambda fit: fit.deviance)
-            new_fit = looks[0]
+            first_fits = [
+                self._best(at, start, rounds=2, steps=FIRST_FIT_STEPS) for start in starts
+            ]
+            first_fits.sort(key=lambda fit: fit.deviance)
+            new_fit = first_fits[0]
             if new_fit.deviance < best.deviance + MAX_FIRST_DEVIANCE:
-                ends = [self._best(at, fit) for fit in looks[:2]]
+                ends = [self._best(at, fit) for fit in first_fits[:2]]
                 new_fit = min(ends, key=lambda fit: fit.deviance)
             level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
@@ -184,8 +186,8 @@ class ProfileCurve:
         starts = [first]
         if len(neighbours) == 2:
             a, b = (self.at[k] for k in neighbours)
-            share = (at - a) / (b - a)
-            line = first.unknowns + share * (self.fits[neighbours[1]].unknowns - first.unknowns)
+            fraction = (at - a) / (b - a)
+            line = first.unknowns + fraction * (self.fits[neighbours[1]].unknowns - first.unknowns)
             line = np.clip(line, self.likelihood.lower, self.likelihood.upper)
             starts.insert(0, replace(first, unknowns=line))
         return min((self._best(at, start) for start in starts), key=lambda fit: fit.deviance)
@@ -233,11 +235,11 @@ class ProfileCurve:
         better = False
         for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
             for k in order:
-                tried = self._best(self.at[k], self.fits[k - order.step])
-                if tried.deviance < self.fits[k].deviance - MIN_IMPROVEMENT:
+                refit = self._best(self.at[k], self.fits[k - order.step])
+                if refit.deviance < self.fits[k].deviance - MIN_IMPROVEMENT:
                     better = True
-                if tried.deviance < self.fits[k].deviance:
-                    self.fits[k] = tried
+                if refit.deviance < self.fits[k].deviance:
+                    self.fits[k] = refit
         return better
 
     def release(self) -> bool:
@@ -273,8 +275,8 @@ class ProfileCurve:
         """Where the curve crosses the threshold between two points."""
         # The root of the deviance is nearly linear in the parameter.
         a, b = (np.sqrt(max(self.rise(k), 0.0)) for k in (inside, outside))
-        share = (np.sqrt(THRESHOLD) - a) / (b - a)
-        return float(self.at[inside] + share * (self.at[outside] - self.at[inside]))
+        fraction = (np.sqrt(THRESHOLD) - a) / (b - a)
+        return float(self.at[inside] + fraction * (self.at[outside] - self.at[inside]))
 
     def crossing(self, side: int) -> tuple[int, int] | None:
         """The outermost neighbours on a side between which the threshold is crossed."""

@@ -174,7 +174,7 @@ def _material_row(
     if wide.factor >= MIN_QUOTED_WIDENING:
         widening = f"widened {wide.factor:.2g} times for the model error of {law.short_name}"
     interval = f"its interval, {widening}," if widening else "its interval"
-    partners = e.partners.names if e.is_traded(thresholds) else ()
+    partners = e.partners.names if e.is_correlated(thresholds) else ()
     trades = f"trades with {listed(partners)}" if partners else ""
     ratio = e.high / max(e.low, 1e-300) if scale.logarithmic else 1.0
     weak_reason = f"{interval} is hardly narrower than the prior" if widening else PRIOR_DECIDES

@@ -29,16 +29,16 @@ AXES: dict[int | None, str] = {0: "_x", 1: "_y"}
 class Thresholds:
     """Every number a verdict depends on; the widths of sharp intervals are `Parameter.sharp`."""
 
-    # an end of the range is open where the averaged likelihood there is at least this share of its
-    # maximum: exp(-1.92), the edge of a 95 % likelihood interval
+    # an end of the range is open where the averaged likelihood there is at least this fraction of
+    # its maximum: exp(-1.92), the edge of a 95 % likelihood interval
     edge_support: float = 0.147
-    # a parameter is traded where knowing its partners cuts its sd to this share
+    # a parameter is correlated with its partners where knowing them cuts its sd to this fraction
     combination_spread: float = 0.5
-    # a traded parameter is known on its own if its interval is at most this many times as wide as a
-    # sharp one (1 if a partner may lie at an end of its range). Chosen on seeds 0 to 35 of the
+    # a correlated parameter is known on its own if its interval is at most this many times as wide
+    # as a sharp one (1 if a partner may lie at an end of its range). Chosen on seeds 0 to 35 of the
     # study of reported intervals
     traded_width: float = 2.0
-    # the share of the prior that the data have to exclude for a one-sided verdict
+    # the fraction of the prior that the data have to exclude for a one-sided verdict
     one_sided_excluded: float = 0.25
     # prior-dominated where the variance shrinks by less than this; 0.75 is half the prior's sd: for
     # normal densities the data then count three times as much as the prior
@@ -46,9 +46,9 @@ class Thresholds:
     # with separate peaks, prior-dominated only if less of the prior is excluded as well
     prior_excluded: float = 0.5
     # errors added to the range of the refits: changes of the mounting stretch that balance the
-    # largest miss near the mounted state
+    # largest residual near the mounted state
     refit_errors: float = Z90
-    # contradicted where the interval is less than this share of the range of the refits
+    # contradicted where the interval is less than this fraction of the range of the refits
     refit_share: float = 0.5
 
     def items(self, parameters: Iterable[Parameter]) -> list[tuple[str, float]]:
@@ -71,7 +71,7 @@ class Diagnostics:
     high: float
     prior_sd: float
     posterior_sd: float
-    prior_excluded: float  # share of the prior where the likelihood is below `edge_support`
+    prior_excluded: float  # fraction of the prior where the likelihood is below `edge_support`
     edges: tuple[Edge, ...]
     partners: Partners
     modes: int
@@ -88,8 +88,8 @@ class Diagnostics:
         """1 - posterior variance / prior variance."""
         return 1.0 - (self.posterior_sd / self.prior_sd) ** 2
 
-    def is_traded(self, thresholds: Thresholds) -> bool:
-        """True if the parameter is traded with its partners."""
+    def is_correlated(self, thresholds: Thresholds) -> bool:
+        """True if knowing its partners would narrow the parameter much."""
         return self.partners.spread_given_partners <= thresholds.combination_spread
 
     def is_contradicted(self, thresholds: Thresholds) -> bool:
@@ -122,7 +122,7 @@ class ParameterVerdict:
 
     @property
     def partners(self) -> tuple[str, ...]:
-        """Parameters that it trades with, whatever the verdict."""
+        """Parameters that it is correlated with, whatever the verdict."""
         return self.diagnostics.partners.names if self.diagnostics else ()
 
 
@@ -137,19 +137,19 @@ def decide(
     e, t = diagnostics, thresholds
     if e.is_contradicted(t):
         return NOT_IDENTIFIED
-    traded = e.is_traded(t)
+    correlated = e.is_correlated(t)
     if undefined:  # undefined at an end that is not excluded: no value is, however narrow
-        return COMBINATION if traded else NOT_IDENTIFIED
+        return COMBINATION if correlated else NOT_IDENTIFIED
     # With a partner at an end (aligned fibres) correlated parameters may lie far from the truth.
     widest = 1.0 if partner_at_end else t.traded_width
-    if traded and not e.parameter.is_sharp(e.low, e.high, widest):
+    if correlated and not e.parameter.is_sharp(e.low, e.high, widest):
         return COMBINATION
     ends = e.open_edges(t)
     if any(edge.kind != "physical" for edge in ends) or len(ends) == 2:
         return NOT_IDENTIFIED
     if ends and e.prior_excluded >= t.one_sided_excluded:
         return BOUNDED
-    # Two narrow peaks have a wide spread and are no prior: what they exclude counts.
+    # Two narrow peaks have a large sd, but unlike a prior they exclude values: those count.
     if e.contraction < t.contraction and (e.modes < 2 or e.prior_excluded < t.prior_excluded):
         return NOT_IDENTIFIED
     return BOUNDED if ends else IDENTIFIED

@@ -40,7 +40,7 @@ def virtual_test(
     """Stretch a homogeneous specimen from its mounted state in equal increments.
 
     ``mounting_stretch`` is relative to the unloaded state, the largest ``total_stretch`` or
-    ``measured_stretch`` (give one) to the unloaded or the mounted one; ``ratio`` is the share of
+    ``measured_stretch`` (give one) to the unloaded or the mounted one; ``ratio`` is the fraction of
     the stretch beyond the mounted state of each direction. The dimensions are unloaded ones.
     """
     if (total_stretch is None) == (measured_stretch is None):

@@ -180,7 +180,7 @@ def design(
     executor : Executor, optional
         Default this process. The result does not depend on it.
     progress : callable
-        Called with the share of finished candidates.
+        Called with the fraction of finished candidates.
 
     Raises
     ------

@@ -100,9 +100,9 @@ def known_percentiles(values: np.ndarray, levels: tuple[float, ...]) -> np.ndarr
     """Percentiles over the draws that have a value, shape (levels, m); NaN where none has."""
     out = np.full((len(levels), values.shape[1]), np.nan)
     for j, column in enumerate(values.T):
-        known = column[np.isfinite(column)]
-        if known.size:
-            out[:, j] = np.quantile(known, levels)
+        finite = column[np.isfinite(column)]
+        if finite.size:
+            out[:, j] = np.quantile(finite, levels)
     return out
 
 

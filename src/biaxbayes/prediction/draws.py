@@ -1,7 +1,7 @@
 """Posterior draws as arrays, and the single draws that stand for them.
 
-A vector of parameter-wise medians is no material of the posterior: where parameters trade with
-each other its curves may lie outside every band. A draw is one.
+A vector of parameter-wise medians is no material of the posterior: where parameters are
+correlated its curves may lie outside every band. A draw is one.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def mounting_stretch(draws: pd.DataFrame, state: str = "") -> np.ndarray:
 
 def protocol_mounting(draws: pd.DataFrame, protocol: Protocol) -> np.ndarray:
     """Mounting stretches of each draw for one protocol, shape (n, 2)."""
-    own = mounting_names("stretch", protocol.name)[0] in draws
-    return mounting_stretch(draws, protocol.name if own else "")
+    per_protocol = mounting_names("stretch", protocol.name)[0] in draws
+    return mounting_stretch(draws, protocol.name if per_protocol else "")
 
 
 # --- single draws that stand for a posterior: the median draw, the most probable one, a sample ---

@@ -23,7 +23,7 @@ LARGE_RESIDUAL = 0.05
 NOISE_SDS = 4.0
 """Noise sds that the largest residual of some hundred readings may reach by chance."""
 MIN_BAND_COVERAGE = 0.8
-"""Share of readings inside a 90 % predictive band, below which the band is too narrow."""
+"""Fraction of readings inside a 90 % predictive band, below which the band is too narrow."""
 
 
 def predictive_checks(

@@ -147,7 +147,7 @@ def stretch_path(
     largest : float
         Largest stretch of the leading direction.
     ratio : (float, float)
-        Share of the stretch beyond 1 that each direction takes, as in a ``1:0.5`` protocol.
+        Fraction of the stretch beyond 1 that each direction takes, as in a ``1:0.5`` protocol.
 
     Returns
     -------

@@ -31,7 +31,7 @@ LOW_EXCESS, HIGH_EXCESS = 1.6, 4.0
 """Excess: how far the largest log weights (their 0.998 quantile) lie above the median one. Below
 the first, mixing is good; above the second, walkers get stuck."""
 DE_SHARES = (0.2, 0.35, 0.5)
-"""Share of differential-evolution moves: at a low excess, between, at a high one."""
+"""Fraction of differential-evolution moves: at a low excess, between, at a high one."""
 MAX_ROUNDS = 8
 GOOD_ACCEPTANCE = 0.45
 """Acceptance from which a proposal need not change before its final fit."""

@@ -23,7 +23,7 @@ TENTATIVE_ESS = 100.0
 TENTATIVE_STEPS_PER_TAU = 2.0
 """Below these nothing is shown, since stuck walkers would count as independent draws."""
 MAX_STUCK = 1.0 / 3.0
-"""Largest share of a run for which a walker may be stuck in one place."""
+"""Largest fraction of a run for which a walker may be stuck in one place."""
 
 
 def split_rhat(draws: np.ndarray) -> float:

@@ -61,7 +61,7 @@ class AdaptedIndependenceMove(emcee.moves.Move):
 
     @property
     def acceptance(self) -> float:
-        """Share of proposals accepted since :meth:`reset_counts`; 0 when none were tried."""
+        """Fraction of proposals accepted since :meth:`reset_counts`; 0 when none were tried."""
         return self.accepted / self.tried if self.tried else 0.0
 
     def adapt(

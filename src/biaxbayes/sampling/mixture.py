@@ -83,21 +83,22 @@ def fit_mixture(
     # A component needs several times d points for a usable covariance.
     components = max(1, min(components, n // (5 * (d + 1))))
     centres, _ = kmeans(points, components, iter=KMEANS_STARTS, seed=rng)
-    share = np.eye(len(centres))[vq(points, centres)[0]]  # (n, K): of each component in each point
+    # (n, K): responsibility of each component for each point
+    responsibility = np.eye(len(centres))[vq(points, centres)[0]]
     last = -np.inf
     for _ in range(MAX_ITERATIONS):
         # m_k = sum_i r_ik x_i / n_k,  S_k = sum_i r_ik (x_i - m_k)(x_i - m_k)^T / n_k
-        totals = share.sum(axis=0) + 10.0 * np.finfo(float).eps
-        means = share.T @ points / totals[:, None]
+        totals = responsibility.sum(axis=0) + 10.0 * np.finfo(float).eps
+        means = responsibility.T @ points / totals[:, None]
         offsets = [points - mean for mean in means]
-        scatter = np.array([(r * o.T) @ o for r, o in zip(share.T, offsets, strict=True)])
+        scatter = np.array([(r * o.T) @ o for r, o in zip(responsibility.T, offsets, strict=True)])
         factors = np.linalg.cholesky(scatter / totals[:, None, None] + VARIANCE_FLOOR * np.eye(d))
         # r_ik = w_k N(x_i; m_k, S_k) / sum_j w_j N(x_i; m_j, S_j)
         log_det = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
         log_joint = np.log(totals / totals.sum()) - log_det - 0.5 * d * math.log(2.0 * math.pi)
         log_joint = log_joint - 0.5 * squared_distances(points, means, np.linalg.inv(factors))
         log_density = logsumexp(log_joint, axis=1, keepdims=True)
-        share = np.exp(log_joint - log_density)
+        responsibility = np.exp(log_joint - log_density)
         if abs(log_density.mean() - last) < EM_TOLERANCE:
             break
         last = log_density.mean()

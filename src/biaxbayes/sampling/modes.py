@@ -162,8 +162,8 @@ def mode_clusters(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]
     ]
 
 
-def _same(one: Mode, other: Mode) -> bool:
+def _same(first: Mode, second: Mode) -> bool:
     """Test whether two modes are within the local widths of both."""
-    offset = one.location - other.location
-    z = np.array([np.linalg.solve(m.factor, offset) for m in (one, other)])
+    offset = first.location - second.location
+    z = np.array([np.linalg.solve(m.factor, offset) for m in (first, second)])
     return bool((np.sqrt((z**2).mean(axis=1)) < SAME_MODE_DISTANCE).all())

@@ -27,14 +27,14 @@ from biaxbayes.tasks import one_blas_thread
 POPULATION = 4096
 MAX_GENERATIONS = 24
 SEARCH_COMPONENTS = 6
-TARGET_SHARE = 0.4  # effective share of a generation at which the proposal fits well enough
-TEMPERED_SHARE = 0.15  # effective share that each tempered generation keeps
+TARGET_FRACTION = 0.4  # effective fraction of a generation at which the proposal fits well enough
+TEMPERED_FRACTION = 0.15  # effective fraction that each tempered generation keeps
 SEARCH_WIDTHS = (0.3, 1.0, 3.0)
 """Widths, over the scale of a search, of Student t distributions for mass that no mode covers."""
 MAX_POPULATIONS = 2
 """Populations that several parts share."""
 NEGLIGIBLE_MASS = 1e-3
-"""A well-fitted part of the proposal is dropped below this share of the mass."""
+"""A well-fitted part of the proposal is dropped below this fraction of the mass."""
 MIN_POINTS_PER_DIMENSION = 5
 """Points per dimension below which a part is given up: another is denser where it is."""
 CLUSTER_POINTS = 600
@@ -110,8 +110,8 @@ def search(
             centre,
         ]
         factors = [width * m.factor for m in cluster for width in (1.0, 2.0)] + wide
-        shares = [share / len(cluster) for _ in cluster for share in (0.4, 0.3)] + [0.1] * 3
-        parts.append(first_proposal(np.array(means), factors, np.array(shares), bounds))
+        mix = [weight / len(cluster) for _ in cluster for weight in (0.4, 0.3)] + [0.1] * 3
+        parts.append(first_proposal(np.array(means), factors, np.array(mix), bounds))
     weights = np.array([len(cluster) for cluster in clusters]) / len(modes)
     first = MixtureProposal(weights, tuple(parts))
     return Start(*adapt_proposal(target.log_prob, first, bounds, rng, population), rng)
@@ -128,13 +128,13 @@ def adapt_proposal(
     """Adapt a first proposal to a density; the proposal, its last points and log weights.
 
     The first one is much wider than the density, so the weights are tempered: raised to the
-    largest power that keeps a share of the population effective, separately in each part. All
+    largest power that keeps a fraction of the population effective, separately in each part. All
     parts get equally many points. A mode that no point of a generation comes near is lost;
     :mod:`.modes` looks for them beforehand. A part is dropped when its total weight is negligible
     and no single point dominates. ``components`` is the largest number of components per part.
     Raises NotConverged if no point has a positive density.
     """
-    best_share, stalled = 0.0, 0
+    best_fraction, stalled = 0.0, 0
     for _ in range(MAX_GENERATIONS):
         u = proposal.sample(rng, population * min(len(proposal.parts), MAX_POPULATIONS))
         log_prob = log_density(u)
@@ -146,19 +146,19 @@ def adapt_proposal(
         label = _cluster_labels(proposal, u, log_weight)
         powers = [tempering_power(log_weight[label == k]) for k in range(label.max() + 1)]
         if min(powers) == 1.0:
-            share = min(effective_share(log_weight[label == k]) for k in range(len(powers)))
-            stalled = 0 if share > best_share + 0.02 else stalled + 1
-            best_share = max(share, best_share)
-            if share > TARGET_SHARE or stalled >= 2:
+            fraction = min(effective_fraction(log_weight[label == k]) for k in range(len(powers)))
+            stalled = 0 if fraction > best_fraction + 0.02 else stalled + 1
+            best_fraction = max(fraction, best_fraction)
+            if fraction > TARGET_FRACTION or stalled >= 2:
                 break
         tempered = np.where(
             inside, np.array(powers)[label] * np.where(inside, log_weight, 0.0), -np.inf
         )
         chosen = resample_clusters(tempered, label, len(u) // 2, rng)
-        most = components * (int(label.max()) + 1)
+        max_components = components * (int(label.max()) + 1)
         with one_blas_thread():
             proposal = fit_mixture_proposal(
-                u[chosen], rng, bounds=bounds, components=most, label=label[chosen]
+                u[chosen], rng, bounds=bounds, components=max_components, label=label[chosen]
             )
     return proposal, u, log_weight
 
@@ -170,9 +170,9 @@ def _cluster_labels(proposal: MixtureProposal, u: np.ndarray, log_weight: np.nda
     w = np.exp(log_weight - log_weight.max())
     masses, retained = np.bincount(label, w) / w.sum(), []
     for k, mass in enumerate(masses):
-        own = log_weight[(label == k) & np.isfinite(log_weight)]
-        enough = len(own) >= MIN_POINTS_PER_DIMENSION * u.shape[1]
-        if enough and (mass >= NEGLIGIBLE_MASS or tempering_power(own) < 1.0):
+        weights_of_part = log_weight[(label == k) & np.isfinite(log_weight)]
+        enough = len(weights_of_part) >= MIN_POINTS_PER_DIMENSION * u.shape[1]
+        if enough and (mass >= NEGLIGIBLE_MASS or tempering_power(weights_of_part) < 1.0):
             retained.append(k)
     return np.asarray(by_part[retained or [int(masses.argmax())]].argmax(axis=0))
 
@@ -186,23 +186,23 @@ def resample_clusters(
     return np.concatenate([own[resample(log_weight[own], count, rng)] for own in clusters])
 
 
-def effective_share(log_weight: np.ndarray) -> float:
-    """Effective share (sum w)^2 / (n sum w^2) of an importance sample."""
+def effective_fraction(log_weight: np.ndarray) -> float:
+    """Effective fraction (sum w)^2 / (n sum w^2) of an importance sample."""
     w = np.exp(log_weight - log_weight.max())
     return float(w.sum() ** 2 / (w.size * (w * w).sum()))
 
 
 def tempering_power(log_weight: np.ndarray) -> float:
-    """Largest power of the weights, at most one, that keeps a share of them effective."""
-    if effective_share(log_weight) >= TEMPERED_SHARE:
+    """Largest power of the weights, at most one, that keeps a fraction of them effective."""
+    if effective_fraction(log_weight) >= TEMPERED_FRACTION:
         return 1.0
     low, high = 0.0, 1.0
     finite = log_weight[np.isfinite(log_weight)]
-    needed = min(TEMPERED_SHARE, 0.5 * finite.size / log_weight.size)
+    needed = min(TEMPERED_FRACTION, 0.5 * finite.size / log_weight.size)
     for _ in range(40):
         power = 0.5 * (low + high)
-        share = effective_share(power * finite) * finite.size / log_weight.size
-        low, high = (power, high) if share >= needed else (low, power)
+        fraction = effective_fraction(power * finite) * finite.size / log_weight.size
+        low, high = (power, high) if fraction >= needed else (low, power)
     return low
 
 

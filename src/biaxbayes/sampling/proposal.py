@@ -170,10 +170,12 @@ def fit_mixture_proposal(
     """Fit a mixture proposal to points (n, d), with one part for each label (from zero)."""
     if label is None:
         label = np.zeros(len(points), dtype=np.int64)
-    share = np.bincount(label) / len(points)
-    most = max(1, components // len(share))
+    weights = np.bincount(label) / len(points)
+    components_per_part = max(1, components // len(weights))
     fits = [
-        fit_transported_mixture(points[label == k], rng, bounds=bounds, components=most)
-        for k in range(len(share))
+        fit_transported_mixture(
+            points[label == k], rng, bounds=bounds, components=components_per_part
+        )
+        for k in range(len(weights))
     ]
-    return MixtureProposal(share, tuple(fits))
+    return MixtureProposal(weights, tuple(fits))
