@@ -230,7 +230,7 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
         ("fungus", {}, "did you mean fung"),
         ("fung", {"c0_kPa": 10}, "needs c_kPa and b_x and b_y and b_xy"),
         ("fung", {"c0": 1, "c": 1, "b_x": 1, "b_y": 1, "b_xy": 2}, "b_x b_y has to be larger"),
-        ("fung", {"c0": 1, "c": 1, "b_x": 1, "b_y": 1, "b_z": 2}, "b_z is no parameter"),
+        ("fung", {"c0": 1, "c": 1, "b_x": 1, "b_y": 1, "b_z": 2}, "b_z is not a parameter"),
         ("fung", {"c0": 1, "c0_kPa": 1, "c": 1, "b_x": 1, "b_y": 1, "b_xy": 0}, "given twice"),
         ("hgo", {"C1": 1, "k1": 1, "k2": 1, "alpha": 91}, "between 0 and 90 degrees"),
     ],

@@ -96,7 +96,7 @@ def test_a_specimen_of_another_law(tmp_path):
         (["--goh", 1, 2, 3, 4, 0.5, "--prestretch", 1, 1], "kappa must lie between"),
         (["--law", "fung"], "give --values c0_kPa=...,c_kPa=...,b_x=...,b_y=...,b_xy=..."),
         (["--values", "c0_kPa=1"], "--values without a law"),
-        ([*FUNG[:2], "--values", "c0_kPa=1,b=2"], "b is no parameter of the law fung"),
+        ([*FUNG[:2], "--values", "c0_kPa=1,b=2"], "b is not a parameter of the law fung"),
         ([*FUNG, "--material", "donor1"], "or --law with --values"),
         ([*FUNG, *TEST, "--hooks"], "leave --hooks out"),
     ],

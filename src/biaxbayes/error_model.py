@@ -15,6 +15,7 @@ the compiled density by ``numba.extending.overload``. A model needs its variance
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import singledispatch
@@ -26,7 +27,7 @@ from numba.extending import overload
 from biaxbayes.compilation import WITHIN, implementation
 from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Parameter
 
-HALF_LOG_2PI = 0.9189385332046727
+HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 # --- what an error model implements; plain arithmetic, compiled into the density -----------------

@@ -390,7 +390,7 @@ class Quantities(Mapping[str, Quantity]):
         force = next(f for f in MOUNTING_PARAMETERS if f.kind == FORCE and f.axis == p.axis)
         return Quantity(force, quantity.state, quantity.load_unit)
 
-    def sibling(self, name: str, parameter: str) -> str:
+    def in_same_state(self, name: str, parameter: str) -> str:
         """Name of another parameter in the mounted state of a quantity."""
         return _name(parameter, self._quantities[name].state)
 

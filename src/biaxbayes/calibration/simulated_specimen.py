@@ -60,7 +60,7 @@ def draw_truth(
         }
         for name, prior in priors.items():
             if isinstance(prior, Tie):
-                truth[name] = prior.factor * truth[quantities.sibling(name, prior.other)]
+                truth[name] = prior.factor * truth[quantities.in_same_state(name, prior.other)]
         if model.law.is_admissible(truth) and _add_mounting_forces(model, truth):
             return truth, rejected
     raise ValueError("the prior has hardly any mass where a stable mounted state exists")

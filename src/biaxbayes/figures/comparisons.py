@@ -281,7 +281,7 @@ def ledger_figure(ledger: Ledger) -> Figure:
 
 
 def _draw_shifts(ax: Axes, ledger: Ledger) -> None:
-    """Quantiles of each treatment, in standard deviations from the inferred median."""
+    """Quantiles under each mounting model, in standard deviations from the inferred median."""
     shifts = np.empty((len(ledger.parameters), len(MOUNTING_MODELS), len(LEDGER_QUANTILES)))
     for i, row in enumerate(ledger.parameters.to_dict("records")):
         transform = np.log if str(row["scale"]).startswith("ln ") else float

@@ -78,7 +78,7 @@ def dispersion_as_goh(kappa_ip: float, kappa_op: float, alpha_deg: float) -> tup
     """
     if not (0.0 <= kappa_ip <= 1.0 and 0.0 <= kappa_op <= 0.5):
         raise InputError(
-            f"kappa_ip {kappa_ip:g} and kappa_op {kappa_op:g} are no dispersions",
+            f"kappa_ip {kappa_ip:g} and kappa_op {kappa_op:g} are out of range",
             remedy="kappa_ip lies between 0 and 1, kappa_op between 0 and 0.5",
         )
     A, B = 2.0 * kappa_op * kappa_ip, 2.0 * kappa_op * (1.0 - 2.0 * kappa_ip)
@@ -86,13 +86,12 @@ def dispersion_as_goh(kappa_ip: float, kappa_op: float, alpha_deg: float) -> tup
     Hy = 1.0 - Hx - Hz
     if Hz > min(Hx, Hy) * (1.0 + 1e-12):
         raise InputError(
-            f"these dispersions are none of GOH: H is {Hx:.3g}, {Hy:.3g} in the plane and "
-            f"{Hz:.3g} across",
+            f"GOH has no such dispersion: H is {Hx:.3g}, {Hy:.3g} in the plane and {Hz:.3g} across",
             remedy="a larger kappa_op, or leave alpha and kappa free",
         )
     # Hx = kappa + (1 - 3 kappa) cos^2 alpha,  Hz = kappa
-    spread = 1.0 - 3.0 * Hz
-    cos2 = (Hx - Hz) / spread if spread > 1e-9 else 0.5
+    R = 1.0 - 3.0 * Hz
+    cos2 = (Hx - Hz) / R if R > 1e-9 else 0.5
     return math.degrees(math.acos(math.sqrt(min(max(cos2, 0.0), 1.0)))), Hz
 
 
@@ -105,7 +104,7 @@ def fibre_strain(constants, X, Y, Z):
 
 @inlined
 def _active(constants, E):
-    """Share of the fibres that carries load: none in compression with the switch."""
+    """1 where the fibres carry load, 0 in compression with the switch."""
     return 1.0 - constants.switch * (E.real < 0.0)
 
 
@@ -117,7 +116,7 @@ def fibre_slope(constants, E):
 
 
 def fibre_energy(constants, E):
-    """Strain energy of the fibres; not compiled."""
+    """W = (k1 / k2) (exp(k2 E^2) - 1); not compiled."""
     return constants.k1 * exponential_energy(constants.k2, E * E) * _active(constants, E)
 
 
@@ -156,7 +155,7 @@ def chart_from_angles(alpha, kappa, softening):
 
 
 def median_softening(alpha, kappa) -> float:
-    """Softening for tissue around these angles (radians) and dispersions: |Hx - Hy|, not tiny."""
+    """Median |Hx - Hy|, at least 0.02, of tissue around these angles (radians) and dispersions."""
     D = (1.0 - 3.0 * np.asarray(kappa)) * np.cos(2.0 * np.asarray(alpha))
     return float(np.clip(np.median(np.abs(D)), 0.02, 1.0))
 

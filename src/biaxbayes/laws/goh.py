@@ -178,7 +178,7 @@ class GOHLaw(DispersedFibreLaw):
         return self.material_at(values)
 
     def sampling_transform(self, inputs: TransformInputs) -> GOHTransform:
-        """Constants of the sampling coordinates; the chart only where both angles are free."""
+        """Constants of the sampling coordinates; the chart only where alpha and kappa are free."""
         chart = inputs.reparametrised and "alpha" in inputs.free and "kappa" in inputs.free
         k1, k2 = inputs.sampled("k1", "k2")
         X, Y, Z = inputs.reference

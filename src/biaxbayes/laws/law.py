@@ -197,7 +197,7 @@ class Law(ABC):
         for given, value in values.items():
             name = self.known_name(given)
             if name not in self.names or name in checked:
-                problem = "is given twice" if name in checked else "is no parameter"
+                problem = "is given twice" if name in checked else "is not a parameter"
                 raise InputError(
                     f"{given} {problem} of the law {self.name}", remedy=f"parameters are {labels}"
                 )

@@ -70,12 +70,12 @@ def may_newman_derivatives(constants, X, Y, Z):
     J, stretch = _strains(constants, X, Y, Z)
     u = stretch - 1.0
     # dQ/dI1 = 2 k2 (I1 - 3),  dQ/dI4 = 2 k3 (sqrt(I4) - 1)^3 / sqrt(I4)
-    by_I1 = 2.0 * constants.k2 * J
-    by_I4 = 2.0 * constants.k3 * u * u * u / stretch
+    dQ_dI1 = 2.0 * constants.k2 * J
+    dQ_dI4 = 2.0 * constants.k3 * u * u * u / stretch
     growth = constants.k1 / (constants.k2 + constants.k3) * np.exp(_exponent(constants, X, Y, Z))
     # dW/dX = c0 + k1 / (k2 + k3) exp(Q) dQ/dX
-    matrix = constants.c0 + growth * by_I1
-    fibres = growth * by_I4
+    matrix = constants.c0 + growth * dQ_dI1
+    fibres = growth * dQ_dI4
     return matrix + constants.cos2 * fibres, matrix + (1.0 - constants.cos2) * fibres, matrix
 
 
@@ -109,7 +109,7 @@ class MayNewmanTransform(NamedTuple):
 
 @inlined
 def _reference_state(transform, alpha):
-    """(ln J^2, ln u^4, J (X + Y - 2 Z), u^3 sqrt(I4)) at the reference stretch."""
+    """(ln J^2, ln u^4, G2 = J (X + Y - 2 Z), G3 = u^3 sqrt(I4)) at the reference stretch."""
     X, Y, Z = transform.X, transform.Y, transform.Z
     cos2 = np.cos(alpha) ** 2
     stretch = np.sqrt(cos2 * X + (1.0 - cos2) * Y)
@@ -119,12 +119,12 @@ def _reference_state(transform, alpha):
 
 @inlined
 def _log_stress(reference, log_k2, log_k3):
-    """Logarithm of S / k1."""
-    log_J2, log_u4, of_k2, of_k3 = reference
+    """ln(S / k1), with G = k2 G2 + k3 G3."""
+    log_J2, log_u4, G2, G3 = reference
     k2, k3 = np.exp(log_k2), np.exp(log_k3)
     # S / k1 = G exp(Q*) / (k2 + k3)
     Q = np.exp(log_k2 + log_J2) + np.exp(log_k3 + log_u4)
-    return np.log((k2 * of_k2 + k3 * of_k3) / (k2 + k3)) + Q
+    return np.log((k2 * G2 + k3 * G3) / (k2 + k3)) + Q
 
 
 @to_slots.register(MayNewmanTransform)
@@ -218,8 +218,9 @@ class MayNewmanLaw(Law):
         if transform.k1 > 0.0:
             out["k1"] = slots["k1"] + _log_stress(reference, slots["k2"], slots["k3"])
         if transform.exponents > 0.0:
-            of_k2, of_k3 = slots["k2"] + log_J2, slots["k3"] + log_u4
-            out["k2"], out["k3"] = np.logaddexp(of_k2, of_k3), of_k3 - of_k2
+            # Q* = Q2 + Q3 with Q2 = k2 J^2, Q3 = k3 u^4;  d = ln(Q3 / Q2)
+            log_Q2, log_Q3 = slots["k2"] + log_J2, slots["k3"] + log_u4
+            out["k2"], out["k3"] = np.logaddexp(log_Q2, log_Q3), log_Q3 - log_Q2
         return out
 
     @property

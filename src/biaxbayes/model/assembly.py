@@ -136,7 +136,7 @@ def assemble(
                 free.append(name)
         elif isinstance(prior, Tie):
             if i >= first:
-                slot[i] = slot[slots.index(quantities.sibling(name, prior.other))]
+                slot[i] = slot[slots.index(quantities.in_same_state(name, prior.other))]
             else:
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:

@@ -261,7 +261,7 @@ def _law_rows(run: Run) -> list[Row]:
 
 
 MOST_STRETCHES = 3
-"""Number of total stretches on the page, beside the end of every protocol."""
+"""Number of total stretches on the page, besides those at the end of each protocol."""
 TENSOR_TEXTS = {
     "Hx": "structure tensor, x",
     "Hy": "structure tensor, y",
@@ -312,7 +312,7 @@ def determined_rows(run: Run) -> list[Row]:
 
 
 def _largest_states(table: pd.DataFrame) -> pd.Series:
-    """Rows at the largest total stretches, and at the end of every protocol."""
+    """Rows at the largest total stretches, and at the end of each protocol."""
     measured = table["quantity"].str.contains(AT_MEASURED_STRETCH, regex=False)
     total = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
     state = table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)

@@ -220,7 +220,7 @@ class Protocol:
         """The same path at some of its rows, without their times."""
         return replace(self, time_s=None, **{key: getattr(self, key)[rows] for key in CURVES})
 
-    def at_one(self) -> Protocol:
+    def with_common_reference(self) -> Protocol:
         """The same path, at rest only in leading rows that lie at the stretch (1, 1).
 
         They lie there within a quarter of the mean increment of the path, or three times the

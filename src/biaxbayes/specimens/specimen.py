@@ -132,7 +132,7 @@ class Specimen:
                 "is missing in some protocols", argument="time_s", remedy="give it in all or none"
             )
         if self.reference == "common":
-            protocols = tuple(p.at_one() for p in protocols)
+            protocols = tuple(p.with_common_reference() for p in protocols)
             if not any(p.rest_rows for p in protocols):
                 first = protocols[0]
                 raise ReadingError(

@@ -263,7 +263,8 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
     common = specimen.reference == "common"
     counted = [replace(p, rest_rows=AUTO_REST_ROWS) for p in protocols]
     given, automatic = (
-        [(p.at_one() if common else p).rest_rows for p in some] for some in (protocols, counted)
+        [(p.with_common_reference() if common else p).rest_rows for p in variant]
+        for variant in (protocols, counted)
     )
     if given != automatic:
         keys["rest_rows"] = ", ".join(map(str, given))
