@@ -115,7 +115,7 @@ _FAMILIES = (("k1_x", "k2_x"), ("k1_y", "k2_y"), ("k1_d", "k2_d"))
 
 
 class FourFibreTransform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
     The field of each parameter is 1 where a root is sampled in its place; ``log_scale`` is ln s, s
     in kPa, ``log_matrix`` ln(S_c / c), (X, Y) the squared reference stretch.
@@ -231,7 +231,7 @@ class FourFibreLaw(Law):
         return tuple(k * E * E for k, E in zip(k2, _strains(constants, X, Y), strict=True))
 
     def sampling_transform(self, inputs: TransformInputs) -> FourFibreTransform:
-        """Constants of the sampling coordinates."""
+        """Constants of the sampling transform."""
         X, Y, Z = inputs.max_I1_state
         log_matrix = 0.5 * float(np.log((X - Z) * (Y - Z)))
         roots = inputs.sampled(*self.names[:_ALPHA])

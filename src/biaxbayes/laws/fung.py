@@ -80,10 +80,10 @@ _C0, _C, _BX, _BY, _BXY = range(5)
 
 
 class FungTransform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
-    ``structural`` is 1 where ln T, ln Q* and d are sampled in the places of c, b_x and b_y, ``rho``
-    where rho is in that of b_xy; (Ex, Ey) are the Green strains at the reference stretch.
+    ``reparametrised`` is 1 where ln T, ln Q* and d are sampled in the places of c, b_x and b_y,
+    ``rho`` where rho is in that of b_xy; (Ex, Ey) are the Green strains at the reference stretch.
     """
 
     reparametrised: float
@@ -172,11 +172,11 @@ class FungLaw(Law):
         return np.asarray(values["b_xy"]) ** 2 < np.asarray(values["b_x"]) * values["b_y"]
 
     def constants_from_fit(self, c0, c, b_x, b_y, b_xy) -> FungConstants:
-        """Constants; the coupling is cut where the form would not be positive definite."""
-        most = np.sqrt(b_x * b_y)
-        beyond = np.abs(np.real(b_xy)) > np.real(most)
-        cut = np.where(np.real(b_xy) < 0.0, -most, most)
-        return FungConstants(c0, c, b_x, b_y, np.where(beyond, cut, b_xy)[()])
+        """Constants; the coupling is clipped where the form would not be positive definite."""
+        limit = np.sqrt(b_x * b_y)
+        beyond = np.abs(np.real(b_xy)) > np.real(limit)
+        clipped = np.where(np.real(b_xy) < 0.0, -limit, limit)
+        return FungConstants(c0, c, b_x, b_y, np.where(beyond, clipped, b_xy)[()])
 
     def constants_from_theta(self, *values: Any) -> FungConstants:
         """Constants as they are."""
@@ -187,7 +187,7 @@ class FungLaw(Law):
         return (_exponent(constants, X, Y),)
 
     def sampling_transform(self, inputs: TransformInputs) -> FungTransform:
-        """Constants of the sampling coordinates."""
+        """Constants of the sampling transform."""
         free = set(inputs.free)
         X, Y, _ = inputs.reference
         rho = inputs.reparametrised and "b_xy" in free
@@ -222,8 +222,8 @@ class FungLaw(Law):
     def clip_inside(self, values: Sequence[float]) -> tuple[float, ...]:
         """A material moved off its bounds, to where the sampling coordinates are regular."""
         *scales, b_xy = super().clip_inside(values)
-        most = _MAX_RHO * float(np.sqrt(scales[2] * scales[3]))
-        return *scales, float(np.clip(b_xy, -most, most))
+        limit = _MAX_RHO * float(np.sqrt(scales[2] * scales[3]))
+        return *scales, float(np.clip(b_xy, -limit, limit))
 
     def from_fit_coordinates(self, point: Any) -> tuple[float, ...]:
         """Parameters at a point of the fits, of a form that is positive definite."""

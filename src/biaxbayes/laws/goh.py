@@ -92,7 +92,7 @@ C1, K1, K2, ALPHA, KAPPA = range(5)
 
 
 class GOHTransform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
     ``chart`` is 1 for (d, v), 0 for (alpha, kappa); ``k1``, ``k2`` are 1 where ln S and ln q are
     sampled in their places; (X, Y, Z) is the squared reference stretch.
@@ -178,7 +178,7 @@ class GOHLaw(DispersedFibreLaw):
         return self.material_at(values)
 
     def sampling_transform(self, inputs: TransformInputs) -> GOHTransform:
-        """Constants of the sampling coordinates; the chart only where alpha and kappa are free."""
+        """Constants of the sampling transform; the chart only where alpha and kappa are free."""
         chart = inputs.reparametrised and "alpha" in inputs.free and "kappa" in inputs.free
         k1, k2 = inputs.sampled("k1", "k2")
         X, Y, Z = inputs.reference

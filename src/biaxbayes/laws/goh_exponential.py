@@ -86,7 +86,7 @@ _C1, _B, _K1, _K2, _ALPHA, _KAPPA = range(6)
 
 
 class GOHExponentialTransform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
     ``fibres`` are those of GOH; ``C1``, ``b`` are 1 where ln S_m and ln q_m are sampled in their
     places; ``log_I`` is ln(I1 - 3) at the reference stretch.
@@ -158,7 +158,7 @@ class GOHExponentialLaw(DispersedFibreLaw):
         return constants.b * (X + Y + Z - 3.0), constants.k2 * E * E
 
     def sampling_transform(self, inputs: TransformInputs) -> GOHExponentialTransform:
-        """Constants of the sampling coordinates."""
+        """Constants of the sampling transform."""
         fibres = GOHLaw(self.fibre_switch).sampling_transform(inputs)
         log_I = float(np.log(sum(inputs.reference) - 3.0))
         C1, b = inputs.sampled("C1", "b")

@@ -34,7 +34,7 @@ _C1, _K1, _K2, _ALPHA = range(4)
 
 
 class HGOTransform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
     ``k1``, ``k2`` are 1 where ln S and ln q are sampled in their places; (X, Y) is the squared
     reference stretch.
@@ -98,7 +98,7 @@ class HGOLaw(Law):
         return GOH(C1, k1, k2, alpha, 0.0)
 
     def sampling_transform(self, inputs: TransformInputs) -> HGOTransform:
-        """Constants of the sampling coordinates."""
+        """Constants of the sampling transform."""
         k1, k2 = inputs.sampled("k1", "k2")
         return HGOTransform(k1, k2, *inputs.reference[:2])
 

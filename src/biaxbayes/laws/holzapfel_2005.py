@@ -88,7 +88,7 @@ _MU, _K1, _K2, _ALPHA, _RHO = range(5)
 
 
 class Holzapfel2005Transform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
     ``k1``, ``k2`` are 1 where ln S and ln q are sampled in their places; (X, Y, Z) is the squared
     reference stretch.
@@ -183,7 +183,7 @@ class Holzapfel2005Law(Law):
         return (constants.k2 * _form(constants, X, Y, Z),)
 
     def sampling_transform(self, inputs: TransformInputs) -> Holzapfel2005Transform:
-        """Constants of the sampling coordinates."""
+        """Constants of the sampling transform."""
         k1, k2 = inputs.sampled("k1", "k2")
         return Holzapfel2005Transform(k1, k2, *inputs.reference)
 

@@ -433,11 +433,11 @@ class Law(ABC):
             at_tops = [response.cauchy(top[:, :1], top[:, 1:]) for top in max_stretches]
             return np.array([np.maximum((x + y)[:, 0], 1e-12) for x, y in at_tops])
 
-        places = [self.names.index(name) for name in self.amplitudes]
+        indices = [self.names.index(name) for name in self.amplitudes]
         distances = {}
-        for i in places:
+        for i in indices:
             alone = list(material.theta)
-            for j in places:
+            for j in indices:
                 alone[j] = np.full_like(alone[j], float(i == j))
             # s is linear in the amplitude k: k_all = s / s(k = 1, other amplitudes 0) would carry
             # all of the stress, in the protocol in which it carries most

@@ -88,7 +88,7 @@ _C0, _C1, _C2, _C3, _DELTA, _ALPHA = range(6)
 
 
 class LeeSacksTransform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
     ``c0``, ``c2``, ``c3`` are 1 where roots are sampled in their places, ``stresses`` where those
     of S2 and S3 are in the places of c1 and delta; ``log_scale`` is ln s, s in kPa, ``log_J``
@@ -156,7 +156,7 @@ class LeeSacksLaw(Law):
         "load in extension and compression"
     )
     # Stiffnesses and exponents of soft tissue lie within two decades of these medians either way;
-    # nothing is known of the share of the isotropic exponential.
+    # the prior of the isotropic fraction is uniform.
     parameters: ClassVar[tuple[Parameter, ...]] = (
         positive_parameter(
             "c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
@@ -190,7 +190,7 @@ class LeeSacksLaw(Law):
         return constants.c2 * J * J, constants.c3 * E * E
 
     def sampling_transform(self, inputs: TransformInputs) -> LeeSacksTransform:
-        """Constants of the sampling coordinates."""
+        """Constants of the sampling transform."""
         X, Y, Z = inputs.max_I1_state
         c0, c1, c2, c3, delta = inputs.sampled("c0", "c1", "c2", "c3", "delta")
         log_J = float(np.log(X + Y + Z - 3.0))

@@ -8,7 +8,7 @@ With A, B, C = dW/dX, dW/dY, dW/dZ the Cauchy stresses are
 
 The file of a law implements four generic functions: :func:`derivatives` and :func:`energy` for the
 ``NamedTuple`` of its constants, :func:`to_slots` and :func:`constants_from_theta` for that of its
-sampling coordinates. They are plain arithmetic, which serves numbers, arrays, complex numbers
+sampling transform. They are plain arithmetic, which serves numbers, arrays, complex numbers
 (complex-step differentiation) and the compiled density: in Python ``functools.singledispatch``
 chooses the implementation by the type of the first argument, in compiled code
 ``numba.extending.overload`` does, so that one kernel is compiled for each law.

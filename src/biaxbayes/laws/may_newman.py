@@ -94,7 +94,7 @@ _C0, _K1, _K2, _K3, _ALPHA = range(5)
 
 
 class MayNewmanTransform(NamedTuple):
-    """Constants of the sampling coordinates.
+    """Constants of the sampling transform.
 
     ``k1`` is 1 where ln S is sampled in its place, ``exponents`` where ln Q* and d are sampled in
     those of k2 and k3; (X, Y, Z) is the squared reference stretch.
@@ -204,7 +204,7 @@ class MayNewmanLaw(Law):
         return (_exponent(constants, X, Y, Z),)
 
     def sampling_transform(self, inputs: TransformInputs) -> MayNewmanTransform:
-        """Constants of the sampling coordinates."""
+        """Constants of the sampling transform."""
         k1, k2, k3 = inputs.sampled("k1", "k2", "k3")
         return MayNewmanTransform(k1, k2 * k3, *inputs.reference)
 

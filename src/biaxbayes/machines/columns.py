@@ -222,13 +222,13 @@ def _kinds(table: Table, index: int) -> set[str]:
 def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
     """The kind of stretch, strain, length or displacement of a column; refuses an open one."""
     name, kinds, units = table.names[index], _kinds(table, index), table.units(index)
-    share = next((u for u in units if u.quantity == "fraction" and u.factor < 1.0), None)
+    per_cent = next((u for u in units if u.quantity == "fraction" and u.factor < 1.0), None)
     if given is not None:
         if given.name == "percent" and kinds <= {"engineering"}:
             return UNITS["engineering_percent"]
         if given.quantity in STRAINS:
             # ':green' is the kind; per cent in the name is its scale.
-            factor = share.factor if share else 1.0
+            factor = per_cent.factor if per_cent else 1.0
             return Unit(given.name, given.quantity, min(given.factor, factor))
         if given.quantity in ("length", "displacement"):
             return given
@@ -242,10 +242,10 @@ def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> 
         if plain and not table.unknown_unit(index) and len(kinds) == 1:
             (kind,) = kinds
             _check_not_scaled(table, name, f"{target}={name}:{kind}")
-            if share is None:
+            if per_cent is None:
                 return UNITS[kind]
             if kind != "stretch":
-                return Unit(f"{kind}, {share.name}", kind, share.factor)
+                return Unit(f"{kind}, {per_cent.name}", kind, per_cent.factor)
     problem = f"it is not clear what kind of stretch or strain {name!r} is"
     if given is not None:
         problem = f"{name!r} is given as {given.name}, which leaves its kind open"

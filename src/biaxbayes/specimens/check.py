@@ -141,7 +141,7 @@ def with_force(specimen: Specimen, mounting_force: Sequence[float], file: object
     if max(abs(x), abs(y)) > FORCE_LIMIT * largest:
         problem = f"more than {FORCE_LIMIT:g} times the largest load recorded"
     elif (changed := specimen.with_mounting_force(x, y)).is_tared:
-        problem = "negligible beside the largest recorded load"
+        problem = "negligible compared with the largest recorded load"
     if problem:
         problem = f"`mounting_force` {x:g} {y:g} is {problem}, {largest:.3g} {unit}"
         raise InputError(problem, file=file, remedy=f"give it in {unit}")
@@ -365,9 +365,9 @@ def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
     for name, curve in zip(names, (*p.stretch.T, *load.T), strict=True):
         limit = max(JUMP * float(np.ptp(curve)), 30.0 * float(np.median(np.abs(np.diff(curve, 2)))))
         left, middle, right = curve[:-2], curve[1:-1], curve[2:]
-        beside = np.maximum(middle - np.maximum(left, right), np.minimum(left, right) - middle)
-        row = int(np.argmax(beside)) + 1
-        if beside[row - 1] <= limit:
+        height = np.maximum(middle - np.maximum(left, right), np.minimum(left, right) - middle)
+        row = int(np.argmax(height)) + 1
+        if height[row - 1] <= limit:
             # The last reading has one neighbour: extrapolate the curve.
             row = p.rows - 1
             if abs(curve[-1] - 2.0 * curve[-2] + curve[-3]) <= 4.0 * limit:
@@ -459,15 +459,15 @@ def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _bins(curve: np.ndarray) -> list[slice]:
-    """Rows between shares of the load's range, by the first crossing of the smoothed curve."""
+    """Rows between fractions of the load's range, by the first crossing of the smoothed curve."""
     width = max(1, curve.size // 30)
     smooth = np.convolve(curve, np.ones(width) / width, mode="valid")
     low, high = float(smooth[0]), float(smooth.max())
     if high <= low:
         return [slice(0, 0)] * (len(START_BINS) - 1)
     ends = [0]
-    for share in START_BINS[1:]:
-        ends.append(int(np.argmax(smooth >= low + share * (high - low))) + width // 2)
+    for fraction in START_BINS[1:]:
+        ends.append(int(np.argmax(smooth >= low + fraction * (high - low))) + width // 2)
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
@@ -572,8 +572,8 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
     given, scatter = specimen.load_noise, specimen.high_frequency_scatter()
     noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
     if noise > LARGE_NOISE * peak:
-        share = f"{100 * noise / peak:.0f} % of the largest load"
-        yield warning("units", f"the load noise of {noise:.2g} {unit} is {share}")
+        percentage = f"{100 * noise / peak:.0f} % of the largest load"
+        yield warning("units", f"the load noise of {noise:.2g} {unit} is {percentage}")
     if given is not None and scatter > 0.0 and not 0.2 < scatter / given < 5.0:
         smoothed = ": the record was smoothed or averaged" if scatter < given else ""
         yield warning(

@@ -11,10 +11,10 @@ from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import STRETCH_RANGE
 
 REST_FRACTION = 0.25
-"""Rows count as at rest while they stay within this share of the mean increment."""
+"""Rows count as at rest while they stay within this fraction of the mean increment."""
 LEAST_RISE_ROWS = 3
 RISE_SHARE = 0.005
-"""Largest rise of the load, as a share of its range, that counts as drift."""
+"""Largest rise of the load, as a fraction of its range, that counts as drift."""
 LOAD_ROWS = ("load_x", "load_y")
 CURVES = ("stretch_x", "stretch_y", *LOAD_ROWS)
 AUTO_REST_ROWS = -1
@@ -49,10 +49,10 @@ class ReadingError(InputError):
         remedy: str | None = None,
     ) -> None:
         self.fault, self.argument, self.index, self.protocol = fault, argument, index, protocol
-        place = argument if index is None else f"{argument}[{index}] (row {index + 1})"
+        location = argument if index is None else f"{argument}[{index}] (row {index + 1})"
         where = None if protocol is None else f"protocol {protocol[:40]!r}"
         # a fault such as "rest_rows must be ..." already names its argument
-        text = fault if not place or fault.startswith(argument) else f"{place}: {fault}"
+        text = fault if not location or fault.startswith(argument) else f"{location}: {fault}"
         super().__init__(text, file=where, remedy=remedy)
 
     def at(
