@@ -274,7 +274,7 @@ def test_refused_options(tmp_path, capsys):
     words = [path, "--machine", "biotester", "--out", out]
     code, _, err = run(words, capsys)
     assert code == 2
-    assert "forces need edge_x_mm, edge_y_mm, thickness_mm, geometry; give --edge-x-mm," in err
+    assert "forces need edge_x_mm, edge_y_mm, thickness_mm, geometry; give --edge-x-mm" in err
     code, _, err = run([path, *words, *DIMENSIONS], capsys)
     assert code == 2 and "is given twice" in err
     code, _, err = run([path, "--machine", "generic", "--out", out, "--set", "all"], capsys)

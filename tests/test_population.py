@@ -347,7 +347,7 @@ def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
     with pytest.raises(InputError, match=r"\[sd_donors\] 'kappa' is not a pooled parameter"):
         quick_job(study, tmp_path / "out", priors=PopulationPriors.read(priors))()
     for text, message in (
-        ("[spread]\nC1 = 1", "no table of population priors"),
+        ("[spread]\nC1 = 1", "is not a table of population priors; tables are"),
         ("[sd_donors]\nC1 = -1", "above zero"),
         ('[mean]\nC1 = { distribution = "cauchy" }', "normal or a lognormal"),
     ):

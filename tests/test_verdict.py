@@ -95,8 +95,8 @@ def test_evidence_decides(diagnostics, verdict):
 def test_a_partner_that_may_lie_at_its_end_asks_for_a_sharp_interval():
     loose, sharp = (replace(e, partners=TRADED) for e in (LOOSE, SHARP))
     assert decide(loose, T) == IDENTIFIED
-    assert decide(loose, T, partner_at_end=True) == COMBINATION
-    assert decide(sharp, T, partner_at_end=True) == IDENTIFIED
+    assert decide(loose, T, partner_is_weak=True) == COMBINATION
+    assert decide(sharp, T, partner_is_weak=True) == IDENTIFIED
 
 
 def test_what_may_mean_nothing_is_never_identified():

@@ -211,8 +211,8 @@ def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]
     figure.get_layout_engine().set(w_pad=0.9 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
     grid_spec = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
-    unit_above = " (" if width_mm >= SIDE_BY_SIDE_MM else "\n("
-    labels = [column.quantity.label.replace(" (", unit_above) for column in columns]
+    unit_separator = " (" if width_mm >= SIDE_BY_SIDE_MM else "\n("
+    labels = [column.quantity.label.replace(" (", unit_separator) for column in columns]
     for i, j in np.argwhere(np.tri(count)).tolist():
         grid[i, j] = ax = figure.add_subplot(grid_spec[i, j])
         ax.tick_params(labelbottom=i == count - 1, labelleft=j == 0)

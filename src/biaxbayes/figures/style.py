@@ -136,7 +136,7 @@ def blank_figure(width_mm: float, height_mm: float) -> Figure:
 
 
 def limit_ticks(axis: Axis, max_ticks: int = 4) -> None:
-    """Set at most `most` intervals between labelled ticks at round values; no minor ticks."""
+    """Set at most `max_ticks` intervals between labelled ticks at round values; no minor ticks."""
     if axis.get_scale() == "log":
         low, high = axis.get_view_interval()
         if high > 100.0 * low:

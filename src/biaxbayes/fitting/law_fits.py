@@ -109,9 +109,9 @@ def _with_errors(
     law, data = setup.law, problem.data
     r, jacobian = problem.evaluate(unknowns)
     # unknowns on a bound are fixed there
-    theta, (lower, upper) = unknowns[: setup.free.size], setup.bounds
-    inside = (theta > lower) & (theta < upper)
-    interior = np.flatnonzero(np.concatenate([inside, np.ones(unknowns.size - theta.size, bool)]))
+    point, (lower, upper) = unknowns[: setup.free.size], setup.bounds
+    inside = (point > lower) & (point < upper)
+    interior = np.flatnonzero(np.concatenate([inside, np.ones(unknowns.size - point.size, bool)]))
     jacobian = jacobian[:, interior]
     if not (np.isfinite(r).all() and np.isfinite(jacobian).all()):
         return replace(without_errors, sd=np.full_like(without_errors.sd, np.inf))
@@ -119,25 +119,26 @@ def _with_errors(
     noise_sd = setup.specimen.noise_sd
     relative_sd, full = smooth_misfit(data, r, jacobian, problem.scale, noise_sd, reading_sd)
 
-    # covariance by the curvature of the posterior, with n rows, n_eff effective ones, p parameters:
+    # covariance by the curvature of the posterior, with n readings, n_eff of them effective, and p
+    # parameters:
     # C = (J^T J / unit^2 + J_m^T J_m)^-1,   unit^2 = |r|^2 n_eff / (n (n_eff - p) beta)
-    rows = 2 * data.group.size
-    n_eff, beta = float(rows), 1.0
+    count = 2 * data.group.size
+    n_eff, beta = float(count), 1.0
     if weighted:
-        readings = effective_readings(data.by_protocol(r[:rows]))
+        readings = effective_readings(data.by_protocol(r[:count]))
         n_eff, beta = readings.total, readings.beta
     freedom = max(n_eff - setup.free.size, 1.0)
-    unit = max(float(np.sqrt(r[:rows] @ r[:rows] / rows * n_eff / freedom / beta)), 1e-12)
-    root = pseudo_inverse(np.vstack([jacobian[:rows] / unit, jacobian[rows:]]))
+    unit = max(float(np.sqrt(r[:count] @ r[:count] / count * n_eff / freedom / beta)), 1e-12)
+    root = pseudo_inverse(np.vstack([jacobian[:count] / unit, jacobian[count:]]))
     of_posterior = root @ root.T
 
-    prior = _prior_precision(setup, theta, interior, prior_sd)
+    prior = _prior_precision(setup, point, interior, prior_sd)
     ratio = np.sqrt(
         np.diag(_add_precision(full, prior)) / np.diag(_add_precision(of_posterior, prior))
     )
     by_unknown = dict(zip(interior.tolist(), ratio.tolist(), strict=True))
     # parameters on a bound: the median ratio of the others
-    median_ratio = float(np.median(ratio[interior < theta.size])) if inside.any() else 1.0
+    median_ratio = float(np.median(ratio[interior < point.size])) if inside.any() else 1.0
     widening = {
         law.names[i]: _at_least_one(by_unknown.get(k, median_ratio))
         for k, i in enumerate(setup.free)
@@ -155,7 +156,7 @@ def _with_errors(
     return replace(
         without_errors,
         sd=sd,
-        reading_chi2=float(np.sum(r[rows:] ** 2)),
+        reading_chi2=float(np.sum(r[count:] ** 2)),
         discrepancy_sd=relative_sd,
         widening=widening,
         mounting_widening=mounting_widening,
@@ -163,14 +164,14 @@ def _with_errors(
 
 
 def _prior_precision(
-    setup: FitSetup, theta: np.ndarray, interior: np.ndarray, prior_sd: Mapping[str, float]
+    setup: FitSetup, point: np.ndarray, interior: np.ndarray, prior_sd: Mapping[str, float]
 ) -> np.ndarray:
     """Prior precision of the unknowns inside their bounds; zero where no prior is given."""
     law, precision = setup.law, np.zeros(interior.size)
     for k, unknown in enumerate(interior):
-        if unknown >= theta.size or law.names[i := setup.free[unknown]] not in prior_sd:
+        if unknown >= point.size or law.names[i := setup.free[unknown]] not in prior_sd:
             continue
-        value, parameter = float(theta[unknown]), law.parameters[i]
+        value, parameter = float(point[unknown]), law.parameters[i]
         slope = 1.0 / value if parameter.logarithmic else 1.0
         precision[k] = (slope / prior_sd[parameter.name]) ** 2
     return precision
@@ -224,7 +225,7 @@ class LawFits:
         least = max(best.rms, self.noise, 1e-300)
         out = []
         for f in self.fits:
-            # n_eff (rms^2 / s^2 - 1) and the squared error of the mounting reading
+            # n_eff (rms^2 / least^2 - 1) and the squared error of the mounting reading
             chi2 = best.n_effective * ((max(f.rms, least) / least) ** 2 - 1.0) + f.reading_chi2
             if f.rms <= CLOSE_RMS * least or chi2 - best.reading_chi2 <= CLOSE_CHI2:
                 out.append(f)

@@ -242,13 +242,13 @@ class BalancedMounting(LoadResiduals):
         """
         state = self.forward.response(self.fit_coordinates(unknowns), 1.0, lm)
         inverse = np.linalg.inv(state.by_log_mounting.transpose(2, 0, 1))
-        by_theta = -np.einsum("gij,jpg->igp", inverse, state.by_fit_coordinate)
+        by_point = -np.einsum("gij,jpg->igp", inverse, state.by_fit_coordinate)
         groups = len(inverse)
-        by_theta = by_theta[..., self.free].reshape(2 * groups, -1)
+        by_point = by_point[..., self.free].reshape(2 * groups, -1)
         if self.reading_sd is None:
-            return by_theta
+            return by_point
         by_z = inverse * self.reading_sd.T[:, None]
-        return np.hstack([by_theta, _block_diagonal(by_z.transpose(1, 2, 0))])
+        return np.hstack([by_point, _block_diagonal(by_z.transpose(1, 2, 0))])
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative."""

@@ -1,8 +1,8 @@
 """Mounting stretches of fits to parts of a record.
 
 The way from the unloaded to the mounted state is not measured. The law extrapolates it from the
-curves beyond, so where a law leaves residuals on those curves the mounting stretch is as uncertain
-as they are large. Fits to parts of the same record show how far it changes.
+curves beyond: the larger the residuals that the law leaves on those curves, the less certain the
+mounting stretch. Fits to parts of the same record show how far it changes.
 """
 
 from __future__ import annotations

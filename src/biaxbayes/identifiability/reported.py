@@ -169,7 +169,7 @@ def _material_row(
     undefined = bool(p.undefined)
     verdict_of_widened = decide(e, thresholds, undefined=undefined)
     if verdict_of_widened != NOT_IDENTIFIED and not weakly_constrained.isdisjoint(e.partners.names):
-        verdict_of_widened = decide(e, thresholds, undefined=undefined, partner_at_end=True)
+        verdict_of_widened = decide(e, thresholds, undefined=undefined, partner_is_weak=True)
     widening = ""
     if wide.factor >= MIN_QUOTED_WIDENING:
         widening = f"widened {wide.factor:.2g} times for the model error of {law.short_name}"

@@ -131,7 +131,7 @@ def decide(
     thresholds: Thresholds,
     *,
     undefined: bool = False,
-    partner_at_end: bool = False,
+    partner_is_weak: bool = False,
 ) -> str:
     """The verdict on a sampled parameter of converged draws; the first condition that applies."""
     e, t = diagnostics, thresholds
@@ -140,8 +140,9 @@ def decide(
     correlated = e.is_correlated(t)
     if undefined:  # undefined at an end that is not excluded: no value is, however narrow
         return COMBINATION if correlated else NOT_IDENTIFIED
-    # With a partner at an end (aligned fibres) correlated parameters may lie far from the truth.
-    widest = 1.0 if partner_at_end else t.traded_width
+    # With a partner at an end (aligned fibres) or hardly constrained, a parameter may lie far from
+    # the truth.
+    widest = 1.0 if partner_is_weak else t.traded_width
     if correlated and not e.parameter.is_sharp(e.low, e.high, widest):
         return COMBINATION
     ends = e.open_edges(t)
@@ -190,7 +191,7 @@ def assess_parameters(
             partner = not at_end.keys().isdisjoint(e.partners.names)
             verdict = NO_VERDICT
             if state == "converged":
-                verdict = decide(e, thresholds, undefined=bool(why), partner_at_end=partner)
+                verdict = decide(e, thresholds, undefined=bool(why), partner_is_weak=partner)
         text = verdict_sentence(scale, verdict, e, thresholds, state, undefined=why)
         out.append(ParameterVerdict(scale, verdict, text, e, interval, why))
     return tuple(out)

@@ -234,7 +234,7 @@ class FourFibreLaw(Law):
         """Constants of the sampling transform."""
         X, Y, Z = inputs.max_I1_state
         log_matrix = 0.5 * float(np.log((X - Z) * (Y - Z)))
-        roots = inputs.sampled(*self.names[:_ALPHA])
+        roots = inputs.reparametrised_flags(*self.names[:_ALPHA])
         log_scale = log_stress_scale(inputs.peak_kPa)
         return FourFibreTransform._make((*roots, log_scale, log_matrix, X, Y))
 

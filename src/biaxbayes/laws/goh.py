@@ -180,7 +180,7 @@ class GOHLaw(DispersedFibreLaw):
     def sampling_transform(self, inputs: TransformInputs) -> GOHTransform:
         """Constants of the sampling transform; the chart only where alpha and kappa are free."""
         chart = inputs.reparametrised and "alpha" in inputs.free and "kappa" in inputs.free
-        k1, k2 = inputs.sampled("k1", "k2")
+        k1, k2 = inputs.reparametrised_flags("k1", "k2")
         X, Y, Z = inputs.reference
         switch = float(self.fibre_switch)
         return GOHTransform(float(chart), inputs.softening, k1, k2, X, Y, Z, switch)

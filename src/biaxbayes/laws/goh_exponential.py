@@ -161,7 +161,7 @@ class GOHExponentialLaw(DispersedFibreLaw):
         """Constants of the sampling transform."""
         fibres = GOHLaw(self.fibre_switch).sampling_transform(inputs)
         log_I = float(np.log(sum(inputs.reference) - 3.0))
-        C1, b = inputs.sampled("C1", "b")
+        C1, b = inputs.reparametrised_flags("C1", "b")
         return GOHExponentialTransform(fibres, C1, b, log_I)
 
     def to_sampling_coordinates(

@@ -99,7 +99,7 @@ class HGOLaw(Law):
 
     def sampling_transform(self, inputs: TransformInputs) -> HGOTransform:
         """Constants of the sampling transform."""
-        k1, k2 = inputs.sampled("k1", "k2")
+        k1, k2 = inputs.reparametrised_flags("k1", "k2")
         return HGOTransform(k1, k2, *inputs.reference[:2])
 
     def to_sampling_coordinates(

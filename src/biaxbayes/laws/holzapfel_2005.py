@@ -184,7 +184,7 @@ class Holzapfel2005Law(Law):
 
     def sampling_transform(self, inputs: TransformInputs) -> Holzapfel2005Transform:
         """Constants of the sampling transform."""
-        k1, k2 = inputs.sampled("k1", "k2")
+        k1, k2 = inputs.reparametrised_flags("k1", "k2")
         return Holzapfel2005Transform(k1, k2, *inputs.reference)
 
     def to_sampling_coordinates(

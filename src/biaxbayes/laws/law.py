@@ -81,7 +81,7 @@ class TransformInputs(NamedTuple):
     max_I1_state: tuple[float, float, float]
     peak_kPa: float  # largest stress of the specimen, a scale of stiffnesses
 
-    def sampled(self, *names: str) -> tuple[float, ...]:
+    def reparametrised_flags(self, *names: str) -> tuple[float, ...]:
         """1.0 for each parameter that is reparametrised, else 0.0: flags of compiled code."""
         return tuple(float(self.reparametrised and name in self.free) for name in names)
 
@@ -430,8 +430,8 @@ class Law(ABC):
         """
 
         def stresses(response: MaterialResponse) -> np.ndarray:
-            at_tops = [response.cauchy(top[:, :1], top[:, 1:]) for top in max_stretches]
-            return np.array([np.maximum((x + y)[:, 0], 1e-12) for x, y in at_tops])
+            cauchy = [response.cauchy(s[:, :1], s[:, 1:]) for s in max_stretches]
+            return np.array([np.maximum((x + y)[:, 0], 1e-12) for x, y in cauchy])
 
         indices = [self.names.index(name) for name in self.amplitudes]
         distances = {}

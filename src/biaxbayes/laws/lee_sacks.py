@@ -192,7 +192,7 @@ class LeeSacksLaw(Law):
     def sampling_transform(self, inputs: TransformInputs) -> LeeSacksTransform:
         """Constants of the sampling transform."""
         X, Y, Z = inputs.max_I1_state
-        c0, c1, c2, c3, delta = inputs.sampled("c0", "c1", "c2", "c3", "delta")
+        c0, c1, c2, c3, delta = inputs.reparametrised_flags("c0", "c1", "c2", "c3", "delta")
         log_J = float(np.log(X + Y + Z - 3.0))
         log_scale = log_stress_scale(inputs.peak_kPa)
         return LeeSacksTransform(c0, c2, c3, c1 * c2 * c3 * delta, log_scale, log_J, X, Y)

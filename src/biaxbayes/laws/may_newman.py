@@ -205,7 +205,7 @@ class MayNewmanLaw(Law):
 
     def sampling_transform(self, inputs: TransformInputs) -> MayNewmanTransform:
         """Constants of the sampling transform."""
-        k1, k2, k3 = inputs.sampled("k1", "k2", "k3")
+        k1, k2, k3 = inputs.reparametrised_flags("k1", "k2", "k3")
         return MayNewmanTransform(k1, k2 * k3, *inputs.reference)
 
     def to_sampling_coordinates(

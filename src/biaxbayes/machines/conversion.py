@@ -150,10 +150,10 @@ def _check(r: Recording, file: Path, header: Header) -> None:
     if r.stress_pair == "force":
         missing = [key for key in (*DIMENSIONS, "geometry") if key not in header]
         if missing:
-            options = ["--" + key.replace("_", "-") for key in missing]
+            options = [f"`{key}`" for key in missing]
             state = ""
             if "geometry" in missing:
-                state = " unloaded|mounted, the state it was measured in"
+                state = " (unloaded or mounted: the state in which they were measured)"
             raise InputError(
                 f"forces need {', '.join(missing)}", remedy=f"give {', '.join(options)}{state}"
             )

@@ -1,8 +1,9 @@
 """From a specimen and settings to the arrays of the compiled density, and back from its draws.
 
 A slot is one number of the density, sampled, fixed or tied: the parameters of the law, those of the
-errors, the factors of measured dimensions, and two per mounted state. Natural values are in the
-units of the parameter table; a slot holds the log of a positive scale, and angles in radians.
+errors, the factors of measured dimensions, the offsets of the load cell, and two per mounted state.
+Natural values are in the units of the parameter table; a slot holds the log of a positive scale,
+and angles in radians.
 """
 
 from __future__ import annotations
@@ -195,7 +196,7 @@ def _check(specimen: Specimen, settings: Settings) -> None:
     ties = [n for n, v in settings.priors.items() if isinstance(v, Tie) and "mounting" in n]
     if ties and settings.mounting != "free":
         raise InputError(
-            "tied mounting stretches need the mounting stretches as unknowns",
+            "mounting stretches can be tied only where they are sampled themselves, not the forces",
             remedy="use `mounting=free`",
         )
     if settings.reads_force:

@@ -154,9 +154,10 @@ def _distance2(theta, m, precision):
 
 @compiled(nogil=True)
 def _visit(rng, current, pool, rows, m, precision):
-    """Offer each specimen rows (chains, n, R) of a pool, as an independence sampler; accepted (n,).
+    """Offer each specimen rows (chains, n, R) of a pool, as an independence sampler.
 
-    ``m`` (chains, n, p) are the locations, ``precision`` (chains, n, p, p) the inverse covariances.
+    Returns the acceptance rates (n,). ``m`` (chains, n, p) are the locations, ``precision``
+    (chains, n, p, p) the inverse covariances.
     """
     C, n, offered = rows.shape
     accepted = np.zeros(n)
@@ -271,11 +272,9 @@ class Ensemble:
         """Inverse covariance of every chain and specimen, shape (chains, n, p, p)."""
         C, n, p = self.theta.shape
         out = np.zeros((C, n, p, p))
-        covariance_index = 1 + self.design.layout.covariance_index[self.group]
+        sd_row = 1 + self.design.layout.covariance_index[self.group]  # row 0 is that of donors
         for (columns, _), block in zip(self.design.blocks, self.blocks, strict=True):
-            root = (
-                np.linalg.inv(block.factor[:, 1])[:, None] / block.sd[:, covariance_index, None, :]
-            )
+            root = np.linalg.inv(block.factor[:, 1])[:, None] / block.sd[:, sd_row, None, :]
             out[:, :, columns, columns] = root.swapaxes(-1, -2) @ root
         return out
 
