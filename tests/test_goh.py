@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import root
 
 from biaxbayes.errors import InputError
+from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import (
     angles_from_chart,
     chart_from_angles,
@@ -15,6 +16,7 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor,
 )
 from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import BRACKET, mounted_state
 from goh_functions import (
     cauchy_stress,
@@ -339,3 +341,10 @@ def test_columns_lists_and_numbers_give_the_same_stress():
     draws = pd.Series([10.0, 20.0])
     stress, _ = cauchy_stress(draws, 140.0, 11.9, 0.6, 0.1, 1.1, 1.1)
     assert stress.shape == (2,)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_published_materials_are_materials_of_the_law(name):
+    values = MATERIALS[name].material.values
+    law_named("goh").checked_material(dict(zip(law_named("goh").names, values, strict=True)))
+    assert all(1.0 <= stretch < 1.2 for stretch in MATERIALS[name].mounting_stretch)
