@@ -13,8 +13,6 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import nbclient
-import nbformat
 import pytest
 
 import docs_verbs
@@ -310,6 +308,7 @@ def outputs(notebook) -> list:
 
 
 def test_notebooks_are_stored_without_output_and_named_on_their_page():
+    nbformat = pytest.importorskip("nbformat")
     page = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")
     assert len(NOTEBOOKS) == 2
     for path in NOTEBOOKS:
@@ -323,6 +322,7 @@ def test_notebooks_are_stored_without_output_and_named_on_their_page():
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_a_notebook_runs(path, tmp_path):
     """In a kernel of its own, from a folder as deep as the checkout's."""
+    nbformat, nbclient = (pytest.importorskip(name) for name in ("nbformat", "nbclient"))
     folder = tmp_path / "docs" / "notebooks"
     folder.mkdir(parents=True)
     (tmp_path / "data").symlink_to(ROOT / "data")
