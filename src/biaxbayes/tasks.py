@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -23,15 +24,16 @@ def no_stop() -> bool:
     return False
 
 
-class Executor:
+class Executor(ABC):
     """Applies a function to tasks; in a ``with`` block its workers stay between runs."""
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *error: object) -> None:  # noqa: B027  without workers nothing ends
         pass
 
+    @abstractmethod
     def run(
         self,
         function: Callable[[Any], Any],
@@ -43,7 +45,6 @@ class Executor:
 
         Once ``stop()`` is true, nothing further starts, and running tasks are still yielded.
         """
-        raise NotImplementedError
 
 
 process_lock = threading.RLock()

@@ -353,9 +353,9 @@ class Law(ABC):
 
     # --- priors, derived quantities, distances from bounds ---
 
+    @abstractmethod
     def prior_medians(self, stretch: float) -> dict[str, float]:
         """Prior medians of all but the amplitudes: exponents are 1 at an equibiaxial stretch."""
-        raise NotImplementedError(f"the law {self.name} has no prior medians")
 
     def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
         """Priors of tissue that reaches a nominal stress at a total equibiaxial stretch.
