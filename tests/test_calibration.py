@@ -398,8 +398,18 @@ def test_command_line(tmp_path, capsys):
     assert code == 0 and "2 replications" in printed
     table = pd.read_csv(out / "calibration.csv")
     assert "kappa" not in set(table["parameter"])
-    assert json.loads((out / "study.json").read_text())["priors"]["kappa"] == 0.0
+    assert json.loads((out / "calibration.json").read_text())["priors"]["kappa"] == 0.0
     assert read_priors(out / "priors.toml")["kappa"] == 0.0
+
+
+def test_the_folder_of_another_kind_of_work_is_refused_and_untouched(tmp_path, capsys):
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "study.json").write_text('{"done": {}}')
+    words = ("--noise", "independent", "--out", tmp_path, "--replications", 2)
+    code, _, err = run(capsys, "calibrate", DATA / "donor2-media.csv", *words)
+    assert code == 2 and "not a calibration's" in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["runs", "study.json"]
+    assert (tmp_path / "study.json").read_text() == '{"done": {}}'
 
 
 @pytest.mark.parametrize(

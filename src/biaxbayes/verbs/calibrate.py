@@ -39,7 +39,7 @@ from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 SAVE_SECONDS = 5.0
-RECORD, RANKS = "study.json", "ranks.csv"
+RECORD, RANKS = "calibration.json", "ranks.csv"
 RANK_COLUMNS = (
     "replication",
     "parameter",
@@ -134,7 +134,7 @@ def run_calibration(
     stop: Stop = inputs.no_stop,
 ) -> CalibrationResult:
     """Run the replications that are missing, and write every file."""
-    with inputs.claim_folder(folder, {RECORD}, "a study's"):
+    with inputs.claim_folder(folder, {RECORD}, "a calibration's"):
         rows = _stored_rows(study, folder, resume=resume)
         missing = [i for i in range(replications) if i not in rows]
         if missing:
