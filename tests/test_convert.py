@@ -30,6 +30,8 @@ def run(arguments: list[object], capsys) -> tuple[int, str, str]:
 
 
 def biotester(path: Path, out: Path, capsys, *more: object) -> tuple[int, str, str]:
+    for answer, value in (("--cycles", "last"), ("--branch", "loading")):
+        more = more if answer in more else (*more, answer, value)
     return run([path, "--machine", "biotester", "--out", out, *DIMENSIONS, *more], capsys)
 
 
@@ -64,7 +66,7 @@ def test_the_specimen_that_an_export_was_made_from_comes_back(tmp_path, capsys):
     assert specimen.metadata["branch"] == "loading"
     reading, sd = specimen.mounting_readings(shared=False)
     np.testing.assert_array_less(np.abs(reading[0] - export.force_N[0]), 4 * sd[0])
-    for words in ("60 of", "cycle 6 of 6", "loading branch", "4 tracked points", "mounting force"):
+    for words in ("kept", "cycle 6 of 6", "loading", "4 tracked points", "mounting force"):
         assert words in text
     warnings = [f for f in check_specimen(specimen) if f.severity == "warning"]
     assert {f.code for f in warnings} <= {"one-direction"}
@@ -96,7 +98,7 @@ def test_without_tracked_points_the_rake_serves(tmp_path, capsys):
 def test_a_numbered_cycle(cycle, tmp_path, capsys):
     export = biotester_export(cycles=5)
     out = tmp_path / "specimen.csv"
-    code, text, _ = biotester(written(tmp_path, export.text()), out, capsys, "--cycle", cycle)
+    code, text, _ = biotester(written(tmp_path, export.text()), out, capsys, "--cycles", cycle)
     assert code == 0 and f"cycle {cycle} of 5" in text
     specimen = read_specimen(out)
     softened = 1.0 + 0.3 * (5 - cycle) / 5
@@ -129,8 +131,10 @@ def test_sets_and_files_become_protocols(tmp_path, capsys):
     third = biotester_export(name="1:0.5", cycles=2, ratio=(1.0, 0.5), seed=2)
     joined = first.text() + "".join(e.text().split("\n", 1)[1] for e in (second, third))
     path, out = written(tmp_path, joined), tmp_path / "specimen.csv"
-    code, text, _ = biotester(path, out, capsys)
-    assert code == 0 and "set 1:0.5" in text and "sets left out: Precondition, 1:1" in text
+    code, text, err = biotester(path, out, capsys)
+    assert code == 2 and "holds 3 sets" in err and "--set 1:0.5" in err and not out.exists()
+    code, text, _ = biotester(path, out, capsys, "--set", "1:0.5")
+    assert code == 0 and "sets left out: Precondition (" in text
     assert np.abs(read_specimen(out).protocols[0].stretch_y - third.stretch[:, 1]).max() < 5e-4
     code, _, _ = biotester(path, out, capsys, "--set", "1:1", "--set", "1:0.5")
     assert code == 0
@@ -138,7 +142,9 @@ def test_sets_and_files_become_protocols(tmp_path, capsys):
     code, _, err = biotester(path, out, capsys, "--set", "2:1")
     assert code == 2 and "no set '2:1'" in err and "sets are Precondition, 1:1, 1:0.5" in err
     other = written(tmp_path, third.text(), "half.csv")
-    arguments = [path, other, "--machine", "biotester", "--out", out, *DIMENSIONS]
+    arguments = [path, other, "--machine", "biotester", "--out", out, *DIMENSIONS, "--set", "1:1"]
+    arguments += ["--cycles", "last", "--branch", "loading"]
+    other.write_text(third.text().replace("1:0.5,", "1:1,"))
     code, _, _ = run([*arguments, "--protocol-names", "a, b"], capsys)
     assert code == 0 and [p.name for p in read_specimen(out).protocols] == ["a", "b"]
     code, _, err = run([*arguments, "--protocol-names", "a,b,c"], capsys)
@@ -164,7 +170,7 @@ def test_points_tracked_in_some_rows_only(tmp_path, capsys):
             cells[9:] = [""] * 8
     out = tmp_path / "specimen.csv"
     code, text, _ = biotester(written(tmp_path, export.text()), out, capsys)
-    assert code == 0 and "30 rows without tracked points left out" in text
+    assert code == 0 and "points not tracked" in text
     assert read_specimen(out).protocols[0].rows == 30
 
 
@@ -257,8 +263,8 @@ def test_refused_exports(text, says, tmp_path, capsys):
 
 
 REFUSED_OPTIONS = [
-    (["--cycle", "7"], "no cycle 7; cycles are 1, 2"),
-    (["--cycle", "first"], "--cycle 'first' is not a cycle"),
+    (["--cycles", "7"], "no cycle 7 of Test1; cycles are 1, 2"),
+    (["--cycles", "first"], "--cycles 'first' is not a cycle"),
     (["--columns", "stretch_x=F11"], "--columns is for --machine generic"),
     (["--load-noise-kPa", "1"], "--load-noise-kPa does not fit"),
     (["--thickness-sd-mm", "-1"], "thickness_sd_mm must be a positive number, not '-1'"),
@@ -271,7 +277,7 @@ def test_refused_options(tmp_path, capsys):
     for more, says in REFUSED_OPTIONS:
         code, _, err = biotester(path, out, capsys, *more)
         assert code == 2 and says in err and err.count("\n") == 1
-    words = [path, "--machine", "biotester", "--out", out]
+    words = [path, "--machine", "biotester", "--out", out, "--cycles", 2, "--branch", "loading"]
     code, _, err = run(words, capsys)
     assert code == 2
     assert "forces need edge_x_mm, edge_y_mm, thickness_mm, geometry; give --edge-x-mm" in err
@@ -488,21 +494,28 @@ def test_cycles_detected_from_the_curves(tmp_path, capsys):
     load = np.column_stack([2.0 + 60.0 * path**2, 1.0 + 40.0 * path**3])
     text = generic_text(stretch, load, ["a", "b", "P_kPa", "Q_kPa"])
     columns = PLAIN.replace("=a", "=a:stretch").replace("=b", "=b:stretch")
-    code, printed, specimen = generic(tmp_path, text, columns, capsys)
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2 and "holds several cycles (3)" in printed and "--cycles last" in printed
+    answers = ("--cycles", "last", "--branch", "loading")
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *answers)
     assert code == 0 and "cycle 3 of 3" in printed
     (p,) = specimen.protocols
     assert p.load_x[-1] == 62.0 and p.rest_rows >= 10
-    code, _, specimen = generic(tmp_path, text, columns, capsys, "--cycle", 1)
+    code, _, specimen = generic(
+        tmp_path, text, columns, capsys, "--cycles", 1, "--branch", "loading"
+    )
     assert specimen.protocols[0].load_x[-1] == 2.0 + 60.0 * 0.7**2
-    code, printed, _ = generic(tmp_path, text, columns, capsys, "--cycle", 4)
+    code, printed, _ = generic(
+        tmp_path, text, columns, capsys, "--cycles", 4, "--branch", "loading"
+    )
     assert code == 2 and "no cycle 4; cycles are 1, 2, 3" in printed
     # The same with a column that numbers them.
     number = np.repeat([5, 6, 9], len(up))
     text = generic_text(stretch, load, ["a", "b", "P_kPa", "Q_kPa", "No"], [number])
     code, printed, specimen = generic(
-        tmp_path, text, columns + ",cycle=No", capsys, "--cycle", 6, "--branch", "unloading"
+        tmp_path, text, columns + ",cycle=No", capsys, "--cycles", 6, "--branch", "unloading"
     )
-    assert code == 0 and "cycle 6 (2 of 3), unloading branch" in printed
+    assert code == 0 and "cycle 6 (2 of 3), reversed unloading" in printed
     assert specimen.protocols[0].load_x.max() == pytest.approx(2.0 + 60.0 * 0.8**2)
     assert specimen.protocols[0].rows == 41
 
@@ -528,8 +541,10 @@ def test_reference_drift_stays_in_the_file(tmp_path, capsys):
         paths.append(written(tmp_path, text, f"{name}.csv"))
     columns = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     out = tmp_path / "s.csv"
-    code, _, _ = run([*paths, "--machine", "generic", "--columns", columns, "--out", out], capsys)
-    assert code == 0
+    words = [*paths, "--machine", "generic", "--columns", columns, "--out", out]
+    code, _, err = run(words, capsys)
+    assert code == 2 and "same stretch ratio comes back" in err and "--repeats cycles" in err
+    assert run([*words, "--repeats", "protocols"], capsys)[0] == 0
     specimen = read_specimen(out)
     assert [p.name for p in specimen.protocols] == ["a", "b"]
     assert specimen.protocols[1].reference == pytest.approx((1.01, 1.01))

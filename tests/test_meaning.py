@@ -222,7 +222,10 @@ def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, 
 
 
 def read(path: Path, way: Way) -> Conversion:
-    options = {k: v for k, v in way.options.items() if k != "edges only"}
+    answers = {"protocols_by": "ratio", "cycles": "last", "branch": "loading"}
+    if "protocol" in way.mapped:
+        answers = {}
+    options = answers | {k: v for k, v in way.options.items() if k != "edges only"}
     text = ",".join(f"{target}={column}" for target, column in way.mapped.items())
     return convert([path], Choice("generic", (text,), **options), header=HEADER)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from biaxbayes.errors import InputError
+from biaxbayes.machines.account import account
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import convert
 from biaxbayes.specimens.specimen_file import read_specimen
@@ -130,8 +131,8 @@ def test_lost_markers_are_named_at_once_and_dropped_if_asked(gap, tmp_path):
     assert "rows 5-7, 11, 22" in str(refusal.value) and "`drop_missing=True`" in str(refusal.value)
     kept = np.delete(np.arange(31), lost)
     assert holds(path, rows=kept, drop_missing=True)
-    notes = " ".join(read(path, drop_missing=True).recordings[0].notes)
-    assert "5 of 31 rows without a reading left out (rows 5-7, 11, 22)" in notes
+    told = "\n".join(account(read(path, drop_missing=True)))
+    assert "5  a reading is missing:" in told and "lines 5-7, 11, 22" in told
 
 
 def test_a_specimen_file_says_which_readings_are_missing(tmp_path):
@@ -228,9 +229,11 @@ def test_workbooks_of_all_kinds(kind, tmp_path):
     assert holds(path)
     # An info sheet is named and left out; a sheet with a table is a protocol.
     path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS, "b": ROWS}))
-    result = read(path, sheets=("all",))
+    with pytest.raises(InputError, match="same stretch ratio comes back"):
+        read(path, sheets=("all",))
+    result = read(path, sheets=("all",), repeats="protocols")
     assert [p.name for p in result.specimen.protocols] == ["a", "b"]
-    assert "sheets left out: Info" in result.recordings[0].notes[-1]
+    assert "sheets left out: Info" in "\n".join(account(result))
     path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS}))
     assert holds(path)
 

@@ -153,6 +153,7 @@ def test_convert_does_not_replace_a_file_unasked(capsys, tmp_path):
     raw, out = tmp_path / "export.csv", tmp_path / "specimen.csv"
     raw.write_text(biotester_export().text())
     words = ["convert", raw, "--machine", "biotester", "--out", out]
+    words += ["--cycles", "last", "--branch", "loading"]
     words += [
         "--edge-x-mm",
         10,

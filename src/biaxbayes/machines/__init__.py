@@ -2,17 +2,16 @@
 
 The module ``machines/NAME.py`` of a format has two functions:
 
-    recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]
+    records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]
     recognises(table: Table, choice: Choice) -> bool
 
-The first returns one recording per protocol as selected by ``choice``
-(:class:`~biaxbayes.machines.choice.Choice`), in N or kPa and with stretches as measured. The second
-is True if a sheet is a table of this format; ``table.preamble`` has the lines above the column
-names. ``machines/choice.py`` lists the formats. A format with fixed columns needs only a map of
-them, for example
+The first returns all rows of a table (or of each set in it) in N or kPa and with stretches as
+measured, with the cycles of each protocol; ``selection`` takes from them what the user chose, and
+asks where nothing was chosen. The second is True if a sheet is a table of this format.
+``machines/choice.py`` lists the formats. A format with fixed columns needs only a map of them:
 
     COLUMNS = "stretch_x=X:displacement_mm,stretch_y=Y:displacement_mm,force_x_N=FX,force_y_N=FY"
 
-    def recordings(table, choice, gauge):
-        return generic.recordings(table, replace(choice, columns=(COLUMNS,)), gauge)
+    def records(table, choice, gauge):
+        return generic.records(table, replace(choice, columns=(COLUMNS,)), gauge)
 """

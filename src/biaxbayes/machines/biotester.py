@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.cycles import Cycle, cycle_index, take_branch
-from biaxbayes.machines.recording import Gauge, Recording
+from biaxbayes.machines.cycles import Cycle
+from biaxbayes.machines.gauge import Gauge
+from biaxbayes.machines.questions import Question, outside
+from biaxbayes.machines.readings import check_signs
+from biaxbayes.machines.record import Record
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.table import Table
 
@@ -21,37 +22,23 @@ LEAST_TRACKED = 5
 """Least number of rows in which all points are tracked."""
 
 
-def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
-    """Take the branch of a cycle from each selected set of a BioTester export.
+def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
+    """The record of each selected set of a BioTester export, with its cycles.
 
     Columns: Cycle (1-Preload, 1-Stretch, 1-Hold, 1-Recover ...), XForce_mN, YForce_mN, and the
     rake (XSize_um, XDisplacement_um ...) or tracked points (X1, Y1 to X4, Y4); optionally SetName
     and Time_S. A branch is the Stretch phase, the reversed Recover phase, or both.
     """
-    numbers, phases = _phases(table)
     index = table.by_stem("setname")
-    names = [] if index is None else list(dict.fromkeys(table.text(index)))
-    chosen = _chosen_sets(table, names, choice.sets)
-    others = [name for name in names if name not in chosen]
-    out = []
-    for name in chosen:
-        rows = np.arange(table.rows)
-        if index is not None:
-            rows = np.flatnonzero(np.array(table.text(index)) == name)
-        cycles = _cycles(table, numbers, phases, name, rows)
-        number = cycle_index(choice.cycle, cycles, table)
-        taken = take_branch(
-            partial(_recording, table, name, choice, gauge),
-            cycles,
-            range(max(number - 1, 0), number + 1),
-            choice.branch,
-            name,
-        )
-        if others:
-            note = f"sets left out: {', '.join(others)} (--set NAME or --set all takes them)"
-            taken = replace(taken, notes=(*taken.notes, note))
-        out.append(taken)
-    return out
+    sets = np.full(table.rows, "") if index is None else np.array(table.text(index))
+    names = list(dict.fromkeys(sets.tolist()))
+    chosen = _chosen_sets(table, names, sets, choice.sets)
+    left = [f"{name} ({(sets == name).sum()} rows)" for name in names if name not in chosen]
+    notes = [f"sets left out: {', '.join(left)}"] if left else []
+    return [
+        _record(table.without(np.flatnonzero(sets != name), *notes), name, choice, gauge)
+        for name in chosen
+    ]
 
 
 def recognises(table: Table, choice: Choice) -> bool:
@@ -85,20 +72,24 @@ def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
     return np.array(numbers), np.array(phases)
 
 
-def _chosen_sets(table: Table, names: Sequence[str], wanted: Sequence[str]) -> Sequence[str]:
-    """Names of the selected sets, by default the last; an empty one if the file has no sets."""
-    if not names:
-        if wanted:
-            problem = "no column 'SetName', so the file has no sets"
-            raise InputError(problem, file=table.path, remedy=table.listing)
-        return ("",)
-    if tuple(wanted) == ("all",):
+def _chosen_sets(
+    table: Table, names: Sequence[str], sets: np.ndarray, wanted: Sequence[str]
+) -> Sequence[str]:
+    """Names of the selected sets; an empty one if the file has no sets."""
+    if names == [""] and wanted:
+        problem = "no column 'SetName', so the file has no sets"
+        raise InputError(problem, file=table.path, remedy=table.listing)
+    if tuple(wanted) == ("all",) or (len(names) == 1 and not wanted):
         return names
+    if not wanted:
+        gives = {f"sets={name}": f"{int((sets == name).sum())} rows" for name in names}
+        gives["sets=all"] = "each a protocol"
+        raise Question(f"holds {len(names)} sets", gives, file=table.path)
     for name in wanted:
         if name not in names:
             remedy = f"sets are {', '.join(names)[:200]}"
             raise InputError(f"no set {name[:40]!r}", file=table.path, remedy=remedy)
-    return tuple(dict.fromkeys(wanted)) or names[-1:]
+    return tuple(dict.fromkeys(wanted))
 
 
 def _cycles(
@@ -112,61 +103,78 @@ def _cycles(
         raise InputError(problem, file=table.path, column="Cycle", remedy=remedy)
     cycles = []
     for label in labels:
-        of_cycle = numbers[rows] == label
-        up, down = (rows[of_cycle & (phases[rows] == phase)] for phase in ("stretch", "recover"))
-        cycles.append(Cycle(label, up, down))
+        phase = {
+            name: rows[(numbers[rows] == label) & (phases[rows] == name)]
+            for name in ("stretch", "hold", "recover")
+        }
+        cycles.append(Cycle(label, *phase.values()))
     return cycles
 
 
-# --- stretches and forces of some rows ------------------------------------------------------------
+# --- stretches and forces -------------------------------------------------------------------------
 
 
-def _recording(
-    table: Table, name: str, choice: Choice, gauge: Gauge, cycle: Cycle, branch: str
-) -> Recording:
-    """Convert a branch of a cycle; stretches are those of tracked points if there are any."""
-    rows = cycle.rows(branch)
-    if rows.size < 2:
-        problem = f"{rows.size} rows in the {branch} branch of cycle {cycle.label}"
-        raise InputError(problem, file=table.path, remedy="choose another `cycle` or `branch`")
-    points = _tracked_points(table, rows, required=choice.stretch_from == "tracked")
-    gradient: np.ndarray | None = None
+def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
+    """Convert a set; stretches are those of tracked points if there are any."""
+    numbers, phases = _phases(table)
+    reasons = outside(table.lines, choice.rows)
+    rows = np.flatnonzero(reasons == "")
+    cycles = _cycles(table, numbers, phases, name, rows)
+    chosen = next((c for c in cycles if c.label == choice.cycles), cycles[-1])
+    start = chosen.rows("unloading" if choice.branch == "unloading" else "loading")
+    points = _tracked_points(table, start, rows, required=choice.stretch_from == "tracked")
+    stretch, gradient = np.full((table.rows, 2), np.nan), None
     assumptions: list[str] = []
     if points is None or choice.stretch_from == "rake":
         source, notes = "Size_um", ["stretch from the rakes, not from the tissue"]
-        stretch, assumptions = _rake_stretch(table, rows, gauge)
+        stretch[rows], assumptions = _rake_stretch(table, rows, np.searchsorted(rows, start), gauge)
     else:
         source, notes = "tracked points", [f"stretch from {points.shape[1]} tracked points"]
         complete = np.isfinite(points).all(axis=(1, 2))
-        if not complete.all():
-            notes.append(f"{int((~complete).sum())} rows without tracked points left out")
-        rows = rows[complete]
-        gradient = _deformation_gradient(points[complete], table, rows)
+        reasons[rows[~complete]] = "points not tracked"
+        gradient = np.full((table.rows, 2, 2), np.nan)
+        start = start[complete[np.searchsorted(rows, start)]]
+        gradient[rows] = _deformation_gradient(points, np.searchsorted(rows, start), table, rows)
         stretch = gradient[:, [0, 1], [0, 1]]
-    forces = []
-    for axis in "XY":
+        cycles = [
+            Cycle(c.label, *(p[reasons[p] == ""] for p in (c.loading, c.hold, c.unloading)))
+            for c in cycles
+        ]
+    for number in np.unique(phases[rows]):
+        if number not in ("stretch", "hold", "recover"):
+            reasons[rows[phases[rows] == number]] = f"phase {number}"
+    load = np.full((table.rows, 2), np.nan)
+    for k, axis in enumerate("XY"):
         force = _quantity(table, f"{axis.lower()}force", "force", rows)
         if force is None:
             problem = f"no column '{axis}Force_mN'"
             raise InputError(problem, file=table.path, remedy=table.listing)
-        forces.append(force)
-    return Recording(
+        load[rows, k] = force
+    time, elapsed = _quantity(table, "time", "time", rows), np.full(table.rows, np.nan)
+    if time is not None:
+        elapsed[rows] = time
+    record = Record(
         name=name,
-        source=table.path.name + (f", set {name}" if name else ""),
+        path=table.path,
+        lines=table.lines,
         stretch=stretch,
-        load=np.column_stack(forces),
+        load=load * choice.signs,
+        time_s=None if time is None else elapsed,
+        gradient=gradient,
         columns=(f"X {source}", f"Y {source}", "XForce", "YForce"),
         stress_pair="force",
-        time_s=_quantity(table, "time", "time", rows),
-        gradient=gradient,
-        lines=table.lines[rows],
-        rows_in_file=table.rows,
+        cycles={name: cycles},
+        reasons=reasons,
         notes=(*table.notes, *notes),
-        assumptions=tuple(assumptions),
+        assumptions=(*assumptions, *choice.sign_notes),
     )
+    check_signs(record, np.concatenate([c.rows("both") for c in cycles]))
+    return record
 
 
-def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.ndarray | None:
+def _tracked_points(
+    table: Table, start: np.ndarray, rows: np.ndarray, *, required: bool
+) -> np.ndarray | None:
     """Positions of tracked points, shape (n, points, 2), NaN where one is lost."""
     pairs = []
     for number in range(1, 100):
@@ -178,7 +186,8 @@ def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.nda
         points = np.moveaxis(np.array(pairs), 2, 0)
         # Trackers write 0, 0 for a point that they lost.
         points[(points == 0.0).all(axis=2)] = np.nan
-        if np.isfinite(points).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
+        needed = points[np.searchsorted(rows, start)]
+        if np.isfinite(needed).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
             return points
     if required:
         problem = "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows"
@@ -187,21 +196,26 @@ def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.nda
     return None
 
 
-def _deformation_gradient(points: np.ndarray, table: Table, rows: np.ndarray) -> np.ndarray:
-    """In-plane deformation gradient of points by least squares, (n, 2, 2), from rows at rest."""
-    reference = points[0]
+def _deformation_gradient(
+    points: np.ndarray, start: np.ndarray, table: Table, rows: np.ndarray
+) -> np.ndarray:
+    """In-plane deformation gradient of points by least squares, (n, 2, 2).
+
+    It refers to the rows at rest of a branch, whose rows are `start`.
+    """
+    reference = points[start[0]]
     for _ in range(2):
         X = reference - reference.mean(axis=0)
         metric = X.T @ X
         if np.linalg.cond(metric) > 1e6:
             problem = "the tracked points lie on one line"
-            remedy = "use `stretch_from=rake`"
-            raise InputError(problem, file=table.path, row=int(table.lines[rows[0]]), remedy=remedy)
+            line = int(table.lines[rows[start[0]]])
+            raise InputError(problem, file=table.path, row=line, remedy="use `stretch_from=rake`")
         x = points - points.mean(axis=1, keepdims=True)
         # x = F X for every point, in the least-squares sense: F = (sum x X^T) (sum X X^T)^-1
         gradient = np.einsum("nmi,mj->nij", x, X) @ np.linalg.inv(metric)
-        resting = rest_rows(gradient[:, 0, 0], gradient[:, 1, 1])
-        reference = points[:resting].mean(axis=0)
+        resting = rest_rows(gradient[start, 0, 0], gradient[start, 1, 1])
+        reference = points[start[:resting]].mean(axis=0)
     return gradient
 
 
@@ -218,7 +232,9 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
     return table.numbers(index, rows) * unit.factor
 
 
-def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndarray, list[str]]:
+def _rake_stretch(
+    table: Table, rows: np.ndarray, start: np.ndarray, gauge: Gauge
+) -> tuple[np.ndarray, list[str]]:
     """Stretches from the distance of the rakes, and their assumptions."""
     columns, assumptions = [], []
     for k, axis in enumerate("xy"):
@@ -245,5 +261,5 @@ def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndar
             )
         columns.append(length)
     lengths = np.column_stack(columns)
-    resting = rest_rows(lengths[:, 0], lengths[:, 1])
-    return lengths / lengths[:resting].mean(axis=0), assumptions
+    resting = rest_rows(lengths[start, 0], lengths[start, 1])
+    return lengths / lengths[start[:resting]].mean(axis=0), assumptions

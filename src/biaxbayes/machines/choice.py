@@ -10,6 +10,7 @@ from biaxbayes.tables.units import STRAINS, units_of
 
 BRANCHES = ("loading", "unloading", "both")
 STRETCH_SOURCES = ("auto", "tracked", "rake")
+PROTOCOLS_BY = ("ratio", "load-ratio", "none")
 GAUGE_AT = ("zero", "start")
 DIRECTIONS = ("x", "y", "xy")
 GAUGE_RANGE_MM: dict[str, float] = {"minimum": 0.01, "maximum": 1e4}
@@ -40,8 +41,10 @@ class Choice(Options):
         (),
         "generic: stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,... Targets are stretch_x, _y, "
         "force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, protocol, cycle, shear_xy, "
-        "shear_yx. Units and kinds of strain are read from the column's name where it is clear, or "
-        "given behind a colon: "
+        "shear_yx (F12, F21: then stretches are F11, F22), and ignore for a column of labels that "
+        "separates nothing. A column may be given by its position, as #3; A+B adds the "
+        "displacements of opposite actuators. Units and kinds of strain are read from the column's "
+        "name where it is clear, or given behind a colon: "
         f"{units_of('force', 'stress', 'length', 'displacement', *STRAINS, 'time')}.",
         metavar="TARGET=COLUMN[:UNIT],...",
     )
@@ -61,8 +64,39 @@ class Choice(Options):
         "displacement zero, or at the first row of the file.",
         choices=GAUGE_AT,
     )
-    cycle: str = option("last", "Cycle to take.", metavar="last|N")
-    branch: str = option("loading", choices=BRANCHES)
+    rows: str | None = option(
+        None,
+        "Lines of the file to take, both ends included; all: every row, whatever it looks like.",
+        metavar="FIRST:LAST,...|all",
+    )
+    specimen_by: str | None = option(
+        None,
+        "Column that names the specimen of each row; --specimen chooses one of them.",
+        metavar="COLUMN",
+    )
+    protocols_by: str | None = option(
+        None,
+        "What separates protocols: a column, the ratio of the stretches or of the loads at the "
+        "peak of each cycle, or nothing (none: all cycles are of one protocol).",
+        metavar="COLUMN|ratio|load-ratio|none",
+    )
+    repeats: str | None = option(
+        None,
+        "Files, sheets or sets of the same stretch ratio are protocols, or cycles of one.",
+        choices=("protocols", "cycles"),
+    )
+    cycles: str | None = option(
+        None,
+        "Cycle of each protocol to take; all: each a protocol of its own.",
+        metavar="last|all|N",
+    )
+    branch: str | None = option(None, "Side of a cycle to take.", choices=BRANCHES)
+    still: str | None = option(
+        None,
+        "Where the stretch repeats while the load goes on: take the first row of each step (a "
+        "slower camera), the last (relaxed states), or all rows.",
+        choices=("first", "last", "all"),
+    )
     stretch_from: str = option(
         "auto",
         "biotester: points tracked on the tissue, or the distance of the rakes.",
@@ -70,7 +104,7 @@ class Choice(Options):
     )
     sets: tuple[str, ...] = option(
         (),
-        "biotester: sets to take as protocols (default: the last).",
+        "biotester: sets to take, a protocol each; repeatable.",
         metavar="NAME|all",
         flag="set",
     )
@@ -86,9 +120,37 @@ class Choice(Options):
         "Directions whose load cell counts tension negative: their sign is reversed.",
         choices=DIRECTIONS,
     )
+    fill_labels: bool = option(
+        False, "A label holds for the empty cells below it, as in merged cells."
+    )
+    hidden: str | None = option(
+        None,
+        "Whether hidden or filtered rows, and hidden sheets, of an .xlsx are taken.",
+        choices=("keep", "drop"),
+    )
     drop_missing: bool = option(
         False, "Leave out rows in which a reading is missing, and count them."
     )
+
+    specimen: str | None = None
+    """Specimen to take where ``specimen_by`` names several; its name in the header."""
+
+    @property
+    def separating_column(self) -> str | None:
+        """The column that separates protocols, if one does."""
+        return None if self.protocols_by in (None, *PROTOCOLS_BY) else self.protocols_by
+
+    @property
+    def signs(self) -> tuple[float, float]:
+        """Factors of the loads in x and y."""
+        x, y = (-1.0 if axis in (self.tension_negative or "") else 1.0 for axis in "xy")
+        return x, y
+
+    @property
+    def sign_notes(self) -> tuple[str, ...]:
+        """What was done to the signs of the loads."""
+        axes = " and ".join(self.tension_negative or "")
+        return (f"the sign of the load in {axes} is reversed",) if axes else ()
 
     def __post_init__(self) -> None:
         if self.machine not in FORMATS:

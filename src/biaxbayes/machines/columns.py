@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from biaxbayes.errors import InputError
+from biaxbayes.machines.questions import Question
 from biaxbayes.specimens.specimen import STRESS_PAIRS
-from biaxbayes.tables.table import Table
+from biaxbayes.tables.table import MISSING, Table
 from biaxbayes.tables.units import (
     STRAIN_CHOICES,
     STRAINS,
@@ -25,7 +29,7 @@ from biaxbayes.tables.units import (
     units_of,
     words_of,
 )
-from biaxbayes.text_files import cells_of
+from biaxbayes.text_files import cells_of, is_number
 
 SHEAR = {"shear_xy": "f12", "shear_yx": "f21"}
 TARGETS = {
@@ -37,9 +41,14 @@ TARGETS = {
     "time_s": "time",
     "protocol": "text",
     "cycle": "text",
+    "specimen": "text",
     **dict.fromkeys(SHEAR, "shear"),
 }
 """Targets of a column, and their quantity."""
+MOVED = "displacement"
+PIXELS = "px"
+IGNORE = "ignore"
+"""Target of columns that mean nothing here."""
 OPTIONAL = ("time_s", *SHEAR)
 """Targets that are mapped automatically if a single column of numbers has their name and a unit."""
 LENGTH_WORDS = r"distance|length|size|gap|separation|abstand|l[äa]nge|laenge|gauge"
@@ -55,9 +64,9 @@ STRESS_WORDS = {
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table with its unit (None for text)."""
+    """A column of the table with its unit (None for text), or the sum of several."""
 
-    index: int
+    indices: tuple[int, ...]
     name: str
     unit: Unit | None
     conflict: str = ""  # how the unit that the user gives differs from the column's
@@ -78,7 +87,7 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
                     f"`columns`: {pair[:60]!r} is not of the form stretch_x=F11",
                     remedy="give target=column pairs, separated by commas",
                 )
-            if target not in TARGETS:
+            if target not in (*TARGETS, IGNORE):
                 likely, hint = likely_name(target, TARGETS, cutoff=0.7)
                 unit = unit_of_column(target)
                 if likely and unit is not None and unit != unit_of_column(likely):
@@ -87,70 +96,99 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
                     f"`columns`: unknown target {target[:60]!r}",
                     remedy=f"{hint}targets are {', '.join(TARGETS)}",
                 )
-            if target in wanted:
+            if target in wanted and target != IGNORE:
                 raise InputError(f"`columns`: {target} is given twice", remedy="keep one")
-            wanted[target] = column
+            wanted[target] = f"{wanted[target]}\n{column}" if target in wanted else column
     return wanted
 
 
-def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
-    """The requested columns of a table, and others with the name of a target in any unit."""
-    loads_named = any(TARGETS[target] in ("force", "stress") for target in wanted)
+def column_map(table: Table, wanted: Mapping[str, str]) -> tuple[dict[str, Column], frozenset[int]]:
+    """The requested columns of a table and others named as a target, and those to ignore."""
+    loads_named = any(TARGETS.get(target) in ("force", "stress") for target in wanted)
+    ignored = {table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name}
     columns: dict[str, Column] = {}
     for target, quantity in TARGETS.items():
-        given = None
         if target in wanted:
-            index, given = _named(table, wanted[target])
+            indices, given = _named(table, wanted[target], target)
         elif quantity in ("force", "stress") and loads_named:
             continue
-        elif target in OPTIONAL:
-            stems = (stem_of(target), SHEAR.get(target))
-            same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
-            if len(same) != 1 or not table.is_numeric(same[0]):
-                continue
-            index = same[0]
         else:
-            by_name = table.by_stem(stem_of(target))
-            if by_name is None:
+            index, given = _by_name(table, target), None
+            if index is None or index in ignored:
                 continue
-            index = by_name
-        unit, conflict = None, ""
-        if quantity == "stretch":
-            unit = _stretch_unit(table, index, target, given)
-            kinds = _kinds(table, index)
-            if given is not None and given.quantity in STRAINS and kinds - {given.quantity}:
-                conflict = " and ".join(sorted(kinds))
-        elif quantity != "text":
+            indices = (index,)
+        units, conflicts = [], []
+        for index in indices:
             try:
-                unit = _unit(table, index, target, quantity, given)
+                unit, conflict = _unit_of(table, index, target, quantity, given)
             except InputError:
                 if target in OPTIONAL and target not in wanted:
-                    continue
+                    break
                 raise
-        written = [u for u in table.units(index) if given and u.quantity == given.quantity]
-        if given is not None and any(u.factor != given.factor for u in written):
-            conflict = " and ".join(u.name for u in written)
-        if conflict and given is not None:
-            name = table.names[index]
-            conflict = f"{target} is read as {given.name}, as given; {name!r} suggests {conflict}"
-        columns[target] = Column(index, table.names[index], unit, conflict)
+            units.append(unit)
+            conflicts.append(conflict)
+        if not units:
+            continue
+        name = " + ".join(table.names[index] for index in indices)
+        if len(set(units)) > 1 or (len(indices) > 1 and (units[0] or UNITS["N"]).quantity != MOVED):
+            raise InputError(
+                f"{name!r} cannot be added for {target}",
+                file=table.path,
+                remedy="only displacements of opposite actuators, in one unit, are added; opposite "
+                "load cells read the same force: give one of them",
+            )
+        columns[target] = Column(indices, name, units[0], next(filter(None, conflicts), ""))
     _check_complete(table, columns)
-    return columns
+    return columns, frozenset(ignored)
 
 
-def _named(table: Table, text: str) -> tuple[int, Unit | None]:
-    """Column and unit from ``column`` or ``column:unit``."""
+def _unit_of(
+    table: Table, index: int, target: str, quantity: str, given: Unit | None
+) -> tuple[Unit | None, str]:
+    """The unit of a column for its target, and how the one that the user gives differs from it."""
+    if quantity == "text":
+        return None, ""
+    conflict = ""
+    if quantity == "stretch":
+        unit = _stretch_unit(table, index, target, given)
+        kinds = _kinds(table, index)
+        if given is not None and given.quantity in STRAINS and kinds - {given.quantity}:
+            conflict = " and ".join(sorted(kinds))
+    else:
+        unit = _unit(table, index, target, quantity, given)
+    written = [u for u in table.units(index) if given and u.quantity == given.quantity]
+    if given is not None and any(u.factor != given.factor for u in written):
+        conflict = " and ".join(u.name for u in written)
+    if conflict and given is not None:
+        name = table.names[index]
+        conflict = f"{target} is read as {given.name}, as given; {name!r} suggests {conflict}"
+    return unit, conflict
+
+
+def _by_name(table: Table, target: str) -> int | None:
+    """The column that is named as a target, in any unit."""
+    if target not in OPTIONAL:
+        return table.by_stem(stem_of(target))
+    stems = (stem_of(target), SHEAR.get(target))
+    same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
+    return same[0] if len(same) == 1 and table.is_numeric(same[0]) else None
+
+
+def _named(table: Table, text: str, target: str) -> tuple[tuple[int, ...], Unit | None]:
+    """Columns and unit from ``column``, ``column:unit``, ``#3`` or ``A+B``."""
     name, colon, ending = text.rpartition(":")
-    if not colon or text in table.names:
-        return table.column(text), None
-    unit = unit_named(ending)
-    if unit is not None:
-        return table.column(name), unit
-    if name.strip() in map(str.strip, table.names):
+    unit = None if text in table.names or not colon else unit_named(ending)
+    if unit is None and colon and name.strip() in map(str.strip, table.names):
         problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
         remedy = f"choose one of {', '.join(UNITS)}"
         raise InputError(problem, file=table.path, column=name.strip(), remedy=remedy)
-    return table.column(text), None
+    name = text if unit is None else name
+    parts = (
+        name.split("+") if target.startswith("stretch") and not table.has_column(name) else [name]
+    )
+    if not all(map(table.has_column, parts)):
+        parts = [name]
+    return tuple(table.column(part) for part in parts), unit
 
 
 def _unit(table: Table, index: int, target: str, quantity: str, given: Unit | None) -> Unit:
@@ -272,10 +310,18 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
         any(re.fullmatch(pattern, word) for word in words)
         for pattern in (DISPLACEMENT_WORDS, LENGTH_WORDS)
     )
-    if moved and not apart:
+    if moved and not apart and unit.name != PIXELS:
         return UNITS[f"displacement_{unit.name}"]
     if apart and not moved:
         return unit
+    if unit.name == PIXELS:
+        raise InputError(
+            f"{name!r} may be a displacement or a length",
+            file=table.path,
+            column=name,
+            remedy=f"write {shlex.quote(f'{target}={name}:px')} for the distance between marks; a "
+            "displacement needs the distance in pixels, too: compute the stretch in the table",
+        )
     texts = [shlex.quote(f"{target}={name}:{kind}{unit.name}") for kind in ("displacement_", "")]
     raise InputError(
         f"{name!r} may be a displacement or a length",
@@ -301,10 +347,11 @@ def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
         raise InputError(problem, file=table.path, remedy=f"{table.listing}; {_example(table)}")
     used: dict[int, str] = {}
     for target, column in columns.items():
-        if column.index in used:
-            problem = f"{column.name!r} is used for both {used[column.index]} and {target}"
-            raise InputError(problem, file=table.path, remedy=table.listing)
-        used[column.index] = target
+        for index in column.indices:
+            if index in used:
+                problem = f"{column.name!r} is used for both {used[index]} and {target}"
+                raise InputError(problem, file=table.path, remedy=table.listing)
+            used[index] = target
 
 
 def _example(table: Table) -> str:
@@ -324,3 +371,80 @@ def _example(table: Table) -> str:
         values = ["COLUMN"] * 4
     pairs = zip(("stretch_x", "stretch_y", *STRESS_PAIRS[pair]), values, strict=True)
     return f"for example --columns {shlex.quote(','.join(f'{t}={name}' for t, name in pairs))}"
+
+
+# --- columns that nobody mapped -------------------------------------------------------------------
+
+LEAST_LABELS = 2
+MAX_LABELS = 60
+LEAST_ROWS_OF_LABEL = 3
+
+
+def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: frozenset[int]) -> None:
+    """Ask what a column separates that has the same few labels in many rows."""
+    used = {i for column in columns.values() for i in column.indices} | ignored
+    for index, name in enumerate(table.names):
+        if index in used:
+            continue
+        labels = [cell for cell in table.text(index) if cell.lower() not in MISSING]
+        counts = Counter(labels)
+        if not LEAST_LABELS <= len(counts) <= MAX_LABELS or 2 * len(labels) < table.rows:
+            continue
+        numbers = all(map(is_number, counts))
+        if numbers and not all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts):
+            continue
+        changes = sum(a != b for a, b in pairwise(labels)) + 1
+        if changes * LEAST_ROWS_OF_LABEL > len(labels) or _is_reading(table, index):
+            continue
+        shown = ", ".join(f"{k}: {n} rows" for k, n in list(counts.items())[:6])
+        mapped = {
+            f"columns={target}={name}": f"each a {target}"
+            for target in ("protocol", "cycle")
+            if target not in columns
+        }
+        raise Question(
+            f"column {name!r} has {len(counts)} labels ({shown}{' ...' * (len(counts) > 6)}), and "
+            "nothing says what they separate",
+            {
+                **({} if "specimen" in columns else {f"specimen_by={name}": "each a specimen"}),
+                **mapped,
+                f"columns={IGNORE}={name}": "nothing",
+            },
+            file=table.path,
+        )
+
+
+def _is_reading(table: Table, index: int) -> bool:
+    """Whether a column has a unit of a reading."""
+    return any(u.quantity not in ("fraction", *STRAINS) for u in table.units(index))
+
+
+def ask_about_opposites(
+    table: Table, columns: Mapping[str, Column], ignored: frozenset[int]
+) -> None:
+    """Ask for opposite actuators where displacements of the same kind of name are left over."""
+    used = {i for column in columns.values() for i in column.indices} | ignored
+    for target in ("stretch_x", "stretch_y"):
+        column = columns[target]
+        if column.unit is None or column.unit.quantity != MOVED or len(column.indices) > 1:
+            continue
+        others = [
+            i
+            for i, name in enumerate(table.names)
+            if i not in used and re.sub(r"\d+", "#", name) == re.sub(r"\d+", "#", column.name)
+        ]
+        others = [i for i in others if table.is_numeric(i) and np.ptp(table.numbers(i)) > 0.0]
+        if others:
+            kind = column.unit.name
+            choices = {
+                f"columns={target}={column.name}+{table.names[i]}:{kind}": "the two are opposite "
+                "and the specimen is stretched by their sum"
+                for i in others
+            }
+            names = ",".join(f"{IGNORE}={table.names[i]}" for i in others)
+            raise Question(
+                f"{column.name!r} is one of {len(others) + 2} displacements; where opposite "
+                "actuators both move, one of them is half of the stretch",
+                {**choices, f"columns={names}": "the other end is fixed"},
+                file=table.path,
+            )

@@ -11,13 +11,25 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.recording import Gauge, Recording
+from biaxbayes.machines.gauge import Gauge
+from biaxbayes.machines.questions import Question
+from biaxbayes.machines.record import Record, Recording
+from biaxbayes.machines.selection import select, without_repeats
+from biaxbayes.specimens.check import LARGE_DRIFT
 from biaxbayes.specimens.keys import ARGUMENT_KEYS, DIMENSIONS
-from biaxbayes.specimens.plausibility import NEGATIVE, check_load
-from biaxbayes.specimens.protocol import CURVES, LOAD_ROWS, Protocol, ReadingError
+from biaxbayes.specimens.plausibility import check_load
+from biaxbayes.specimens.protocol import (
+    CURVES,
+    LOAD_ROWS,
+    Protocol,
+    ReadingError,
+    second_difference_scatter,
+)
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tables.table import read_tables
 
+BELOW_START = 0.02
+"""Fall of a loading branch below its start, over its length, that cannot be loading."""
 Header = Mapping[str, float | str]
 """Values by their key in a specimen file."""
 
@@ -26,13 +38,15 @@ Header = Mapping[str, float | str]
 class Conversion:
     """A specimen, its recordings, and its protocols with the stretches as measured.
 
-    ``geometry_given`` is True if the user stated the geometry.
+    ``geometry_given`` is True if the user stated the geometry; ``records`` are all rows of the
+    tables, with the reason of each that was left out.
     """
 
     specimen: Specimen
     recordings: tuple[Recording, ...]
     protocols_as_measured: tuple[Protocol, ...]
     geometry_given: bool
+    records: tuple[Record, ...] = ()
 
     def __repr__(self) -> str:
         sources = ", ".join(r.source for r in self.recordings)
@@ -47,14 +61,16 @@ def convert(
     protocol_names: Sequence[str] = (),
 ) -> Conversion:
     """Read machine exports as one specimen, as :func:`biaxbayes.convert` does."""
-    recordings = _named_recordings(paths, choice, header, protocol_names)
+    choice = replace(choice, specimen=choice.specimen or _text(header.get("specimen")))
+    records, recordings = _named_recordings(paths, choice, header, protocol_names)
     # stretches as measured: `Specimen` divides them by those at rest, and `check` reports the drift
     timed = all(r.time_s is not None for r in recordings)
     protocols = []
     for r in recordings:
         (x, y), (load_x, load_y) = r.stretch.T, r.load.T
         protocols.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
-    stress_pair = recordings[0].stress_pair
+    _check_references(protocols, header, paths[0])
+    stress_pair = recordings[0].record.stress_pair
     unit, other = ("N", "kPa") if stress_pair == "force" else ("kPa", "N")
     if f"load_noise_{other}" in header:
         raise InputError(
@@ -71,29 +87,80 @@ def convert(
         metadata=_metadata(recordings, paths, choice, header),
         **{key: header[key] for key in ARGUMENT_KEYS if key in header},  # type: ignore[arg-type]
     )
-    return Conversion(specimen, tuple(recordings), tuple(protocols), "geometry" in header)
+    for p, r in zip(specimen.protocols, recordings, strict=True):
+        _check_start(p, r)
+    return Conversion(
+        specimen, tuple(recordings), tuple(protocols), "geometry" in header, tuple(records)
+    )
+
+
+def _text(value: object) -> str | None:
+    return None if value is None else str(value)
+
+
+def _check_references(protocols: Sequence[Protocol], header: Header, file: Path) -> None:
+    """Ask for the reference of protocols that start at different stretches."""
+    starts = np.array([p.stretch[: max(p.rest_rows, 1)].mean(axis=0) for p in protocols])
+    if "reference" in header or np.ptp(starts, axis=0).max() <= LARGE_DRIFT:
+        return
+    shown = "; ".join(
+        f"{p.name}: {x:.4f}, {y:.4f}" for p, (x, y) in zip(protocols, starts, strict=True)
+    )
+    gives = {
+        "reference=each protocol": "each starts at the mounted state, by which it is divided",
+        "reference=common": "one reference for all; those that start elsewhere have no rest",
+    }
+    raise Question(f"its protocols start at different stretches ({shown[:300]})", gives, file=file)
+
+
+def _check_start(p: Protocol, r: Recording) -> None:
+    """Refuse a loading branch that falls below the state that it starts from."""
+    if r.branch != "loading" or p.rest_rows == 0:
+        return
+    start = p.stretch[: p.rest_rows].mean(axis=0)
+    furthest = p.stretch[-1] - start
+    length = max(float(np.linalg.norm(furthest)), 1e-300)
+    along = (p.stretch - start) @ furthest / length
+    scatter = second_difference_scatter(along)
+    low = int(along.argmin())
+    if along[low] < -max(BELOW_START * length, 6.0 * scatter):
+        raise InputError(
+            f"the loading branch {r.name!r} falls to {p.stretch[low, 0]:.4f}, "
+            f"{p.stretch[low, 1]:.4f} of the state that it starts from",
+            file=r.record.path,
+            row=int(r.lines[low]),
+            remedy="give the lines of the loading side with `rows`",
+        )
 
 
 def _named_recordings(
     paths: Sequence[Path], choice: Choice, header: Header, protocol_names: Sequence[str]
-) -> list[Recording]:
-    """Recordings of all files with the given names, or those of files, sheets and protocols."""
+) -> tuple[list[Record], list[Recording]]:
+    """Records of all files, and their recordings with the given names or those in the files."""
+    records: list[Record] = []
     recordings: list[Recording] = []
     for path in paths:
-        in_file = _recordings(path, choice, header)
+        of_file = _records(path, choice, header)
+        in_file = [r for record in of_file for r in select(record, choice)]
         for r in in_file:
-            name = r.name if len(paths) == 1 else f"{path.stem} {r.name}"
+            name = f"{r.record.name} {r.name}".strip() if r.record.name != r.name else r.name
+            name = name if len(paths) == 1 else f"{path.stem} {name}"
             recordings.append(replace(r, name=path.stem if len(in_file) == 1 else name))
-    pairs = {r.stress_pair for r in recordings}
+        records += of_file
+    recordings = without_repeats(recordings, choice)
+    pairs = {r.record.stress_pair for r in recordings}
     if len(pairs) > 1:
         raise InputError(
             f"the files hold different stress pairs ({', '.join(sorted(pairs))})",
             remedy="convert them with the same columns",
         )
+    for r in recordings:
+        _check(r, header)
     if protocol_names and len(protocol_names) != len(recordings):
+        of = ", ".join(f"{r.name} from {r.source}" for r in recordings)
         raise InputError(
             f"{len(protocol_names)} protocol names for {len(recordings)} protocols",
-            remedy=f"the protocols are {', '.join(r.source for r in recordings)[:300]}",
+            remedy=f"the protocols are {of[:300]}",
         )
     names = list(protocol_names) or [r.name for r in recordings]
     for name in names:
@@ -102,52 +169,40 @@ def _named_recordings(
                 f"protocol name {name[:40]!r} is empty or duplicated",
                 remedy="give `protocol_names`, one per protocol",
             )
-    return [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
+    recordings = [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
+    return records, recordings
 
 
-def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
-    """Checked recordings of all tables of a file; sheets without the columns are left out."""
-    tables, skipped = read_tables(path, choice.sheets)
+def _records(path: Path, choice: Choice, header: Header) -> list[Record]:
+    """Records of all tables of a file; sheets without the columns are left out."""
+    tables, skipped = read_tables(path, choice.sheets, choice.hidden)
     edges = None
     if "edge_x_mm" in header and "edge_y_mm" in header:
         edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
     geometry = str(header.get("geometry", "unloaded"))
     gauge = Gauge((choice.gauge_x_mm, choice.gauge_y_mm), edges, geometry, choice.gauge_at or "")
     reader = import_module(f"biaxbayes.machines.{choice.machine}")
-    recordings: list[Recording] = []
+    records: list[Record] = []
     for sheet, table in tables.items():
         if len(tables) > 1 and not reader.recognises(table, choice):
             skipped[sheet] = "has none of the columns"
             continue
-        for r in reader.recordings(table, choice, gauge):
-            name = f"{sheet} {r.name}".rstrip() if len(tables) > 1 else r.name
-            recordings.append(replace(r, name=name))
-    if not recordings:
+        for record in reader.records(table, choice, gauge):
+            name = f"{sheet} {record.name}".strip() if len(tables) > 1 else record.name
+            records.append(replace(record, name=name))
+    if not records:
         remedy = next(iter(tables.values())).listing
         raise InputError("no sheet has the columns", file=path, remedy=remedy)
     if skipped:
         note = "sheets left out: " + ", ".join(f"{k} ({why})" for k, why in skipped.items())
-        recordings = [replace(r, notes=(*r.notes, note)) for r in recordings]
-    if choice.tension_negative:
-        signs = [-1.0 if axis in choice.tension_negative else 1.0 for axis in "xy"]
-        note = f"the sign of the load in {' and '.join(choice.tension_negative)} is reversed"
-        recordings = [
-            replace(r, load=r.load * signs, assumptions=(*r.assumptions, note)) for r in recordings
-        ]
-    for r in recordings:
-        _check(r, path, header)
-    _check_signs(recordings, path)
-    return recordings
+        records = [replace(r, notes=(*r.notes, note)) for r in records]
+    return records
 
 
-def _check(r: Recording, file: Path, header: Header) -> None:
+def _check(r: Recording, header: Header) -> None:
     """Refuse a recording whose numbers cannot be what their columns say."""
-    if len(r.lines) < 2:
-        rows = "no row is" if len(r.lines) == 0 else "only 1 row is"
-        problem = f"{rows} left of the {r.branch} branch"
-        raise InputError(problem, file=file, remedy="choose another `cycle` or `branch`")
     sections: tuple[float | None, float | None] = (None, None)
-    if r.stress_pair == "force":
+    if r.record.stress_pair == "force":
         missing = [key for key in (*DIMENSIONS, "geometry") if key not in header]
         if missing:
             options = [f"`{key}`" for key in missing]
@@ -165,35 +220,9 @@ def _check(r: Recording, file: Path, header: Header) -> None:
         for name, load, section in zip(LOAD_ROWS, r.load.T, sections, strict=True):
             check_load(load, section, limit, argument=name)
     except ReadingError as error:
-        raise error.at(file, r.lines, dict(zip(CURVES, r.columns, strict=True))) from None
-
-
-def _check_signs(recordings: Sequence[Recording], file: object) -> None:
-    """Refuse loads that fall where the stretch is largest, as from a cell with tension negative."""
-    largest = max(float(np.ptp(r.load, axis=0).max()) for r in recordings)
-    for k, axis in enumerate("xy"):
-        recording = max(recordings, key=lambda r: float(np.ptp(r.stretch[:, k])))
-        stretch, load = recording.stretch[:, k], recording.load[:, k]
-        change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
-        if change >= -NEGATIVE * largest:
-            continue
-        strain = stretch - stretch[0]
-        if load[np.abs(strain).argmax()] > load[0] and -strain.min() > strain.max():
-            raise InputError(
-                f"the load in {axis} rises by {-change:.3g} while the stretch in {axis} falls to "
-                f"{stretch.min():.4g}: the machine may count extension as negative, or the strain "
-                "may be inverse",
-                file=file,
-                column=recording.columns[k],
-                remedy="multiply the column by -1 (a displacement) in the table, and convert again",
-            )
-        raise InputError(
-            f"the load in {axis} falls by {-change:.3g} while the stretch in {axis} rises to "
-            "its largest value: the load cell may count tension as negative",
-            file=file,
-            column=recording.columns[2 + k],
-            remedy=f"reverse its sign with `tension_negative={axis}` (or xy for both)",
-        )
+        raise error.at(
+            r.record.path, r.lines, dict(zip(CURVES, r.record.columns, strict=True))
+        ) from None
 
 
 def _metadata(
@@ -206,8 +235,10 @@ def _metadata(
     cycles = [r.cycle for r in recordings]
     if any(cycles):
         metadata["cycle"] = ", ".join(dict.fromkeys(c or "the only one" for c in cycles))
-    metadata["branch"] = choice.branch
-    assumptions = dict.fromkeys(note for r in recordings for note in r.assumptions)
+    metadata["branch"] = recordings[0].branch
+    assumptions = dict.fromkeys(
+        note for r in recordings for note in (*r.record.assumptions, *r.assumptions)
+    )
     if assumptions:
         metadata["conversion"] = "; ".join(assumptions)
     gradients = [r.gradient for r in recordings if r.gradient is not None]

@@ -1,21 +1,25 @@
-"""Cycles of a record, their ratios, and whether preconditioning has settled."""
+"""Cycles of a record, cut at the turning points of the quieter of displacement and load."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from biaxbayes.errors import InputError
-from biaxbayes.machines.recording import Recording
-from biaxbayes.specimens.branches import cycles, path_progress
-from biaxbayes.tables.table import Table
+from biaxbayes.specimens.protocol import second_difference_scatter
 
+AMPLITUDE = 0.2
+"""Fraction of the whole range that a rise and a fall must have to count as a cycle."""
+LEAST_ROWS = 5
+"""Least number of rows of a loading side, and of a hold at its peak."""
+TOLERATED_FALL = 0.05
+"""Largest fall behind the peak, as a fraction of the rise, that is no unloading."""
+LEVEL = 0.25
+"""Rows within this fraction of the mean step of a rise are at the level of its end."""
 SAME_RATIO_DEG = 2.5
 """Largest angle between peaks of the same ratio; 1:1 and 1:0.9 differ by 3 degrees."""
-STEADY_DEG = 0.75
-"""Largest change of angle from cycle to cycle of the quantity that the machine controls."""
 SETTLED_CHANGE = 0.03
 """Relative change of peak load or curve up to which the last cycles repeat (a convention)."""
 SAME_REACH = 0.05
@@ -24,147 +28,180 @@ SAME_REACH = 0.05
 
 @dataclass(frozen=True)
 class Cycle:
-    """Rows of one cycle up to its peak, and from the peak on."""
+    """Rows of one cycle: rest and rise, hold at the peak, and the fall from the peak."""
 
     label: str
     loading: np.ndarray
+    hold: np.ndarray
     unloading: np.ndarray
 
     def rows(self, branch: str) -> np.ndarray:
         """Rows of a branch; an unloading branch is reversed, so that it starts at rest."""
-        up, down = self.loading, self.unloading
-        return {"loading": up, "unloading": down[::-1], "both": np.union1d(up, down)}[branch]
+        if branch == "both":
+            return np.union1d(self.loading, self.unloading)
+        return self.loading if branch == "loading" else self.unloading[::-1]
 
 
-def split_cycles(
-    stretch: np.ndarray, load: np.ndarray, labels: Sequence[str] | None, table: Table
-) -> list[Cycle]:
-    """Cycles by the labels of a column, otherwise from the curves."""
-    if labels is None:
-        groups = {"": np.arange(len(stretch))}
-    else:
-        groups = {k: np.flatnonzero(np.array(labels) == k) for k in dict.fromkeys(labels)}
-    all_cycles = []
-    for label, rows in groups.items():
-        rises = cycles(path_progress(stretch[rows], load[rows]))
-        if not rises and label == list(groups)[-1]:
-            problem = "the record never rises: no loading branch"
-            raise InputError(problem, file=table.path, remedy=f"check the columns; {table.listing}")
-        first = len(rises) if labels is None else 1
-        for number, (up, down) in enumerate(rises[-first:], start=1):
-            all_cycles.append(Cycle(label or str(number), rows[up], rows[down]))
-    return all_cycles
+def quieter_path(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Progress of a record, shape (n,), in stretch or load, whichever has less noise.
 
-
-def cycle_index(which: str, all_cycles: Sequence[Cycle], table: Table) -> int:
-    """Index of the selected cycle, ``last`` or a label."""
-    labels = [cycle.label for cycle in all_cycles]
-    if which == "last":
-        return len(labels) - 1
-    if which not in labels:
-        shown = ", ".join(labels) if len(labels) < 12 else f"{labels[0]} to {labels[-1]}"
-        raise InputError(
-            f"no cycle {which}",
-            file=table.path,
-            remedy=f"cycles are {shown or 'none'}; or `cycle=last`",
-        )
-    return labels.index(which)
-
-
-def take_branch(
-    convert: Callable[[Cycle, str], Recording],
-    all_cycles: Sequence[Cycle],
-    group: Sequence[int],
-    branch: str,
-    label: str,
-) -> Recording:
-    """A branch of the last cycle of a group, with a note on how it differs from the cycle before.
-
-    ``convert`` converts the rows of a cycle and branch; ``label`` names the group in the note.
+    Stretches are added with the sign with which they follow the loads: a contracting direction
+    counts as progress.
     """
-    number = group[-1]
-    recording = convert(all_cycles[number], branch)
-    # such as ``6 of 6``
-    name, number_of = all_cycles[number].label, f"{number + 1} of {len(all_cycles)}"
-    cycle = number_of if name == str(number + 1) else f"{name} ({number_of})"
-    recording = replace(
-        recording,
-        cycle=cycle if len(all_cycles) > 1 else None,
-        branch=branch,
-        time_s=None if branch == "unloading" else recording.time_s,
-    )
-    if len(group) < 2:
-        return recording
-    text, settled = settling(*(convert(all_cycles[n], "loading") for n in group[-2:]))
-    text = f"{label}: {text}" if label else text
-    if settled:
-        return replace(recording, notes=(*recording.notes, text))
-    return replace(recording, assumptions=(*recording.assumptions, text))
+    total = sum((curve - curve[0]) / max(float(np.ptp(load)), 1e-300) for curve in load.T)
+    path = np.zeros(len(stretch))
+    for curve in stretch.T:
+        centred, rising = curve - curve.mean(), total - np.mean(total)
+        scale = float(np.linalg.norm(centred) * np.linalg.norm(rising))
+        falls = scale > 0.0 and float(centred @ rising) < -0.5 * scale
+        path += (curve - curve[0]) * (-1.0 if falls else 1.0)
+    noise = [second_difference_scatter(p) / max(float(np.ptp(p)), 1e-300) for p in (path, total)]
+    return path if noise[0] <= noise[1] or np.ptp(total) == 0.0 else np.asarray(total)
+
+
+def cut(path: np.ndarray, label: str = "") -> list[Cycle]:
+    """Cycles of a record from its path: rises of enough rows with what follows them.
+
+    Turning points are those of a running median, so that no single row makes one. A rise begins
+    with the rows at the level of its valley that lead to it, and ends where its peak is reached.
+    """
+    smooth = median_filter(path, 5, mode="nearest") if path.size > 2 * LEAST_ROWS else path
+    turns = _turning_points(smooth, AMPLITUDE * float(np.ptp(smooth)))
+    near = [(_nearest(path, low, -1.0), _nearest(path, high, 1.0)) for low, high in turns]
+    rises = [(low, high) for low, high in near if high - low >= LEAST_ROWS - 1]
+    scatter, rows = second_difference_scatter(path), np.arange(path.size)
+    before = [0, *(high + 1 for _, high in rises)][: len(rises)]
+    starts = [_rest(path, smooth, *rise, b, scatter) for rise, b in zip(rises, before, strict=True)]
+    cycles = []
+    for number, ((low, high), start) in enumerate(zip(rises, starts, strict=True)):
+        end = starts[number + 1] if number + 1 < len(rises) else path.size
+        top, after = _hold(path, smooth, low, high, end, scatter)
+        falling = rows[after - 1 : end] if after < end else rows[end:]
+        parts = rows[start : top + 1], rows[top + 1 : after], falling
+        cycles.append(Cycle(label or str(number + 1), *parts))
+    return cycles
+
+
+def _rest(
+    path: np.ndarray, smooth: np.ndarray, low: int, high: int, before: int, scatter: float
+) -> int:
+    """First of the rows at the level of a valley that lead to its rise."""
+    level = LEVEL * (path[high] - path[low]) / (high - low) + 4.0 * scatter
+    above = np.flatnonzero(np.minimum(path, smooth)[before:low] > path[low] + level)
+    return before + int(above[-1]) + 1 if above.size else before
+
+
+def _hold(
+    path: np.ndarray, smooth: np.ndarray, low: int, high: int, end: int, scatter: float
+) -> tuple[int, int]:
+    """Row that reaches the peak, and the first row after the hold there."""
+    rise, upper = path[high] - path[low], np.maximum(path, smooth)
+    step = rise / (high - low)
+    level = LEVEL * step + 2.0 * scatter
+    fell = np.flatnonzero(upper[high:end] < path[high] - 2.0 * level)
+    after = high + int(fell[0]) if fell.size else end
+    if path[high] - smooth[high:end].min() <= TOLERATED_FALL * rise + 5.0 * scatter:
+        after = end  # what follows is no unloading
+    reached = low + int(np.argmax(path[low : high + 1] >= path[high] - level))
+    # noise alone lets a few rows before and after the peak lie at its level
+    held = after - 1 - reached >= LEAST_ROWS + 2.0 * level / step
+    return (reached, after) if held else (max(high, after - 1) if after == end else high, after)
+
+
+def _nearest(path: np.ndarray, row: int, sign: float) -> int:
+    """Row of the extremum of the path within two rows of that of its running median."""
+    first = max(row - 2, 0)
+    return first + int(np.argmax(sign * path[first : row + 3]))
+
+
+def _turning_points(path: np.ndarray, amplitude: float) -> list[tuple[int, int]]:
+    """Rows (valley, peak) of each rise of at least ``amplitude``."""
+    pairs: list[tuple[int, int]] = []
+    low = high = 0
+    rising = False
+    for row, value in enumerate(path.tolist()):
+        if rising:
+            if value > path[high]:
+                high = row
+            elif path[high] - value >= amplitude:
+                pairs.append((low, high))
+                rising, low = False, row
+        elif value <= path[low]:
+            low = row
+        elif value - path[low] >= amplitude > 0.0:
+            rising, high = True, row
+    if rising:
+        pairs.append((low, high))
+    return pairs
 
 
 # --- ratios ---------------------------------------------------------------------------------------
 
 
-def by_ratio(
-    stretch: np.ndarray, load: np.ndarray, all_cycles: Sequence[Cycle]
-) -> dict[str, list[int]]:
-    """Cycle numbers by the ratio x:y of peak stretches or loads, whichever is steadier."""
-    candidates = []
-    for curves in (stretch, load):
-        peaks = np.array([curves[c.loading[-1]] - curves[c.loading[0]] for c in all_cycles])
-        angles = np.degrees(np.arctan2(peaks[:, 1], peaks[:, 0]))
-        groups: list[list[int]] = []
-        for i, angle in enumerate(angles):
-            near = (g for g in groups if abs(angles[g[-1]] - angle) < SAME_RATIO_DEG)
-            group = next(near, None)
-            if group is None:
-                groups.append(group := [])
-            group.append(i)
-        angle_range = max((float(np.ptp(angles[g])) for g in groups if len(g) > 1), default=np.inf)
-        # The quantity that is steady from cycle to cycle is the controlled one; if neither is, take
-        # the more groups, so that no ratio is lost.
-        order = (0, round(4 * angle_range)) if angle_range < STEADY_DEG else (1, -len(groups))
-        fractions = np.array([peaks[g[-1]] / np.abs(peaks[g[-1]]).max() for g in groups])
-        uneven = float(np.abs(4 * fractions - np.round(4 * fractions)).sum())
-        candidates.append(((*order, uneven), groups, fractions))
-    _, groups, fractions = min(candidates, key=lambda candidate: candidate[0])
-    if len(groups) == 1:
-        return {"": groups[0]}
+def peak_change(curves: np.ndarray, loading: np.ndarray) -> np.ndarray:
+    """Change of x and y over a loading side, each end a mean of a few rows."""
+    few = max(loading.size // 30, 1)
+    return curves[loading[-few:]].mean(axis=0) - curves[loading[:few]].mean(axis=0)
+
+
+def by_ratio(curves: np.ndarray, cycles: Sequence[Cycle]) -> dict[str, list[int]]:
+    """Cycle numbers by the ratio x:y of the changes up to their peaks."""
+    groups: list[list[int]] = []
+    peaks = np.array([peak_change(curves, c.loading) for c in cycles])
+    angles = np.degrees(np.arctan2(peaks[:, 1], peaks[:, 0]))
+    for i, angle in enumerate(angles):
+        near = (g for g in groups if abs(angles[g[-1]] - angle) < SAME_RATIO_DEG)
+        group = next(near, None)
+        if group is None:
+            groups.append(group := [])
+        group.append(i)
     named: dict[str, list[int]] = {}
-    for group, (x, y) in zip(groups, fractions, strict=True):
-        name = f"{round(20 * x) / 20:g}:{round(20 * y) / 20:g}"
+    for group in groups:
+        name = ratio_name(peaks[group[-1]])
         while name in named:
             name += "'"
         named[name] = group
     return named
 
 
+def ratio_name(change: np.ndarray) -> str:
+    """A ratio such as ``1:0.5``, in steps of 0.05."""
+    x, y = (round(20.0 * float(v)) / 20.0 + 0.0 for v in change / max(np.abs(change).max(), 1e-300))
+    return f"{x:g}:{y:g}"
+
+
 # --- preconditioning ------------------------------------------------------------------------------
 
 
-def settling(before: Recording, last: Recording) -> tuple[str, bool]:
-    """Change between the loading branches of two cycles as text, and whether they repeat."""
-    branches = (before, last)
-    peaks = np.array([r.load[-1] - r.load[0] for r in branches])
-    largest = np.abs(peaks[1]).max()
-    # The curve: loads at the same sum of stretches, where both cycles have it.
-    paths = [np.maximum.accumulate(r.stretch.sum(axis=1)) for r in branches]
+def settling(
+    stretch: np.ndarray, load: np.ndarray, before: np.ndarray, last: np.ndarray
+) -> tuple[str, bool]:
+    """Change between the loading sides of two cycles as text, and whether they repeat.
+
+    Loads are compared as curves over the sum of the stretches, and at the peak by the mean of the
+    last tenth of that curve: no single reading decides.
+    """
+    paths = [np.maximum.accumulate(stretch[rows].sum(axis=1)) for rows in (before, last)]
     low, high = max(path[0] for path in paths), min(path[-1] for path in paths)
     grid = np.linspace(low, max(high, low), 50)
     curves = [
-        np.column_stack([np.interp(grid, path, load) for load in r.load.T])
-        for path, r in zip(paths, branches, strict=True)
+        np.column_stack([np.interp(grid, path, curve) for curve in load[rows].T])
+        for path, rows in zip(paths, (before, last), strict=True)
     ]
-    curve = float(np.abs(curves[1] - curves[0]).mean(axis=0).max()) / largest
-    change = (peaks[1] - peaks[0]) / largest
+    largest = float(np.ptp(curves[1][-5:].mean(axis=0) - curves[1][:5].mean(axis=0), axis=None))
+    largest = max(float(np.abs(curves[1][-5:].mean(axis=0)).max()), largest, 1e-300)
+    difference = (curves[1] - curves[0]) / largest
+    noise = max(map(second_difference_scatter, load[last].T)) / largest
+    change, curve = difference[-5:].mean(axis=0), float(np.abs(difference.mean(axis=0)).max())
+    limit = SETTLED_CHANGE + 2.0 * noise * np.sqrt(2.0 / 5.0)
     reach = [path[-1] - path[0] for path in paths]
     if abs(reach[1] - reach[0]) > SAME_REACH * reach[1]:
         text = f"the last two cycles reach different stretches; their curves differ by {curve:.1%}"
-        settled = curve <= SETTLED_CHANGE
+        settled = curve <= limit
     else:
         text = (
             f"between the last two cycles the peak load changes by {change[0]:+.1%} in x and "
             f"{change[1]:+.1%} in y, the curve by {curve:.1%} (of the largest load)"
         )
-        settled = max(curve, *np.abs(change).tolist()) <= SETTLED_CHANGE
+        settled = max(curve, *np.abs(change).tolist()) <= limit
     return (text if settled else f"preconditioning has not settled: {text}"), settled

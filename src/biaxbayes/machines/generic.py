@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.columns import SHEAR, Column, column_map, parse_columns
-from biaxbayes.machines.cycles import (
-    Cycle,
-    by_ratio,
-    cycle_index,
-    split_cycles,
-    take_branch,
+from biaxbayes.machines.columns import (
+    SHEAR,
+    Column,
+    ask_about_labels,
+    ask_about_opposites,
+    column_map,
+    parse_columns,
 )
-from biaxbayes.machines.recording import Gauge, Recording
+from biaxbayes.machines.cycles import Cycle, cut, quieter_path
+from biaxbayes.machines.gauge import Gauge
+from biaxbayes.machines.questions import Question, outside
+from biaxbayes.machines.readings import ask_about_jumps, check_signs
+from biaxbayes.machines.record import Record
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.table import Table
 from biaxbayes.tables.units import STRAINS, Unit
@@ -26,22 +29,34 @@ PER_CENT_RANGE = 0.01
 """Strains in a column of per cent within this range are fractions, as spreadsheets store them."""
 
 
-def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
-    """Take the branch of a cycle from each protocol of a table."""
-    columns = column_map(table, parse_columns(choice.columns))
-    table = table.without_missing(
-        [column.index for column in columns.values() if column.unit is not None],
-        drop=choice.drop_missing,
-        remedy="leave such rows out with `drop_missing=True`",
-    )
-    if "protocol" not in columns:
-        return _protocols(table, columns, "", np.arange(table.rows), choice, gauge)
-    labels = np.array(table.text(columns["protocol"].index))
-    taken = []
-    for name in dict.fromkeys(labels.tolist()):
-        rows = np.flatnonzero(labels == name)
-        taken += _protocols(table, columns, name, rows, choice, gauge)
-    return taken
+def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
+    """The record of a table, with the cycles of each of its protocols."""
+    wanted = parse_columns(choice.columns)
+    for target, column in (
+        ("specimen", choice.specimen_by),
+        ("protocol", choice.separating_column),
+    ):
+        if column is not None:
+            wanted[target] = column
+    columns, ignored = column_map(table, wanted)
+    ask_about_labels(table, columns, ignored)
+    ask_about_opposites(table, columns, ignored)
+    reasons = _left_out(table, columns, choice)
+    rows = np.flatnonzero(reasons == "")
+    record = _converted(table, columns, rows, reasons, choice, gauge)
+    labels = {
+        target: np.array(table.labels(columns[target].indices[0], choice.fill_labels))
+        for target in ("protocol", "cycle")
+        if target in columns
+    }
+    protocols = labels.get("protocol", np.full(table.rows, ""))
+    for name in dict.fromkeys(protocols[rows].tolist()):
+        of_protocol = rows[protocols[rows] == name]
+        if choice.rows is None:
+            ask_about_jumps(record, of_protocol)
+        check_signs(record, of_protocol)
+        record.cycles[name] = _cycles(record, of_protocol, labels.get("cycle"), table)
+    return [record]
 
 
 def recognises(table: Table, choice: Choice) -> bool:
@@ -51,95 +66,128 @@ def recognises(table: Table, choice: Choice) -> bool:
     return not choice.columns or any(table.has_column(name) for name in names)
 
 
-def _protocols(
+def _left_out(table: Table, columns: Mapping[str, Column], choice: Choice) -> np.ndarray:
+    """Why each row is left out before anything is converted: specimen, lines, missing readings."""
+    reasons = outside(table.lines, choice.rows)
+    reasons[table.hidden] = "hidden"
+    if "specimen" in columns:
+        labels = np.array(table.labels(columns["specimen"].indices[0], choice.fill_labels))
+        counts = {name: int((labels == name).sum()) for name in dict.fromkeys(labels.tolist())}
+        if choice.specimen not in counts and len(counts) > 1:
+            gives = {f"specimen={name}": f"{count} rows" for name, count in counts.items()}
+            raise Question("holds several specimens", gives, file=table.path)
+        if len(counts) > 1:
+            reasons[(labels != choice.specimen) & (reasons == "")] = "another specimen"
+    lacking = table.lacking(
+        [
+            index
+            for column in columns.values()
+            if column.unit is not None
+            for index in column.indices
+        ],
+        np.flatnonzero(reasons == ""),
+        drop=choice.drop_missing,
+        remedy="leave such rows out with `drop_missing=True`",
+    )
+    reasons[lacking] = "a reading is missing"
+    return reasons
+
+
+def _cycles(
+    record: Record, rows: np.ndarray, labels: np.ndarray | None, table: Table
+) -> list[Cycle]:
+    """Cycles of a protocol, by the labels of a column, otherwise from the curves."""
+    path = np.full(table.rows, np.nan)
+    path[rows] = quieter_path(record.stretch[rows], record.load[rows])
+    groups = {"": rows}
+    if labels is not None:
+        groups = {str(k): rows[labels[rows] == k] for k in dict.fromkeys(labels[rows].tolist())}
+    cycles = []
+    for label, of_label in groups.items():
+        found = cut(path[of_label], label)[-1 if labels is not None else 0 :]
+        cycles += [
+            Cycle(c.label, of_label[c.loading], of_label[c.hold], of_label[c.unloading])
+            for c in found
+        ]
+    if not cycles:
+        problem = "the record never rises over five rows: no loading branch"
+        raise InputError(problem, file=table.path, remedy=f"check the columns; {table.listing}")
+    return cycles
+
+
+def _converted(
     table: Table,
     columns: Mapping[str, Column],
-    name: str,
     rows: np.ndarray,
+    reasons: np.ndarray,
     choice: Choice,
     gauge: Gauge,
-) -> list[Recording]:
-    """The selected cycle of a record, or the last one of each ratio."""
-    whole = _recording(table, columns, rows, gauge)
-    labels = table.text(columns["cycle"].index, rows) if "cycle" in columns else None
-    cycles = split_cycles(whole.stretch, whole.load, labels, table)
-    ratios = by_ratio(whole.stretch, whole.load, cycles)
-    if choice.cycle != "last":
-        wanted = cycle_index(choice.cycle, cycles, table)
-        group = next(group for group in ratios.values() if wanted in group)
-        ratios = {"": [n for n in group if n <= wanted]}
-    if len(ratios) > 1:
-        note = f"the record holds the ratios {', '.join(ratios)}: one protocol for each"
-        whole = replace(whole, notes=(*whole.notes, note))
-
-    def record(cycle: Cycle, branch: str) -> Recording:
-        return whole.at(cycle.rows(branch))
-
-    out = []
-    for ratio, group in ratios.items():
-        label = f"{name} {ratio}".strip()
-        source = table.path.name + (f", protocol {label}" if label else "")
-        taken = take_branch(record, cycles, group, choice.branch, ratio)
-        out.append(replace(taken, name=label, source=source))
-    return out
-
-
-def _recording(
-    table: Table, columns: Mapping[str, Column], rows: np.ndarray, gauge: Gauge
-) -> Recording:
-    """All cycles of a protocol, with stretches and loads from their columns."""
+) -> Record:
+    """The table with stretches and loads from their columns; rows left out as far as they can."""
 
     def scaled(target: str) -> np.ndarray:
-        unit = columns[target].unit
-        assert unit is not None
-        return table.numbers(columns[target].index, rows) * unit.factor
+        column = columns[target]
+        assert column.unit is not None
+        values = [table.values(index, rows) for index in column.indices]
+        return np.sum(values, axis=0) * column.unit.factor
 
     pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
     assumptions = [column.conflict for column in columns.values() if column.conflict]
     stretches = []
     for k, axis in enumerate("xy"):
-        column = columns[f"stretch_{axis}"]
+        column, values = columns[f"stretch_{axis}"], scaled(f"stretch_{axis}")
         if column.unit is not None and column.unit.quantity in STRAINS:
-            stretches.append(_stretch_from_strain(table, column, column.unit, rows))
+            stretches.append(_stretch_from_strain(table, column, column.unit, values, rows))
             continue
-        lengths = scaled(f"stretch_{axis}")
-        stretch, note = _stretch_from_length(table, column, lengths, k, pair, gauge)
+        stretch, note = _stretch_from_length(table, column, values, rows[0], k, pair, gauge)
         stretches.append(stretch)
         assumptions.append(note)
     stretch = np.column_stack(stretches)
-    _check_per_cent(table, columns, stretch)
-    load = np.column_stack([scaled(target) for target in STRESS_PAIRS[pair]])
+    _check_per_cent(table, columns, stretch[rows])
     gradient = None
     if any(target in columns for target in SHEAR):
         gradient = stretch[:, :, None] * np.eye(2)
         for target, (i, j) in (("shear_xy", (0, 1)), ("shear_yx", (1, 0))):
             if target in columns:
                 gradient[:, i, j] = scaled(target)
-    read = ", ".join(f"{target} from {column}" for target, column in columns.items())
+        if all(target in columns for target in SHEAR):
+            # the stretch of a line along x is |F e_x|: a rotation of the specimen leaves it
+            stretch = np.sqrt((gradient**2).sum(axis=1))
     targets = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
-    return Recording(
+    read = ", ".join(f"{target} from {column}" for target, column in columns.items())
+    return Record(
         name="",
-        source="",
+        path=table.path,
+        lines=table.lines,
         stretch=stretch,
-        load=load,
-        columns=tuple(columns[target].name for target in targets),
-        stress_pair=pair,
+        load=np.column_stack([scaled(target) for target in STRESS_PAIRS[pair]]) * choice.signs,
         time_s=scaled("time_s") if "time_s" in columns else None,
         gradient=gradient,
-        lines=table.lines[rows],
-        rows_in_file=rows.size,
+        columns=tuple(columns[target].name for target in targets),
+        stress_pair=pair,
+        cycles={},
+        reasons=reasons,
         notes=(*table.notes, read),
-        assumptions=tuple(assumptions),
+        assumptions=(*assumptions, *choice.sign_notes),
     )
 
 
 def _stretch_from_length(
-    table: Table, column: Column, lengths_mm: np.ndarray, k: int, pair: str, gauge: Gauge
+    table: Table,
+    column: Column,
+    lengths_mm: np.ndarray,
+    first: int,
+    k: int,
+    pair: str,
+    gauge: Gauge,
 ) -> tuple[np.ndarray, str]:
     """Stretches from a displacement or a distance between marks or grips, and a note."""
     unit = column.unit
     assert unit is not None
     displaced = unit.quantity == "displacement"
+    if unit.name == "px":
+        note = f"stretch {'xy'[k]} is {column.name} over its first value, {lengths_mm[first]:g} px"
+        return lengths_mm / lengths_mm[first], note
     if pair == "cauchy" and displaced and gauge.given_mm[k] is None:
         # Nominal stress is Cauchy stress over the stretch that the lab multiplied it by.
         raise InputError(
@@ -150,26 +198,24 @@ def _stretch_from_length(
             remedy=f"give the gauge length that the stresses were computed with, "
             f"`gauge_{'xy'[k]}_mm`, or the forces in place of the stresses",
         )
-    first = float(table.numbers(column.index, np.array([0]))[0]) * unit.factor
     convert = gauge.from_displacement if displaced else gauge.from_distance
-    return convert(lengths_mm, first, k, column.name, table.path)
+    return convert(lengths_mm, float(lengths_mm[first]), k, column.name, table.path)
 
 
-def _stretch_from_strain(table: Table, column: Column, unit: Unit, rows: np.ndarray) -> np.ndarray:
-    """Stretches from a column of stretches or strains, which must start near no deformation."""
-    start = float(table.numbers(column.index, np.array([0]))[0])
+def _stretch_from_strain(
+    table: Table, column: Column, unit: Unit, e: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
+    """Stretches from stretches or strains, which must start near no deformation."""
     is_stretch = unit.quantity == "stretch"
-    if abs(start * unit.factor - is_stretch) > 0.6:
+    if abs(e[rows[0]] - is_stretch) > 0.6:
         raise InputError(
-            f"{column.name!r} starts at {start:g}, which is not possible for a {unit.name}"
-            f"{'' if is_stretch else ' strain'}",
+            f"{column.name!r} starts at {e[rows[0]] / unit.factor:g}, which is not possible for a "
+            f"{unit.name}{'' if is_stretch else ' strain'}",
             file=table.path,
-            row=int(table.lines[0]),
+            row=int(table.lines[rows[0]]),
             column=column.name,
             remedy="a stretch starts near 1 (100 in per cent), a strain near 0; give another kind",
         )
-    values = table.numbers(column.index, rows)
-    e = values * unit.factor
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         stretch = {
             "stretch": e,
@@ -178,12 +224,12 @@ def _stretch_from_strain(table: Table, column: Column, unit: Unit, rows: np.ndar
             "log": np.exp(e),  # h = ln lambda
             "almansi": 1.0 / np.sqrt(1.0 - 2.0 * e),  # A = (1 - lambda^-2) / 2
         }[unit.quantity]
-    bad = np.flatnonzero(~np.isfinite(stretch))
+    bad = rows[~np.isfinite(stretch[rows])]
     if bad.size:
         raise InputError(
-            f"{values[bad[0]]:g} is not possible as a {unit.name} strain",
+            f"{e[bad[0]] / unit.factor:g} is not possible as a {unit.name} strain",
             file=table.path,
-            row=int(table.lines[rows[bad[0]]]),
+            row=int(table.lines[bad[0]]),
             column=column.name,
             remedy="check the kind of strain of the column",
         )
@@ -195,7 +241,7 @@ def _check_per_cent(table: Table, columns: Mapping[str, Column], stretch: np.nda
     in_per_cent = []
     for k, axis in enumerate("xy"):
         column = columns[f"stretch_{axis}"]
-        written = any(u.name == "percent" for u in table.units(column.index))
+        written = any(u.name == "percent" for u in table.units(column.indices[0]))
         if written and column.unit is not None and column.unit.factor < 1.0:
             in_per_cent.append((column.name, float(np.ptp(stretch[:, k]))))
     if in_per_cent and max(extent for _, extent in in_per_cent) <= PER_CENT_RANGE:

@@ -56,11 +56,16 @@ def read_table(
         raise InputError(problem, file=path, row=numbers[0] if rows else first + 1, remedy=remedy)
     table = Table(path, tuple(names), tuple(zip(*rows, strict=True)), np.array(numbers))
     numeric = [index for index, name in enumerate(names) if name != "protocol"]
-    table = table.without_missing(
+    lacking = table.lacking(
         numeric,
+        np.arange(table.rows),
         drop=drop_missing,
         remedy="leave such rows out with a line '# missing_rows: drop' at the top",
     )
+    if lacking.size:
+        lines = ", ".join(map(str, table.lines[lacking][:20]))
+        note = f"{lacking.size} of {table.rows} rows without a reading left out (lines {lines})"
+        table = table.without(lacking, note)
     labels = table.text(names.index("protocol")) if "protocol" in names else ["1"] * table.rows
     return SpecimenTable(
         columns={names[index]: table.numbers(index) for index in numeric},

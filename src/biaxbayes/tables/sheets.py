@@ -33,6 +33,7 @@ class Sheet:
     notes: list[str] = field(default_factory=list)  # how the file was read
     # column names from a comment line, as NumPy writes them
     names: list[str] = field(default_factory=list)
+    hidden: list[int] = field(default_factory=list)  # lines of hidden or filtered rows
     text: bool = False  # cut from lines of text, where a short row may be a truncated file
 
 

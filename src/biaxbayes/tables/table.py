@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -44,7 +45,7 @@ class Table:
     lines: np.ndarray  # of the file, or rows of the sheet, from 1
     decimal_comma: bool = False
     unit_row: tuple[str, ...] = ()  # below the names, if there is one
-    preamble: tuple[tuple[str, ...], ...] = ()  # rows of cells above the names
+    hidden: np.ndarray = field(default_factory=lambda: np.array([], dtype=int))  # rows to drop
     notes: tuple[str, ...] = ()  # encoding, separator, decimal comma
 
     @property
@@ -60,7 +61,10 @@ class Table:
         return f"columns are {shown}" + (f" and {more} more" if more > 0 else "")
 
     def column(self, wanted: str) -> int:
-        """Index of the only column of a name; letter case and spaces do not matter."""
+        """Index of the only column of a name, or of a position such as ``#3``."""
+        position = re.fullmatch(r"\s*#(\d+)\s*", wanted)
+        if position and 0 < int(position[1]) <= len(self.names):
+            return int(position[1]) - 1
         for key in (str.strip, _bare):
             matches = [i for i, name in enumerate(self.names) if key(name) == key(wanted)]
             if len(matches) == 1:
@@ -68,7 +72,8 @@ class Table:
             if len(matches) > 1:
                 numbers = " and ".join(str(i + 1) for i in matches)
                 problem = f"column {wanted[:60]!r} is ambiguous: columns {numbers} have this name"
-                raise InputError(problem, file=self.path, remedy=f"rename one; {self.listing}")
+                remedy = f"give it by position, as #{matches[0] + 1}; {self.listing}"
+                raise InputError(problem, file=self.path, remedy=remedy)
         raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
 
     def has_column(self, name: str) -> bool:
@@ -135,6 +140,33 @@ class Table:
             raise bad_cell(cell, self.path, int(self.lines[at]), self.names[index])
         return values
 
+    def values(self, index: int, rows: np.ndarray) -> np.ndarray:
+        """Numbers of a column: of some rows, where any other cell is refused, NaN elsewhere."""
+        values = np.full(self.rows, np.nan)
+        for row in np.setdiff1d(np.arange(self.rows), rows).tolist():
+            with contextlib.suppress(InputError):
+                values[row] = self.sparse_numbers(index, np.array([row]))[0]
+        values[rows] = self.numbers(index, rows)
+        return values
+
+    def labels(self, index: int, fill: bool = False) -> list[str]:
+        """Labels of a column; `fill`: one holds for the empty cells below it."""
+        labels = self.text(index)
+        empty = [row for row, label in enumerate(labels) if not label]
+        if empty and not fill and len(empty) < len(labels):
+            raise InputError(
+                f"{len(empty)} of {len(labels)} cells are empty",
+                file=self.path,
+                row=int(self.lines[empty[0]]),
+                column=self.names[index],
+                remedy="give `fill_labels=True` if a label holds for the empty cells below it, as "
+                "in merged cells; otherwise fill them in",
+            )
+        filled = ""
+        for row, label in enumerate(labels):
+            labels[row] = filled = label or filled
+        return labels
+
     def sparse_numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
         """Numbers of a column, NaN where a reading is missing."""
         values = []
@@ -152,36 +184,47 @@ class Table:
                 values.append(np.nan)
         return np.array(values)
 
-    def without_missing(self, indices: Sequence[int], *, drop: bool, remedy: str) -> Table:
-        """Rows without gaps in these columns: others are dropped with a note, or refused."""
-        lacks = np.array([np.isnan(self.sparse_numbers(i)) for i in indices])
-        rows = np.flatnonzero(lacks.any(axis=0))
-        if not rows.size:
-            return self
+    def lacking(
+        self, indices: Sequence[int], rows: np.ndarray, *, drop: bool, remedy: str
+    ) -> np.ndarray:
+        """Those of some rows that lack a reading of these columns; refuses them unless `drop`."""
+        lacks = np.array([np.isnan(self.sparse_numbers(i, rows)) for i in indices])
+        at = np.flatnonzero(lacks.any(axis=0))
+        if not at.size or (drop and at.size < rows.size):
+            return rows[at]
         # "rows 5, 9-14 and 3 more"
-        runs = np.split(self.lines[rows], np.flatnonzero(np.diff(self.lines[rows]) != 1) + 1)
-        where = "row " if rows.size == 1 else "rows "
+        runs = np.split(
+            self.lines[rows[at]], np.flatnonzero(np.diff(self.lines[rows[at]]) != 1) + 1
+        )
+        where = "row " if at.size == 1 else "rows "
         where += ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:20])
         if len(runs) > 20:
             where += f" and {sum(map(len, runs[20:]))} more"
-        complete = np.flatnonzero(~lacks.any(axis=0)).tolist()
-        if drop and complete:
-            columns = tuple([cells[i] for i in complete] for cells in self.columns)
-            note = f"{rows.size} of {self.rows} rows without a reading left out ({where})"
-            notes = (*self.notes, note)
-            return replace(self, columns=columns, lines=self.lines[complete], notes=notes)
-        column = indices[int(np.argmax(lacks[:, rows[0]]))]
+        column = indices[int(np.argmax(lacks[:, at[0]]))]
         mend = "remove the rows"
-        problem = f"{rows.size} of {self.rows} rows lack a reading (the cell is empty or not a "
+        problem = f"{at.size} of {rows.size} rows lack a reading (the cell is empty or not a "
         problem += f"finite number): {where}"
-        if rows.size == 1 or not complete:
-            problem, mend = cell_fault(self.columns[column][int(rows[0])])
+        if at.size in (1, rows.size):
+            problem, mend = cell_fault(self.columns[column][int(rows[at[0]])])
         raise InputError(
             problem,
             file=self.path,
-            row=int(self.lines[rows[0]]),
+            row=int(self.lines[rows[at[0]]]),
             column=self.names[column],
             remedy=f"{mend}, or {remedy}",
+        )
+
+    def without(self, rows: np.ndarray, *notes: str) -> Table:
+        """The table without some rows."""
+        kept = np.setdiff1d(np.arange(self.rows), rows)
+        columns = tuple([cells[i] for i in kept.tolist()] for cells in self.columns)
+        hidden = np.flatnonzero(np.isin(kept, self.hidden))
+        return replace(
+            self,
+            columns=columns,
+            lines=self.lines[kept],
+            hidden=hidden,
+            notes=(*self.notes, *notes),
         )
 
 
@@ -192,8 +235,13 @@ def _bare(name: str) -> str:
 # --- tables of a file -----------------------------------------------------------------------------
 
 
-def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table], dict[str, str]]:
-    """Tables by sheet, and why other sheets hold none; `sheets` selects by name, or ``all``."""
+def read_tables(
+    path: Path, sheets: Sequence[str] = (), hidden: str | None = None
+) -> tuple[dict[str, Table], dict[str, str]]:
+    """Tables by sheet, and why other sheets hold none.
+
+    `sheets` selects by name, or ``all``; `hidden` is what to do with hidden rows, keep or drop.
+    """
     available = read_sheets(path)
     wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
     if sheets and "" in available:
@@ -261,7 +309,7 @@ def table_from_sheet(sheet: Sheet, path: Path) -> Table:
         np.array(lines[start:]),
         comma,
         units_row,
-        tuple(map(tuple, rows[: max(at_names, 0)])),
+        np.flatnonzero(np.isin(lines[start:], sheet.hidden)),
         tuple(notes),
     )
 

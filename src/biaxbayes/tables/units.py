@@ -35,7 +35,7 @@ FACTORS: dict[str, dict[str, float]] = {
         "psi": 6.894757293168, "bar": 100.0, "mbar": 0.1, "mmHg": 0.133322387415,
         "cmH2O": 1e-2 * GRAVITY,
     },
-    "length": {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3, "inch": 25.4},
+    "length": {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3, "inch": 25.4, "px": 1.0},
     "displacement": {
         "displacement_mm": 1.0, "displacement_um": 1e-3, "displacement_cm": 10.0,
         "displacement_m": 1e3, "displacement_inch": 25.4,
@@ -49,7 +49,6 @@ FACTORS: dict[str, dict[str, float]] = {
     "almansi": {"almansi": 1.0, "almansi_percent": 0.01},
     # Units that a column may have, but that cannot be converted; named in errors.
     "membrane tension": {"N/m": 1.0, "N/mm": 1e3, "N/cm": 100.0, "mN/mm": 1.0, "gf/cm": GRAVITY},
-    "pixel": {"px": 1.0},
     "angle": {"deg": 1.0, "rad": 57.29577951308232},
 }  # fmt: skip
 UNITS = {

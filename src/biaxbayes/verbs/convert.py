@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +12,12 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, STRETCH_SOURCES, Choice
+from biaxbayes.machines.questions import Question
 from biaxbayes.options import takes_options
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.units import likely_name
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import aligned, atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, check_new
 from biaxbayes.verbs.options import Decorator, argument, file_option, flag, options, together
 
@@ -134,12 +136,13 @@ def _check_choice(choice: Choice) -> Choice:
                 f"{' and '.join(foreign)} {verb} for `machine={machine}`",
                 remedy=f"leave {them} out",
             )
-    cycle = str(choice.cycle)
-    if cycle == "last":
+    cycles = choice.cycles if choice.cycles is None else str(choice.cycles)
+    if cycles in (None, "last", "all"):
         return choice
-    if not (cycle.isascii() and cycle.isdigit() and len(cycle) < 10 and int(cycle) > 0):
-        raise InputError(f"`cycle` {cycle[:20]!r} is not a cycle", remedy="give a number or 'last'")
-    return replace(choice, cycle=str(int(cycle)))
+    if not (cycles.isascii() and cycles.isdigit() and len(cycles) < 10 and int(cycles) > 0):
+        problem = f"`cycles` {cycles[:20]!r} is not a cycle"
+        raise InputError(problem, remedy="give a number, 'last' or 'all'")
+    return replace(choice, cycles=str(int(cycles)))
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -204,65 +207,58 @@ def command(
 
     \b
     biaxbayes convert export.csv --machine biotester --out specimen.csv --geometry unloaded \
-        --edge-x-mm 10 --edge-y-mm 10 --thickness-mm 1.2
+        --cycles last --branch loading --edge-x-mm 10 --edge-y-mm 10 --thickness-mm 1.2
     biaxbayes convert tests.xlsx --machine generic --sheet all --out specimen.csv \
         --columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa
     """
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     values = {key: given.pop(key.lower()) for key in HEADER_OPTIONS}
-    result = convert(
-        raw,
-        header={key: text for key, text in values.items() if text is not None},
-        protocol_names=names,
-        out=out,
-        overwrite=overwrite,
-        **{name: value for name, value in given.items() if value is not None},
-    )
+    try:
+        result = convert(
+            raw,
+            header={key: text for key, text in values.items() if text is not None},
+            protocol_names=names,
+            out=out,
+            overwrite=overwrite,
+            **{name: value for name, value in given.items() if value is not None},
+        )
+    except Question as question:
+        _print_choices(question)
+        remedy = "nothing is written; add one of these options"
+        raise InputError(question.problem, file=question.file, remedy=remedy) from None
     _print_conversion(result, out)
 
 
+def _print_choices(question: Question) -> None:
+    """The options that answer a question, and what each would give."""
+    flags = {p.name: p.opts[0] for p in click.get_current_context().command.params}
+    lines = []
+    for answer, gives in question.choices.items():
+        name, _, value = answer.partition("=")
+        flag = flags.get(name, f"--{name.replace('_', '-')}")
+        lines.append((flag if value == "True" else f"{flag} {shlex.quote(value)}", gives))
+    for line in aligned(lines):
+        click.echo(f"  {line}", err=True)
+
+
 def _print_conversion(conversion: Conversion, out: Path) -> None:
-    specimen = conversion.specimen
-    unit = specimen.unit
+    from biaxbayes.machines.account import account
+
+    specimen, count = conversion.specimen, len(conversion.specimen.protocols)
     rows = sum(p.rows for p in specimen.protocols)
-    count = len(specimen.protocols)
     click.echo(f"{out}: {rows} rows in {count} {'protocol' if count == 1 else 'protocols'}")
+    for line in account(conversion):
+        click.echo(f"  {line}")
     readings, sds = specimen.mounting_readings(shared=False)
-    common = len({r.notes for r in conversion.recordings}) == 1
-    for r, p, reading, sd in zip(
-        conversion.recordings, specimen.protocols, readings, sds, strict=True
-    ):
-        lines = (int(r.lines.min()), int(r.lines.max()))
-        cycle = f"cycle {r.cycle}, " if r.cycle else ""
-        click.echo(f"  {p.name} from {r.source}")
-        click.echo(
-            f"    {p.rows} of {r.rows_in_file} rows (lines {lines[0]} to {lines[1]}), {cycle}"
-            f"{r.branch} branch{', reversed' if r.branch == 'unloading' else ''}"
-        )
-        click.echo(
-            f"    stretch x {_range(p.stretch_x)}, y {_range(p.stretch_y)} of its value at rest "
-            f"({p.reference[0]:.4f}, {p.reference[1]:.4f}; "
-            f"{p.rest_rows} {'row' if p.rest_rows == 1 else 'rows'})"
-        )
-        click.echo(
-            f"    mounting force x {reading[0]:.4g} +- {sd[0]:.2g}, "
-            f"y {reading[1]:.4g} +- {sd[1]:.2g} {unit}; "
-            f"largest {p.load_x.max():.4g}, {p.load_y.max():.4g} {unit}"
-        )
-        for note in r.notes if not common else ():
-            click.echo(f"    {note}")
-    for note in conversion.recordings[0].notes if common else ():
-        click.echo(f"  {note}")
-    for note in str(specimen.metadata.get("conversion", "")).split("; "):
-        if note:
-            click.echo(f"  {note}")
+    for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
+        if p.rest_rows:
+            click.echo(
+                f"  {p.name}: mounting force x {reading[0]:.4g} +- {sd[0]:.2g}, "
+                f"y {reading[1]:.4g} +- {sd[1]:.2g} {specimen.unit}"
+            )
     if not conversion.geometry_given:
         click.echo("  geometry not stated: the stresses are taken to refer to the unloaded state")
     shear: Any = specimen.metadata.get("largest_shear")
     if shear is not None:
         click.echo(f"  largest shear {shear:g}, which the model ignores")
     click.echo(f"next: biaxbayes check {out}")
-
-
-def _range(stretch: Any) -> str:
-    return f"{stretch.min():.4f}-{stretch.max():.4f}"

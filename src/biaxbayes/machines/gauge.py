@@ -1,8 +1,8 @@
-"""One loading path of an export, and its stretches from displacements or distances of marks."""
+"""Stretches from displacements of grips or marks, or from the distance between them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,37 +11,6 @@ from biaxbayes.errors import InputError
 MAX_LENGTH_OVER_EDGE, MIN_LENGTH_OVER_EDGE = 1.5, 0.11
 """Range of lengths between marks or grips over the edge of the tissue: longer ones are impossible,
 shorter ones are probably in cm."""
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """Rows of one loading path, converted."""
-
-    name: str  # of the protocol
-    source: str  # file, and set or protocol in it
-    stretch: np.ndarray  # (n, 2), as measured: at rest it need not be one
-    load: np.ndarray  # (n, 2), N or kPa
-    columns: tuple[str, ...]  # raw columns of stretch x, y and load x, y
-    stress_pair: str
-    time_s: np.ndarray | None
-    gradient: np.ndarray | None  # (n, 2, 2), if the file has its off-diagonal components
-    lines: np.ndarray  # of the raw file, from 1
-    rows_in_file: int  # that the branch was cut from
-    notes: tuple[str, ...]  # how the file was read
-    assumptions: tuple[str, ...]  # of stretches and loads; written into the specimen file
-    cycle: str | None = None  # such as "6 of 6"; None for a file of one cycle
-    branch: str = "loading"
-
-    def at(self, rows: np.ndarray) -> Recording:
-        """The same recording with some of its rows."""
-        return replace(
-            self,
-            stretch=self.stretch[rows],
-            load=self.load[rows],
-            time_s=None if self.time_s is None else self.time_s[rows],
-            gradient=None if self.gradient is None else self.gradient[rows],
-            lines=self.lines[rows],
-        )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,50 @@
+"""What became of every row of an export, as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from biaxbayes.machines.conversion import Conversion
+from biaxbayes.machines.questions import in_lines
+from biaxbayes.machines.record import Record
+from biaxbayes.text_files import aligned
+
+
+def account(conversion: Conversion) -> list[str]:
+    """Rows read, kept by protocol and left out by reason; columns and units as understood."""
+    lines = []
+    for record in conversion.records:
+        lines.append(f"{record.source}: {record.lines.size} rows read")
+        lines += [f"  {line}" for line in aligned(_rows_of(record, conversion), right=(1,))]
+        lines += [f"  {note}" for note in record.notes]
+    assumed = str(conversion.specimen.metadata.get("conversion", "")).split("; ")
+    notes = [note for r in conversion.recordings for note in r.notes]
+    return [*lines, *filter(None, dict.fromkeys([*notes, *assumed]))]
+
+
+def _rows_of(record: Record, conversion: Conversion) -> list[Sequence[str]]:
+    table: list[Sequence[str]] = []
+    left = np.ones(record.lines.size, dtype=bool)
+    for r, p in zip(conversion.recordings, conversion.specimen.protocols, strict=True):
+        if r.record is not record:
+            continue
+        left[r.rows] = False
+        side = "reversed unloading" if r.branch == "unloading" else r.branch
+        stretch, load = p.stretch.max(axis=0), p.recorded_load.max(axis=0)
+        table.append(
+            (
+                "kept",
+                str(p.rows),
+                f"protocol {p.name}" + (f", cycle {r.cycle}" if r.cycle else "") + f", {side}:",
+                f"lines {in_lines(r.lines)};",
+                f"reference {p.reference[0]:.4f}, {p.reference[1]:.4f} ({p.rest_rows} rows);",
+                f"largest stretch {stretch[0]:.4f}, {stretch[1]:.4f},",
+                f"load {load[0]:.4g}, {load[1]:.4g} {record.unit}",
+            )
+        )
+    for reason in dict.fromkeys(record.reasons[left].tolist()):
+        lines = record.lines[left & (record.reasons == reason)]
+        table.append(("left out", str(lines.size), f"{reason}:", f"lines {in_lines(lines)}"))
+    return table

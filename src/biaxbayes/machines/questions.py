@@ -1,0 +1,63 @@
+"""What an export leaves open: the choices, what each would give, and the option that answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+
+ALL = "all"
+
+
+class Question(InputError):
+    """A choice that only the user can make; nothing is written without it.
+
+    Attributes
+    ----------
+    choices : dict of str
+        What each answer would give, by the argument that gives it, such as ``cycles=last``.
+    """
+
+    def __init__(self, problem: str, choices: Mapping[str, str], *, file: object) -> None:
+        self.choices = dict(choices)
+        listed = ", ".join(
+            f"`{answer}` ({gives})" if gives else f"`{answer}`" for answer, gives in choices.items()
+        )
+        super().__init__(problem, file=file, remedy=f"answer with {listed}")
+
+
+def in_lines(lines: Sequence[int] | np.ndarray, shown: int = 6) -> str:
+    """Lines of a file as text, such as ``5, 9-14 and 3 more``."""
+    numbers = np.sort(np.asarray(lines))
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    text = ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:shown])
+    return text + (f" and {sum(map(len, runs[shown:]))} more" if len(runs) > shown else "")
+
+
+def outside(lines: np.ndarray, wanted: str | None) -> np.ndarray:
+    """A reason for each line outside ``12:480`` or ``2:30,32:61``, empty for the others."""
+    inside = np.full(lines.size, wanted in (None, ALL))
+    for part in str(wanted).split(",") if wanted not in (None, ALL) else ():
+        first, colon, last = part.strip().partition(":")
+        if not (colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
+            raise InputError(
+                f"`rows`: {part.strip()[:40]!r} is not of the form 12:480",
+                remedy="give first and last line of the file, several ranges with commas, or all",
+            )
+        inside |= (lines >= int(first)) & (lines <= int(last))
+    if inside.sum() < 2:
+        raise InputError(
+            f"`rows` {str(wanted)[:40]} leaves {inside.sum()} rows",
+            remedy=f"the table is in lines {lines[0]} to {lines[-1]}",
+        )
+    return np.where(inside, "", "not in the rows that were asked for").astype(object)
+
+
+def ranges_without(lines: np.ndarray, rows: np.ndarray) -> str:
+    """The value of ``rows`` that keeps all lines but those of some rows."""
+    kept = np.ones(lines.size, dtype=bool)
+    kept[rows] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(int)))
+    return ",".join(f"{lines[a]}:{lines[b - 1]}" for a, b in edges.reshape(-1, 2))

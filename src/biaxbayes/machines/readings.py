@@ -1,0 +1,210 @@
+"""Readings that may not be of the tissue: rows apart, steps, loads that fall or stay at a limit."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from biaxbayes.errors import InputError
+from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.questions import Question, in_lines, ranges_without
+from biaxbayes.machines.record import Record, Recording
+from biaxbayes.specimens.plausibility import NEGATIVE
+from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
+
+JUMP = 0.05
+"""Distance of a row from its neighbours, as a fraction of the range, from which it lies apart."""
+STEEP = 4.0
+"""The same over the steps of the rows beside it."""
+REPEATED = 0.3
+"""Share of rows that repeat the stretch of the row before, from which the stretch has steps."""
+LOST_LOAD = 0.1
+"""Fall of the load, as a fraction of its range, that loading does not explain."""
+FLAT = 0.25
+"""Slope at the end over the mean slope, below which a load no longer follows the stretch."""
+SIDES = ("stretch in x", "stretch in y", "load in x", "load in y")
+
+
+def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
+    """Ask for `rows` where up to three rows lie apart from those on both sides of them."""
+    curves = np.column_stack([record.stretch, record.load])[rows]
+    found = {side: _apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
+    apart = np.unique(np.concatenate(list(found.values())))
+    if apart.size:
+        sides = " and ".join(side for side, at in found.items() if at.size)
+        problem = f"the {sides} jumps in {in_lines(record.lines[rows[apart]])} (lines of the file)"
+        _ask_for_rows(record, problem, rows[apart])
+
+
+def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
+    without = ranges_without(record.lines, rows)
+    gives = {
+        f"rows={without}": f"without {in_lines(record.lines[rows])}",
+        "rows=all": "every row as it is",
+    }
+    raise Question(problem, gives, file=record.path)
+
+
+def _apart(curve: np.ndarray) -> np.ndarray:
+    """Rows that lie apart, in runs of at most three, those at the end of the record included."""
+    n, found = curve.size, set()
+    limit = max(JUMP * float(np.ptp(curve)), 8.0 * second_difference_scatter(curve))
+    step = np.abs(np.diff(curve))
+    for width in (1, 2, 3):
+        for i in range(1, n - width):
+            a, b = sorted((curve[i - 1], curve[i + width]))
+            block = curve[i : i + width]
+            gap = max(float(block.min()) - b, a - float(block.max()))
+            beside = [*step[max(i - 2, 0) : i - 1], *step[i + width : i + width + 1]]
+            if gap > max(limit, STEEP * max(beside, default=0.0)):
+                found |= set(range(i, i + width))
+        if n > 12:
+            last = np.abs(curve[n - width :] - curve[n - width - 1]).min()
+            if last > max(limit, STEEP * step[n - width - 5 : n - width - 1].max()):
+                found |= set(range(n - width, n))
+    if found and max(found) >= n - 3:
+        found |= set(range(max(found), n))
+    return np.array(sorted(found), dtype=int)
+
+
+def check_signs(record: Record, rows: np.ndarray) -> None:
+    """Refuse loads that fall where the stretch is largest, as from a cell with tension negative."""
+    largest = float(np.ptp(record.load[rows], axis=0).max())
+    for k, axis in enumerate("xy"):
+        stretch, load = record.stretch[rows, k], record.load[rows, k]
+        change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
+        if change >= -NEGATIVE * largest:
+            continue
+        strain = stretch - stretch[0]
+        if load[np.abs(strain).argmax()] > load[0] and -strain.min() > strain.max():
+            raise InputError(
+                f"the load in {axis} rises by {-change:.3g} while the stretch in {axis} falls to "
+                f"{stretch.min():.4g}: the machine may count extension as negative, or the strain "
+                "may be inverse",
+                file=record.path,
+                column=record.columns[k],
+                remedy="multiply the column by -1 (a displacement) in the table, and convert again",
+            )
+        raise InputError(
+            f"the load in {axis} falls by {-change:.3g} while the stretch in {axis} rises to "
+            "its largest value: the load cell may count tension as negative",
+            file=record.path,
+            column=record.columns[2 + k],
+            remedy=f"reverse its sign with `tension_negative={axis}` (or xy for both)",
+        )
+
+
+# --- a loading branch -----------------------------------------------------------------------------
+
+
+def without_steps(taken: Recording, hold: np.ndarray, choice: Choice) -> Recording:
+    """A loading branch whose stretch advances with its load; asks where it does not."""
+    record, rows = taken.record, np.concatenate([taken.rows, hold])
+    stretch, load = record.stretch[rows], record.load[rows]
+    rest = rest_rows(taken.stretch[:, 0], taken.stretch[:, 1], taken.load)
+    moving = np.ptp(stretch, axis=0) > 0.2 * np.ptp(stretch, axis=0).max()
+    same = (np.diff(stretch[max(rest - 1, 0) :], axis=0) == 0.0)[:, moving]
+    steps = same[: max(taken.rows.size - rest, 0)].mean(axis=0).max(initial=0.0) > REPEATED
+    frozen = hold.size and _rises(load[taken.rows.size :], load)
+    falling = None if choice.rows else _falls(taken, rest)
+    relaxing = falling is not None and _relaxes(taken, falling)
+    if not (steps or frozen or relaxing) or choice.still == "all":
+        if falling is not None and not choice.still:
+            _ask_about_fall(taken, falling)
+        if choice.rows is None:
+            _ask_about_limit(taken, rest)
+        return taken
+    runs = _runs(stretch, max(rest, 1))
+    if choice.still is None:
+        what = "goes on" if steps or frozen else "relaxes"
+        longest = max(runs, key=len)
+        raise Question(
+            f"the stretch stands still in up to {len(longest)} rows (lines "
+            f"{in_lines(record.lines[rows[longest]])}) while the load {what}: a camera slower than "
+            "the load cell, a coarse or frozen stretch, or steps with relaxation",
+            {
+                "still=first": f"{len(runs)} rows, the first of each stretch",
+                "still=last": f"{len(runs)} rows, the last of each stretch",
+                "still=all": f"all {taken.rows.size} rows",
+                f"rows={record.lines[taken.rows[0]]}:N": "up to line N of the file",
+            },
+            file=record.path,
+        )
+    at = np.array([run[0] if choice.still == "first" else run[-1] for run in runs])
+    whole = Recording(taken.name, record, rows)
+    return whole.at(at, "repeats the stretch of another row")
+
+
+def _runs(stretch: np.ndarray, rest: int) -> list[np.ndarray]:
+    """Rows in runs of the same stretch, within its scatter."""
+    level = 4.0 * np.array([second_difference_scatter(curve) for curve in stretch.T])
+    runs, first = [], 0
+    for row in range(1, len(stretch) + 1):
+        if row == len(stretch) or np.any(np.abs(stretch[row] - stretch[first]) > level):
+            runs.append(np.arange(first, row))
+            first = row
+    return runs
+
+
+def _rises(held: np.ndarray, load: np.ndarray) -> bool:
+    """Whether a load rises at a peak of the stretch."""
+    third = len(held) // 3 or 1
+    rise = held[-third:].mean(axis=0) - held[:third].mean(axis=0)
+    noise = 5.0 * np.sqrt(2.0 / third) * max(map(second_difference_scatter, load.T))
+    return bool(np.any(rise > JUMP * np.ptp(load) + noise))
+
+
+def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
+    """Direction and rows of the largest fall of a load behind its maximum, or None."""
+    for k, curve in enumerate(taken.load.T):
+        smooth = median_filter(curve, 5, mode="nearest")
+        behind = np.maximum.accumulate(smooth) - smooth
+        limit = LOST_LOAD * float(np.ptp(taken.load)) + 6.0 * second_difference_scatter(curve)
+        low = rest + int(behind[rest:].argmax()) if curve.size > rest else 0
+        if behind[low] > limit:
+            return k, np.arange(int(smooth[: low + 1].argmax()) + 1, curve.size)
+    return None
+
+
+def _relaxes(taken: Recording, falling: tuple[int, np.ndarray]) -> bool:
+    """Whether the stretch stands still while the load falls."""
+    stretch, rows = taken.stretch.sum(axis=1), falling[1]
+    after = stretch[rows[0] - 1 : rows[0] + 5]
+    mean = float(np.ptp(stretch)) / stretch.size
+    return bool(
+        np.ptp(after) < max(0.5 * mean * after.size, 4.0 * second_difference_scatter(stretch))
+    )
+
+
+def _ask_about_fall(taken: Recording, falling: tuple[int, np.ndarray]) -> None:
+    k, rows = falling
+    problem = (
+        f"the load in {'xy'[k]} falls behind line {taken.lines[rows[0] - 1]} while the stretch "
+        f"rises{f' ({taken.name})' if taken.name else ''}: a tear, a grip that slips, or lost rows"
+    )
+    _ask_for_rows(taken.record, problem, np.sort(taken.rows[rows]))
+
+
+def _ask_about_limit(taken: Recording, rest: int) -> None:
+    """Ask where a load stays at its largest value while the stretch goes on."""
+    path = np.abs(taken.stretch - taken.stretch[0]).sum(axis=1)
+    moving = np.ptp(path[rest:]) if path.size > rest else 0.0
+    tail = np.flatnonzero(path >= path.max() - 0.1 * moving)
+    tail = tail[tail >= rest]
+    if tail.size < 4 or path.size < 12:
+        return
+    for k, curve in enumerate(taken.load.T):
+        scatter, span = second_difference_scatter(curve), float(np.ptp(curve))
+        if span < 0.1 * np.ptp(taken.load) or span < 10.0 * scatter:
+            continue
+        x = path[tail] - path[tail].mean()
+        slope = float(x @ curve[tail]) / float(x @ x)
+        error = scatter / float(np.sqrt(x @ x))
+        if slope + 3.0 * error < FLAT * span / moving:
+            top = np.flatnonzero(curve >= curve[tail].mean() - max(4.0 * scatter, 0.01 * span))
+            problem = (
+                f"the load in {'xy'[k]} stays at {curve[tail].mean():.4g} {taken.record.unit} from "
+                f"line {taken.lines[top[0]]} on while the stretch goes on: the load cell at its "
+                "limit, or a grip that slips"
+            )
+            _ask_for_rows(taken.record, problem, np.sort(taken.rows[top[0] :]))

@@ -1,0 +1,100 @@
+"""All rows of one table, converted, and the loading paths that are taken from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from biaxbayes.machines.cycles import Cycle, peak_change, ratio_name
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """All rows of one table (of one set of it), converted; NaN where a row is not read."""
+
+    name: str  # of the sheet or set; empty for a table that is alone
+    path: Path
+    lines: np.ndarray  # of the file, or rows of the sheet, from 1
+    stretch: np.ndarray  # (n, 2), as measured: at rest it need not be one
+    load: np.ndarray  # (n, 2), N or kPa
+    time_s: np.ndarray | None
+    gradient: np.ndarray | None  # (n, 2, 2), if the file has its off-diagonal components
+    columns: tuple[str, ...]  # raw columns of stretch x, y and load x, y
+    stress_pair: str
+    cycles: dict[str, list[Cycle]]  # by protocol; of one without a name if the file names none
+    reasons: np.ndarray  # why each row was left out; empty for a row that was not
+    notes: tuple[str, ...]  # how the file was read
+    assumptions: tuple[str, ...]  # of stretches and loads; written into the specimen file
+
+    @property
+    def source(self) -> str:
+        """File, and sheet or set in it."""
+        return self.path.name + (f", {self.name}" if self.name else "")
+
+    @property
+    def unit(self) -> str:
+        """Unit of the loads."""
+        return "N" if self.stress_pair == "force" else "kPa"
+
+    def leave_out(self, rows: np.ndarray, reason: str) -> None:
+        """Note why rows are left out, unless another reason is known."""
+        self.reasons[rows[self.reasons[rows] == ""]] = reason
+
+    def shown(self, rows: np.ndarray) -> str:
+        """Number, ratio and peaks of some rows, for a question."""
+        stretch, load = self.stretch[rows], self.load[rows]
+        peaks = ", ".join(f"{v:.4g}" for v in stretch.max(axis=0))
+        loads = ", ".join(f"{v:.3g}" for v in load.max(axis=0))
+        ratio = ratio_name(peak_change(self.stretch, rows))
+        return f"{rows.size} rows, {ratio}, stretch to {peaks}, load to {loads} {self.unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One loading path of a record."""
+
+    name: str  # of the protocol
+    record: Record
+    rows: np.ndarray  # of the record, in the order of the path
+    cycle: str | None = None  # such as "6 of 6"; None for a protocol of one cycle
+    branch: str = "loading"
+    notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+    def at(self, rows: np.ndarray, reason: str) -> Recording:
+        """The same path with some of its rows, the others left out for a reason."""
+        self.record.leave_out(np.setdiff1d(self.rows, self.rows[rows]), reason)
+        return replace(self, rows=self.rows[rows])
+
+    @property
+    def source(self) -> str:
+        """File, and sheet or set in it."""
+        return self.record.source
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """Stretches as measured, shape (n, 2)."""
+        return self.record.stretch[self.rows]
+
+    @property
+    def load(self) -> np.ndarray:
+        """Loads, shape (n, 2)."""
+        return self.record.load[self.rows]
+
+    @property
+    def time_s(self) -> np.ndarray | None:
+        """Times; none of a path that was reversed."""
+        time = self.record.time_s
+        return None if time is None or self.branch == "unloading" else time[self.rows]
+
+    @property
+    def gradient(self) -> np.ndarray | None:
+        """Deformation gradients, if the file has their off-diagonal components."""
+        return None if self.record.gradient is None else self.record.gradient[self.rows]
+
+    @property
+    def lines(self) -> np.ndarray:
+        """Lines of the file."""
+        return self.record.lines[self.rows]

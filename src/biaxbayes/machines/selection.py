@@ -1,0 +1,231 @@
+"""The loading paths of a record: protocols, cycles and branches as the user chose them.
+
+Where the record leaves a choice and the user gave none, a :class:`Question` lists the choices.
+Every row that is left out has its reason in the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.machines.choice import BRANCHES, Choice
+from biaxbayes.machines.cycles import LEAST_ROWS, Cycle, by_ratio, peak_change, ratio_name, settling
+from biaxbayes.machines.questions import Question
+from biaxbayes.machines.readings import without_steps
+from biaxbayes.machines.record import Record, Recording
+
+RATIOS = ("ratio", "load-ratio")
+SHOWN = 8
+"""Cycles and protocols that a question lists."""
+
+
+def select(record: Record, choice: Choice) -> list[Recording]:
+    """The chosen branch of the chosen cycles of each protocol of a record."""
+    protocols = _protocols(record, choice)
+    taken = []
+    for name, cycles in _chosen(record, protocols, choice).items():
+        before, cycle = cycles[-2:] if len(cycles) > 1 else (None, cycles[-1])
+        taken.append(_branch(record, name, before, cycle, choice))
+    if len(protocols) != len(taken) or any(len(cycles) > 1 for cycles in protocols.values()):
+        taken = [_counted(r, protocols, choice) for r in taken]
+    kept = np.concatenate([r.rows for r in taken])
+    for cycles in protocols.values():
+        for cycle in cycles:
+            mine = np.isin(cycle.rows("both"), kept).any()
+            for rows, reason in (
+                (cycle.loading, "loading"),
+                (cycle.hold, "hold at the peak"),
+                (cycle.unloading, "unloading"),
+            ):
+                record.leave_out(
+                    np.setdiff1d(rows, kept), reason if mine else "a cycle that was not chosen"
+                )
+    record.leave_out(np.setdiff1d(np.arange(record.lines.size), kept), "in no cycle")
+    return taken
+
+
+# --- protocols ------------------------------------------------------------------------------------
+
+
+def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
+    """Cycles by protocol: those that the file names, or those of a ratio of the peaks."""
+    named, by = record.cycles, choice.protocols_by
+    if set(named) != {""} or by == "none":
+        return named
+    cycles = named[""]
+    groups = {
+        kind: by_ratio(curves, cycles)
+        for kind, curves in zip(RATIOS, (record.stretch, record.load), strict=True)
+    }
+    if by is None and len(groups["ratio"]) > 1:
+        gives = {f"protocols_by={kind}": _in_groups(group) for kind, group in groups.items()}
+        raise Question(
+            f"holds {len(cycles)} cycles of {len(groups['ratio'])} stretch ratios, and nothing "
+            "says what separates its protocols",
+            {
+                **gives,
+                "protocols_by=none": "all are cycles of one protocol",
+                "protocols_by=COLUMN": "",
+            },
+            file=record.path,
+        )
+    if by not in RATIOS or len(groups[by]) == 1:
+        return named
+    counted = all(cycle.label == str(n + 1) for n, cycle in enumerate(cycles))
+    return {
+        name: [
+            replace(cycles[n], label=str(k + 1)) if counted else cycles[n]
+            for k, n in enumerate(group)
+        ]
+        for name, group in groups[by].items()
+    }
+
+
+def _in_groups(groups: Mapping[str, Sequence[int]]) -> str:
+    listed = [
+        f"{name}: cycle{'s' * (len(g) > 1)} {' '.join(str(n + 1) for n in g)}"
+        for name, g in groups.items()
+    ]
+    return "; ".join(listed[:SHOWN]) + (" ..." if len(listed) > SHOWN else "")
+
+
+# --- cycles and branches --------------------------------------------------------------------------
+
+
+def _chosen(
+    record: Record, protocols: Mapping[str, list[Cycle]], choice: Choice
+) -> dict[str, list[Cycle]]:
+    """By the name of a protocol, the chosen cycle behind those before it."""
+    which = choice.cycles
+    several = {name: cycles for name, cycles in protocols.items() if len(cycles) > 1}
+    if which is None and several:
+        raise Question(
+            f"holds several cycles ({_in_numbers(several)})",
+            {
+                "cycles=last": _given(record, protocols, -1),
+                "cycles=all": "each cycle a protocol",
+                **{
+                    f"cycles={cycle.label}": record.shown(cycle.loading)
+                    for cycle in next(iter(several.values()))[:SHOWN]
+                },
+            },
+            file=record.path,
+        )
+    if which in (None, "last"):
+        return dict(protocols)
+    if which == "all":
+        return {
+            f"{name} cycle {cycle.label}".strip() if len(cycles) > 1 else name: [cycle]
+            for name, cycles in protocols.items()
+            for cycle in cycles
+        }
+    chosen = {}
+    for name, cycles in protocols.items():
+        labels = [cycle.label for cycle in cycles]
+        if which not in labels:
+            shown = ", ".join(labels) if len(labels) < 12 else f"{labels[0]} to {labels[-1]}"
+            of = f" of {name}" if name else ""
+            raise InputError(
+                f"no cycle {which}{of}", file=record.path, remedy=f"cycles are {shown}"
+            )
+        chosen[name] = cycles[: labels.index(which) + 1]
+    return chosen
+
+
+def _in_numbers(protocols: Mapping[str, list[Cycle]]) -> str:
+    listed = [f"{name}: {len(c)}" if name else f"{len(c)}" for name, c in protocols.items()]
+    return ", ".join(listed[:SHOWN]) + (" ..." if len(listed) > SHOWN else "")
+
+
+def _given(record: Record, protocols: Mapping[str, list[Cycle]], number: int) -> str:
+    """What a cycle of each protocol would give."""
+    parts = [
+        f"{name}: {record.shown(cycles[number].loading)}" if name else
+        record.shown(cycles[number].loading)
+        for name, cycles in protocols.items()
+    ]  # fmt: skip
+    return "; ".join(parts[:3]) + (f"; {len(parts) - 3} more" if len(parts) > 3 else "")
+
+
+def _branch(
+    record: Record, name: str, before: Cycle | None, cycle: Cycle, choice: Choice
+) -> Recording:
+    """The chosen branch of a cycle, with a note on how it differs from the cycle before."""
+    if choice.branch is None and cycle.unloading.size >= LEAST_ROWS:
+        gives = {f"branch={b}": record.shown(cycle.rows(b)) for b in BRANCHES}
+        of = f" of {name}" if name else ""
+        raise Question(f"holds loading and unloading{of}", gives, file=record.path)
+    branch = choice.branch or "loading"
+    rows = cycle.rows(branch)
+    if rows.size < 2:
+        problem = f"{rows.size} rows in the {branch} branch of cycle {cycle.label}"
+        remedy = "choose another with `cycles` or `branch`"
+        raise InputError(problem, file=record.path, remedy=remedy)
+    taken = Recording(name, record, rows, branch=branch)
+    if branch == "loading":
+        taken = without_steps(taken, cycle.hold, choice)
+    if before is None or choice.cycles == "all":
+        return taken
+    text, settled = settling(record.stretch, record.load, before.loading, cycle.loading)
+    text = f"{name}: {text}" if name else text
+    if settled:
+        return replace(taken, notes=(text,))
+    return replace(taken, assumptions=(text,))
+
+
+def _counted(taken: Recording, protocols: Mapping[str, list[Cycle]], choice: Choice) -> Recording:
+    """The recording with its cycle, such as ``6 of 6``."""
+    for cycles in protocols.values():
+        for number, cycle in enumerate(cycles, start=1):
+            if len(cycles) > 1 and np.isin(taken.rows, cycle.rows("both")).any():
+                of = f"{number} of {len(cycles)}"
+                name = of if cycle.label == str(number) else f"{cycle.label} ({of})"
+                return replace(taken, cycle=name)
+    return taken
+
+
+# --- recordings of several files, sheets or sets --------------------------------------------------
+
+
+def without_repeats(recordings: Sequence[Recording], choice: Choice) -> list[Recording]:
+    """Recordings of the same ratio in several files, sheets or sets are protocols, or cycles."""
+    groups: dict[str, list[Recording]] = {}
+    for r in recordings:
+        ratio = ratio_name(peak_change(r.record.stretch, np.sort(r.rows)))
+        groups.setdefault(ratio, []).append(r)
+    repeated = {
+        ratio: group for ratio, group in groups.items() if len({r.source for r in group}) > 1
+    }
+    if not repeated or choice.repeats == "protocols":
+        return list(recordings)
+    file = recordings[0].record.path
+    if choice.repeats is None:
+        listed = "; ".join(
+            f"{ratio}: {', '.join(dict.fromkeys(r.source for r in group))}"
+            for ratio, group in repeated.items()
+        )
+        gives = {
+            "repeats=protocols": f"{len(recordings)} protocols",
+            "repeats=cycles": f"{len(groups)} protocols, their cycles in this order",
+        }
+        raise Question(f"the same stretch ratio comes back ({listed[:300]})", gives, file=file)
+    which, kept = choice.cycles, []
+    for ratio, group in groups.items():
+        if which is None and len(group) > 1:
+            gives = {"cycles=last": group[-1].source, "cycles=all": "each a protocol"}
+            raise Question(f"{ratio} has {len(group)} cycles", gives, file=file)
+        if which not in (None, "last", "all") and not 0 < int(which) <= len(group):
+            raise InputError(
+                f"no cycle {which} of {ratio}", file=file, remedy=f"{len(group)} cycles"
+            )
+        number = len(group) if which in (None, "last") else 0 if which == "all" else int(which)
+        for n, r in enumerate(group, start=1):
+            if number in (0, n):
+                kept.append(replace(r, cycle=f"{n} of {len(group)}" if len(group) > 1 else r.cycle))
+            else:
+                r.record.leave_out(r.rows, "a cycle that was not chosen")
+    return kept
