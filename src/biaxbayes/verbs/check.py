@@ -15,7 +15,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
-from biaxbayes.verbs.options import argument, file_option, json_option
+from biaxbayes.verbs.options import argument, file_option, flag, json_option
 
 if TYPE_CHECKING:
     from biaxbayes.specimens.check import Finding
@@ -181,7 +181,8 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
 @argument("specimen")
 @file_option("figure", "Draw the record (.pdf, .png or .svg).")
 @file_option("sketch", "Draw the hooks that the header states, to scale (.pdf, .png or .svg).")
-@json_option("One object instead of the text.")
+@flag("no-picture", "Write no NAME-check.png beside the specimen file.")
+@json_option("One object instead of the text, and no picture.")
 @click.option(
     "--fit/--no-fit",
     "with_fit",
@@ -190,9 +191,16 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
     help="Whether to fit the record, to see if GOH can follow it.",
 )
 def command(
-    specimen: Path, figure: Path | None, sketch: Path | None, as_json: bool, with_fit: bool
+    specimen: Path,
+    figure: Path | None,
+    sketch: Path | None,
+    no_picture: bool,
+    as_json: bool,
+    with_fit: bool,
 ) -> int:
     """Print the contents of a specimen file as they were read, and warn of what may go wrong.
+
+    NAME-check.png beside the file shows all rows, those of each protocol in its colour.
 
     Exit code 0 for a record that 'sample' takes, with or without warnings; 2 for one with an error,
     which 'sample' refuses without --anyway.
@@ -206,8 +214,23 @@ def command(
             click.echo(f"figure: {figure}")
         if sketch is not None:
             click.echo(f"sketch: {sketch}")
+        if not no_picture:
+            click.echo(f"picture: {_picture(result.specimen, specimen)}")
     refused = any(finding.severity == "error" for finding in result.findings)
     return InputError.exit_code if refused else 0
+
+
+def _picture(specimen: Specimen, file: Path) -> str:
+    """Write the picture of all rows beside a specimen file, where that is possible."""
+    from biaxbayes.figures.record import protocols_figure
+    from biaxbayes.figures.style import save_figure
+
+    path = file.with_name(f"{file.stem}-check.png")
+    try:
+        save_figure(protocols_figure(specimen), path)
+    except InputError as error:
+        return f"none, {error}"
+    return str(path)
 
 
 def _print_result(result: Checked) -> None:

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from biaxbayes.machines.conversion import Conversion
 
 
+BESIDE = ("-record.png", "-recipe.toml")
+"""Ends of the names of the picture and the recipe beside a specimen file."""
+
+
 @takes_options(Choice)
 def convert(
     raw: PathLike | Sequence[PathLike],
@@ -32,6 +36,7 @@ def convert(
     *,
     header: Mapping[str, float | str] | None = None,
     protocol_names: Sequence[str] = (),
+    recipe: PathLike | None = None,
     out: PathLike | None = None,
     overwrite: bool = False,
     **options: Any,
@@ -49,8 +54,12 @@ def convert(
         ``load_noise_N``, ``layer`` ...).
     protocol_names : sequence of str
         One per protocol; by default from the names of the files.
+    recipe : path-like, optional
+        Options and header values of an earlier conversion, as written beside its result; those
+        given here replace them. A file that does not fit it is refused.
     out : path-like, optional
-        The specimen file to write; it is written only if it can be read again.
+        The specimen file to write; it is written only if it can be read again. A picture of the
+        record and the recipe are written beside it.
     overwrite : bool
         Replace a file of that name.
     **options
@@ -63,29 +72,52 @@ def convert(
 
     Raises
     ------
+    Question
+        Where the files leave a choice; nothing is written.
     InputError
         For files, columns and options that do not fit together.
     """
     from biaxbayes.machines.conversion import convert as conversion
 
-    if choice is not None and options:
-        raise InputError(
-            f"{next(iter(options))} cannot be combined with a Choice", remedy="give one"
-        )
-    if choice is None:
-        if "machine" not in options:
-            raise InputError(
-                "no machine is given", remedy=f"machine={' or '.join(map(repr, FORMATS))}"
-            )
-        several: dict[str, Any] = {
-            name: (options[name],) if isinstance(options[name], str) else tuple(options[name])
-            for name in ("columns", "sets", "sheets")
-            if name in options
-        }
-        choice = Choice.from_values({**options, **several})
-    choice = _check_choice(choice)
+    found: dict[str, Any] = {}
+    if recipe is not None:
+        from biaxbayes.machines.recipe import check_fit, read_recipe
+
+        answers, lab, found = read_recipe(Path(recipe))
+        options, header = answers | options, lab | dict(header or {})
+    choice = _check_choice(_choice(choice, options))
     paths = [raw] if isinstance(raw, str | Path) else raw
     files, target = [Path(path) for path in paths], None if out is None else Path(out)
+    _check_files(files, target)
+    beside = [] if target is None else [target.with_name(target.stem + end) for end in BESIDE]
+    for path in [*([target] if target else []), *beside]:
+        check_new(path, overwrite)
+    values = _checked_header(header or {})
+    result = conversion(files, choice, header=values, protocol_names=list(protocol_names))
+    if recipe is not None:
+        check_fit(found, result, Path(recipe))
+    return result if target is None else _written(result, choice, values, target, beside)
+
+
+def _choice(choice: Choice | None, options: Mapping[str, Any]) -> Choice:
+    """The choice itself, or one of its fields as keywords."""
+    if choice is not None:
+        if options:
+            problem = f"{next(iter(options))} cannot be combined with a Choice"
+            raise InputError(problem, remedy="give one")
+        return choice
+    if "machine" not in options:
+        raise InputError("no machine is given", remedy="give `machine`: " + " or ".join(FORMATS))
+    several: dict[str, Any] = {
+        name: (options[name],) if isinstance(options[name], str) else tuple(options[name])
+        for name in ("columns", "sets", "sheets")
+        if name in options
+    }
+    return Choice.from_values({**options, **several})
+
+
+def _check_files(files: Sequence[Path], target: Path | None) -> None:
+    """Refuse a file that is given twice, or that would be overwritten."""
     seen: set[Path] = set()
     for path in files:
         try:
@@ -98,11 +130,13 @@ def convert(
         if real in seen:
             raise InputError("is given twice", file=path, remedy="name each file once")
         seen.add(real)
-    if target is not None:
-        check_new(target, overwrite)
+
+
+def _checked_header(header: Mapping[str, float | str]) -> dict[str, float | str]:
+    """Values of known header keys."""
     known_keys = (*HEADER_OPTIONS, *METADATA_KEYS)
     values = {}
-    for key, value in (header or {}).items():
+    for key, value in header.items():
         if key not in known_keys:
             _, hint = likely_name(str(key), known_keys)
             raise InputError(
@@ -111,12 +145,26 @@ def convert(
             )
         if value is not None and str(value).strip():
             values[key] = checked_value(key, value)
-    result = conversion(files, choice, header=values, protocol_names=list(protocol_names))
-    if target is None:
-        return result
+    return values
+
+
+def _written(
+    result: Conversion,
+    choice: Choice,
+    header: Mapping[str, float | str],
+    target: Path,
+    beside: Sequence[Path],
+) -> Conversion:
+    """The conversion as its file reads back, with the file, its picture and its recipe written."""
+    from biaxbayes.figures.record import conversion_figure
+    from biaxbayes.figures.style import save_figure
+    from biaxbayes.machines.recipe import recipe_text
+
     text = specimen_text(result.specimen, result.protocols_as_measured)
     specimen = parse_specimen(text.split("\n"), target)
     atomic_write_text(target, text)
+    save_figure(conversion_figure(result), beside[0])
+    atomic_write_text(beside[1], recipe_text(choice, header, result))
     return replace(result, specimen=specimen)
 
 
@@ -185,7 +233,6 @@ def _header_option(key: str, metavar: str) -> Decorator:
 @click.option(
     "--machine",
     type=click.Choice(list(FORMATS)),
-    required=True,
     help="; ".join(f"{name}: {format_.description}" for name, format_ in FORMATS.items()) + ".",
 )
 @file_option("out", "Specimen file.", required=True)
@@ -198,10 +245,16 @@ def _header_option(key: str, metavar: str) -> Decorator:
 @click.option(
     "--protocol-names", metavar="NAME,...", help="One per protocol (default: names of the files)."
 )
-@flag("overwrite", "Replace a file of the same name.")
+@file_option("recipe", "Answers of an earlier conversion, for files of the same kind.")
+@flag("overwrite", "Replace files of the same names.")
 @together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
 def command(
-    raw: tuple[Path, ...], out: Path, overwrite: bool, protocol_names: str | None, **given: Any
+    raw: tuple[Path, ...],
+    out: Path,
+    overwrite: bool,
+    protocol_names: str | None,
+    recipe: Path | None,
+    **given: Any,
 ) -> None:
     r"""Convert machine exports to one specimen file, each RAW (or set, or sheet) a protocol of it.
 
@@ -213,14 +266,17 @@ def command(
     """
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     values = {key: given.pop(key.lower()) for key in HEADER_OPTIONS}
+    source = click.get_current_context().get_parameter_source
+    was_given = lambda name: source(name) is click.core.ParameterSource.COMMANDLINE  # noqa: E731
     try:
         result = convert(
             raw,
             header={key: text for key, text in values.items() if text is not None},
             protocol_names=names,
+            recipe=recipe,
             out=out,
             overwrite=overwrite,
-            **{name: value for name, value in given.items() if value is not None},
+            **{name: value for name, value in given.items() if was_given(name)},
         )
     except Question as question:
         _print_choices(question)
@@ -261,4 +317,6 @@ def _print_conversion(conversion: Conversion, out: Path) -> None:
     shear: Any = specimen.metadata.get("largest_shear")
     if shear is not None:
         click.echo(f"  largest shear {shear:g}, which the model ignores")
+    for end, what in zip(BESIDE, ("picture", "recipe"), strict=True):
+        click.echo(f"{what}: {out.with_name(out.stem + end)}")
     click.echo(f"next: biaxbayes check {out}")

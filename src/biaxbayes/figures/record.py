@@ -1,0 +1,139 @@
+"""A whole record over its rows: those of each protocol, and those left out with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from biaxbayes.figures.quantities import plain
+from biaxbayes.figures.style import LOAD_LABELS, PAGE_MM, blank_figure, colour, print_style
+from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.specimens.specimen import Specimen
+
+if TYPE_CHECKING:
+    from biaxbayes.machines.conversion import Conversion
+
+POINTS = 4_000
+"""Rows of a protocol, or of a reason, that are drawn."""
+NAMED = 12
+"""Protocols and reasons that the legend names."""
+GREYS = ("x", "+", "1", "|", "d", "2", "*", "3")
+"""Markers of the reasons for which rows were left out."""
+
+
+@dataclass
+class Rows:
+    """Readings of all rows, and what became of them."""
+
+    stretch: np.ndarray  # (n, 2)
+    load: np.ndarray  # (n, 2)
+    kept: dict[str, np.ndarray] = field(default_factory=dict)  # rows by protocol
+    left: dict[str, np.ndarray] = field(default_factory=dict)  # rows by reason
+    reference: list[int] = field(default_factory=list)  # rows at rest
+    parts: dict[str, int] = field(default_factory=dict)  # first row by file, sheet or set
+    lines: np.ndarray | None = None  # of the file, where it is a single one
+
+
+def conversion_figure(conversion: Conversion) -> Figure:
+    """Draw all rows of the files that were converted."""
+    records = conversion.records
+    ends = np.cumsum([r.lines.size for r in records]).tolist()
+    first = {id(r): end - r.lines.size for r, end in zip(records, ends, strict=True)}
+    rows = Rows(
+        np.concatenate([r.stretch for r in records]), np.concatenate([r.load for r in records])
+    )
+    left = np.concatenate([r.reasons for r in records])
+    for r, p in zip(conversion.recordings, conversion.specimen.protocols, strict=True):
+        at = first[id(r.record)] + r.rows
+        rows.kept[p.name] = at
+        rows.reference += at[: p.rest_rows].tolist()
+        left[at] = ""
+    rows.left = {k: np.flatnonzero(left == k) for k in dict.fromkeys(left.tolist()) if k}
+    if len(records) > 1:
+        rows.parts = {r.source: first[id(r)] for r in records}
+    else:
+        rows.lines = records[0].lines
+    return _figure(rows, conversion.specimen.stress_pair)
+
+
+def protocols_figure(specimen: Specimen) -> Figure:
+    """Draw all rows of a specimen file."""
+    rows = Rows(
+        np.concatenate([p.stretch * p.reference for p in specimen.protocols]),
+        np.concatenate([p.recorded_load for p in specimen.protocols]),
+    )
+    first = 0
+    for p in specimen.protocols:
+        rows.kept[p.name] = np.arange(first, first + p.rows)
+        rows.reference += range(first, first + p.rest_rows)
+        first += p.rows
+    return _figure(rows, specimen.stress_pair)
+
+
+def _figure(rows: Rows, stress_pair: str) -> Figure:
+    with print_style():
+        figure = blank_figure(PAGE_MM, 130.0)
+        axes = figure.subplots(2, 1, sharex=True)
+        labels = ("stretch as measured", LOAD_LABELS[stress_pair])
+        for ax, curves, label in zip(axes, (rows.stretch, rows.load), labels, strict=True):
+            _draw(ax, curves, rows)
+            ax.set_ylabel(label)
+        for name, first in rows.parts.items():
+            axes[0].annotate(plain(name, 30), (first + 1, 1.0), xycoords=("data", "axes fraction"))
+        axes[1].set_xlabel("row" if rows.lines is None else "line of the file")
+        figure.legend(handles=_handles(rows), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _draw(ax: Axes, curves: np.ndarray, rows: Rows) -> None:
+    """Both directions of stretch or load over the rows."""
+    x = np.arange(1, len(curves) + 1) if rows.lines is None else rows.lines
+    for marker, face, curve in zip("os", (None, "none"), curves.T, strict=True):
+        for look, group in ((GREYS, rows.left), (marker, rows.kept)):
+            _draw_groups(ax, x, curve, group, look, face)
+        reference = np.array(rows.reference, dtype=int)
+        ax.plot(x[reference], curve[reference], "+", color="black", ms=6.0, mew=0.8, zorder=3)
+    for first in rows.parts.values():
+        ax.axvline(first + 0.5, color="0.75", linewidth=0.5, zorder=0)
+    ax.margins(x=0.01)
+
+
+def _draw_groups(
+    ax: Axes,
+    x: np.ndarray,
+    curve: np.ndarray,
+    groups: Mapping[str, np.ndarray],
+    markers: str | tuple[str, ...],
+    face: str | None,
+) -> None:
+    """Rows of protocols in their colours, or of reasons in grey with their markers."""
+    for k, at in enumerate(groups.values()):
+        at = np.sort(at)[evenly_chosen(at.size, POINTS)]
+        if isinstance(markers, str):
+            ax.plot(
+                x[at], curve[at], markers, color=colour(k), mfc=face or colour(k), ms=2.5, mew=0.5
+            )
+        else:
+            ax.plot(x[at], curve[at], markers[k % len(markers)], color="0.6", ms=3.0, mew=0.5)
+
+
+def _handles(rows: Rows) -> list[Line2D]:
+    handles = [
+        Line2D([], [], ls="", marker="o", color="0.2", ms=3.0, label="x"),
+        Line2D([], [], ls="", marker="s", color="0.2", mfc="none", ms=3.0, label="y"),
+        Line2D([], [], ls="", marker="+", color="black", ms=6.0, label="reference (at rest)"),
+    ]
+    for k, (name, at) in enumerate(list(rows.kept.items())[:NAMED]):
+        label = f"{plain(name, 24)}: {at.size} rows"
+        handles.append(Line2D([], [], ls="", marker="o", color=colour(k), ms=3.0, label=label))
+    for k, (reason, at) in enumerate(list(rows.left.items())[:NAMED]):
+        label = f"left out, {plain(reason, 34)}: {at.size}"
+        marker = GREYS[k % len(GREYS)]
+        handles.append(Line2D([], [], ls="", marker=marker, color="0.6", ms=3.5, label=label))
+    return handles
