@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -224,7 +223,8 @@ def test_a_table_of_numpy_savetxt_with_its_names_in_a_comment(tmp_path, capsys, 
 def test_workbook_without_calamine_names_the_extra(tmp_path, capsys, monkeypatch):
     path = tmp_path / "raw.xlsx"
     path.write_bytes(xlsx({"a": [["F11"], [1.0]]}))
-    monkeypatch.setitem(sys.modules, "python_calamine", None)
+    (tmp_path / "python_calamine.py").write_text("raise ImportError")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     code, _, err = biotester(path, tmp_path / "a.csv", capsys)
     assert code == 2
     assert "python-calamine is not installed; pip install 'biaxbayes[tables]'" in err

@@ -13,8 +13,8 @@ import commands
 from biaxbayes import GOH
 from biaxbayes.errors import InputError
 from biaxbayes.machines.account import account
-from biaxbayes.machines.questions import Question
 from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.tables.question import Question
 
 SIZE = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
 RATIOS = {"1:1": (1.0, 1.0), "1:0.5": (1.0, 0.5), "0.5:1": (0.5, 1.0)}

@@ -12,9 +12,9 @@ from biaxbayes import GOH
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import convert
-from biaxbayes.machines.questions import Question
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.check import check_specimen
+from biaxbayes.tables.question import Question
 from virtual_biotester import biotester_export
 
 T = np.linspace(0.0, 1.0, 31)

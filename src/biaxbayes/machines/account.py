@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from biaxbayes.machines.conversion import Conversion
-from biaxbayes.machines.questions import in_lines
+from biaxbayes.machines.lines import in_lines
 from biaxbayes.machines.record import Record
 from biaxbayes.text_files import aligned
 

@@ -11,10 +11,11 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.cycles import Cycle
 from biaxbayes.machines.gauge import Gauge
-from biaxbayes.machines.questions import Question, outside
+from biaxbayes.machines.lines import outside
 from biaxbayes.machines.readings import check_signs
 from biaxbayes.machines.record import Record
 from biaxbayes.specimens.protocol import rest_rows
+from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
 
 PHASE = re.compile(r"\s*(\d+)\s*-\s*(\w+)")

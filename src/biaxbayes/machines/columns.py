@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.questions import Question
 from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import MISSING, Table
 from biaxbayes.tables.units import (
     STRAIN_CHOICES,

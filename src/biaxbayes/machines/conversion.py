@@ -12,7 +12,6 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.gauge import Gauge
-from biaxbayes.machines.questions import Question
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.machines.selection import select, without_repeats
 from biaxbayes.specimens.check import LARGE_DRIFT
@@ -26,6 +25,7 @@ from biaxbayes.specimens.protocol import (
     second_difference_scatter,
 )
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import read_tables
 
 BELOW_START = 0.02

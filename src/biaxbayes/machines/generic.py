@@ -18,10 +18,11 @@ from biaxbayes.machines.columns import (
 )
 from biaxbayes.machines.cycles import Cycle, cut, quieter_path
 from biaxbayes.machines.gauge import Gauge
-from biaxbayes.machines.questions import Question, outside
+from biaxbayes.machines.lines import outside
 from biaxbayes.machines.readings import ask_about_jumps, check_signs
 from biaxbayes.machines.record import Record
 from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
 from biaxbayes.tables.units import STRAINS, Unit
 

@@ -7,10 +7,11 @@ from scipy.ndimage import median_filter
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.questions import Question, in_lines, ranges_without
+from biaxbayes.machines.lines import in_lines, ranges_without
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
+from biaxbayes.tables.question import Question
 
 JUMP = 0.05
 """Distance of a row from its neighbours, as a fraction of the range, from which it lies apart."""

@@ -14,9 +14,9 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import BRANCHES, Choice
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle, by_ratio, peak_change, ratio_name, settling
-from biaxbayes.machines.questions import Question
 from biaxbayes.machines.readings import without_steps
 from biaxbayes.machines.record import Record, Recording
+from biaxbayes.tables.question import Question
 
 RATIOS = ("ratio", "load-ratio")
 SHOWN = 8

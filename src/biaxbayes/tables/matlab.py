@@ -1,117 +1,101 @@
-"""MATLAB files: version 5 to 7.2 through scipy, 7.3 through h5py.
+"""MATLAB files, version 5 to 7.2 through scipy, 7.3 through h5py; and arrays of NumPy (.npz).
 
-Vectors of equal length are the columns of one sheet; a matrix is a sheet with columns NAME_1,
-NAME_2 ...; a struct of vectors is a sheet of the struct's name with its fields as columns.
+Arrays of one length are the columns of a sheet: vectors by their name, those of a matrix as NAME_1,
+NAME_2 ... A struct is a sheet of its own, and so is each element of a cell or of an array of
+structs.
 """
 
 from __future__ import annotations
 
-import io
-import struct
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.tables.sheets import MAX_CELLS, MAX_UNPACKED, Sheet, sheet_from, too_large
+from biaxbayes.tables.sheets import Sheet, sheet_from
 
-COMPRESSED = 15
-"""Type of an element of version 5 that is packed by zlib."""
+LEAST_ROWS = 3
+TOP = "variables"
+"""Name of the sheet of arrays that are in no struct or cell."""
 
 
-def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
-    """Numeric variables of a MATLAB file as sheets."""
-    if raw.startswith(b"MATLAB 7.3"):
-        variables = _hdf5_variables(raw, path)
+def sheets(path: Path) -> dict[str, Sheet]:
+    """Numeric variables of a file as sheets."""
+    with path.open("rb") as file:
+        first = file.read(10)
+    if first.startswith(b"PK"):
+        with np.load(path, allow_pickle=False) as arrays:
+            variables = dict(arrays)
+    elif first == b"MATLAB 7.3":
+        variables = _hdf5_variables(path)
     else:
-        variables = _version5_variables(raw, path)
-    by_name = {}
-    for name, columns in _tables(variables).items():
-        numbers = np.column_stack([column.astype(float) for column in columns.values()])
-        by_name[name] = sheet_from([list(columns), *numbers.tolist()], f"variables of {name}")
-    if not by_name:
+        import scipy.io
+
+        variables = scipy.io.loadmat(path, simplify_cells=True)
+        variables = {k: v for k, v in variables.items() if not k.startswith("__")}
+    groups: dict[tuple[str, int], dict[str, np.ndarray]] = {}
+    for sheet, name, array in _arrays("", "", variables):
+        columns = {name: array}
+        if array.ndim == 2:
+            columns = {f"{name}_{i}": column for i, column in enumerate(array.T, start=1)}
+        groups.setdefault((sheet, len(array)), {}).update(columns)
+    return _sheets(groups, path)
+
+
+def _sheets(
+    groups: Mapping[tuple[str, int], Mapping[str, np.ndarray]], path: Path
+) -> dict[str, Sheet]:
+    """A sheet for the arrays of each struct and length."""
+    groups = {key: columns for key, columns in groups.items() if len(columns) > 1}
+    if not groups:
         remedy = "a MATLAB table or timetable: save it with writetable(T, 'name.csv')"
         raise InputError("holds no numeric vectors or matrices", file=path, remedy=remedy)
+    by_name = {}
+    for (sheet, length), columns in groups.items():
+        alone = sum(other == sheet for other, _ in groups) == 1
+        name = (sheet or TOP) + ("" if alone else f" of {length} rows")
+        numbers = np.column_stack([column.astype(float) for column in columns.values()])
+        by_name[name] = sheet_from([list(columns), *numbers.tolist()], name)
     return by_name
 
 
-def _version5_variables(raw: bytes, path: Path) -> dict[str, Any]:
-    import scipy.io
+def _arrays(sheet: str, name: str, value: Any) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Vectors and matrices with the struct or cell that holds them; the longer side is the rows."""
+    path = f"{sheet}.{name}" if sheet and name else sheet or name
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _arrays(path, key, item)
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for number, item in enumerate(np.asarray(value, dtype=object).flat, start=1):
+            if isinstance(item, Mapping):
+                yield from _arrays(f"{path}({number})", "", item)
+            else:
+                yield from _arrays(f"{path}({number})", name, item)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
+        array = np.squeeze(value)
+        if array.ndim in (1, 2) and array.size and max(array.shape) >= LEAST_ROWS:
+            yield sheet, name, array if array.shape[0] == max(array.shape) else array.T
 
-    order = "<" if raw[126:128] == b"IM" else ">"
-    at, unpacked = 128, 0
-    while at + 8 <= len(raw):
-        kind, size = struct.unpack(f"{order}II", raw[at : at + 8])
-        if kind == COMPRESSED:
-            packed = zlib.decompressobj()
-            rest = raw[at + 8 : at + 8 + size]
-            while rest and unpacked <= MAX_UNPACKED:
-                unpacked += len(packed.decompress(rest, 1_000_000))
-                rest = packed.unconsumed_tail
-        if unpacked > MAX_UNPACKED:
-            raise too_large(f"unpacks to more than {MAX_UNPACKED // 1_000_000} MB", path)
-        at += 8 + size
-    return scipy.io.loadmat(io.BytesIO(raw), squeeze_me=False)
 
-
-def _hdf5_variables(raw: bytes, path: Path) -> dict[str, Any]:
+def _hdf5_variables(path: Path) -> dict[str, Any]:
     """Arrays of a file and its groups, transposed as in MATLAB; links out are not followed."""
     import h5py
 
-    cells = 0
+    def read(item: Any) -> Any:
+        if isinstance(item, h5py.Group):
+            return {
+                name: read(item[name])
+                for name in item
+                if not name.startswith("#")
+                and isinstance(item.get(name, getlink=True), h5py.HardLink)
+            }
+        if item.is_virtual or item.external or "MATLAB_empty" in item.attrs:
+            return None
+        if item.dtype == h5py.ref_dtype:
+            return [read(item.file[reference]) for reference in item[()].T.flat]
+        return item[()].T if item.dtype.kind in "fiu" and item.ndim else None
 
-    def variables_of(group: Any, depth: int) -> dict[str, Any]:
-        nonlocal cells
-        variables: dict[str, Any] = {}
-        for name in group:
-            if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                continue
-            item = group[name]
-            if isinstance(item, h5py.Group) and depth == 0:
-                variables[name] = variables_of(item, depth + 1)
-            elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-                if item.is_virtual or item.external or "MATLAB_empty" in item.attrs:
-                    continue
-                cells += item.size
-                if cells > MAX_CELLS:
-                    raise too_large(f"holds more than {MAX_CELLS:,} numbers", path)
-                variables[name] = item[()].T
-        return variables
-
-    with h5py.File(io.BytesIO(raw), "r") as file:
-        return variables_of(file, 0)
-
-
-def _tables(variables: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
-    """Columns by the name of the sheet."""
-    vectors: dict[int, dict[str, np.ndarray]] = {}
-    tables: dict[str, dict[str, np.ndarray]] = {}
-    for name, value in variables.items():
-        if name.startswith("__"):
-            continue
-        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
-            value = {field: value[field].item() for field in value.dtype.names}
-        if isinstance(value, Mapping):
-            fields = {key: _vector(item) for key, item in value.items()}
-            columns = {key: vector for key, vector in fields.items() if vector is not None}
-            longest = max((vector.size for vector in columns.values()), default=0)
-            tables[name] = {k: vector for k, vector in columns.items() if vector.size == longest}
-            continue
-        vector = _vector(value)
-        if vector is not None:
-            vectors.setdefault(vector.size, {})[name] = vector
-        elif isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu":
-            tables[name] = {f"{name}_{i + 1}": column for i, column in enumerate(value.T)}
-    for size, columns in vectors.items():
-        tables["vectors" if len(vectors) == 1 else f"vectors of {size}"] = columns
-    return {name: columns for name, columns in tables.items() if len(columns) > 1}
-
-
-def _vector(value: Any) -> np.ndarray | None:
-    """A vector of at least three numbers, from a row or a column; None for anything else."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu" or value.size < 3:
-        return None
-    return value.ravel() if max(value.shape) == value.size else None
+    with h5py.File(path, "r") as file:
+        return read(file)

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
+import csv
 import re
+import zipfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 from biaxbayes.errors import InputError, printable
-from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of, without_empty_end
+from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, without_empty_end
 
 MAX_WORKBOOK_BYTES = 64_000_000
 MAX_ROWS = 500_000
 MAX_CELLS = 8_000_000
-MAX_UNPACKED = 200_000_000
-"""Bytes of the contents of a compressed file."""
 CONTROL_CHARACTERS = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
+END_OF_FILE, MINUS = "\x1a", "\u2212"
+"""A mark of old programs behind the text, and the minus sign of typesetters."""
+LINES_OF_A_CELL = 5
+"""Largest number of lines of a quoted cell."""
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "spaces", ",": "commas"}
 SEPARATOR_LINES = 200
 """Lines at the end of the file from which its separator is read; a preamble is at the start."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Sheet:
     """Rows of text cells without blank lines and comments."""
 
@@ -34,6 +37,7 @@ class Sheet:
     # column names from a comment line, as NumPy writes them
     names: list[str] = field(default_factory=list)
     hidden: list[int] = field(default_factory=list)  # lines of hidden or filtered rows
+    unseen: bool = False  # a hidden sheet
     text: bool = False  # cut from lines of text, where a short row may be a truncated file
 
 
@@ -58,36 +62,45 @@ MATLAB = Reader(
     "matlab", "MATLAB file", "save it again, or write the table as CSV", "h5py", "write it as CSV"
 )
 TDMS = Reader("tdms", "LabVIEW TDMS file", "export it as CSV", "npTDMS", "export it as CSV")
+NUMPY = Reader("matlab", "NumPy file", "save it again, or write the table as CSV", "numpy", "")
 READERS = {
-    b"PK\x03\x04": WORKBOOK,
     b"\xd0\xcf\x11\xe0": WORKBOOK,
     b"MATLAB 5.0 MAT-file": MATLAB,
     b"MATLAB 7.3 MAT-file": MATLAB,
     b"TDSm": TDMS,
 }
-"""Readers by the first bytes of a file; anything else is text."""
+"""Readers by the first bytes of a file; anything else is an archive or text."""
 
 
 def read_sheets(path: Path) -> dict[str, Sheet]:
     """Sheets of a file by name; a text file has one without a name."""
     raw = read_bytes(path, limit=MAX_WORKBOOK_BYTES)
     reader = next((r for first, r in READERS.items() if raw.startswith(first)), None)
-    if reader is None:
-        for signature, (kind, remedy) in SIGNATURES.items():
-            if raw.startswith(signature):
-                raise InputError(f"is {kind}, not a table", file=path, remedy=remedy)
-        return {"": _text_sheet(raw, path)}
+    if raw.startswith(b"PK\x03\x04"):
+        reader = _archive_reader(path)
+    if reader is not None:
+        from biaxbayes.tables.child import read_in_child
+
+        return read_in_child(path, reader)
+    for signature, (kind, remedy) in SIGNATURES.items():
+        if raw.startswith(signature):
+            raise InputError(f"is {kind}, not a table", file=path, remedy=remedy)
+    return {"": _text_sheet(raw, path)}
+
+
+def _archive_reader(path: Path) -> Reader:
+    """The reader of a ZIP archive by the names in it."""
     try:
-        return import_module(f"biaxbayes.tables.{reader.module}").sheets(raw, path)
-    except (InputError, KeyboardInterrupt, SystemExit):
-        raise
-    except ImportError:
-        problem = f"is a {reader.kind}, and {reader.package} is not installed"
-        remedy = f"pip install 'biaxbayes[tables]', or {reader.without}"
-        raise InputError(problem, file=path, remedy=remedy) from None
-    except BaseException as error:  # a damaged file fails in many ways; a panic of Rust is one
-        problem = f"is not a readable {reader.kind} ({type(error).__name__})"
-        raise InputError(problem, file=path, remedy=reader.damaged) from None
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError):
+        return WORKBOOK  # which will say that it is damaged
+    if names and all(name.endswith(".npy") for name in names):
+        return NUMPY
+    if not {"[Content_Types].xml", "content.xml", "mimetype"} & set(names):
+        remedy = f"unpack it and name the tables in it: {', '.join(names)[:200]}"
+        raise InputError("is a ZIP archive, not a table", file=path, remedy=remedy)
+    return WORKBOOK
 
 
 def sheet_from(values: Sequence[Sequence[object]], note: str) -> Sheet:
@@ -105,12 +118,7 @@ def _cell_text(value: object) -> str:
     """A value as a text cell; numbers with the digits that read back the same."""
     if isinstance(value, float):
         return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-    return "" if value is None else printable(str(value))
-
-
-def too_large(what: str, path: Path) -> InputError:
-    """Error for a file that would take too much memory."""
-    return InputError(what, file=path, remedy="save the rows of the test as CSV")
+    return "" if value is None else printable(str(value)).replace(MINUS, "-")
 
 
 # --- text files -----------------------------------------------------------------------------------
@@ -130,7 +138,7 @@ def _text_sheet(raw: bytes, path: Path) -> Sheet:
     if separator != ",":
         sheet.notes.append(f"columns separated by {SEPARATORS[separator]}")
     cut = "\t" if separator == " " else separator
-    for number, cells in rows_of(lines, path, separator=cut, kind="a table"):
+    for number, cells in _rows(lines, cut, path):
         if cells and cells[0].startswith("#"):
             first = cells[0].lstrip("#").strip()
             if not sheet.rows:
@@ -141,25 +149,46 @@ def _text_sheet(raw: bytes, path: Path) -> Sheet:
     return sheet
 
 
+def _rows(lines: Sequence[str], separator: str, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """First line and cells of each row; a quoted cell may have a few line breaks."""
+    reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, skipinitialspace=True)
+    number = 0
+    try:
+        for cells in reader:
+            if reader.line_num > number + LINES_OF_A_CELL:
+                raise csv.Error("a quotation mark is not closed")
+            yield number + 1, cells
+            number = reader.line_num
+    except csv.Error as error:
+        remedy = "look for a stray quotation mark"
+        raise InputError(
+            f"not a row of a table: {error}", file=path, row=number + 1, remedy=remedy
+        ) from None
+
+
 def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        try:
-            text, encoding = raw.decode("utf-16"), "UTF-16"
-        except UnicodeDecodeError:
+    """Text and its encoding: Unicode, otherwise the code page of instruments on Windows.
+
+    That code page matters for names only, and columns may be given by position.
+    """
+    encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    nulls = raw[:2000:2].count(0), raw[1:2000:2].count(0)
+    if encoding == "utf-8-sig" and max(nulls) > 0.4 * len(raw[:2000:2]):
+        encoding = "utf-16-be" if nulls[0] > nulls[1] else "utf-16-le"
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError:
+        if encoding.startswith("utf-16"):
             raise InputError(
                 "is damaged UTF-16 text", file=path, remedy="export it again"
             ) from None
-    else:
-        try:
-            text, encoding = raw.decode("utf-8-sig"), "UTF-8"
-        except UnicodeDecodeError:
-            # Instrument software on Windows writes its own code page, in names only.
-            text, encoding = raw.decode("cp1252", errors="replace"), "Windows-1252"
+        encoding, text = "Windows-1252", raw.decode("cp1252", errors="replace")
+    text = text.removesuffix(END_OF_FILE).replace(MINUS, "-")
     control = CONTROL_CHARACTERS.search(text)
     if control:
         row = text[: control.start()].count("\n") + 1
         raise InputError("is binary, not text", file=path, row=row, remedy="export it as CSV")
-    return text, encoding
+    return text, "UTF-8" if encoding == "utf-8-sig" else encoding.upper()
 
 
 def _separator(lines: Sequence[str], path: Path) -> str:

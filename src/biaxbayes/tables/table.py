@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.tables.question import Question
 from biaxbayes.tables.sheets import Sheet, read_sheets
 from biaxbayes.tables.units import Unit, split_units, stem_of, unit_named, unknown_unit
 from biaxbayes.text_files import (
@@ -256,7 +257,7 @@ def read_tables(
         if wanted.count(name) > 1:
             raise InputError(f"sheet {name[:40]!r} is given twice", file=path, remedy="keep one")
     tables: dict[str, Table] = {}
-    others: dict[str, str] = {}
+    available, others = _seen(available, wanted, hidden, path)
     for name in wanted or available:
         try:
             tables[name] = table_from_sheet(available[name], path)
@@ -275,6 +276,22 @@ def read_tables(
             f"sheets are {', '.join(available)[:300]}",
         )
     return tables, others
+
+
+def _seen(
+    sheets: dict[str, Sheet], wanted: Sequence[str], hidden: str | None, path: Path
+) -> tuple[dict[str, Sheet], dict[str, str]]:
+    """Sheets without the hidden ones, and why those are left out; asks about them."""
+    unseen = {k: "hidden" for k, s in sheets.items() if s.unseen and (not wanted or k in wanted)}
+    rows = {k: len(s.hidden) for k, s in sheets.items() if s.hidden and (not wanted or k in wanted)}
+    if hidden is None and (unseen or rows):
+        found = [f"sheet {k!r} is hidden" for k in unseen]
+        found += [f"{count} rows of {k!r} are hidden or filtered" for k, count in rows.items()]
+        gives = {"hidden=drop": "without them", "hidden=keep": "with them"}
+        raise Question("; ".join(found)[:300], gives, file=path)
+    if hidden == "drop":
+        return {k: s for k, s in sheets.items() if k not in unseen}, unseen
+    return {k: replace(s, hidden=[]) for k, s in sheets.items()}, {}
 
 
 def table_from_sheet(sheet: Sheet, path: Path) -> Table:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import io
 from itertools import zip_longest
 from pathlib import Path
 
-from biaxbayes.tables.sheets import MAX_CELLS, Sheet, sheet_from, too_large
+from biaxbayes.tables.sheets import Sheet, sheet_from
 
 
-def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
+def sheets(path: Path) -> dict[str, Sheet]:
     """All groups of a TDMS file."""
     import nptdms
 
-    groups = nptdms.TdmsFile.read_metadata(io.BytesIO(raw)).groups()
-    if sum(len(channel) for group in groups for channel in group.channels()) > MAX_CELLS:
-        raise too_large(f"holds more than {MAX_CELLS:,} readings", path)
     by_name = {}
-    for group in nptdms.TdmsFile.read(io.BytesIO(raw)).groups():
+    for group in nptdms.TdmsFile.read(path).groups():
         channels = [channel for channel in group.channels() if len(channel)]
         names = [channel.name for channel in channels]
         units = [str(channel.properties.get("unit_string", "")) for channel in channels]

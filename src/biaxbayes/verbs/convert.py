@@ -12,10 +12,10 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, STRETCH_SOURCES, Choice
-from biaxbayes.machines.questions import Question
 from biaxbayes.options import takes_options
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
+from biaxbayes.tables.question import Question
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import aligned, atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, check_new

@@ -1,31 +1,14 @@
-"""What an export leaves open: the choices, what each would give, and the option that answers."""
+"""Lines of a file in messages, and those that the user asks for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 
 ALL = "all"
-
-
-class Question(InputError):
-    """A choice that only the user can make; nothing is written without it.
-
-    Attributes
-    ----------
-    choices : dict of str
-        What each answer would give, by the argument that gives it, such as ``cycles=last``.
-    """
-
-    def __init__(self, problem: str, choices: Mapping[str, str], *, file: object) -> None:
-        self.choices = dict(choices)
-        listed = ", ".join(
-            f"`{answer}` ({gives})" if gives else f"`{answer}`" for answer, gives in choices.items()
-        )
-        super().__init__(problem, file=file, remedy=f"answer with {listed}")
 
 
 def in_lines(lines: Sequence[int] | np.ndarray, shown: int = 6) -> str:

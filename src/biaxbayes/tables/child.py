@@ -1,0 +1,91 @@
+"""Typed files are read in a child process, whose memory is limited where the platform can.
+
+A workbook of a few kilobytes may unpack to gigabytes; the child fails, and the parent says so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+
+from biaxbayes.errors import InputError
+from biaxbayes.tables.sheets import MAX_CELLS, Reader, Sheet
+
+MEMORY_BYTES = 1_000_000_000
+SECONDS = 120
+MAX_LETTERS = 200_000_000
+
+
+def read_in_child(path: Path, reader: Reader) -> dict[str, Sheet]:
+    """Sheets of a file by name, as the reader's module finds them in a process of its own."""
+    package = str(Path(__file__).parents[2])
+    more = os.environ.get("PYTHONPATH")
+    settings = os.environ | {
+        "PYTHONPATH": package if not more else os.pathsep.join((more, package)),
+        "PYTHONIOENCODING": "utf-8",
+        **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
+    }
+    command = [sys.executable, "-m", __name__, reader.module, str(path)]
+    too_large = InputError(
+        f"takes more than {MEMORY_BYTES / 1e9:g} GB of memory or {SECONDS} s to read",
+        file=path,
+        remedy="save the rows of the test as CSV",
+    )
+    try:
+        done = subprocess.run(
+            command, env=settings, capture_output=True, timeout=2 * SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise too_large from None
+    if done.returncode:
+        raise too_large
+    answer = json.loads(done.stdout)
+    if "sheets" in answer:
+        return {name: Sheet(**sheet) for name, sheet in answer["sheets"].items()}
+    problem, remedy = answer["problem"], answer["remedy"]
+    if answer["kind"] == "ImportError":
+        problem = f"is a {reader.kind}, and {reader.package} is not installed"
+        remedy = f"pip install 'biaxbayes[tables]', or {reader.without}"
+    elif answer["kind"] == "MemoryError":
+        raise too_large
+    elif answer["kind"] != "InputError":
+        # a damaged file fails in many ways
+        problem, remedy = f"is not a readable {reader.kind} ({answer['kind']})", reader.damaged
+    raise InputError(problem, file=path, remedy=remedy)
+
+
+def _answer(module: str, path: Path) -> dict[str, object]:
+    """What the child prints: the sheets, or why there are none."""
+    try:
+        sheets = import_module(f"biaxbayes.tables.{module}").sheets(path)
+        cells = sum(len(row) for sheet in sheets.values() for row in sheet.rows)
+        letters = sum(len(c) for s in sheets.values() for row in s.rows for c in row)
+        if cells > MAX_CELLS or letters > MAX_LETTERS:
+            raise MemoryError
+        return {"sheets": {name: asdict(sheet) for name, sheet in sheets.items()}}
+    except InputError as error:
+        return {"kind": "InputError", "problem": error.problem, "remedy": error.remedy}
+    except BaseException as error:  # a panic of Rust is one
+        kinds = (ImportError, MemoryError)
+        kind = next((k for k in kinds if isinstance(error, k)), type(error))
+        return {"kind": kind.__name__, "problem": "", "remedy": None}
+
+
+def _limit_memory() -> None:
+    """Limit the memory and the time of this process."""
+    with contextlib.suppress(ImportError, OSError, ValueError):  # not every platform can
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+
+
+if __name__ == "__main__":
+    _limit_memory()
+    json.dump(_answer(sys.argv[1], Path(sys.argv[2])), sys.stdout)
