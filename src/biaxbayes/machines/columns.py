@@ -57,8 +57,16 @@ DISPLACEMENT_WORDS = (
 )
 STRESS_WORDS = {
     "piola": r"piola|pk1|p11|p22|pxx|pyy|first|1st|nominal|engineering|eng",
-    "cauchy": r"cauchy|true",
-    "second Piola-Kirchhoff": r"pk2|2pk|pkii|kirchhoffii|second|2nd|spk",
+    "cauchy": r"cauchy|true|(sigma|σ)[xy12]{0,2}|t[xy12]{1,2}",
+    "pk2": r"pk2|2pk|pkii|kirchhoffii|second|2nd|spk|s[xy12]{1,2}",
+    "tension": r"t[xy12]{1,2}",
+}
+"""Words of a kind of stress; T11 may be two kinds."""
+KINDS_OF_STRESS = {
+    "piola": "a first Piola-Kirchhoff stress",
+    "cauchy": "a Cauchy stress",
+    "pk2": "a second Piola-Kirchhoff stress",
+    "tension": "a membrane tension",
 }
 
 
@@ -109,7 +117,11 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> tuple[dict[str, Colum
     columns: dict[str, Column] = {}
     for target, quantity in TARGETS.items():
         if target in wanted:
-            indices, given = _named(table, wanted[target], target)
+            text, stated = wanted[target], f":{target.partition('_')[0]}"
+            confirmed = quantity == "stress" and text.endswith(stated)  # as S11:piola
+            indices, given = _named(table, text.removesuffix(stated) if confirmed else text, target)
+            if quantity == "stress" and not confirmed:
+                _check_kind_of_stress(table, table.names[indices[0]], target)
         elif quantity in ("force", "stress") and loads_named:
             continue
         else:
@@ -194,8 +206,6 @@ def _named(table: Table, text: str, target: str) -> tuple[tuple[int, ...], Unit 
 def _unit(table: Table, index: int, target: str, quantity: str, given: Unit | None) -> Unit:
     """The unit of a force, stress, time or shear."""
     name = table.names[index]
-    if quantity == "stress":
-        _check_kind_of_stress(table, name, target)
     unit = given or table.unit(index)
     if unit is None and quantity == "time" and not table.unknown_unit(index):
         return UNITS["s"]
@@ -240,16 +250,20 @@ def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
         k for k, pattern in STRESS_WORDS.items() if any(re.fullmatch(pattern, w) for w in words)
     ]
     pair, axis, _ = target.split("_")
-    if kinds and kinds != [pair]:
-        raise InputError(
-            f"the name {name!r} suggests a {kinds[-1]} stress, but {target} is a {pair} stress",
-            file=table.path,
-            column=name,
-            remedy="a second Piola-Kirchhoff stress times the stretch is a first one: compute it "
-            "in the table"
-            if kinds[-1] not in STRESS_PAIRS
-            else f"map it to {kinds[-1]}_{axis}_kPa, or rename the column",
-        )
+    if not kinds or kinds == [pair]:
+        return
+    others = {f"columns={k}_{axis}_kPa={name}": k for k in kinds if k in STRESS_PAIRS and k != pair}
+    suggested = " or ".join(KINDS_OF_STRESS[k] for k in kinds)
+    raise Question(
+        f"the name {name!r} suggests {suggested}, and {target} is {KINDS_OF_STRESS[pair]}",
+        {
+            f"columns={target}={name}:{pair}": f"it is {KINDS_OF_STRESS[pair]}",
+            **{answer: f"it is {KINDS_OF_STRESS[k]}" for answer, k in others.items()},
+            f"columns={pair}_{axis}_kPa=COLUMN": "another column; a second Piola-Kirchhoff stress "
+            "times the stretch is a first one",
+        },
+        file=table.path,
+    )
 
 
 def _kinds(table: Table, index: int) -> set[str]:
