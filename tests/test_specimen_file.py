@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import biaxbayes
 from biaxbayes import Protocol, Specimen, read_specimen, write_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import measured_stretch
@@ -234,3 +236,39 @@ def test_a_wrong_path_of_stretches_is_named_with_its_row(text, says, tmp_path):
 def test_a_path_of_stretches_is_read_by_its_names(tmp_path):
     text = 'step,stretch_y,stretch_x\n1,1,1\n# 5", "as marked\n\n2,1.2,1.1\n'
     assert read_stretches(write(tmp_path / "a.csv", text)).tolist() == [[1.0, 1.0], [1.1, 1.2]]
+
+
+# --- rows that are not evenly spaced, and masked ones ---------------------------------------------
+
+GAPS = {
+    "some rows lost": lambda n: np.random.default_rng(2).random(n) < 0.7,
+    "every third lost": lambda n: np.arange(n) % 3 != 1,
+    "a run lost": lambda n: (np.arange(n) < 8) | (np.arange(n) > 22),
+}
+
+
+@pytest.mark.parametrize("gap", GAPS)
+def test_lost_rows_are_neither_noise_nor_rest(gap):
+    full = biaxbayes.simulate(
+        material="donor2-media", ratios=((1, 1), (1, 0.5)), increments=60, noise_N=5e-4
+    )[0]
+    full = replace(full, load_noise=None)
+
+    def lost(p: Protocol) -> Protocol:
+        kept = GAPS[gap](p.rows)
+        kept[0] = True
+        return Protocol(p.name, *(curve[kept] for curve in (*p.stretch.T, *p.recorded_load.T)))
+
+    specimen = replace(full, protocols=tuple(map(lost, full.protocols)))
+    assert specimen.noise_sd == pytest.approx(5e-4, rel=0.4)
+    assert full.noise_sd == pytest.approx(5e-4, rel=0.3)
+    assert [p.rest_rows for p in specimen.protocols] == [p.rest_rows for p in full.protocols]
+
+
+def test_masked_readings_are_refused():
+    stretch = np.linspace(1.0, 1.2, 12)
+    masked = np.ma.masked_greater(stretch, 1.15)
+    for columns in ([masked, *[stretch] * 3], [*[stretch] * 3, masked]):
+        with pytest.raises(InputError, match="is masked in 3 rows; leave out masked rows"):
+            Protocol("p", *columns)
+    assert Protocol("p", *[np.ma.array(stretch)] * 4).rows == 12  # nothing is masked

@@ -141,6 +141,14 @@ class Protocol:
 
     def _column(self, key: str) -> np.ndarray:
         """A frozen copy of one column, of the shape of the first and finite."""
+        if np.ma.is_masked(getattr(self, key)):
+            rows = np.flatnonzero(np.ma.getmaskarray(getattr(self, key)))
+            raise self._error(
+                f"is masked in {rows.size} rows",
+                key,
+                int(rows[0]),
+                "leave out masked rows, in all columns",
+            )
         try:
             values = np.array(getattr(self, key), dtype=float)
         except (TypeError, ValueError):
@@ -226,9 +234,10 @@ class Protocol:
         They lie there within a quarter of the mean increment of the path, or three times the
         scatter of the stretches.
         """
-        for stretch in (self.stretch_x, self.stretch_y):
+        x, y = self.stretch_x, self.stretch_y
+        for stretch, other in ((x, y), (y, x)):
             mean = stretch[: max(self.rest_rows, 1)].mean()
-            if abs(mean - 1.0) > _tolerance(stretch):
+            if abs(mean - 1.0) > _tolerance(stretch, other):
                 return replace(self, rest_rows=0)
         return self
 
@@ -244,10 +253,22 @@ def second_difference_scatter(curve: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(np.diff(curve, 2)))) / np.sqrt(6.0)
 
 
-def _tolerance(curve: np.ndarray) -> float:
-    """Largest distance between rows at rest of one curve."""
-    increment = float(np.abs(curve - curve[0]).max()) / max(curve.size - 1, 1)
-    return max(REST_FRACTION * increment, 3.0 * second_difference_scatter(curve))
+def _tolerance(curve: np.ndarray, other: np.ndarray | None = None) -> float:
+    """Largest distance between rows at rest of one curve.
+
+    Steps of both stretches at once are of the path, as where rows are missing, and no scatter:
+    without the part in proportion to the `other` stretch, the scatter may be much less.
+    """
+    steps = np.abs(np.diff(curve))
+    typical = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    increment = min(float(np.abs(curve - curve[0]).max()) / max(curve.size - 1, 1), typical)
+    scatter = second_difference_scatter(curve)
+    if other is not None and np.ptp(other) > 0.0 and curve.size >= 3:
+        bends, others = np.diff(curve, 2), np.diff(other, 2)
+        share = float(bends @ others) / max(float(others @ others), 1e-300)
+        alone = second_difference_scatter(curve - share * other)
+        scatter = alone if alone < 0.5 * scatter else scatter
+    return max(REST_FRACTION * increment, 3.0 * scatter)
 
 
 def still_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
@@ -259,8 +280,8 @@ def still_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
     if stretch_x.size < 3:
         return 1
     still = np.ones(stretch_x.size, dtype=bool)
-    for stretch in (stretch_x, stretch_y):
-        still &= np.abs(stretch - stretch[0]) <= _tolerance(stretch)
+    for stretch, other in ((stretch_x, stretch_y), (stretch_y, stretch_x)):
+        still &= np.abs(stretch - stretch[0]) <= _tolerance(stretch, other)
     moving = np.flatnonzero(~still)
     # A record that never moves has one mounting row; it is refused elsewhere.
     return int(moving[0]) if moving.size else 1
