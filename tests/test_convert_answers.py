@@ -15,6 +15,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.account import account
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.tables.question import Question
+from virtual_biotester import biotester_export
 
 SIZE = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
 RATIOS = {"1:1": (1.0, 1.0), "1:0.5": (1.0, 0.5), "0.5:1": (0.5, 1.0)}
@@ -157,3 +158,320 @@ def test_a_file_that_does_not_fit_a_recipe_is_refused(tmp_path):
     recipe.write_text("colour = 3\n" + recipe.read_text())
     with pytest.raises(InputError, match="no option 'colour'"):
         biaxbayes.convert(path, recipe=recipe, header=SIZE)
+
+
+# --- columns --------------------------------------------------------------------------------------
+
+GAUGE = np.array([10.2, 10.15])
+OPPOSITE = {
+    "numbered": ("Axial {} Displacement (mm)", ("1", "3", "2", "4"), 1),
+    "letters and numbers": ("{} Disp [mm]", ("X1", "X2", "Y1", "Y2"), 1),
+    "sides": ("Displacement {}, mm", ("left", "right", "top", "bottom"), 1),
+    "positions": ("Pos. {} [mm]", ("left", "right", "lower", "upper"), -1),
+}
+
+
+@pytest.mark.parametrize("form", OPPOSITE)
+def test_both_of_two_opposite_actuators_count(form, tmp_path):
+    name, ends, sign = OPPOSITE[form]
+    table = made()
+    moved = (table[:, :2] - 1.0) * GAUGE / 2.0
+    names = [name.format(end) for end in ends]
+    sides = [sign * moved[:, 0], moved[:, 0], sign * moved[:, 1], moved[:, 1]]
+    columns = dict(zip(names, sides, strict=True)) | {"Fx [N]": table[:, 2], "Fy [N]": table[:, 3]}
+    path = written(tmp_path, columns)
+    gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
+    given = ":displacement_mm" if form == "positions" else ""
+    one = mapped((names[1] + given, names[3] + given, *NAMES[2:]))
+    if sign > 0:
+        question = asked(path, one, **gauge)
+        assert any(f"{names[1]}+{names[0]}" in answer for answer in question.choices)
+    both = "+" if sign > 0 else "-"
+    pairs = [f"{names[k]}{both}{names[k - 1]}{given}" for k in (1, 3)]
+    assert is_made_of(read(path, mapped((*pairs, *NAMES[2:])), **gauge), table)
+    with pytest.raises(InputError, match="no column"):  # opposite cells read the same force
+        read(path, mapped((*pairs, "Fx [N]+Fy [N]", "Fy [N]")), **gauge)
+
+
+SPECIMENS = {
+    "by name": ("Specimen", ["A", "B"]),
+    "by number": ("Sample no", [1, 2]),
+    "by code": ("ID", ["pig 7 a", "pig 7 b"]),
+}
+
+
+@pytest.mark.parametrize("form", SPECIMENS)
+def test_specimens_of_one_table_are_never_mixed(form, tmp_path):
+    column, labels = SPECIMENS[form]
+    tables = {
+        (label, ratio): made(RATIOS[ratio], 40, material)
+        for label, material in zip(labels, (SOFT, STIFF), strict=True)
+        for ratio in RATIOS
+    }
+    rows = np.concatenate(list(tables.values()))
+    names = [key for key, table in tables.items() for _ in table]
+    path = written(
+        tmp_path,
+        {column: [n[0] for n in names], "Protocol": [n[1] for n in names]} | table_of(rows),
+    )
+    first = asked(path)
+    assert f"specimen_by={column}" in first.choices or column == "Specimen"
+    second = asked(path, specimen_by=column)
+    assert list(second.choices) == [f"specimen={label}" for label in labels]
+    for label in labels:
+        result = read(path, specimen_by=column, header={"specimen": str(label)})
+        assert is_made_of(result, *(tables[label, ratio] for ratio in RATIOS))
+        assert [p.name for p in result.specimen.protocols] == list(RATIOS)
+        assert "120  another specimen:" in "\n".join(account(result))
+
+
+def test_a_column_of_labels_that_separates_nothing_is_ignored_if_said_so(tmp_path):
+    table = made()
+    path = written(tmp_path, {"Step": [1] * 20 + [2] * 40} | table_of(table))
+    assert "columns=ignore=Step" in asked(path).choices
+    assert is_made_of(read(path, mapped(NAMES, "ignore=Step")), table)
+
+
+@pytest.mark.parametrize("form", ["first of the block", "none", "all but some"])
+def test_merged_cells_hold_for_those_below(form, tmp_path):
+    tables = [made(ratio, 40) for ratio in RATIOS.values()]
+    labels = [
+        name if k == 0 or (form == "all but some" and k % 7) else ""
+        for name in RATIOS
+        for k in range(40)
+    ]
+    path = written(tmp_path, {"Protocol": labels} | table_of(np.concatenate(tables)))
+    if form == "none":
+        path = written(tmp_path, {"Protocol": [""] * 120} | table_of(np.concatenate(tables)))
+        with pytest.raises(InputError):
+            read(path)
+        return
+    with pytest.raises(InputError, match="fill_labels=True"):
+        read(path)
+    assert is_made_of(read(path, fill_labels=True), *tables)
+
+
+@pytest.mark.parametrize("names", [("F12", "F21"), ("Fxy", "Fyx"), ("shear 1", "shear 2")])
+def test_the_stretch_of_a_known_gradient_is_that_without_the_rotation(names, tmp_path):
+    table = made()
+    angle = np.radians(np.linspace(0.0, 8.0, len(table)))
+    x, y = table[:, :2].T
+    columns = {
+        "F11": np.cos(angle) * x, "F22": np.cos(angle) * y,
+        names[0]: -np.sin(angle) * y, names[1]: np.sin(angle) * x,
+        "Fx [N]": table[:, 2], "Fy [N]": table[:, 3],
+    }  # fmt: skip
+    path = written(tmp_path, columns)
+    more = () if names[0] == "F12" else (f"shear_xy={names[0]}", f"shear_yx={names[1]}")
+    result = read(path, mapped(("F11", "F22", *NAMES[2:]), *more))
+    assert is_made_of(result, table)
+    assert float(result.specimen.metadata["largest_shear_angle_deg"]) < 1e-6
+
+
+# --- rows -----------------------------------------------------------------------------------------
+
+
+def lost_frame(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    wrong = table.copy()
+    wrong[33, :2] = 1.0
+    return wrong, [33]
+
+
+def spike(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    wrong = table.copy()
+    wrong[20, 2] = 3.0
+    return wrong, [20]
+
+
+def two_frames(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    wrong = table.copy()
+    wrong[40:42, :2] = 1.4
+    return wrong, [40, 41]
+
+
+def footer(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    return np.vstack([table, table.mean(axis=0), table.max(axis=0)]), [60, 61]
+
+
+def footer_of_three(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    below = [table.mean(axis=0), table.min(axis=0), table.std(axis=0) + [1, 1, 0, 0]]
+    return np.vstack([table, *below]), [60, 61, 62]
+
+
+@pytest.mark.parametrize("wrong", [lost_frame, spike, two_frames, footer, footer_of_three])
+def test_rows_apart_are_asked_about(wrong, tmp_path):
+    table = made()
+    rows, bad = wrong(table)
+    path = written(tmp_path, table_of(rows))
+    question = asked(path)
+    assert "jumps" in str(question)
+    answer = next(iter(question.choices)).removeprefix("rows=")
+    kept = np.delete(rows, bad, axis=0)
+    assert is_made_of(read(path, rows=answer), kept), answer
+
+
+def test_rows_apart_in_a_cycled_record_are_asked_about(tmp_path):
+    up = made()
+    rows = np.concatenate([up, up[::-1], up, up[::-1]])
+    rows[150, :2] = 1.0
+    path = written(tmp_path, table_of(rows))
+    question = asked(path, cycles="last", branch="loading")
+    answer = next(iter(question.choices)).removeprefix("rows=")
+    assert answer == "2:151,153:241"
+    result = read(path, cycles="last", branch="loading", rows=answer)
+    assert result.specimen.protocols[0].rows in (59, 60)
+
+
+def slower_camera(table: np.ndarray) -> np.ndarray:
+    held = table.copy()
+    held[:, :2] = table[(np.arange(len(table)) // 10) * 10, :2]
+    return held
+
+
+def coarse(table: np.ndarray) -> np.ndarray:
+    return np.column_stack([table[:, :2].round(2), table[:, 2:]])
+
+
+def frozen(table: np.ndarray) -> np.ndarray:
+    held = table.copy()
+    held[300:, :2] = table[300, :2]
+    return held
+
+
+def relaxing(table: np.ndarray) -> np.ndarray:
+    """Ten steps, each held while the load relaxes by a fifth."""
+    steps = np.repeat(table[30::60], 30, axis=0)
+    steps[:, 2:] *= np.tile(1.0 - 0.2 * (1.0 - np.exp(-np.arange(30) / 8.0)), 10)[:, None]
+    return np.vstack([table[:1], steps])
+
+
+@pytest.mark.parametrize("wrong", [slower_camera, coarse, frozen, relaxing])
+def test_a_stretch_that_stands_still_is_asked_about(wrong, tmp_path):
+    rows = wrong(made(rows=600))
+    path = written(tmp_path, table_of(rows))
+    question = asked(path)
+    assert "stands still" in str(question) and "still=first" in question.choices
+    result = read(path, still="last" if wrong is relaxing else "first")
+    (p,) = result.specimen.protocols
+    truth = made(rows=600)
+    load = np.interp(p.stretch_x, truth[:, 0], truth[:, 2])
+    if wrong is relaxing:
+        load *= 1.0 - 0.2 * (1.0 - np.exp(-29 / 8.0))
+        load[0] = truth[0, 2]
+    # a coarse stretch is off by half its last digit
+    tolerance = 0.08 if wrong is coarse else 5 * NOISE_N
+    assert np.abs(p.load_x - load).max() < tolerance
+    assert "repeats the stretch of another row" in "\n".join(account(result))
+
+
+def torn(table: np.ndarray) -> np.ndarray:
+    lost = table.copy()
+    lost[45:, 2] *= 0.6
+    return lost
+
+
+def slowly_torn(table: np.ndarray) -> np.ndarray:
+    lost = table.copy()
+    lost[40:, 3] *= np.linspace(1.0, 0.3, 20)
+    return lost
+
+
+def saturated(table: np.ndarray) -> np.ndarray:
+    return np.column_stack([table[:, :2], np.minimum(table[:, 2:], 0.6)])
+
+
+def saturated_with_noise(table: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    return saturated(table) + np.outer([1] * 60, [0, 0, 1, 1]) * rng.normal(0, 5e-4, (60, 4))
+
+
+def saturated_in_one(table: np.ndarray) -> np.ndarray:
+    return np.column_stack([table[:, :3], np.minimum(table[:, 3], 0.5)])
+
+
+LOST_LOADS = {
+    torn: "falls", slowly_torn: "falls", saturated: "stays at 0.6",
+    saturated_with_noise: "load in x stays at 0.", saturated_in_one: "load in y stays at 0.5",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", LOST_LOADS)
+def test_loads_that_do_not_follow_the_stretch_are_asked_about(wrong, tmp_path):
+    table = made()
+    path = written(tmp_path, table_of(wrong(table)))
+    question = asked(path)
+    assert LOST_LOADS[wrong] in str(question)
+    answer = next(iter(question.choices)).removeprefix("rows=")
+    (p,) = read(path, rows=answer).specimen.protocols
+    assert np.allclose(p.load_x, table[: p.rows, 2], atol=3e-3)
+    assert read(path, rows="all").specimen.protocols[0].rows == 60
+
+
+# --- cycles in a column, in files and in sheets ---------------------------------------------------
+
+
+def test_a_count_that_changes_at_the_peaks(tmp_path):
+    up = made()
+    cycles = [up * [1, 1, f, f] for f in (1.25, 1.05, 1.0)]
+    rows = np.concatenate([part for c in cycles for part in (c, c[::-1] * [1, 1, 0.85, 0.85])])
+    count = np.repeat([1, 2, 3, 4], [60, 120, 120, 60])
+    path = written(tmp_path, {"Total Cycle Count": count.tolist()} | table_of(rows))
+    question = asked(path)
+    assert "columns=cycle=Total Cycle Count" in question.choices
+    columns = mapped(NAMES, "cycle=Total Cycle Count")
+    assert "cycles=3" in asked(path, columns).choices
+    for answers in ({"columns": columns}, {"columns": mapped(NAMES, "ignore=Total Cycle Count")}):
+        result = read(path, cycles="last", branch="loading", **answers)
+        (p,) = result.specimen.protocols
+        assert p.rows in (60, 61) and np.allclose(p.recorded_load[-59:], up[-59:, 2:])
+
+
+@pytest.mark.parametrize("several", ["files", "sheets"])
+def test_preconditioning_in_several_files_or_sheets(several, tmp_path):
+    tables = {f"cycle{k}": made() * [1, 1, f, f] for k, f in enumerate((1.3, 1.1, 1.0), start=1)}
+    if several == "files":
+        paths: object = [written(tmp_path, table_of(t), f"{k}.csv") for k, t in tables.items()]
+        more = {}
+    else:
+        from test_tables import xlsx
+
+        paths, more = tmp_path / "cycles.xlsx", {"sheets": "all"}
+        paths.write_bytes(xlsx({k: [list(NAMES), *t.tolist()] for k, t in tables.items()}))
+    question = asked(paths, **more)
+    assert "same stretch ratio comes back" in str(question)
+    assert list(question.choices) == ["repeats=protocols", "repeats=cycles"]
+    assert is_made_of(read(paths, repeats="protocols", **more), *tables.values())
+    assert "cycles=last" in asked(paths, repeats="cycles", **more).choices
+    assert is_made_of(read(paths, repeats="cycles", cycles="last", **more), tables["cycle3"])
+    assert is_made_of(read(paths, repeats="cycles", cycles="1", **more), tables["cycle1"])
+
+
+def test_protocols_that_start_at_different_stretches_need_their_reference(tmp_path):
+    start, other = made(), made((1.0, 0.5))
+    other[:, 0] *= 1.04
+    rows = np.concatenate([start, other])
+    path = written(tmp_path, {"Protocol": ["a"] * 60 + ["b"] * 60} | table_of(rows))
+    assert list(asked(path).choices) == ["reference=each protocol", "reference=common"]
+    each = read(path, header={"reference": "each protocol"}).specimen
+    assert each.protocols[1].stretch_x[0] == 1.0
+    common = read(path, header={"reference": "common"}).specimen
+    assert [p.rest_rows > 0 for p in common.protocols] == [True, False]
+
+
+def test_rows_before_the_rise_are_left_out(tmp_path):
+    table = made()
+    path = written(tmp_path, table_of(np.vstack([[table[25]] * 4, table])))
+    result = read(path)
+    assert is_made_of(result, table)
+    assert "4  in no cycle:" in "\n".join(account(result))
+
+
+def test_a_loading_branch_below_its_start_is_refused(tmp_path):
+    lines = biotester_export(cycles=2).text().splitlines()
+    falling = [k for k, line in enumerate(lines) if ",1-Recover" in line][:20]
+    for k in falling:
+        lines[k] = lines[k].replace("1-Recover", "2-Stretch")
+    path = tmp_path / "raw.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match="of the state that it starts from; give the lines"):
+        biaxbayes.convert(path, machine="biotester", cycles=2, branch="loading", header=SIZE)

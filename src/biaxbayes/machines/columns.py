@@ -45,7 +45,7 @@ TARGETS = {
     **dict.fromkeys(SHEAR, "shear"),
 }
 """Targets of a column, and their quantity."""
-MOVED = "displacement"
+LENGTHS = ("length", "displacement")
 PIXELS = "px"
 IGNORE = "ignore"
 """Target of columns that mean nothing here."""
@@ -72,12 +72,13 @@ KINDS_OF_STRESS = {
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table with its unit (None for text), or the sum of several."""
+    """A column of the table with its unit (None for text), or a sum of several."""
 
     indices: tuple[int, ...]
     name: str
     unit: Unit | None
     conflict: str = ""  # how the unit that the user gives differs from the column's
+    signs: tuple[int, ...] = (1,)  # of the columns in the sum
 
     def __str__(self) -> str:
         return self.name if self.unit is None else f"{self.name} ({self.unit.name})"
@@ -119,7 +120,8 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> tuple[dict[str, Colum
         if target in wanted:
             text, stated = wanted[target], f":{target.partition('_')[0]}"
             confirmed = quantity == "stress" and text.endswith(stated)  # as S11:piola
-            indices, given = _named(table, text.removesuffix(stated) if confirmed else text, target)
+            text = text.removesuffix(stated) if confirmed else text
+            indices, signs, given = _named(table, text, target)
             if quantity == "stress" and not confirmed:
                 _check_kind_of_stress(table, table.names[indices[0]], target)
         elif quantity in ("force", "stress") and loads_named:
@@ -128,7 +130,7 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> tuple[dict[str, Colum
             index, given = _by_name(table, target), None
             if index is None or index in ignored:
                 continue
-            indices = (index,)
+            indices, signs = (index,), (1,)
         units, conflicts = [], []
         for index in indices:
             try:
@@ -141,15 +143,19 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> tuple[dict[str, Colum
             conflicts.append(conflict)
         if not units:
             continue
-        name = " + ".join(table.names[index] for index in indices)
-        if len(set(units)) > 1 or (len(indices) > 1 and (units[0] or UNITS["N"]).quantity != MOVED):
+        named = zip(signs, indices, strict=True)
+        name = "".join(f"{' + ' if k > 0 else ' - '}{table.names[i]}" for k, i in named)[3:]
+        unit = units[0]
+        if len(set(units)) > 1 or (
+            len(indices) > 1 and (unit is None or unit.quantity not in LENGTHS)
+        ):
             raise InputError(
                 f"{name!r} cannot be added for {target}",
                 file=table.path,
-                remedy="only displacements of opposite actuators, in one unit, are added; opposite "
-                "load cells read the same force: give one of them",
+                remedy="only displacements or positions of opposite ends, in one unit, are added",
             )
-        columns[target] = Column(indices, name, units[0], next(filter(None, conflicts), ""))
+        conflict = next(filter(None, conflicts), "")
+        columns[target] = Column(indices, name, unit, conflict, signs)
     _check_complete(table, columns)
     return columns, frozenset(ignored)
 
@@ -186,8 +192,10 @@ def _by_name(table: Table, target: str) -> int | None:
     return same[0] if len(same) == 1 and table.is_numeric(same[0]) else None
 
 
-def _named(table: Table, text: str, target: str) -> tuple[tuple[int, ...], Unit | None]:
-    """Columns and unit from ``column``, ``column:unit``, ``#3`` or ``A+B``."""
+def _named(
+    table: Table, text: str, target: str
+) -> tuple[tuple[int, ...], tuple[int, ...], Unit | None]:
+    """Columns, their signs and unit from ``column``, ``column:unit``, ``#3`` or ``A+B``."""
     name, colon, ending = text.rpartition(":")
     unit = None if text in table.names or not colon else unit_named(ending)
     if unit is None and colon and name.strip() in map(str.strip, table.names):
@@ -195,12 +203,12 @@ def _named(table: Table, text: str, target: str) -> tuple[tuple[int, ...], Unit 
         remedy = f"choose one of {', '.join(UNITS)}"
         raise InputError(problem, file=table.path, column=name.strip(), remedy=remedy)
     name = text if unit is None else name
-    parts = (
-        name.split("+") if target.startswith("stretch") and not table.has_column(name) else [name]
-    )
-    if not all(map(table.has_column, parts)):
-        parts = [name]
-    return tuple(table.column(part) for part in parts), unit
+    parts = re.split(r"([+-])", name)
+    single = not target.startswith("stretch") or table.has_column(name)
+    if not single and all(map(table.has_column, parts[::2])):
+        signs = (1, *(1 if sign == "+" else -1 for sign in parts[1::2]))
+        return tuple(map(table.column, parts[::2])), signs, unit
+    return (table.column(name),), (1,), unit
 
 
 def _unit(table: Table, index: int, target: str, quantity: str, given: Unit | None) -> Unit:
@@ -436,29 +444,40 @@ def _is_reading(table: Table, index: int) -> bool:
 def ask_about_opposites(
     table: Table, columns: Mapping[str, Column], ignored: frozenset[int]
 ) -> None:
-    """Ask for opposite actuators where displacements of the same kind of name are left over."""
+    """Ask for the other actuator of a direction where further lengths move with a displacement."""
     used = {i for column in columns.values() for i in column.indices} | ignored
+    lengths = [
+        i
+        for i in range(len(table.names))
+        if i not in used
+        and any(u.quantity in LENGTHS for u in table.units(i))
+        and table.is_numeric(i)
+    ]
     for target in ("stretch_x", "stretch_y"):
         column = columns[target]
-        if column.unit is None or column.unit.quantity != MOVED or len(column.indices) > 1:
+        if column.unit is None or column.unit.quantity != LENGTHS[1] or len(column.indices) > 1:
             continue
-        others = [
-            i
-            for i, name in enumerate(table.names)
-            if i not in used and re.sub(r"\d+", "#", name) == re.sub(r"\d+", "#", column.name)
-        ]
-        others = [i for i in others if table.is_numeric(i) and np.ptp(table.numbers(i)) > 0.0]
+        moved = table.numbers(column.indices[0])
+        others = {}
+        for i in lengths:
+            values = table.numbers(i)
+            if 0.5 * np.ptp(moved) < np.ptp(values) < 2.0 * np.ptp(moved):
+                sign = np.corrcoef(moved, values)[0, 1]
+                others[i] = "+" if sign > 0.0 else "-"
         if others:
             kind = column.unit.name
             choices = {
-                f"columns={target}={column.name}+{table.names[i]}:{kind}": "the two are opposite "
-                "and the specimen is stretched by their sum"
-                for i in others
+                f"columns={target}={column.name}{sign}{table.names[i]}:{kind}": "both ends move"
+                for i, sign in others.items()
             }
             names = ",".join(f"{IGNORE}={table.names[i]}" for i in others)
+            listed = " and ".join(repr(table.names[i]) for i in others)
             raise Question(
-                f"{column.name!r} is one of {len(others) + 2} displacements; where opposite "
-                "actuators both move, one of them is half of the stretch",
-                {**choices, f"columns={names}": "the other end is fixed"},
+                f"{listed} may be the displacement of the other end of {column.name!r}; where both "
+                "ends move, one of them is half of the stretch",
+                {
+                    **choices,
+                    f"columns={names}": "the other end is fixed, or they are of other parts",
+                },
                 file=table.path,
             )

@@ -29,7 +29,7 @@ from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import read_tables
 
 BELOW_START = 0.02
-"""Fall of a loading branch below its start, over its length, that cannot be loading."""
+"""Fall of a loading branch below its start, over its range, that cannot be loading."""
 Header = Mapping[str, float | str]
 """Values by their key in a specimen file."""
 
@@ -118,12 +118,11 @@ def _check_start(p: Protocol, r: Recording) -> None:
     if r.branch != "loading" or p.rest_rows == 0:
         return
     start = p.stretch[: p.rest_rows].mean(axis=0)
-    furthest = p.stretch[-1] - start
-    length = max(float(np.linalg.norm(furthest)), 1e-300)
-    along = (p.stretch - start) @ furthest / length
-    scatter = second_difference_scatter(along)
-    low = int(along.argmin())
-    if along[low] < -max(BELOW_START * length, 6.0 * scatter):
+    total = p.recorded_load.sum(axis=1)
+    rise = p.stretch[total.argmax()] - p.stretch[total.argmin()]
+    along = (p.stretch - start) @ rise / max(float(np.linalg.norm(rise)), 1e-300)
+    low, scatter = int(along.argmin()), second_difference_scatter(along)
+    if along[low] < -max(BELOW_START * float(np.ptp(along)), 6.0 * scatter):
         raise InputError(
             f"the loading branch {r.name!r} falls to {p.stretch[low, 0]:.4f}, "
             f"{p.stretch[low, 1]:.4f} of the state that it starts from",

@@ -130,7 +130,7 @@ def _converted(
         column = columns[target]
         assert column.unit is not None
         values = [table.values(index, rows) for index in column.indices]
-        return np.sum(values, axis=0) * column.unit.factor
+        return np.dot(column.signs, values) * column.unit.factor
 
     pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
     assumptions = [column.conflict for column in columns.values() if column.conflict]

@@ -156,14 +156,16 @@ def _rises(held: np.ndarray, load: np.ndarray) -> bool:
 
 
 def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
-    """Direction and rows of the largest fall of a load behind its maximum, or None."""
+    """Direction and rows of a load that falls although the stretch does not, or None."""
+    path = taken.stretch.sum(axis=1)
     for k, curve in enumerate(taken.load.T):
         smooth = median_filter(curve, 5, mode="nearest")
         behind = np.maximum.accumulate(smooth) - smooth
         limit = LOST_LOAD * float(np.ptp(taken.load)) + 6.0 * second_difference_scatter(curve)
         low = rest + int(behind[rest:].argmax()) if curve.size > rest else 0
-        if behind[low] > limit:
-            return k, np.arange(int(smooth[: low + 1].argmax()) + 1, curve.size)
+        top = int(smooth[: low + 1].argmax())
+        if behind[low] > limit and path[low] >= path[top] - JUMP * float(np.ptp(path)):
+            return k, np.arange(top + 1, curve.size)
     return None
 
 
@@ -196,7 +198,8 @@ def _ask_about_limit(taken: Recording, rest: int) -> None:
         return
     for k, curve in enumerate(taken.load.T):
         scatter, span = second_difference_scatter(curve), float(np.ptp(curve))
-        if span < 0.1 * np.ptp(taken.load) or span < 10.0 * scatter:
+        largest = curve[tail].mean() > curve.max() - 0.1 * span
+        if not largest or span < max(0.1 * float(np.ptp(taken.load)), 10.0 * scatter):
             continue
         x = path[tail] - path[tail].mean()
         slope = float(x @ curve[tail]) / float(x @ x)
