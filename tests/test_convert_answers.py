@@ -407,6 +407,16 @@ def test_loads_that_do_not_follow_the_stretch_are_asked_about(wrong, tmp_path):
     assert read(path, rows="all").specimen.protocols[0].rows == 60
 
 
+@pytest.mark.parametrize("late", [3, 6, 10])
+def test_a_load_that_is_recorded_late_is_named(late, tmp_path):
+    up = made()
+    rows = np.concatenate([up, up[::-1] * [1, 1, 0.9, 0.9]] * 2)
+    rows[late:, 2:] = rows[:-late, 2:]
+    path = written(tmp_path, table_of(rows))
+    question = asked(path, cycles="last", branch="loading")
+    assert "recorded late" in str(question) and f"for {late} rows" in str(question)
+
+
 # --- cycles in a column, in files and in sheets ---------------------------------------------------
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.ndimage import median_filter
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
 from biaxbayes.machines.lines import in_lines, ranges_without
 from biaxbayes.machines.record import Record, Recording
+from biaxbayes.specimens.branches import repeats
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
 from biaxbayes.tables.question import Question
@@ -17,8 +21,6 @@ JUMP = 0.05
 """Distance of a row from its neighbours, as a fraction of the range, from which it lies apart."""
 STEEP = 4.0
 """The same over the steps of the rows beside it."""
-REPEATED = 0.3
-"""Share of rows that repeat the stretch of the row before, from which the stretch has steps."""
 LOST_LOAD = 0.1
 """Fall of the load, as a fraction of its range, that loading does not explain."""
 FLAT = 0.25
@@ -98,31 +100,35 @@ def check_signs(record: Record, rows: np.ndarray) -> None:
 # --- a loading branch -----------------------------------------------------------------------------
 
 
-def without_steps(taken: Recording, hold: np.ndarray, choice: Choice) -> Recording:
-    """A loading branch whose stretch advances with its load; asks where it does not."""
-    record, rows = taken.record, np.concatenate([taken.rows, hold])
-    stretch, load = record.stretch[rows], record.load[rows]
+def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recording:
+    """A loading branch whose load and stretch go on together; asks where they do not."""
     rest = rest_rows(taken.stretch[:, 0], taken.stretch[:, 1], taken.load)
-    moving = np.ptp(stretch, axis=0) > 0.2 * np.ptp(stretch, axis=0).max()
-    same = (np.diff(stretch[max(rest - 1, 0) :], axis=0) == 0.0)[:, moving]
-    steps = same[: max(taken.rows.size - rest, 0)].mean(axis=0).max(initial=0.0) > REPEATED
-    frozen = hold.size and _rises(load[taken.rows.size :], load)
+    held = taken.record.load[cycle.hold]
     falling = None if choice.rows else _falls(taken, rest)
-    relaxing = falling is not None and _relaxes(taken, falling)
-    if not (steps or frozen or relaxing) or choice.still == "all":
-        if falling is not None and not choice.still:
+    steps = repeats(taken.stretch, rest) or (len(held) > 0 and _rises(held, taken.load))
+    relaxes = falling is not None and _relaxes(taken, falling)
+    if choice.still in ("first", "last") or (choice.still is None and (steps or relaxes)):
+        return _one_row_a_step(taken, cycle.hold, choice, "goes on" if steps else "relaxes")
+    if choice.rows is None:
+        if falling is not None and choice.still is None:
             _ask_about_fall(taken, falling)
-        if choice.rows is None:
-            _ask_about_limit(taken, rest)
-        return taken
-    runs = _runs(stretch, max(rest, 1))
+        _ask_about_limit(taken, rest)
+        _ask_about_delay(taken, cycle)
+    return taken
+
+
+def _one_row_a_step(
+    taken: Recording, hold: np.ndarray, choice: Choice, load_does: str
+) -> Recording:
+    """The first or last row of each run of the same stretch, as the user chose."""
+    record, rows = taken.record, np.concatenate([taken.rows, hold])
+    runs = _runs(record.stretch[rows])
     if choice.still is None:
-        what = "goes on" if steps or frozen else "relaxes"
         longest = max(runs, key=len)
         raise Question(
             f"the stretch stands still in up to {len(longest)} rows (lines "
-            f"{in_lines(record.lines[rows[longest]])}) while the load {what}: a camera slower than "
-            "the load cell, a coarse or frozen stretch, or steps with relaxation",
+            f"{in_lines(record.lines[rows[longest]])}) while the load {load_does}: a camera slower "
+            "than the load cell, a coarse or frozen stretch, or steps with relaxation",
             {
                 "still=first": f"{len(runs)} rows, the first of each stretch",
                 "still=last": f"{len(runs)} rows, the last of each stretch",
@@ -132,11 +138,11 @@ def without_steps(taken: Recording, hold: np.ndarray, choice: Choice) -> Recordi
             file=record.path,
         )
     at = np.array([run[0] if choice.still == "first" else run[-1] for run in runs])
-    whole = Recording(taken.name, record, rows)
+    whole = replace(taken, rows=rows)
     return whole.at(at, "repeats the stretch of another row")
 
 
-def _runs(stretch: np.ndarray, rest: int) -> list[np.ndarray]:
+def _runs(stretch: np.ndarray) -> list[np.ndarray]:
     """Rows in runs of the same stretch, within its scatter."""
     level = 4.0 * np.array([second_difference_scatter(curve) for curve in stretch.T])
     runs, first = [], 0
@@ -212,3 +218,23 @@ def _ask_about_limit(taken: Recording, rest: int) -> None:
                 "limit, or a grip that slips"
             )
             _ask_for_rows(taken.record, problem, np.sort(taken.rows[top[0] :]))
+
+
+def _ask_about_delay(taken: Recording, cycle: Cycle) -> None:
+    """Ask where the load goes on rising after the stretch has turned back."""
+    load, path = taken.record.load, taken.record.stretch[cycle.unloading].sum(axis=1)
+    if cycle.hold.size >= LEAST_ROWS or cycle.unloading.size < LEAST_ROWS:
+        return
+    for k in range(2):
+        curve = load[cycle.unloading, k]
+        turned = int(curve.argmax())
+        late = int(cycle.unloading[turned] - taken.rows[-1])
+        rise = curve[turned] - load[taken.rows[-3:], k].mean()
+        noise = 8.0 * second_difference_scatter(load[taken.rows, k])
+        if late > 1 and path[turned] < path[0] and rise > JUMP * np.ptp(taken.load) + noise:
+            raise Question(
+                f"the load in {'xy'[k]} goes on rising for {late} rows behind line "
+                f"{taken.lines[-1]}, where the stretch turns back: it is recorded late",
+                {"rows=all": f"as it is; otherwise shift the loads {late} rows up in the table"},
+                file=taken.record.path,
+            )

@@ -14,7 +14,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import BRANCHES, Choice
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle, by_ratio, peak_change, ratio_name, settling
-from biaxbayes.machines.readings import without_steps
+from biaxbayes.machines.readings import followed_by_load
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.tables.question import Question
 
@@ -167,7 +167,7 @@ def _branch(
         raise InputError(problem, file=record.path, remedy=remedy)
     taken = Recording(name, record, rows, branch=branch)
     if branch == "loading":
-        taken = without_steps(taken, cycle.hold, choice)
+        taken = followed_by_load(taken, cycle, choice)
     if before is None or choice.cycles == "all":
         return taken
     text, settled = settling(record.stretch, record.load, before.loading, cycle.loading)

@@ -8,6 +8,10 @@ from biaxbayes.specimens.protocol import second_difference_scatter
 
 CYCLE_FRACTION = 0.3
 """Fraction of the whole range that a rise and a fall must have to count as a cycle."""
+REPEATED = 0.3
+"""Share of rows that repeat the stretch of the row before, from which the stretch has steps."""
+MOVES = 0.2
+"""Extent of a direction over that of the other, from which it moves."""
 TOLERATED_DROP = 0.05
 """Tolerated drop below the running maximum, as a fraction of the range."""
 
@@ -49,46 +53,8 @@ def reversal(path: np.ndarray) -> int | None:
     return near + int(np.argmax(path[near : near + 3]))
 
 
-def cycles(path: np.ndarray) -> list[tuple[slice, slice]]:
-    """Cycles of a record as rows up to the peak, and from it on.
-
-    A cycle is a rise and a fall of at least 30 % of the range; a mere rise is one, too.
-    """
-    range_ = float(np.ptp(path))
-    # The valley is the lowest of many noisy rows: allow for both ends of the noise.
-    level = 0.001 * range_ + 6.0 * path_scatter(path)
-    turns = _turning_points(path, CYCLE_FRACTION * range_)
-    cycles = []
-    for number, (valley, peak) in enumerate(turns):
-        before = turns[number - 1][1] if number else 0
-        # The rest before the rise: rows as low as the valley, without a gap, up to it.
-        high = np.flatnonzero(path[before:valley] > path[valley] + level)
-        start = before + int(high[-1]) + 1 if high.size else before
-        if number == 0 and path[: valley + 1].max() - path[valley] <= TOLERATED_DROP * range_:
-            start = 0  # the dip before the first rise is noise
-        stop = turns[number + 1][0] if number + 1 < len(turns) else path.size
-        if reversal(path[start:stop]) is None:
-            peak = stop - 1  # the end of the record is the peak, up to noise
-        cycles.append((slice(start, peak + 1), slice(peak, stop)))
-    return cycles
-
-
-def _turning_points(path: np.ndarray, amplitude: float) -> list[tuple[int, int]]:
-    """Rows (valley, peak) of each rise of at least ``amplitude``."""
-    pairs: list[tuple[int, int]] = []
-    low = high = 0
-    rising = False
-    for row, value in enumerate(path.tolist()):
-        if rising:
-            if value > path[high]:
-                high = row
-            elif path[high] - value >= amplitude:
-                pairs.append((low, high))
-                rising, low = False, row
-        elif value <= path[low]:
-            low = row
-        elif value - path[low] >= amplitude:
-            rising, high = True, row
-    if rising:
-        pairs.append((low, high))
-    return pairs
+def repeats(stretch: np.ndarray, rest: int) -> bool:
+    """True if a stretch that moves repeats exactly in many rows after those at rest."""
+    extent = np.ptp(stretch, axis=0)
+    steps = np.diff(stretch[max(rest - 1, 0) :], axis=0)[:, extent > MOVES * extent.max()]
+    return bool((steps == 0.0).mean(axis=0).max(initial=0.0) > REPEATED) if len(steps) else False

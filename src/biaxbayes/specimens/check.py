@@ -11,7 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.branches import CYCLE_FRACTION, path_progress, path_scatter, reversal
+from biaxbayes.specimens.branches import (
+    CYCLE_FRACTION,
+    path_progress,
+    path_scatter,
+    repeats,
+    reversal,
+)
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
@@ -21,6 +27,7 @@ SEVERITIES = ("error", "warning", "note")
 """An error cannot be a loading curve; a warning can change what a fit means; a note explains."""
 SERIOUS = (
     "units", "sign", "unloading", "jump", "time", "swapped", "stretch-drift", "camera-lag",
+    "repeats",
     "clipped",
 )  # fmt: skip
 """Warnings that are repeated in the output of ``sample``; errors always are."""
@@ -320,7 +327,14 @@ def _paths(specimen: Specimen) -> Iterator[Finding]:
         back = np.flatnonzero(np.diff(p.time_s if p.time_s is not None else [0.0]) < 0.0)
         if back.size:
             yield warning("time", f"time_s runs backwards at row {back[0] + 2}", p.name)
-        yield from _camera_lag(p)
+        if repeats(p.stretch, p.rest_rows):
+            message = (
+                "stretches repeat from row to row while the load goes on: a camera slower than "
+                "the load cell, a coarse or a frozen stretch. Convert with --still first"
+            )
+            yield warning("repeats", message, p.name)
+        else:
+            yield from _camera_lag(p)
 
 
 def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Iterator[Finding]:
