@@ -15,13 +15,16 @@ from biaxbayes.text_files import aligned
 def account(conversion: Conversion) -> list[str]:
     """Rows read, kept by protocol and left out by reason; columns and units as understood."""
     lines = []
+    notes = dict.fromkeys(note for record in conversion.records for note in record.notes)
+    common = [n for n in notes if all(n in record.notes for record in conversion.records)]
     for record in conversion.records:
         lines.append(f"{record.source}: {record.lines.size} rows read")
+        own = [note for note in record.notes if note not in common]
         lines += [f"  {line}" for line in aligned(_rows_of(record, conversion), right=(1,))]
-        lines += [f"  {note}" for note in record.notes]
+        lines += [f"  {note}" for note in own]
     assumed = str(conversion.specimen.metadata.get("conversion", "")).split("; ")
-    notes = [note for r in conversion.recordings for note in r.notes]
-    return [*lines, *filter(None, dict.fromkeys([*notes, *assumed]))]
+    notes = dict.fromkeys(note for r in conversion.recordings for note in r.notes)
+    return [*lines, *filter(None, dict.fromkeys([*common, *notes, *assumed]))]
 
 
 def _rows_of(record: Record, conversion: Conversion) -> list[Sequence[str]]:

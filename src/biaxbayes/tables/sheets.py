@@ -188,7 +188,7 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
     if control:
         row = text[: control.start()].count("\n") + 1
         raise InputError("is binary, not text", file=path, row=row, remedy="export it as CSV")
-    return text, "UTF-8" if encoding == "utf-8-sig" else encoding.upper()
+    return text, encoding.replace("utf-8-sig", "UTF-8").replace("utf", "UTF")
 
 
 def _separator(lines: Sequence[str], path: Path) -> str:
