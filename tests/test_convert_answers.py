@@ -298,7 +298,20 @@ def footer_of_three(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
     return np.vstack([table, *below]), [60, 61, 62]
 
 
-@pytest.mark.parametrize("wrong", [lost_frame, spike, two_frames, footer, footer_of_three])
+def footer_of_sds(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    below = [table.mean(axis=0), table.max(axis=0), table.std(axis=0) + [0.3, 0.3, 0, 0]]
+    return np.vstack([table, *below]), [60, 61, 62]
+
+
+def creeping(table: np.ndarray) -> np.ndarray:
+    """The load is held at its peak and the stretch goes on."""
+    crept = table[-1] + np.outer(1 - np.exp(-np.arange(1, 30) / 9.0), [0.02, 0.02, 0, 0])
+    return np.vstack([table[:-1], crept])
+
+
+@pytest.mark.parametrize(
+    "wrong", [lost_frame, spike, two_frames, footer, footer_of_three, footer_of_sds]
+)
 def test_rows_apart_are_asked_about(wrong, tmp_path):
     table = made()
     rows, bad = wrong(table)
@@ -338,6 +351,12 @@ def frozen(table: np.ndarray) -> np.ndarray:
     return held
 
 
+def frozen_for_a_while(table: np.ndarray) -> np.ndarray:
+    held = table.copy()
+    held[200:350, :2] = table[200, :2]
+    return held
+
+
 def relaxing(table: np.ndarray) -> np.ndarray:
     """Ten steps, each held while the load relaxes by a fifth."""
     steps = np.repeat(table[30::60], 30, axis=0)
@@ -345,7 +364,7 @@ def relaxing(table: np.ndarray) -> np.ndarray:
     return np.vstack([table[:1], steps])
 
 
-@pytest.mark.parametrize("wrong", [slower_camera, coarse, frozen, relaxing])
+@pytest.mark.parametrize("wrong", [slower_camera, coarse, frozen, frozen_for_a_while, relaxing])
 def test_a_stretch_that_stands_still_is_asked_about(wrong, tmp_path):
     rows = wrong(made(rows=600))
     path = written(tmp_path, table_of(rows))
@@ -392,6 +411,7 @@ def saturated_in_one(table: np.ndarray) -> np.ndarray:
 LOST_LOADS = {
     torn: "falls", slowly_torn: "falls", saturated: "stays at 0.6",
     saturated_with_noise: "load in x stays at 0.", saturated_in_one: "load in y stays at 0.5",
+    creeping: "creep",
 }  # fmt: skip
 
 
@@ -404,7 +424,7 @@ def test_loads_that_do_not_follow_the_stretch_are_asked_about(wrong, tmp_path):
     answer = next(iter(question.choices)).removeprefix("rows=")
     (p,) = read(path, rows=answer).specimen.protocols
     assert np.allclose(p.load_x, table[: p.rows, 2], atol=3e-3)
-    assert read(path, rows="all").specimen.protocols[0].rows == 60
+    assert read(path, rows="all").specimen.protocols[0].rows >= 60
 
 
 @pytest.mark.parametrize("late", [3, 6, 10])
@@ -454,6 +474,16 @@ def test_preconditioning_in_several_files_or_sheets(several, tmp_path):
     assert "cycles=last" in asked(paths, repeats="cycles", **more).choices
     assert is_made_of(read(paths, repeats="cycles", cycles="last", **more), tables["cycle3"])
     assert is_made_of(read(paths, repeats="cycles", cycles="1", **more), tables["cycle1"])
+
+
+def test_protocols_below_each_other_are_separated_by_their_ratio_if_asked(tmp_path):
+    tables = [made(ratio, 40) for ratio in RATIOS.values()]
+    path = written(tmp_path, table_of(np.concatenate(tables)))
+    question = asked(path)
+    assert question.choices["protocols_by=ratio"] == "1:1: cycle 1; 1:0.5: cycle 2; 0.5:1: cycle 3"
+    result = read(path, protocols_by="ratio")
+    assert is_made_of(result, *tables)
+    assert [p.name for p in result.specimen.protocols] == list(RATIOS)
 
 
 def test_protocols_that_start_at_different_stretches_need_their_reference(tmp_path):

@@ -12,7 +12,7 @@ from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.cycles import Cycle
 from biaxbayes.machines.gauge import Gauge
 from biaxbayes.machines.lines import outside
-from biaxbayes.machines.readings import check_signs
+from biaxbayes.machines.readings import ask_about_jumps, check_signs
 from biaxbayes.machines.record import Record
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.question import Question
@@ -169,7 +169,10 @@ def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
         notes=(*table.notes, *notes),
         assumptions=(*assumptions, *choice.sign_notes),
     )
-    check_signs(record, np.concatenate([c.rows("both") for c in cycles]))
+    taken = np.concatenate([c.rows("both") for c in cycles])
+    if choice.rows is None:
+        ask_about_jumps(record, np.sort(taken))
+    check_signs(record, taken)
     return record
 
 

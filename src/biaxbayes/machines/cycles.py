@@ -76,7 +76,7 @@ def cut(path: np.ndarray, label: str = "") -> list[Cycle]:
     for number, ((low, high), start) in enumerate(zip(rises, starts, strict=True)):
         end = starts[number + 1] if number + 1 < len(rises) else path.size
         top, after = _hold(path, smooth, low, high, end, scatter)
-        falling = rows[after - 1 : end] if after < end else rows[end:]
+        falling = rows[after - 1 : end] if after < end else rows[:0]
         parts = rows[start : top + 1], rows[top + 1 : after], falling
         cycles.append(Cycle(label or str(number + 1), *parts))
     return cycles

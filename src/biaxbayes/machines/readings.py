@@ -30,13 +30,20 @@ SIDES = ("stretch in x", "stretch in y", "load in x", "load in y")
 
 def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
     """Ask for `rows` where up to three rows lie apart from those on both sides of them."""
-    curves = np.column_stack([record.stretch, record.load])[rows]
-    found = {side: _apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
-    apart = np.unique(np.concatenate(list(found.values())))
+    left, sides = rows, dict.fromkeys(SIDES, False)
+    while left.size > LEAST_ROWS:  # a row far off may hide others
+        curves = np.column_stack([record.stretch, record.load])[left]
+        found = {side: _apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
+        sides = {side: sides[side] or at.size > 0 for side, at in found.items()}
+        apart = np.unique(np.concatenate(list(found.values())))
+        if not apart.size:
+            break
+        left = np.delete(left, apart)
+    apart = np.setdiff1d(rows, left)
     if apart.size:
-        sides = " and ".join(side for side, at in found.items() if at.size)
-        problem = f"the {sides} jumps in {in_lines(record.lines[rows[apart]])} (lines of the file)"
-        _ask_for_rows(record, problem, rows[apart])
+        which = " and ".join(side for side, jumps in sides.items() if jumps)
+        problem = f"the {which} jumps in {in_lines(record.lines[apart])} (lines of the file)"
+        _ask_for_rows(record, problem, apart)
 
 
 def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
@@ -105,14 +112,17 @@ def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recordin
     rest = rest_rows(taken.stretch[:, 0], taken.stretch[:, 1], taken.load)
     held = taken.record.load[cycle.hold]
     falling = None if choice.rows else _falls(taken, rest)
-    steps = repeats(taken.stretch, rest) or (len(held) > 0 and _rises(held, taken.load))
+    stuck = max(_runs(taken.stretch[rest:]), key=len, default=held)
+    steps = repeats(taken.stretch, rest) or any(
+        _rises(load, taken.load) for load in (held, taken.load[rest:][stuck]) if len(load) > 2
+    )
     relaxes = falling is not None and _relaxes(taken, falling)
     if choice.still in ("first", "last") or (choice.still is None and (steps or relaxes)):
         return _one_row_a_step(taken, cycle.hold, choice, "goes on" if steps else "relaxes")
     if choice.rows is None:
         if falling is not None and choice.still is None:
-            _ask_about_fall(taken, falling)
-        _ask_about_limit(taken, rest)
+            _ask_about_fall(taken, cycle, falling)
+        _ask_about_limit(taken, cycle, rest)
         _ask_about_delay(taken, cycle)
     return taken
 
@@ -133,7 +143,7 @@ def _one_row_a_step(
                 "still=first": f"{len(runs)} rows, the first of each stretch",
                 "still=last": f"{len(runs)} rows, the last of each stretch",
                 "still=all": f"all {taken.rows.size} rows",
-                f"rows={record.lines[taken.rows[0]]}:N": "up to line N of the file",
+                f"rows={ranges_without(record.lines, rows[longest[1:]])}": "without these lines",
             },
             file=record.path,
         )
@@ -185,16 +195,16 @@ def _relaxes(taken: Recording, falling: tuple[int, np.ndarray]) -> bool:
     )
 
 
-def _ask_about_fall(taken: Recording, falling: tuple[int, np.ndarray]) -> None:
+def _ask_about_fall(taken: Recording, cycle: Cycle, falling: tuple[int, np.ndarray]) -> None:
     k, rows = falling
     problem = (
         f"the load in {'xy'[k]} falls behind line {taken.lines[rows[0] - 1]} while the stretch "
         f"rises{f' ({taken.name})' if taken.name else ''}: a tear, a grip that slips, or lost rows"
     )
-    _ask_for_rows(taken.record, problem, np.sort(taken.rows[rows]))
+    _ask_for_rows(taken.record, problem, np.union1d(taken.rows[rows], cycle.hold))
 
 
-def _ask_about_limit(taken: Recording, rest: int) -> None:
+def _ask_about_limit(taken: Recording, cycle: Cycle, rest: int) -> None:
     """Ask where a load stays at its largest value while the stretch goes on."""
     path = np.abs(taken.stretch - taken.stretch[0]).sum(axis=1)
     moving = np.ptp(path[rest:]) if path.size > rest else 0.0
@@ -215,9 +225,10 @@ def _ask_about_limit(taken: Recording, rest: int) -> None:
             problem = (
                 f"the load in {'xy'[k]} stays at {curve[tail].mean():.4g} {taken.record.unit} from "
                 f"line {taken.lines[top[0]]} on while the stretch goes on: the load cell at its "
-                "limit, or a grip that slips"
+                "limit, creep, or a grip that slips"
             )
-            _ask_for_rows(taken.record, problem, np.sort(taken.rows[top[0] :]))
+            late = np.union1d(taken.rows[top[0] :], cycle.hold)
+            _ask_for_rows(taken.record, problem, late)
 
 
 def _ask_about_delay(taken: Recording, cycle: Cycle) -> None:
