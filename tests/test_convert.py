@@ -344,7 +344,8 @@ def test_kinds_of_strain_as_given_or_by_name(x, y, values, tmp_path, capsys):
     names = [c.partition(":")[0] for c in (x, y)]
     text = generic_text(values, PIOLA, [*names, "P_kPa", "Q_kPa"])
     columns = f"stretch_x={x},stretch_y={y},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
+    gauge = ["--gauge-x-mm", 10, "--gauge-y-mm", 10] if "displacement" in x else []
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS, *gauge)
     assert code == 0, printed
     (p,) = specimen.protocols
     np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
@@ -402,13 +403,10 @@ def test_a_displacement_refers_to_the_gauge_length(names, unit, tmp_path, capsys
     assert code == 0 and "the stated gauge length" in printed
     (p,) = specimen.protocols
     np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
-    # Without it the edge is taken, and screen and file say by how much that may be wrong.
-    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
-    assert code == 0 and "too large by that factor" in printed
-    assert "no gauge length is stated" in specimen.metadata["conversion"]
-    assert specimen.protocols[0].stretch_y[-1] == pytest.approx(1.0 + 0.15 * 1.05)
-    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS[:-1], "mounted")
-    assert code == 0 and "mounted edge" in printed and "too large" not in printed
+    # Without it nothing is assumed: the edge is one of the answers.
+    code, printed, _ = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
+    assert code == 2 and "needs its length at displacement zero" in printed
+    assert "--gauge-x-mm 10" in printed and "too large by the mounting stretch" in printed
 
 
 def test_a_distance_of_marks_needs_no_gauge_length(tmp_path, capsys):
@@ -477,10 +475,11 @@ def test_names_with_colons_and_commas_need_no_marks(prefix, tmp_path, capsys):
             ("stretch_x", "stretch_y", "force_x_N", "force_y_N"), [*names, *loads], strict=True
         )
     )
-    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
+    gauge = ["--gauge-x-mm", 10, "--gauge-y-mm", 10]
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS, *gauge)
     assert code == 0, printed
     np.testing.assert_allclose(specimen.protocols[0].load_y, PIOLA[:, 1] * 0.012, rtol=1e-12)
-    code, printed, _ = generic(tmp_path, text, None, capsys, *DIMENSIONS)
+    code, printed, _ = generic(tmp_path, text, None, capsys, *DIMENSIONS, *gauge)
     assert code == 2 and f"--columns 'stretch_x={names[0]},stretch_y={names[1]}" in printed
 
 
@@ -604,7 +603,7 @@ def test_displacements_need_edges(tmp_path, capsys):
     columns = "stretch_x=xdisp_mm,stretch_y=ydisp_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     code, printed, _ = generic(tmp_path, text, columns, capsys)
     assert code == 2
-    assert "needs the length between the marks or grips" in printed and "--gauge-x-mm" in printed
+    assert "needs its length at displacement zero" in printed and "--gauge-x-mm" in printed
     text = generic_text(STRETCH - 1.0, PIOLA, ["x_mm", "y_mm", "P_kPa", "Q_kPa"])
     columns = "stretch_x=x_mm,stretch_y=y_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     code, printed, _ = generic(tmp_path, text, columns, capsys)

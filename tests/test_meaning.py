@@ -107,7 +107,7 @@ def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None
         if moved and rng.random() < 0.8:
             way.options |= {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
         elif moved:
-            way.options["edges only"] = True
+            way.refusals.append("needs its length at displacement zero")
         if moved and rng.random() < 0.2:
             values = values + 0.3 * GAUGE * factor
             if rng.random() < 0.5:
@@ -153,8 +153,6 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
     if pair != "force" and rng.random() < 0.1:
         words = {"piola": "Cauchy stress", "cauchy": "First Piola stress"}[pair]
         way.refusals.append("suggests a")
-    if pair == "cauchy" and way.options.get("edges only"):
-        way.refusals.append("without a gauge length, and the loads are Cauchy stresses")
     negative = rng.random() < 0.2
     if negative and rng.random() < 0.5:
         way.options["tension_negative"] = "xy"
@@ -225,23 +223,18 @@ def read(path: Path, way: Way) -> Conversion:
     answers = {"protocols_by": "ratio", "cycles": "last", "branch": "loading"}
     if "protocol" in way.mapped:
         answers = {}
-    options = answers | {k: v for k, v in way.options.items() if k != "edges only"}
+    options = answers | way.options
     text = ",".join(f"{target}={column}" for target, column in way.mapped.items())
     return convert([path], Choice("generic", (text,), **options), header=HEADER)
 
 
 def is_the_specimen(result: Conversion, way: Way) -> bool:
-    """Whether the numbers are those of the specimen, or declared to rest on the edges."""
+    """Whether the numbers are those of the specimen."""
     protocols = result.specimen.protocols
     if len(protocols) != len(TRUE):
         return False
     for p, (stretch, force) in zip(protocols, TRUE.values(), strict=True):
         measured = np.column_stack([p.stretch_x, p.stretch_y])
-        if way.options.get("edges only"):
-            if "no gauge length is stated" not in str(result.specimen.metadata["conversion"]):
-                return False
-            # What it says: strains too large by the mounting stretch.
-            measured = 1.0 + (measured - 1.0) * EDGE / GAUGE
         measured = measured / measured[0]
         load = result.specimen.load(p)
         if result.specimen.stress_pair != "force":

@@ -178,8 +178,7 @@ def _records(path: Path, choice: Choice, header: Header) -> list[Record]:
     edges = None
     if "edge_x_mm" in header and "edge_y_mm" in header:
         edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
-    geometry = str(header.get("geometry", "unloaded"))
-    gauge = Gauge((choice.gauge_x_mm, choice.gauge_y_mm), edges, geometry, choice.gauge_at or "")
+    gauge = Gauge((choice.gauge_x_mm, choice.gauge_y_mm), edges, choice.gauge_at or "")
     reader = import_module(f"biaxbayes.machines.{choice.machine}")
     records: list[Record] = []
     for sheet, table in tables.items():

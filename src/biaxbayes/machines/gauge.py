@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.tables.question import Question
 
 MAX_LENGTH_OVER_EDGE, MIN_LENGTH_OVER_EDGE = 1.5, 0.11
 """Range of lengths between marks or grips over the edge of the tissue: longer ones are impossible,
@@ -18,8 +19,7 @@ class Gauge:
     """Lengths in x and y that displacements and distances refer to."""
 
     given_mm: tuple[float | None, float | None] = (None, None)  # by the user
-    edges_mm: tuple[float, float] | None = None  # used in place of a length that is not given
-    geometry: str = "unloaded"  # state of the edges
+    edges_mm: tuple[float, float] | None = None  # which lengths have to fit on
     at: str = ""  # as `gauge_at` of `Choice`
 
     def from_displacement(
@@ -27,44 +27,31 @@ class Gauge:
     ) -> tuple[np.ndarray, str]:
         """Stretches from a displacement and its first reading in the file, and a note."""
         axis, length = "xy"[k], self.given_mm[k]
-        if length is None and self.edges_mm is not None:
-            length = self.edges_mm[k]
+        edge = None if self.edges_mm is None else self.edges_mm[k]
         if length is None:
-            raise InputError(
-                f"{column!r} is a displacement and needs the length between the marks or grips at "
-                "displacement zero",
-                file=file,
-                column=column,
-                remedy=f"give `gauge_{axis}_mm` (or `edge_x_mm` and `edge_y_mm`, if the edges are "
-                "all that is known)",
-            )
+            gives = {f"gauge_{axis}_mm=MM": "the length between marks or grips"}
+            if edge is not None:
+                gives[f"gauge_{axis}_mm={edge:g}"] = (
+                    "the edge; where that is of the unloaded state and the displacement is zero in "
+                    "the mounted state, strains are too large by the mounting stretch"
+                )
+            problem = f"{column!r} is a displacement and needs its length at displacement zero"
+            raise Question(problem, gives, file=file)
         if not self.at and abs(first_mm) > 0.01 * length:
-            raise InputError(
+            raise Question(
                 f"{column!r} starts at {first_mm:g} mm, not at zero",
+                {
+                    "gauge_at=zero": f"{length:g} mm is the length at displacement zero",
+                    "gauge_at=start": f"{length:g} mm is the length in the first row",
+                },
                 file=file,
-                column=column,
-                remedy=f"give `gauge_at`: 'zero' if the gauge length of {length:g} mm is that at "
-                "displacement zero, 'start' if it is that of the first row",
             )
         origin = first_mm if self.at == "start" else 0.0
         # lambda = 1 + (d - d0) / L0
         stretch = 1.0 + (moved_mm - origin) / length
         formula = "displacement" if origin == 0.0 else f"(displacement - {origin:g} mm)"
-        note = f"stretch {axis} is 1 + {formula} / {length:g} mm"
-        if self.given_mm[k] is not None:
-            return stretch, f"{note}, the stated gauge length{self._doubt(length, k, column, file)}"
-        if self.geometry == "mounted":
-            return stretch, (
-                f"{note}: no gauge length is stated, and the mounted edge is taken for it. If "
-                f"marks or grips were another distance apart, give --gauge-{axis}-mm"
-            )
-        reached = float(stretch.max())
-        return stretch, (
-            f"{note}: no gauge length is stated, and the unloaded edge is taken for it. The length "
-            f"when the test was zeroed is longer by the mounting stretch, so that the strain in "
-            f"{axis} is too large by that factor (mounted at 1.05: {reached:.3f} is "
-            f"{1.0 + (reached - 1.0) / 1.05:.3f}). Give --gauge-{axis}-mm"
-        )
+        note = f"stretch {axis} is 1 + {formula} / {length:g} mm, the stated gauge length"
+        return stretch, note + self._doubt(length, k, column, file)
 
     def from_distance(
         self, length_mm: np.ndarray, first_mm: float, k: int, column: str, file: object

@@ -140,7 +140,7 @@ def _converted(
         if column.unit is not None and column.unit.quantity in STRAINS:
             stretches.append(_stretch_from_strain(table, column, column.unit, values, rows))
             continue
-        stretch, note = _stretch_from_length(table, column, values, rows[0], k, pair, gauge)
+        stretch, note = _stretch_from_length(table, column, values, rows[0], k, gauge)
         stretches.append(stretch)
         assumptions.append(note)
     stretch = np.column_stack(stretches)
@@ -179,7 +179,6 @@ def _stretch_from_length(
     lengths_mm: np.ndarray,
     first: int,
     k: int,
-    pair: str,
     gauge: Gauge,
 ) -> tuple[np.ndarray, str]:
     """Stretches from a displacement or a distance between marks or grips, and a note."""
@@ -189,16 +188,6 @@ def _stretch_from_length(
     if unit.name == "px":
         note = f"stretch {'xy'[k]} is {column.name} over its first value, {lengths_mm[first]:g} px"
         return lengths_mm / lengths_mm[first], note
-    if pair == "cauchy" and displaced and gauge.given_mm[k] is None:
-        # Nominal stress is Cauchy stress over the stretch that the lab multiplied it by.
-        raise InputError(
-            f"{column.name!r} is a displacement without a gauge length, and the loads are "
-            "Cauchy stresses: stretch and nominal stress would depend on an assumed length",
-            file=table.path,
-            column=column.name,
-            remedy=f"give the gauge length that the stresses were computed with, "
-            f"`gauge_{'xy'[k]}_mm`, or the forces in place of the stresses",
-        )
     convert = gauge.from_displacement if displaced else gauge.from_distance
     return convert(lengths_mm, float(lengths_mm[first]), k, column.name, table.path)
 
