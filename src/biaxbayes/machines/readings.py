@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from biaxbayes.errors import InputError
@@ -19,6 +20,8 @@ from biaxbayes.tables.question import Question
 
 JUMP = 0.05
 """Distance of a row from its neighbours, as a fraction of the range, from which it lies apart."""
+LONGEST_JUMP = 3
+"""Rows of a jump; more of them are a state of the specimen."""
 STEEP = 4.0
 """The same over the steps of the rows beside it."""
 LOST_LOAD = 0.1
@@ -57,24 +60,24 @@ def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
 
 def _apart(curve: np.ndarray) -> np.ndarray:
     """Rows that lie apart, in runs of at most three, those at the end of the record included."""
-    n, found = curve.size, set()
+    n = curve.size
     limit = max(JUMP * float(np.ptp(curve)), 8.0 * second_difference_scatter(curve))
     step = np.abs(np.diff(curve))
-    for width in (1, 2, 3):
-        for i in range(1, n - width):
-            a, b = sorted((curve[i - 1], curve[i + width]))
-            block = curve[i : i + width]
-            gap = max(float(block.min()) - b, a - float(block.max()))
-            beside = [*step[max(i - 2, 0) : i - 1], *step[i + width : i + width + 1]]
-            if gap > max(limit, STEEP * max(beside, default=0.0)):
-                found |= set(range(i, i + width))
-        if n > 12:
-            last = np.abs(curve[n - width :] - curve[n - width - 1]).min()
-            if last > max(limit, STEEP * step[n - width - 5 : n - width - 1].max()):
-                found |= set(range(n - width, n))
-    if found and max(found) >= n - 3:
-        found |= set(range(max(found), n))
-    return np.array(sorted(found), dtype=int)
+    apart = np.zeros(n, dtype=bool)
+    for width in range(1, min(LONGEST_JUMP, n - 2) + 1):
+        block = sliding_window_view(curve, width)[1:-1]
+        beside = np.sort([curve[: -width - 1], curve[width + 1 :]], axis=0)
+        gap = np.maximum(block.min(axis=1) - beside[1], beside[0] - block.max(axis=1))
+        steps = np.maximum([0.0, *step[: n - width - 2]], [*step[width + 1 :], 0.0])
+        for row in np.flatnonzero(gap > np.maximum(limit, STEEP * steps)) + 1:
+            apart[row : row + width] = True
+        if n > 4 * LONGEST_JUMP:
+            off = np.abs(curve[n - width :] - curve[n - width - 1]).min()
+            usual = step[n - width - 5 : n - width - 1].max()
+            apart[n - width :] |= off > max(limit, STEEP * usual)
+    rows = np.flatnonzero(apart)
+    near_end = rows.size > 0 and rows[-1] >= n - LONGEST_JUMP
+    return np.union1d(rows, np.arange(rows[-1], n)) if near_end else rows
 
 
 def check_signs(record: Record, rows: np.ndarray) -> None:
