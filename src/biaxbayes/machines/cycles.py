@@ -16,6 +16,8 @@ LEAST_ROWS = 5
 """Least number of rows of a loading side, and of a hold at its peak."""
 TOLERATED_FALL = 0.05
 """Largest fall behind the peak, as a fraction of the rise, that is no unloading."""
+DIP = 0.02
+"""Largest fall before the first rise, as a fraction of it, that is drift of the rest."""
 LEVEL = 0.25
 """Rows within this fraction of the mean step of a rise are at the level of its end."""
 SAME_RATIO_DEG = 2.5
@@ -86,7 +88,10 @@ def _rest(
     path: np.ndarray, smooth: np.ndarray, low: int, high: int, before: int, scatter: float
 ) -> int:
     """First of the rows at the level of a valley that lead to its rise."""
-    level = LEVEL * (path[high] - path[low]) / (high - low) + 4.0 * scatter
+    rise = path[high] - path[low]
+    if before == 0 and path[:low].max(initial=path[low]) - path[low] <= DIP * rise + 4.0 * scatter:
+        return 0  # the record begins with its rest
+    level = LEVEL * rise / (high - low) + 4.0 * scatter
     above = np.flatnonzero(np.minimum(path, smooth)[before:low] > path[low] + level)
     return before + int(above[-1]) + 1 if above.size else before
 
