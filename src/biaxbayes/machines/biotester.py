@@ -118,7 +118,7 @@ def _cycles(
 def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
     """Convert a set; stretches are those of tracked points if there are any."""
     numbers, phases = _phases(table)
-    reasons = outside(table.lines, choice.rows)
+    reasons = outside(table.lines, choice.rows, table.path)
     rows = np.flatnonzero(reasons == "")
     cycles = _cycles(table, numbers, phases, name, rows)
     chosen = next((c for c in cycles if c.label == choice.cycles), cycles[-1])

@@ -69,7 +69,7 @@ def recognises(table: Table, choice: Choice) -> bool:
 
 def _left_out(table: Table, columns: Mapping[str, Column], choice: Choice) -> np.ndarray:
     """Why each row is left out before anything is converted: specimen, lines, missing readings."""
-    reasons = outside(table.lines, choice.rows)
+    reasons = outside(table.lines, choice.rows, table.path)
     reasons[table.hidden] = "hidden"
     if "specimen" in columns:
         labels = np.array(table.labels(columns["specimen"].indices[0], choice.fill_labels))

@@ -19,10 +19,12 @@ def in_lines(lines: Sequence[int] | np.ndarray, shown: int = 6) -> str:
     return text + (f" and {sum(map(len, runs[shown:]))} more" if len(runs) > shown else "")
 
 
-def outside(lines: np.ndarray, wanted: str | None) -> np.ndarray:
+def outside(lines: np.ndarray, wanted: str | None, file: object) -> np.ndarray:
     """A reason for each line outside ``12:480`` or ``2:30,32:61``, empty for the others."""
-    inside = np.full(lines.size, wanted in (None, ALL))
-    for part in str(wanted).split(",") if wanted not in (None, ALL) else ():
+    if wanted in (None, ALL):
+        return np.full(lines.size, "", dtype=object)
+    inside = np.zeros(lines.size, dtype=bool)
+    for part in str(wanted).split(","):
         first, colon, last = part.strip().partition(":")
         if not (colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
             raise InputError(
@@ -33,6 +35,7 @@ def outside(lines: np.ndarray, wanted: str | None) -> np.ndarray:
     if inside.sum() < 2:
         raise InputError(
             f"`rows` {str(wanted)[:40]} leaves {inside.sum()} rows",
+            file=file,
             remedy=f"the table is in lines {lines[0]} to {lines[-1]}",
         )
     return np.where(inside, "", "not in the rows that were asked for").astype(object)
