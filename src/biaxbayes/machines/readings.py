@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from biaxbayes.errors import InputError
@@ -13,22 +12,15 @@ from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
 from biaxbayes.machines.lines import in_lines, ranges_without
 from biaxbayes.machines.record import Record, Recording
-from biaxbayes.specimens.branches import repeats
+from biaxbayes.specimens.branches import JUMP, SIDES, repeats, rows_apart
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
 from biaxbayes.tables.question import Question
 
-JUMP = 0.05
-"""Distance of a row from its neighbours, as a fraction of the range, from which it lies apart."""
-LONGEST_JUMP = 3
-"""Rows of a jump; more of them are a state of the specimen."""
-STEEP = 4.0
-"""The same over the steps of the rows beside it."""
 LOST_LOAD = 0.1
 """Fall of the load, as a fraction of its range, that loading does not explain."""
 FLAT = 0.25
 """Slope at the end over the mean slope, below which a load no longer follows the stretch."""
-SIDES = ("stretch in x", "stretch in y", "load in x", "load in y")
 
 
 def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
@@ -36,7 +28,7 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
     left, sides = rows, dict.fromkeys(SIDES, False)
     while left.size > LEAST_ROWS:  # a row far off may hide others
         curves = np.column_stack([record.stretch, record.load])[left]
-        found = {side: _apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
+        found = {side: rows_apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
         sides = {side: sides[side] or at.size > 0 for side, at in found.items()}
         apart = np.unique(np.concatenate(list(found.values())))
         if not apart.size:
@@ -56,28 +48,6 @@ def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
         "rows=all": "every row as it is",
     }
     raise Question(problem, gives, file=record.path)
-
-
-def _apart(curve: np.ndarray) -> np.ndarray:
-    """Rows that lie apart, in runs of at most three, those at the end of the record included."""
-    n = curve.size
-    limit = max(JUMP * float(np.ptp(curve)), 8.0 * second_difference_scatter(curve))
-    step = np.abs(np.diff(curve))
-    apart = np.zeros(n, dtype=bool)
-    for width in range(1, min(LONGEST_JUMP, n - 2) + 1):
-        block = sliding_window_view(curve, width)[1:-1]
-        beside = np.sort([curve[: -width - 1], curve[width + 1 :]], axis=0)
-        gap = np.maximum(block.min(axis=1) - beside[1], beside[0] - block.max(axis=1))
-        steps = np.maximum([0.0, *step[: n - width - 2]], [*step[width + 1 :], 0.0])
-        for row in np.flatnonzero(gap > np.maximum(limit, STEEP * steps)) + 1:
-            apart[row : row + width] = True
-        if n > 4 * LONGEST_JUMP:
-            off = np.abs(curve[n - width :] - curve[n - width - 1]).min()
-            usual = step[n - width - 5 : n - width - 1].max()
-            apart[n - width :] |= off > max(limit, STEEP * usual)
-    rows = np.flatnonzero(apart)
-    near_end = rows.size > 0 and rows[-1] >= n - LONGEST_JUMP
-    return np.union1d(rows, np.arange(rows[-1], n)) if near_end else rows
 
 
 def check_signs(record: Record, rows: np.ndarray) -> None:

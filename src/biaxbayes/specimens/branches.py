@@ -1,13 +1,22 @@
-"""Loading and unloading branches of a record, from its own curves."""
+"""What the curves of a record show: branches, rows that lie apart, stretches that repeat."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from biaxbayes.specimens.protocol import second_difference_scatter
 
 CYCLE_FRACTION = 0.3
 """Fraction of the whole range that a rise and a fall must have to count as a cycle."""
+JUMP = 0.05
+"""Distance of a row from its neighbours, as a fraction of the range, from which it lies apart."""
+LONGEST_JUMP = 3
+"""Rows of a jump; more of them are a state of the specimen."""
+STEEP = 4.0
+"""The same over the steps of the rows beside it."""
+SIDES = ("stretch in x", "stretch in y", "load in x", "load in y")
+"""Curves of a record."""
 REPEATED = 0.3
 """Share of rows that repeat the stretch of the row before, from which the stretch has steps."""
 MOVES = 0.2
@@ -58,3 +67,25 @@ def repeats(stretch: np.ndarray, rest: int) -> bool:
     extent = np.ptp(stretch, axis=0)
     steps = np.diff(stretch[max(rest - 1, 0) :], axis=0)[:, extent > MOVES * extent.max()]
     return bool((steps == 0.0).mean(axis=0).max(initial=0.0) > REPEATED) if len(steps) else False
+
+
+def rows_apart(curve: np.ndarray) -> np.ndarray:
+    """Rows that lie apart, in runs of at most three, those at the end of the record included."""
+    n = curve.size
+    limit = max(JUMP * float(np.ptp(curve)), 8.0 * second_difference_scatter(curve))
+    step = np.abs(np.diff(curve))
+    apart = np.zeros(n, dtype=bool)
+    for width in range(1, min(LONGEST_JUMP, n - 2) + 1):
+        block = sliding_window_view(curve, width)[1:-1]
+        beside = np.sort([curve[: -width - 1], curve[width + 1 :]], axis=0)
+        gap = np.maximum(block.min(axis=1) - beside[1], beside[0] - block.max(axis=1))
+        steps = np.maximum([0.0, *step[: n - width - 2]], [*step[width + 1 :], 0.0])
+        for row in np.flatnonzero(gap > np.maximum(limit, STEEP * steps)) + 1:
+            apart[row : row + width] = True
+        if n > 4 * LONGEST_JUMP:
+            off = np.abs(curve[n - width :] - curve[n - width - 1]).min()
+            usual = step[n - width - 5 : n - width - 1].max()
+            apart[n - width :] |= off > max(limit, STEEP * usual)
+    rows = np.flatnonzero(apart)
+    near_end = rows.size > 0 and rows[-1] >= n - LONGEST_JUMP
+    return np.union1d(rows, np.arange(rows[-1], n)) if near_end else rows

@@ -13,10 +13,12 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.branches import (
     CYCLE_FRACTION,
+    SIDES,
     path_progress,
     path_scatter,
     repeats,
     reversal,
+    rows_apart,
 )
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
@@ -42,7 +44,7 @@ START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Fractions of the load range between which stiffnesses are compared."""
 STIFF_START = 1.5
 PROPORTIONAL = 0.01
-JUMP = 0.05
+LEAST_ROWS_OF_CURVE = 12
 FEW_ROWS = 8
 LAG = 3.0
 DISORDER = 0.15
@@ -372,25 +374,16 @@ def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Iterator[Finding]:
 
 
 def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
-    """Single readings off the curve: a wrong digit, a lost marker, a truncated line."""
-    if p.rows < 12:
-        return
-    names = ("stretch in x", "stretch in y", "load in x", "load in y")
-    for name, curve in zip(names, (*p.stretch.T, *load.T), strict=True):
-        limit = max(JUMP * float(np.ptp(curve)), 30.0 * float(np.median(np.abs(np.diff(curve, 2)))))
-        left, middle, right = curve[:-2], curve[1:-1], curve[2:]
-        height = np.maximum(middle - np.maximum(left, right), np.minimum(left, right) - middle)
-        row = int(np.argmax(height)) + 1
-        if height[row - 1] <= limit:
-            # The last reading has one neighbour: extrapolate the curve.
-            row = p.rows - 1
-            if abs(curve[-1] - 2.0 * curve[-2] + curve[-3]) <= 4.0 * limit:
-                continue
-        message = (
-            f"the {name} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
-            f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off"
-        )
-        yield warning("jump", message, p.name)
+    """Readings off the curve: a wrong digit, a lost marker, a truncated line."""
+    for name, curve in zip(SIDES, (*p.stretch.T, *load.T), strict=True):
+        apart = rows_apart(curve) if p.rows >= LEAST_ROWS_OF_CURVE else np.array([])
+        if apart.size:
+            row = int(apart[0])
+            message = (
+                f"the {name} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
+                f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off"
+            )
+            yield warning("jump", message, p.name)
 
 
 def _camera_lag(p: Protocol) -> Iterator[Finding]:
