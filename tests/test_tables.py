@@ -313,8 +313,9 @@ def test_arrays_of_matlab_and_numpy_in_other_forms(kind, tmp_path):
     scipy.io.savemat(path, content)
     assert holds(path, columns=columns, sheets=sheets)
     if kind == "structs":
-        with pytest.raises(InputError, match=r"sheets are runs\(1\), runs\(2\)"):
+        with pytest.raises(Question) as question:
             read(path)
+        assert list(question.value.choices) == ["sheets=runs(1)", "sheets=runs(2)", "sheets=all"]
 
 
 def test_labview_files(tmp_path):

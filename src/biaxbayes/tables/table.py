@@ -268,13 +268,14 @@ def read_tables(
                     label + error.problem, file=path, row=error.row, remedy=error.remedy
                 ) from None
             others[name] = error.problem
-    if not tables or (len(tables) > 1 and not sheets):
+    if not tables:
         raise InputError(
-            f"{'more than one sheet holds' if tables else 'no sheet holds'} a table",
-            file=path,
-            remedy=f"choose with `sheets`, once for each protocol, or `sheets={ALL_SHEETS}`; "
-            f"sheets are {', '.join(available)[:300]}",
+            "no sheet holds a table", file=path, remedy=f"sheets are {', '.join(available)[:300]}"
         )
+    if len(tables) > 1 and not sheets:
+        gives = {f"sheets={name}": f"{t.rows} rows; {t.listing}" for name, t in tables.items()}
+        gives[f"sheets={ALL_SHEETS}"] = "each a protocol"
+        raise Question("more than one sheet holds a table", gives, file=path)
     return tables, others
 
 
