@@ -446,23 +446,22 @@ def ask_about_opposites(
 ) -> None:
     """Ask for the other actuator of a direction where further lengths move with a displacement."""
     used = {i for column in columns.values() for i in column.indices} | ignored
-    lengths = [
-        i
+    none = np.array([], dtype=int)
+    lengths = {
+        i: table.values(i, none)
         for i in range(len(table.names))
-        if i not in used
-        and any(u.quantity in LENGTHS for u in table.units(i))
-        and table.is_numeric(i)
-    ]
+        if i not in used and any(u.quantity in LENGTHS for u in table.units(i))
+    }
     for target in ("stretch_x", "stretch_y"):
         column = columns[target]
         if column.unit is None or column.unit.quantity != LENGTHS[1] or len(column.indices) > 1:
             continue
-        moved = table.numbers(column.indices[0])
-        others = {}
-        for i in lengths:
-            values = table.numbers(i)
-            if 0.5 * np.ptp(moved) < np.ptp(values) < 2.0 * np.ptp(moved):
-                sign = np.corrcoef(moved, values)[0, 1]
+        moved, others = table.values(column.indices[0], none), {}
+        for i, values in lengths.items():
+            both = np.isfinite(moved) & np.isfinite(values)
+            extent = np.ptp(moved[both]) if both.sum() > 2 else 0.0
+            if 0.5 * extent < (np.ptp(values[both]) if extent else 0.0) < 2.0 * extent:
+                sign = np.corrcoef(moved[both], values[both])[0, 1]
                 others[i] = "+" if sign > 0.0 else "-"
         if others:
             kind = column.unit.name

@@ -155,13 +155,11 @@ class Table:
         labels = self.text(index)
         empty = [row for row, label in enumerate(labels) if not label]
         if empty and not fill and len(empty) < len(labels):
-            raise InputError(
-                f"{len(empty)} of {len(labels)} cells are empty",
+            raise Question(
+                f"{len(empty)} of {len(labels)} cells of {self.names[index]!r} are empty, from "
+                f"line {self.lines[empty[0]]} on",
+                {"fill_labels=True": "a label holds for the cells below it, as in merged cells"},
                 file=self.path,
-                row=int(self.lines[empty[0]]),
-                column=self.names[index],
-                remedy="give `fill_labels=True` if a label holds for the empty cells below it, as "
-                "in merged cells; otherwise fill them in",
             )
         filled = ""
         for row, label in enumerate(labels):
