@@ -162,6 +162,20 @@ def test_shear_of_tracked_points_is_carried_along(tmp_path, capsys):
     assert shear.severity == "warning" and "0.064" in shear.message
 
 
+def test_a_specimen_that_turns_has_the_stretch_without_the_turn(tmp_path, capsys):
+    export = biotester_export()
+    for number, cells in enumerate(export.rows):
+        points = np.array(cells[9:], dtype=float).reshape(4, 2)
+        angle = np.radians(8.0) * number / len(export.rows)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        cells[9:] = [f"{v:.3f}" for v in (points @ turn.T).ravel()]
+    out = tmp_path / "specimen.csv"
+    code, _, err = biotester(written(tmp_path, export.text()), out, capsys)
+    assert code == 0, err
+    (p,) = read_specimen(out).protocols
+    assert np.abs(p.stretch - export.stretch).max() < 1e-3
+
+
 def test_points_tracked_in_some_rows_only(tmp_path, capsys):
     export = biotester_export()
     for number, cells in enumerate(export.rows):

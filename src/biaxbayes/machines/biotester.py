@@ -19,6 +19,7 @@ from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
 
 PHASE = re.compile(r"\s*(\d+)\s*-\s*(\w+)")
+PHASES = ("stretch", "hold", "recover")
 LEAST_TRACKED = 5
 """Least number of rows in which all points are tracked."""
 
@@ -104,10 +105,7 @@ def _cycles(
         raise InputError(problem, file=table.path, column="Cycle", remedy=remedy)
     cycles = []
     for label in labels:
-        phase = {
-            name: rows[(numbers[rows] == label) & (phases[rows] == name)]
-            for name in ("stretch", "hold", "recover")
-        }
+        phase = {name: rows[(numbers[rows] == label) & (phases[rows] == name)] for name in PHASES}
         cycles.append(Cycle(label, *phase.values()))
     return cycles
 
@@ -123,61 +121,65 @@ def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
     cycles = _cycles(table, numbers, phases, name, rows)
     chosen = next((c for c in cycles if c.label == choice.cycles), cycles[-1])
     start = chosen.rows("unloading" if choice.branch == "unloading" else "loading")
-    points = _tracked_points(table, start, rows, required=choice.stretch_from == "tracked")
-    stretch, gradient = np.full((table.rows, 2), np.nan), None
+    at_start = np.searchsorted(rows, start)
+    points = _tracked_points(table, at_start, rows, required=choice.stretch_from == "tracked")
+    gradient: np.ndarray | None = None
     assumptions: list[str] = []
     if points is None or choice.stretch_from == "rake":
-        source, notes = "Size_um", ["stretch from the rakes, not from the tissue"]
-        stretch[rows], assumptions = _rake_stretch(table, rows, np.searchsorted(rows, start), gauge)
+        source, note = "Size_um", "stretch from the rakes, not from the tissue"
+        stretch, assumptions = _rake_stretch(table, rows, at_start, gauge)
     else:
-        source, notes = "tracked points", [f"stretch from {points.shape[1]} tracked points"]
+        source, note = "tracked points", f"stretch from {points.shape[1]} tracked points"
         complete = np.isfinite(points).all(axis=(1, 2))
         reasons[rows[~complete]] = "points not tracked"
-        gradient = np.full((table.rows, 2, 2), np.nan)
-        start = start[complete[np.searchsorted(rows, start)]]
-        gradient[rows] = _deformation_gradient(points, np.searchsorted(rows, start), table, rows)
-        stretch = gradient[:, [0, 1], [0, 1]]
-        cycles = [
-            Cycle(c.label, *(p[reasons[p] == ""] for p in (c.loading, c.hold, c.unloading)))
-            for c in cycles
-        ]
-    for number in np.unique(phases[rows]):
-        if number not in ("stretch", "hold", "recover"):
-            reasons[rows[phases[rows] == number]] = f"phase {number}"
-    load = np.full((table.rows, 2), np.nan)
-    for k, axis in enumerate("XY"):
-        force = _quantity(table, f"{axis.lower()}force", "force", rows)
-        if force is None:
-            problem = f"no column '{axis}Force_mN'"
-            raise InputError(problem, file=table.path, remedy=table.listing)
-        load[rows, k] = force
-    time, elapsed = _quantity(table, "time", "time", rows), np.full(table.rows, np.nan)
-    if time is not None:
-        elapsed[rows] = time
+        gradient = _deformation_gradient(points, at_start[complete[at_start]], table, rows)
+        stretch = np.sqrt((gradient**2).sum(axis=1))  # |F e_x| and |F e_y|
+    for phase in set(phases[rows]) - set(PHASES):
+        reasons[rows[phases[rows] == phase]] = f"phase {phase}"
+    time = _quantity(table, "time", "time", rows)
     record = Record(
         name=name,
         path=table.path,
         lines=table.lines,
-        stretch=stretch,
-        load=load * choice.signs,
-        time_s=None if time is None else elapsed,
-        gradient=gradient,
+        stretch=_placed(stretch, rows, table.rows),
+        load=_placed(_forces(table, rows) * choice.signs, rows, table.rows),
+        time_s=None if time is None else _placed(time, rows, table.rows),
+        gradient=None if gradient is None else _placed(gradient, rows, table.rows),
         columns=(f"X {source}", f"Y {source}", "XForce", "YForce"),
         stress_pair="force",
-        cycles={name: cycles},
+        cycles={name: [cycle.only(reasons == "") for cycle in cycles]},
         reasons=reasons,
-        notes=(*table.notes, *notes),
+        notes=(*table.notes, note),
         assumptions=(*assumptions, *choice.sign_notes),
     )
-    taken = np.concatenate([c.rows("both") for c in cycles])
+    taken = np.sort(np.concatenate([c.rows("both") for c in record.cycles[name]]))
     if choice.rows is None:
-        ask_about_jumps(record, np.sort(taken))
+        ask_about_jumps(record, taken)
     check_signs(record, taken)
     return record
 
 
+def _placed(values: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """Values of some rows among all rows of a table, NaN elsewhere."""
+    placed = np.full((count, *values.shape[1:]), np.nan)
+    placed[rows] = values
+    return placed
+
+
+def _forces(table: Table, rows: np.ndarray) -> np.ndarray:
+    """Forces in x and y, N."""
+    forces = []
+    for axis in "XY":
+        force = _quantity(table, f"{axis.lower()}force", "force", rows)
+        if force is None:
+            problem = f"no column '{axis}Force_mN'"
+            raise InputError(problem, file=table.path, remedy=table.listing)
+        forces.append(force)
+    return np.column_stack(forces)
+
+
 def _tracked_points(
-    table: Table, start: np.ndarray, rows: np.ndarray, *, required: bool
+    table: Table, at_start: np.ndarray, rows: np.ndarray, *, required: bool
 ) -> np.ndarray | None:
     """Positions of tracked points, shape (n, points, 2), NaN where one is lost."""
     pairs = []
@@ -190,8 +192,7 @@ def _tracked_points(
         points = np.moveaxis(np.array(pairs), 2, 0)
         # Trackers write 0, 0 for a point that they lost.
         points[(points == 0.0).all(axis=2)] = np.nan
-        needed = points[np.searchsorted(rows, start)]
-        if np.isfinite(needed).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
+        if np.isfinite(points[at_start]).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
             return points
     if required:
         problem = "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows"

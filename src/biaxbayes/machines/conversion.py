@@ -48,6 +48,13 @@ class Conversion:
     geometry_given: bool
     records: tuple[Record, ...] = ()
 
+    @property
+    def account(self) -> str:
+        """What became of every row, as the command prints it."""
+        from biaxbayes.machines.account import account
+
+        return "\n".join(account(self))
+
     def __repr__(self) -> str:
         sources = ", ".join(r.source for r in self.recordings)
         return f"Conversion({self.specimen!r} from {sources})"

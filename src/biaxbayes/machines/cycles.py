@@ -37,6 +37,11 @@ class Cycle:
     hold: np.ndarray
     unloading: np.ndarray
 
+    def only(self, kept: np.ndarray) -> Cycle:
+        """The cycle without rows that are left out; `kept` is True for the others."""
+        parts = (self.loading, self.hold, self.unloading)
+        return Cycle(self.label, *(part[kept[part]] for part in parts))
+
     def rows(self, branch: str) -> np.ndarray:
         """Rows of a branch; an unloading branch is reversed, so that it starts at rest."""
         if branch == "both":

@@ -125,52 +125,62 @@ def _converted(
     gauge: Gauge,
 ) -> Record:
     """The table with stretches and loads from their columns; rows left out as far as they can."""
-
-    def scaled(target: str) -> np.ndarray:
-        column = columns[target]
-        assert column.unit is not None
-        values = [table.values(index, rows) for index in column.indices]
-        return np.dot(column.signs, values) * column.unit.factor
-
+    values = {
+        target: np.dot(column.signs, [table.values(i, rows) for i in column.indices])
+        * column.unit.factor
+        for target, column in columns.items()
+        if column.unit is not None
+    }
     pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
-    assumptions = [column.conflict for column in columns.values() if column.conflict]
-    stretches = []
-    for k, axis in enumerate("xy"):
-        column, values = columns[f"stretch_{axis}"], scaled(f"stretch_{axis}")
-        if column.unit is not None and column.unit.quantity in STRAINS:
-            stretches.append(_stretch_from_strain(table, column, column.unit, values, rows))
-            continue
-        stretch, note = _stretch_from_length(table, column, values, rows[0], k, gauge)
-        stretches.append(stretch)
-        assumptions.append(note)
-    stretch = np.column_stack(stretches)
-    _check_per_cent(table, columns, stretch[rows])
+    stretch, notes = _stretches(table, columns, values, rows, gauge)
     gradient = None
     if any(target in columns for target in SHEAR):
         gradient = stretch[:, :, None] * np.eye(2)
         for target, (i, j) in (("shear_xy", (0, 1)), ("shear_yx", (1, 0))):
-            if target in columns:
-                gradient[:, i, j] = scaled(target)
+            gradient[:, i, j] = values.get(target, 0.0)
         if all(target in columns for target in SHEAR):
             # the stretch of a line along x is |F e_x|: a rotation of the specimen leaves it
             stretch = np.sqrt((gradient**2).sum(axis=1))
     targets = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
     read = ", ".join(f"{target} from {column}" for target, column in columns.items())
+    conflicts = [column.conflict for column in columns.values() if column.conflict]
     return Record(
         name="",
         path=table.path,
         lines=table.lines,
         stretch=stretch,
-        load=np.column_stack([scaled(target) for target in STRESS_PAIRS[pair]]) * choice.signs,
-        time_s=scaled("time_s") if "time_s" in columns else None,
+        load=np.column_stack([values[target] for target in STRESS_PAIRS[pair]]) * choice.signs,
+        time_s=values.get("time_s"),
         gradient=gradient,
         columns=tuple(columns[target].name for target in targets),
         stress_pair=pair,
         cycles={},
         reasons=reasons,
         notes=(*table.notes, read),
-        assumptions=(*assumptions, *choice.sign_notes),
+        assumptions=(*conflicts, *notes, *choice.sign_notes),
     )
+
+
+def _stretches(
+    table: Table,
+    columns: Mapping[str, Column],
+    values: Mapping[str, np.ndarray],
+    rows: np.ndarray,
+    gauge: Gauge,
+) -> tuple[np.ndarray, list[str]]:
+    """Stretches in x and y from strains, displacements or distances, and notes on them."""
+    stretches, notes = [], []
+    for k, axis in enumerate("xy"):
+        column, along = columns[f"stretch_{axis}"], values[f"stretch_{axis}"]
+        if column.unit is not None and column.unit.quantity in STRAINS:
+            stretches.append(_stretch_from_strain(table, column, column.unit, along, rows))
+        else:
+            stretch, note = _stretch_from_length(table, column, along, rows[0], k, gauge)
+            stretches.append(stretch)
+            notes.append(note)
+    stretch = np.column_stack(stretches)
+    _check_per_cent(table, columns, stretch[rows])
+    return stretch, notes
 
 
 def _stretch_from_length(

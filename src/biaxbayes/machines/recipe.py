@@ -16,6 +16,8 @@ from biaxbayes.text_files import read_toml
 
 OF_ONE_FILE = ("rows", "specimen")
 """Answers that hold for one file only."""
+OF_ONE_SPECIMEN = ("gauge_x_mm", "gauge_y_mm")
+"""Answers that a recipe may hold, but that are not written: they may differ by specimen."""
 OF_A_LAB = ("geometry", "reference", "load_noise_N", "load_noise_kPa", "stress_limit_kPa")
 """Header keys that hold for all specimens of a lab; edges and thickness do not."""
 FOUND = "found"
@@ -27,7 +29,12 @@ def recipe_text(choice: Choice, header: Mapping[str, Any], result: Conversion) -
     lines = ["# Answers for 'biaxbayes convert FILE --recipe': one line an option"]
     for f in fields(choice):
         value = getattr(choice, f.name)
-        if f.name not in OF_ONE_FILE and value not in (f.default, None, (), False):
+        if f.name not in (*OF_ONE_FILE, *OF_ONE_SPECIMEN) and value not in (
+            f.default,
+            None,
+            (),
+            False,
+        ):
             lines.append(f"{f.name} = {_toml(value)}")
     header_lines = [f"{key} = {_toml(header[key])}" for key in OF_A_LAB if key in header]
     if header_lines:
