@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import zipfile
 from pathlib import Path
 
@@ -26,20 +27,24 @@ def sheets(path: Path) -> dict[str, Sheet]:
             by_name[meta.name] = sheet = sheet_from(rows, f"sheet {meta.name}")
             sheet.unseen = meta.visible != calamine.SheetVisibleEnum.Visible
             cells += sum(map(len, rows))
-    if zipfile.is_zipfile(path) and "xl/workbook.xml" in zipfile.ZipFile(path).namelist():
-        for name, hidden in _hidden_rows(path, cells).items():
-            if name in by_name:
-                by_name[name].hidden += hidden
+    hidden = _hidden_rows(path) if cells <= MOST_CELLS_LOOKED_AT else None
+    for name, sheet in by_name.items():
+        if hidden is None:
+            sheet.notes.append("hidden rows, if there are any, are read: they cannot be told")
+        else:
+            sheet.hidden += hidden.get(name, [])
     return by_name
 
 
-def _hidden_rows(path: Path, cells: int) -> dict[str, list[int]]:
+def _hidden_rows(path: Path) -> dict[str, list[int]] | None:
     """Hidden and filtered rows of an .xlsx by sheet, which calamine does not tell."""
-    if cells > MOST_CELLS_LOOKED_AT:
-        return {}
-    import openpyxl
+    if not zipfile.is_zipfile(path) or "xl/workbook.xml" not in zipfile.ZipFile(path).namelist():
+        return None
+    with contextlib.suppress(Exception):  # it fails on styles that calamine does not read
+        import openpyxl
 
-    return {
-        sheet.title: [row for row, how in sheet.row_dimensions.items() if how.hidden]
-        for sheet in openpyxl.load_workbook(path).worksheets
-    }
+        return {
+            sheet.title: [row for row, how in sheet.row_dimensions.items() if how.hidden]
+            for sheet in openpyxl.load_workbook(path).worksheets
+        }
+    return None
