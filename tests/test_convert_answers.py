@@ -191,6 +191,12 @@ def test_both_of_two_opposite_actuators_count(form, tmp_path):
         }
         gaps = written(tmp_path, lost, "gaps.csv")
         assert "other end" in str(asked(gaps, one, drop_missing=True, **gauge))
+        # the answers are added to the options that were given
+        answers = [next(a for a in question.choices if f"{names[1]}+{names[0]}" in a)]
+        answers += [answers[0].replace("stretch_x", "stretch_y").replace(names[1], names[3])]
+        answers[1] = answers[1].replace(names[0], names[2])
+        texts = (one, *(answer.removeprefix("columns=") for answer in answers))
+        assert is_made_of(read(path, texts, **gauge), table)
     both = "+" if sign > 0 else "-"
     pairs = [f"{names[k]}{both}{names[k - 1]}{given}" for k in (1, 3)]
     assert is_made_of(read(path, mapped((*pairs, *NAMES[2:])), **gauge), table)

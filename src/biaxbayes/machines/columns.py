@@ -85,9 +85,13 @@ class Column:
 
 
 def parse_columns(texts: Sequence[str]) -> dict[str, str]:
-    """Columns by target from ``target=column[:unit],...``; a column name may contain commas."""
+    """Columns by target from ``target=column[:unit],...``; a column name may contain commas.
+
+    A later text replaces the targets of an earlier one, as the answer to a question does.
+    """
     wanted: dict[str, str] = {}
     for text in texts:
+        here: set[str] = set()
         pairs = cells_of(text) if '"' in text else re.split(r",(?=\s*\w+\s*=)", text)
         for pair in (pair for pair in pairs if '"' in text or pair.strip(" ,")):
             target, sign, column = (piece.strip() for piece in pair.partition("="))
@@ -105,9 +109,11 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
                     f"`columns`: unknown target {target[:60]!r}",
                     remedy=f"{hint}targets are {', '.join(TARGETS)}",
                 )
-            if target in wanted and target != IGNORE:
+            if target in here and target != IGNORE:
                 raise InputError(f"`columns`: {target} is given twice", remedy="keep one")
-            wanted[target] = f"{wanted[target]}\n{column}" if target in wanted else column
+            here.add(target)
+            more = f"{wanted[IGNORE]}\n" if target == IGNORE and IGNORE in wanted else ""
+            wanted[target] = more + column
     return wanted
 
 
