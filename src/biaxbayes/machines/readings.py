@@ -43,9 +43,10 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
 
 def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
     without = ranges_without(record.lines, rows)
+    count = int((record.reasons == "").sum())
     gives = {
-        f"rows={without}": f"without {in_lines(record.lines[rows])}",
-        "rows=all": "every row as it is",
+        f"rows={without}": f"{count - rows.size} rows, without {in_lines(record.lines[rows])}",
+        "rows=all": f"all {count} rows, whatever they look like",
     }
     raise Question(problem, gives, file=record.path)
 
