@@ -86,7 +86,7 @@ def convert(
         )
     noise = header.get(f"load_noise_{unit}")
     specimen = Specimen(
-        name=str(header.get("specimen", paths[0].stem)),
+        name=choice.specimen or paths[0].stem,
         protocols=tuple(protocols),
         stress_pair=stress_pair,
         geometry=str(header.get("geometry", "unloaded")),

@@ -202,7 +202,7 @@ HEADER_OPTIONS = {
     "axis_x": "TEXT",
     "axis_y": "TEXT",
     "geometry": "unloaded|mounted",
-    "reference": "common",
+    "reference": "'each protocol'|common",
     "edge_x_mm": "MM",
     "edge_y_mm": "MM",
     "thickness_mm": "MM",
