@@ -236,6 +236,17 @@ def test_specimens_of_one_table_are_never_mixed(form, tmp_path):
         assert "120  another specimen:" in "\n".join(account(result))
 
 
+def test_merged_labels_of_specimens_are_asked_about(tmp_path):
+    tables = [made(), made(material=STIFF)]
+    labels = ["pig 1", *[""] * 59, "pig 2", *[""] * 59]
+    path = written(tmp_path, {"Sample": labels} | table_of(np.concatenate(tables)))
+    assert "specimen_by=Sample" in asked(path).choices
+    assert list(asked(path, specimen_by="Sample").choices) == ["fill_labels=True"]
+    answers = {"specimen_by": "Sample", "fill_labels": True}
+    result = read(path, header={"specimen": "pig 2"}, **answers)
+    assert is_made_of(result, tables[1]) and result.specimen.name == "pig 2"
+
+
 def test_a_column_of_labels_that_separates_nothing_is_ignored_if_said_so(tmp_path):
     table = made()
     path = written(tmp_path, {"Step": [1] * 20 + [2] * 40} | table_of(table))
@@ -483,7 +494,7 @@ def test_preconditioning_in_several_files_or_sheets(several, tmp_path):
     assert is_made_of(read(paths, repeats="protocols", **more), *tables.values())
     assert "cycles=last" in asked(paths, repeats="cycles", **more).choices
     assert is_made_of(read(paths, repeats="cycles", cycles="last", **more), tables["cycle3"])
-    assert is_made_of(read(paths, repeats="cycles", cycles="1", **more), tables["cycle1"])
+    assert is_made_of(read(paths, repeats="cycles", cycles="2", **more), tables["cycle2"])
 
 
 def test_protocols_below_each_other_are_separated_by_their_ratio_if_asked(tmp_path):

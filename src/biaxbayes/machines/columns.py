@@ -416,13 +416,16 @@ def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: froze
             continue
         labels = [cell for cell in table.text(index) if cell.lower() not in MISSING]
         counts = Counter(labels)
-        if not LEAST_LABELS <= len(counts) <= MAX_LABELS or 2 * len(labels) < table.rows:
+        merged = 2 * len(labels) < table.rows and bool(table.text(index)[0])
+        sparse = 2 * len(labels) < table.rows and not merged
+        if not LEAST_LABELS <= len(counts) <= MAX_LABELS or sparse:
             continue
         numbers = all(map(is_number, counts))
         if numbers and not all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts):
             continue
         changes = sum(a != b for a, b in pairwise(labels)) + 1
-        if changes * LEAST_ROWS_OF_LABEL > len(labels) or _is_reading(table, index):
+        often = changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels))
+        if often or _is_reading(table, index):
             continue
         shown = ", ".join(f"{k}: {n} rows" for k, n in list(counts.items())[:6])
         mapped = {

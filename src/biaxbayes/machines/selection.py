@@ -115,7 +115,7 @@ def _chosen(
             },
             file=record.path,
         )
-    if which in (None, "last"):
+    if which in (None, "last") or (choice.repeats == "cycles" and not several):
         return dict(protocols)
     if which == "all":
         return {
@@ -144,10 +144,9 @@ def _in_numbers(protocols: Mapping[str, list[Cycle]]) -> str:
 def _given(record: Record, protocols: Mapping[str, list[Cycle]], number: int) -> str:
     """What a cycle of each protocol would give."""
     parts = [
-        f"{name}: {record.shown(cycles[number].loading)}" if name else
-        record.shown(cycles[number].loading)
+        f"{name}: {record.shown(cycles[number].loading)}".removeprefix(": ")
         for name, cycles in protocols.items()
-    ]  # fmt: skip
+    ]
     return "; ".join(parts[:3]) + (f"; {len(parts) - 3} more" if len(parts) > 3 else "")
 
 
