@@ -356,6 +356,20 @@ def test_rows_apart_in_a_cycled_record_are_asked_about(tmp_path):
     assert result.specimen.protocols[0].rows in (59, 60)
 
 
+@pytest.mark.parametrize("lost", [(17, 24, 1.0), (30, 45, 1.01), (20, 26, 0.9)])
+def test_tracking_that_is_lost_for_a_while_is_no_cycle(lost, tmp_path):
+    first, last, stretch = lost
+    table = made()
+    rows = table.copy()
+    rows[first:last, :2] = stretch
+    path = written(tmp_path, table_of(rows))
+    question = asked(path)
+    answer = next(a for a in question.choices if a.startswith("rows=")).removeprefix("rows=")
+    assert str(first + 2) not in answer.replace(":", ",").split(",")
+    kept = np.delete(table, np.arange(first, last), axis=0)
+    assert is_made_of(read(path, rows=f"2:{first + 1},{last + 2}:61"), kept)
+
+
 def slower_camera(table: np.ndarray) -> np.ndarray:
     held = table.copy()
     held[:, :2] = table[(np.arange(len(table)) // 10) * 10, :2]

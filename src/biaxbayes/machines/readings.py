@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,8 @@ from biaxbayes.tables.question import Question
 
 LOST_LOAD = 0.1
 """Fall of the load, as a fraction of its range, that loading does not explain."""
+FALLS_TOO = 0.3
+"""Fall of the load before a rise over its height, below which the load did not fall."""
 FLAT = 0.25
 """Slope at the end over the mean slope, below which a load no longer follows the stretch."""
 
@@ -49,6 +52,28 @@ def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
         "rows=all": f"all {count} rows, whatever they look like",
     }
     raise Question(problem, gives, file=record.path)
+
+
+def ask_about_falls_of_one(record: Record, rows: np.ndarray, cycles: Sequence[Cycle]) -> None:
+    """Ask for `rows` where the stretch falls back before a rise and the load does not."""
+    total, path = record.load.sum(axis=1), record.stretch.sum(axis=1)
+    noise, lowest = second_difference_scatter(total[rows]), float(total[rows].min())
+    ends = [rows[0], *(int(cycle.loading[-1]) for cycle in cycles)]
+    for end, cycle in zip(ends, cycles, strict=False):
+        low = int(cycle.loading[0])
+        before = rows[(rows >= end) & (rows < low)]
+        if not before.size:
+            continue
+        peak = int(before[path[before].argmax()])
+        fall = path[peak] - path[low] > 2.0 * JUMP * np.ptp(path[rows])
+        load = float(total[peak]) - lowest
+        fell_too = total[peak] - total[low] > FALLS_TOO * load
+        if fall and not fell_too and load > 10.0 * noise:
+            back = cycle.loading[path[cycle.loading] >= path[peak]]
+            lost = np.arange(peak + 1, int(back[0]) if back.size else int(cycle.loading[-1]) + 1)
+            lines = in_lines(record.lines[lost])
+            problem = f"the stretch falls in lines {lines} and the load does not: lost tracking"
+            _ask_for_rows(record, problem, lost)
 
 
 def check_signs(record: Record, rows: np.ndarray) -> None:
