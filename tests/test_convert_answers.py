@@ -424,6 +424,12 @@ def torn(table: np.ndarray) -> np.ndarray:
     return lost
 
 
+def another_gain(table: np.ndarray) -> np.ndarray:
+    changed = table.copy()
+    changed[40:, 2] *= 1.6
+    return changed
+
+
 def slowly_torn(table: np.ndarray) -> np.ndarray:
     lost = table.copy()
     lost[40:, 3] *= np.linspace(1.0, 0.3, 20)
@@ -444,7 +450,7 @@ def saturated_in_one(table: np.ndarray) -> np.ndarray:
 
 
 LOST_LOADS = {
-    torn: "falls", slowly_torn: "falls", saturated: "stays at 0.6",
+    torn: "falls", slowly_torn: "falls", another_gain: "rises at once", saturated: "stays at 0.6",
     saturated_with_noise: "load in x stays at 0.", saturated_in_one: "load in y stays at 0.5",
     creeping: "creep",
 }  # fmt: skip

@@ -19,7 +19,12 @@ from biaxbayes.machines.columns import (
 from biaxbayes.machines.cycles import Cycle, cut, quieter_path
 from biaxbayes.machines.gauge import Gauge
 from biaxbayes.machines.lines import outside
-from biaxbayes.machines.readings import ask_about_falls_of_one, ask_about_jumps, check_signs
+from biaxbayes.machines.readings import (
+    ask_about_falls_of_one,
+    ask_about_jumps,
+    ask_about_steps,
+    check_signs,
+)
 from biaxbayes.machines.record import Record
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.question import Question
@@ -55,6 +60,7 @@ def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
         of_protocol = rows[protocols[rows] == name]
         if choice.rows is None:
             ask_about_jumps(record, of_protocol)
+            ask_about_steps(record, of_protocol)
         check_signs(record, of_protocol)
         record.cycles[name] = _cycles(record, of_protocol, labels.get("cycle"), table)
         if choice.rows is None:

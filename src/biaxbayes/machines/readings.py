@@ -13,7 +13,7 @@ from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
 from biaxbayes.machines.lines import in_lines, ranges_without
 from biaxbayes.machines.record import Record, Recording
-from biaxbayes.specimens.branches import JUMP, SIDES, repeats, rows_apart
+from biaxbayes.specimens.branches import JUMP, SIDES, STEEP, repeats, rows_apart
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
 from biaxbayes.tables.question import Question
@@ -42,6 +42,36 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
         which = " and ".join(side for side, jumps in sides.items() if jumps)
         problem = f"the {which} jumps in {in_lines(record.lines[apart])} (lines of the file)"
         _ask_for_rows(record, problem, apart)
+
+
+def ask_about_steps(record: Record, rows: np.ndarray) -> None:
+    """Ask where a load changes at once and stays so, although the stretch goes on evenly."""
+    path, load = record.stretch[rows].sum(axis=1), record.load[rows]
+    if rows.size < 4 * LEAST_ROWS:
+        return
+    way = np.pad(np.sign(np.diff(path)), 1)
+    onward = (way[:-2] == way[1:-1]) & (way[1:-1] == way[2:]) & (way[1:-1] != 0.0)
+    even = onward & (_step_over_others(path) < STEEP)  # no turn of the stretch, where loads fall
+    for k, curve in enumerate(load.T):
+        step = np.abs(np.diff(curve))
+        limit = max(LOST_LOAD * float(np.ptp(load)), 10.0 * second_difference_scatter(curve))
+        at = np.flatnonzero(even & (step > limit) & (_step_over_others(curve) > 1.5 * STEEP))
+        if at.size:
+            row = int(at[0])
+            verb = "falls" if curve[row + 1] < curve[row] else "rises"
+            problem = (
+                f"the load in {'xy'[k]} {verb} at once behind line {record.lines[rows[row]]} while "
+                "the stretch goes on evenly: a tear, a slip, or another gain"
+            )
+            _ask_for_rows(record, problem, rows[row + 1 :])
+
+
+def _step_over_others(curve: np.ndarray) -> np.ndarray:
+    """Each step of a curve over the largest of the two before and after it."""
+    step = np.abs(np.diff(curve))
+    padded = np.pad(step, 2)
+    others = np.max([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]], axis=0)
+    return step / np.maximum(others, 1e-9 * max(float(np.ptp(curve)), 1e-300))
 
 
 def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
