@@ -9,7 +9,8 @@ from __future__ import annotations
 import argparse
 import inspect
 import sys
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -25,28 +26,62 @@ WORDS = PAGE.with_name("glossary.md")
 SPECIMEN_FILE = PAGE.with_name("specimen-file.md")
 HEAD = """# Command line
 
-Every verb with its options; `biaxbayes VERB --help` prints the same. Exit codes: 0 done, 2 an
-input, option or file that cannot be used, 3 ran but the result cannot be trusted; 70 a defect of
-the program; 128 and the number of the signal where one stopped it (130: Ctrl-C).
-
-| verb | |
-|---|---|
+This page lists every verb with its options; `biaxbayes VERB --help` adds files and examples.
+Exit codes: 0 done, 2 an input, option or file that cannot be used, 3 ran but the result cannot be
+trusted; 70 a defect of the program; 128 and the number of the signal where one stopped it (130:
+Ctrl-C).
 """
 
 
-def section(verb: str) -> str:
+SHARED, SHARED_ID = 3, "options-of-several-verbs"
+"""Verbs from which an option is explained once; the heading where it is."""
+
+
+def section(verb: str, common: Sequence[str] = ()) -> str:
     """The reference of one verb: usage, what it does, its options."""
     command = group.get_command(click.Context(group), verb)
     assert command is not None
     context = click.Context(command, info_name=f"biaxbayes {verb}")
     usage = " ".join(["biaxbayes", verb, *command.collect_usage_pieces(context)])
-    parts = [f"## {verb}", f"```text\n{usage}\n```"]
-    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
-        lines = [line.strip() for line in paragraph.strip().splitlines()]
-        # click's mark of a paragraph that keeps its lines: examples
-        kept = lines[0] == "\b"
-        parts.append("```text\n" + "\n".join(lines[1:]) + "\n```" if kept else "\n".join(lines))
-    return "\n\n".join([*parts, "\n".join(_options(command, context))])
+    parts = [f"## {verb}", f"`{usage}`"]
+    first, *_ = inspect.cleandoc(command.help or "").split("\n\n")
+    parts.append(first)
+    lines = _options(command, context)
+    keys = [line for line in lines if verb == "convert" and _is_of_header(line)]
+    lines = [line for line in lines if line not in keys]
+    own = [line for line in lines if line not in common]
+    shared = ", ".join(f"`{_name(line)}`" for line in lines if line in common)
+    if keys:
+        names = ", ".join(f"`{_name(line)}`" for line in keys)
+        own.append(f"- [header keys](specimen-file.md#header-keys) of the file: {names}")
+    if shared:
+        own.append(f"- as [above](#{SHARED_ID}): {shared}")
+    return "\n\n".join([*parts, "\n".join(own)])
+
+
+def _is_of_header(line: str) -> bool:
+    """Whether an option writes a header key, which the page of the specimen file explains."""
+    key = KEYS.get(_name(line)[2:].replace("-", "_"))
+    return key is not None and f": {key.meaning}".lower() in line.lower()
+
+
+def shared_options() -> list[str]:
+    """Lines of options that several verbs have; of each name the most frequent one, if one is."""
+    count: Counter[str] = Counter()
+    for verb in VERBS:
+        command = group.get_command(click.Context(group), verb)
+        assert command is not None
+        count.update(_options(command, click.Context(command, info_name=f"biaxbayes {verb}")))
+    by_name: dict[str, list[int]] = {}
+    for line, verbs in count.items():
+        by_name.setdefault(_name(line), []).append(verbs)
+    most = {name: max(n) if n.count(max(n)) == 1 else 0 for name, n in by_name.items()}
+    return [line for line, verbs in count.items() if verbs == most[_name(line)] >= SHARED]
+
+
+def _name(line: str) -> str:
+    """The option of a line, without its value."""
+    return line.split("`")[1].split()[0].rstrip(",")
 
 
 def _options(command: click.Command, context: click.Context) -> list[str]:
@@ -62,8 +97,10 @@ def _options(command: click.Command, context: click.Context) -> list[str]:
 
 def page() -> str:
     """The whole page."""
-    verbs = "".join(f"| [{verb}](#{verb}) | {words} |\n" for verb, words in VERBS.items())
-    return HEAD + verbs + "\n" + "\n\n".join(section(verb) for verb in VERBS) + "\n"
+    common = shared_options()
+    shared = "## Options of several verbs\n\n" + "\n".join(common)
+    sections = (section(verb, common) for verb in VERBS)
+    return "\n\n".join([HEAD.rstrip(), shared, *sections]) + "\n"
 
 
 COMMON = {
@@ -72,8 +109,24 @@ COMMON = {
     *("above zero, below zero", "no verdict, fixed", "median, 90 % interval"),
     *("residual, misfit", "Cauchy stress, nominal stress", "sd between", "verdict"),
     *("convergence", "donor effect", "density of what was left out", "population, group"),
+    *("fixed", "P(larger)", "posterior", "prior", "runs", "structure tensor", "trades with"),
+    *("not identified", "only in combination", "bounded", "identified", "no verdict"),
+    "converged, tentative, unusable",
+    "difference in sd",
+    "Kolmogorov",
+    *("ensembles, walkers, steps", "credible band", "predictive band", "stresses to report"),
+    *("alone, pooled", "typical donor", "sd of donors, sd of specimens", "new specimen"),
+    *("new donor", "weight of a law", "mounting stretch", "other laws"),
 }
-"""Terms that reports explain and a reader of the documentation need not look up."""
+"""Terms that reports explain, and which are common or stand on other pages."""
+
+
+ABOUT_TERMS = """# Glossary
+
+This page explains terms of reports and tables. Verdicts, bands and stresses are in
+[What to report](what-to-report.md), states of a run in [the model](model.md#sampling).
+
+"""
 
 
 def glossary() -> str:
@@ -82,7 +135,8 @@ def glossary() -> str:
     terms = "".join(f"| {term} | {words} |\n" for term, words in known if term not in COMMON)
     fits = "".join(f"| `{term}` | {words} |\n" for term, words in FIT_DESCRIPTIONS.items())
     return (
-        f"# Glossary\n\n| term | meaning |\n|---|---|\n{terms}\n## The deterministic fits\n\n"
+        f"{ABOUT_TERMS}"
+        f"| term | meaning |\n|---|---|\n{terms}\n## The deterministic fits\n\n"
         f"| fit | what it does |\n|---|---|\n{fits}\n{WHICH_FIT}\n"
     )
 

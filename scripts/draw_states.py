@@ -171,8 +171,8 @@ def method_figure() -> Figure:
             ax,
             (63, 63, 117, 82),
             "Least-squares fit",
-            "starting point of the sampler;\nthe residuals give the number of\n"
-            "independent readings $n_{\\mathrm{eff}}$",
+            "starting point of the sampler;\nits smooth loads are what the misfit\n"
+            "of the law is relative to",
         )
         box(
             ax,
@@ -189,7 +189,7 @@ def method_figure() -> Figure:
             "solve the balance $A_0 P(\\theta, \\lambda_\\mathrm{m}) = p_0$ "
             "for the mounting stretch $\\lambda_\\mathrm{m}$\n"
             "compute the forces at the total stretches $l\\,\\lambda_\\mathrm{m}$\n"
-            "compare them with the readings, weighted by $n_{\\mathrm{eff}}/n$",
+            "compare them with the readings: smooth misfit of the law, and noise",
         )
         box(
             ax,
@@ -201,15 +201,15 @@ def method_figure() -> Figure:
         box(
             ax,
             (2, 3, 56, 22),
-            "Fits of all laws",
-            "least squares, also to parts of the\nrecord: do they agree on the mounting\n"
-            "stretch? by how much does the law miss?",
+            "Fits of other laws",
+            "least squares: does another law\ndescribe the record, and contradict?\n"
+            "It may take a verdict away",
         )
         box(
             ax,
             (63, 3, 117, 22),
             "Reported table",
-            "per parameter one interval or bound\nand one verdict: identified, bounded,\n"
+            "per parameter median, interval or\nbound, and verdict: identified, bounded,\n"
             "only in combination, not identified",
         )
         box(

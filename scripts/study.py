@@ -1,7 +1,7 @@
 """Run one of the studies behind the pages of ``docs/``.
 
     python scripts/study.py                 lists them
-    python scripts/study.py toes --help
+    python scripts/study.py laws --help
 
 A study is a file of ``scripts/studies/``, or a folder with a ``study.py``, that has a ``main()``.
 """

@@ -4,6 +4,10 @@ Nothing of the product is used but the fields of a specimen. Stresses are comple
 of Eq. 5 of the paper, the mounted state is found by SciPy's solver, changes of variables are
 finite differences, and priors are those of ``scipy.stats``. What has no density here is decided
 here as well: the product is never asked.
+
+The errors of the readings are independent, or the noise of the load cell with a smooth misfit of
+the law. For the latter the covariance of all readings is written out for every structure,
+amplitude and toe, and the likelihood is the mean of as many multivariate normal densities.
 """
 
 from __future__ import annotations
@@ -14,11 +18,14 @@ import json
 import math
 import os
 import pickle
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.optimize import root
+from scipy.special import logsumexp
 from scipy.stats import lognorm, norm, truncnorm, uniform
 
 from biaxbayes.specimens.specimen import Protocol, Specimen
@@ -26,7 +33,7 @@ from biaxbayes.specimens.specimen import Protocol, Specimen
 STEP = 1e-30  # of a complex-step derivative
 LOWEST, HIGHEST = 0.3, 4.0  # mounting stretches lie between
 EDGE = 0.1  # in log stretch, of either end
-IN_LOGS = ("C1", "k1", "k2", "noise_sd", "noise_growth")
+IN_LOGS = ("C1", "k1", "k2", "noise_sd")
 MATERIAL = ("C1", "k1", "k2", "alpha", "kappa")
 RANGES = {"alpha": (0.0, 90.0), "kappa": (0.0, 1 / 3)}
 """Physical ranges that no prior widens."""
@@ -200,7 +207,6 @@ def default_priors(specimen):
         "alpha": {"distribution": "uniform", "low": 0.0, "high": 90.0},
         "kappa": {"distribution": "uniform", "low": 0.0, "high": 1 / 3},
         "noise_sd": lognormal(0.005 * peak, 1.5),
-        "noise_growth": lognormal(0.03, 1.0),
     }
     known = specimen.metadata
     for axis in "xy":
@@ -267,6 +273,102 @@ def rows_of(load, stretch, rows):
     return np.array(means).T, np.array(places).T, np.array(scatters).T, n / groups
 
 
+# --- the smooth misfit of the law ------------------------------------------------------------
+
+AMPLITUDES = [0.002 * 200 ** (i / 9) for i in range(10)]  # 0.002 to 0.4, evenly in logs
+TOE_LENGTH = 0.4
+NOISE = [(1.0, 0.85), (2.0, 0.1), (4.0, 0.04), (8.0, 0.01)]
+"""Factors of the load cell's noise, and their weights."""
+LEAST_NOISE = 1e-4  # of a reading, of the largest load
+
+
+def in_groups(values, most):
+    """Means along the last axis of at most so many groups of neighbours, and their sizes."""
+    n = values.shape[-1]
+    count = min(n, most)
+    member = [[j for j in range(n) if j * count // n == i] for i in range(count)]
+    return np.stack([values[..., m].mean(axis=-1) for m in member], axis=-1), [*map(len, member)]
+
+
+def amplitude_weights():
+    """A half-normal density of sd 0.05 over even steps of ln a, made to sum to one."""
+    weight = np.array([a * math.exp(-0.5 * (a / 0.05) ** 2) for a in AMPLITUDES])
+    return weight / weight.sum()
+
+
+def correlations(protocols):
+    """Correlation of the misfit at two places, for each structure.
+
+    A place is (protocol, axis, position on the path, its two coordinates in the plane).
+    """
+
+    def bell(d):
+        return math.exp(-d * d / 2)
+
+    def cusp(d):
+        return (1 + math.sqrt(3) * d) * math.exp(-math.sqrt(3) * d)
+
+    def along(shape, length, related):
+        def correlation(a, b):
+            if a[0] != b[0]:
+                return 0.0
+            return (1.0 if a[1] == b[1] else related) * shape(abs(a[2] - b[2]) / length)
+
+        return correlation
+
+    def over_plane(length):
+        def correlation(a, b):
+            return bell(math.dist(a[3:], b[3:]) / length) if a[1] == b[1] else 0.0
+
+        return correlation
+
+    lengths = (0.15, 0.3, 0.6, 1.0, 1.5)
+    out = []
+    for related in (0.0, 0.9):
+        out += [along(bell, length, related) for length in lengths]
+        out += [along(cusp, length, related) for length in (0.3, 0.8)]
+    if protocols > 1:
+        out += [over_plane(length) for length in lengths]
+    return out
+
+
+@dataclass
+class Places:
+    """Places of n readings on the curves: where they are and what a misfit is relative to there."""
+
+    place: list  # of (protocol, axis, path, plane x, plane y)
+    load: np.ndarray
+    peak: np.ndarray
+
+    def __add__(self, other):
+        return Places(
+            self.place + other.place,
+            np.concatenate([self.load, other.load]),
+            np.concatenate([self.peak, other.peak]),
+        )
+
+    def smooth(self, correlation, other):
+        """D K D between these places and others, of a misfit of amplitude one."""
+
+        def scale(of):
+            return np.sqrt(of.load**2 + (0.05 * of.peak) ** 2)
+
+        K = np.array([[correlation(a, b) for b in other.place] for a in self.place])
+        return scale(self)[:, None] * K * scale(other)
+
+    def toe(self, size, other):
+        """Between these places and others: a bell of length 1 over the plane of each axis."""
+
+        def shape(of):
+            return of.load * np.exp(-np.array([p[2] for p in of.place]) / TOE_LENGTH)
+
+        G = [
+            [(a[1] == b[1]) * math.exp(-(math.dist(a[3:], b[3:]) ** 2) / 2) for b in other.place]
+            for a in self.place
+        ]
+        return size**2 * np.array(G) * np.outer(shape(self), shape(other))
+
+
 # --- the posterior ---------------------------------------------------------------------------
 
 
@@ -275,15 +377,17 @@ class PlainPosterior:
     """Log density of natural parameters, in ln of the positive ones and alpha in radians.
 
     ``priors`` are those of a priors file: a number is fixed, text is a tie, a table is a
-    distribution.
+    distribution. ``smooth`` is what the smooth loads are those of, that a misfit is relative to: a
+    material, and mounting stretches where they are unknowns.
     """
 
     specimen: Specimen
     mounting: str = "noisy"
     per_protocol: bool = False
-    growth: bool = False
+    noise: str = "independent"
+    toe: float = 0.2
+    smooth: dict | None = None
     switch: bool = False
-    beta: float = 1.0
     determinant: bool = True
     thin: int = 0
     priors: dict = field(default_factory=dict)
@@ -297,8 +401,8 @@ class PlainPosterior:
                 stated[name] = within(value, *RANGES.get(name, (-math.inf, math.inf)))
             else:
                 stated[name] = value
-        if not self.growth:
-            del stated["noise_growth"]
+        if self.noise == "misfit":
+            del stated["noise_sd"]
         self.stated = stated
         self.remote = ""
 
@@ -346,7 +450,7 @@ class PlainPosterior:
     def complete(self, values):
         """The unknowns with all that is fixed, tied or left at its nominal value."""
         v = {"edge_x": 1.0, "edge_y": 1.0, "thickness": 1.0}
-        v |= {"load_offset_x": 0.0, "load_offset_y": 0.0, "noise_growth": 0.0} | values
+        v |= {"load_offset_x": 0.0, "load_offset_y": 0.0} | values
         for name, stated in self.stated.items():
             if not isinstance(stated, dict | str):
                 v[name] = stated
@@ -377,54 +481,166 @@ class PlainPosterior:
     def log_likelihood(self, values):
         """Of the mounting readings, with the priors of the mounted state, and of the curves."""
         v = self.complete(values)
-        specimen, mounted = self.specimen, self.specimen.geometry == "mounted"
-        theta = (v["C1"], v["k1"], v["k2"], math.radians(v["alpha"]), v["kappa"])
-        section = np.ones(2)
-        if specimen.stress_pair == "force":  # kPa mm^2 = 1e-3 N
-            edges = np.array([specimen.edge_y_mm, specimen.edge_x_mm])
-            section = edges * specimen.thickness_mm / 1000
-        section = section * [v["edge_y"] * v["thickness"], v["edge_x"] * v["thickness"]]
+        section = self.section * [v["edge_y"] * v["thickness"], v["edge_x"] * v["thickness"]]
         if not np.all(section > 0):
             return -math.inf
-        offset = np.array([v["load_offset_x"], v["load_offset_y"]])
-        total, stretches = 0.0, []
+        theta, offset = theta_of(v), np.array([v["load_offset_x"], v["load_offset_y"]])
+        mounted = self.specimen.geometry == "mounted"
+        total, stretches, missed = 0.0, [], []
         for m, tail in enumerate(self.labels):
-            log, lm = self.mounted_state(m, tail, v, theta, section, mounted, offset)
+            log, lm, p0 = self.mounted_state(m, tail, v, theta, section, mounted, offset)
             if lm is None or not math.isfinite(log):
                 return -math.inf
             total += log
             stretches.append(lm)
-        for i, p in enumerate(specimen.protocols):
+            if self.reads_force:
+                missed.append(self.reading(m)[0] - p0 - offset)
+        curves = []
+        for i, (load, stretch, _, _) in enumerate(self.curves):
             lm = stretches[i if self.per_protocol else 0]
-            load = readings(specimen, p)
+            model = carried(theta, lm, stretch, section, mounted, self.switch)
+            curves.append(load - model - offset[:, None])
+        if self.noise == "misfit":
+            return total + self.log_misfit(missed, curves)
+        for m, miss in enumerate(missed):
+            total += norm.logpdf(miss, scale=self.reading(m)[1]).sum()
+        for miss, (_, _, scatter, weight) in zip(curves, self.curves, strict=True):
+            sd = v["noise_sd"]
+            total += weight * (norm.logpdf(miss, scale=sd) - 0.5 * scatter / sd**2).sum()
+        return total
+
+    @property
+    def section(self):
+        """Load per kPa by the dimensions of the file, shape (2,)."""
+        if self.specimen.stress_pair != "force":  # kPa mm^2 = 1e-3 N
+            return np.ones(2)
+        edges = np.array([self.specimen.edge_y_mm, self.specimen.edge_x_mm])
+        return edges * self.specimen.thickness_mm / 1000
+
+    @property
+    def reads_force(self):
+        """Whether the mounting forces are readings with an error."""
+        return self.mounting in ("noisy", "free")
+
+    @property
+    def curves(self):
+        """(load, stretch, scatter, weight) of each protocol after its rows at rest."""
+        out = []
+        for p in self.specimen.protocols:
+            load = readings(self.specimen, p)
             if self.mounting == "zeroed":
                 load = load - load[:, : p.rest_rows].mean(axis=1)[:, None]
             stretch = np.array([p.stretch_x, p.stretch_y])[:, p.rest_rows :]
-            load, stretch, scatter, weight = rows_of(load[:, p.rest_rows :], stretch, self.thin)
-            mean = carried(theta, lm, stretch, section, mounted, self.switch)
-            sd = np.sqrt(v["noise_sd"] ** 2 + (v["noise_growth"] * mean) ** 2)
-            logs = norm.logpdf(load, mean + offset[:, None], sd) - 0.5 * scatter / sd**2
-            total += self.beta * weight * logs.sum()
-        return total
+            out.append(rows_of(load[:, p.rest_rows :], stretch, self.thin))
+        return out
+
+    # --- the smooth misfit ---
+
+    @property
+    def most(self):
+        """Readings of a curve at most, 64 in all in one direction but from 20 to 32."""
+        return min(max(64 // len(self.specimen.protocols), 20), 32)
+
+    def log_misfit(self, missed, curves):
+        """Log likelihood of what a law misses: of mounting readings, and of rows (2, n)."""
+        means = [in_groups(miss, self.most)[0].ravel() for miss in curves]
+        r = np.concatenate([*missed, *means])
+        if not np.all(np.isfinite(r)):
+            return -math.inf
+        logs = []
+        for log_weight, root_of, log_det in self.normals:
+            z = solve_triangular(root_of, r, lower=True)
+            logs.append(log_weight - 0.5 * (z @ z + log_det + len(r) * math.log(2 * math.pi)))
+        return float(logsumexp(logs))
+
+    @cached_property
+    def normals(self):
+        """(log weight, Cholesky factor, log determinant) of each covariance of all readings."""
+        out = []
+        for weight, covariance in self.hypotheses():
+            root_of = np.linalg.cholesky(covariance)
+            out.append((math.log(weight), root_of, 2 * np.log(np.diag(root_of)).sum()))
+        return out
+
+    def hypotheses(self):
+        """(weight, covariance of all readings) of each structure, noise and amplitude."""
+        at, reading, sd = self.observed
+        known = correlations(len(self.specimen.protocols))
+        toe = reading @ at.toe(self.toe, at) @ reading.T
+        for correlation in known:
+            smooth = reading @ at.smooth(correlation, at) @ reading.T
+            for factor, share in NOISE:
+                noise = np.diag((factor * sd) ** 2)
+                weights = share * amplitude_weights() / len(known)
+                for weight, amplitude in zip(weights, AMPLITUDES, strict=True):
+                    yield weight, amplitude**2 * smooth + toe + noise
+
+    @cached_property
+    def observed(self):
+        """Places; what readings are as means over them; their sd by the load cell's noise."""
+        starts = self.states if self.reads_force else []
+        protocols = self.specimen.protocols
+        least = LEAST_NOISE * max(np.abs(readings(self.specimen, p)).max() for p in protocols)
+        sd = [np.maximum(self.reading(m)[1], least) for m in range(len(starts))]
+        noise, n = max(self.specimen.load_noise, least), 2 * len(starts)
+        rows, at = [], Places([], np.zeros(0), np.zeros(0))
+        for i, (_, stretch, _, weight) in enumerate(self.curves):
+            # the mounted state, in x and y
+            first = len(at.place)
+            at = at + self.places(i, np.ones((2, 1)), np.zeros(1))
+            for k in range(2 if starts else 0):
+                state = i if self.per_protocol else 0
+                shared_by = 1 if self.per_protocol else len(self.specimen.protocols)
+                rows.append((2 * state + k, first + k, 1 / shared_by))
+            # the readings
+            means = self.places(i, stretch, positions(stretch))
+            _, size = in_groups(stretch, self.most)
+            sd.append(noise / np.sqrt(weight * np.array([*size, *size])))
+            for k in range(2 * len(size)):
+                rows.append((n + k, len(at.place) + k, 1.0))
+            n += 2 * len(size)
+            at = at + means
+        reading = np.zeros((n, len(at.place)))
+        for row, column, share in rows:
+            reading[row, column] = share
+        return at, reading, np.concatenate(sd)
+
+    def places(self, i, stretch, path):
+        """Places of protocol i at measured stretches (2, n), rows in groups; x, then y."""
+        theta, mounted = theta_of(self.smooth), self.specimen.geometry == "mounted"
+        lm = np.ones(2)
+        if self.mounting in ("noisy", "exact", "free"):
+            tail = self.labels[i if self.per_protocol else 0]
+            lm = np.array([self.smooth[f"mounting_stretch_{axis}{tail}"] for axis in "xy"])
+
+        def smooth_load(at):
+            return carried(theta, lm, at, self.section, mounted, self.switch)
+
+        rows = [np.array([p.stretch_x, p.stretch_y]) for p in self.specimen.protocols]
+        span = np.max([np.abs(np.log(x)).max(axis=1) for x in rows], axis=0)
+        peak = np.abs(smooth_load(rows[i])).max(axis=1)
+        q, _ = in_groups(smooth_load(stretch), self.most)
+        where, _ = in_groups(np.vstack([path, np.log(stretch) / span[:, None]]), self.most)
+        place = [(i, k, *where[:, j]) for k in (0, 1) for j in range(q.shape[1])]
+        return Places(place, q.ravel(), np.repeat(peak, q.shape[1]))
 
     def mounted_state(self, m, tail, v, theta, section, mounted, offset):
-        """(log density, lm) of one mounted state."""
+        """(log density, lm, p0) of one mounted state, without the likelihood of its readings."""
         if self.mounting in ("ignored", "zeroed"):
-            return 0.0, np.ones(2)
-        reading, sd = self.reading(m)
+            return 0.0, np.ones(2), np.zeros(2)
         total = 0.0
         if self.mounting == "free":
             lm = np.array([v[f"mounting_stretch_{axis}{tail}"] for axis in "xy"])
             if not (inside_bracket(lm) and is_stable(theta, lm, section, mounted, self.switch)):
-                return -math.inf, None
+                return -math.inf, None, None
             p0 = mounting_load(theta, lm, section, mounted, self.switch)
         else:
-            p0 = reading - offset
+            p0 = self.reading(m)[0] - offset
             if self.mounting == "noisy":
                 p0 = np.array([v[f"mounting_force_{axis}{tail}"] for axis in "xy"])
             lm, led = mounting_root(theta, p0, section, mounted, self.switch)
             if lm is None:
-                return -math.inf, None
+                return -math.inf, None, None
             if not led:
                 self.remote = "no load path"
             elif near_the_edge(lm):
@@ -436,9 +652,7 @@ class PlainPosterior:
             stated = self.stated[f"mounting_stretch_{axis}"]
             if isinstance(stated, dict):
                 total += log_prior(stated, lm[k])
-            if self.mounting != "exact":
-                total += norm.logpdf(reading[k], p0[k] + offset[k], sd[k])
-        return total, lm
+        return total, lm, p0
 
     def reading(self, m):
         """Mounting load of state m and its sd: one protocol's, or the mean of all."""
@@ -452,6 +666,22 @@ class PlainPosterior:
         return loads.mean(axis=0), np.maximum(sd, scatter)
 
 
+def theta_of(values):
+    """C1, k1, k2, alpha in radians and kappa."""
+    return (
+        *(values[n] for n in ("C1", "k1", "k2")),
+        math.radians(values["alpha"]),
+        values["kappa"],
+    )
+
+
+def positions(stretch):
+    """Length of the path of measured stretches (2, n) up to each, from 0 as mounted to 1."""
+    steps = np.diff(np.hstack([np.ones((2, 1)), stretch]), axis=1)
+    path = np.cumsum(np.hypot(*steps))
+    return path / path[-1]
+
+
 def densities(plain: PlainPosterior, points) -> list[tuple[float, str]]:
     """Log density at each point and why its mounted state is ``remote``.
 
@@ -459,7 +689,8 @@ def densities(plain: PlainPosterior, points) -> list[tuple[float, str]]:
     study, the environment's BIAXBAYES_PLAIN_DENSITIES names a folder to keep them in.
     """
     folder = os.environ.get("BIAXBAYES_PLAIN_DENSITIES")
-    key = hashlib.sha256(pickle.dumps((vars(plain), points))).hexdigest()
+    stated = {f.name: getattr(plain, f.name) for f in fields(plain)}
+    key = hashlib.sha256(pickle.dumps((stated, points))).hexdigest()
     kept = Path(folder or ".") / f"{key}.json"
     if folder and kept.exists():
         return json.loads(kept.read_text())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -12,6 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from biaxbayes.fitting.result import FitResult, fit_from_record
+from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
@@ -104,6 +106,20 @@ def sampled(
     target, state, chains = cached((data, ess, seed, walkers, sorted(options.items())), find)
     draws = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
     return Sampled(target, draws, state, chains)
+
+
+def stated_fit(
+    values: Mapping[str, float],
+    stretches: Sequence[tuple[float, float]] = ((1.0, 1.0),),
+    *,
+    fibre_switch: bool = False,
+) -> FitResult:
+    """A fit of stated GOH parameters and mounting stretches, one pair per mounted state."""
+    law = law_named("goh", fibre_switch=fibre_switch)
+    record: dict[str, Any] = {p.label: values[p.name] for p in law.parameters}
+    for k, axis in enumerate("xy"):
+        record[f"mounting_stretch_{axis}"] = [pair[k] for pair in stretches]
+    return fit_from_record(record | {"method": "stated", "converged": True}, law, len(stretches))
 
 
 @contextlib.contextmanager

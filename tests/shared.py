@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from biaxbayes.file_lock import try_lock
+from filelock import FileLock
 
 _PLACE: list[Path] = []
 
@@ -24,9 +23,7 @@ def use(folder: Path) -> None:
 def made_once(name: str, make: Callable[[Path], object]) -> Path:
     """Path that ``make`` is to fill, filled already where another test needed it."""
     path, done = _PLACE[0] / name, _PLACE[0] / f"{name}.done"
-    with (_PLACE[0] / f"{name}.lock").open("w") as lock:
-        while not try_lock(lock.fileno()):
-            time.sleep(0.05)
+    with FileLock(_PLACE[0] / f"{name}.lock"):
         if not done.exists():
             make(path)
             done.touch()

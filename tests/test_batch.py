@@ -246,7 +246,7 @@ def test_a_foreign_folder_is_left_alone(study, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["study.toml", "--noise", "effective"], "--noise is for CSV files"),
+        (["study.toml", "--noise", "misfit"], "--noise is for CSV files"),
         (["study.toml", "--ess", "100"], "under ess"),
         (["study.toml", "media.csv"], "a study file cannot be combined"),
         (["none.toml"], "no such file"),
@@ -358,8 +358,8 @@ BAD = {
     "seed = -1\n" + A: "seed must be a whole number from 0",
     "ess = true\n" + A: "ess must be a number",
     'options = "x"\n' + A: "options must be a table",
-    "[options]\nnoise = 'efective'\n" + A: "options: noise must be one of effective,",
-    "[options]\nnois = 'effective'\n" + A: "'nois' is not a key of options",
+    "[options]\nnoise = 'misfitt'\n" + A: "options: noise must be one of misfit,",
+    "[options]\nnois = 'misfit'\n" + A: "'nois' is not a key of options",
     "[options]\nfibre_switch = 1\n" + A: "options: fibre_switch must be true or false",
     "[priors]\nkapa = 0.1\n" + A: "priors: unknown parameter 'kapa'",
     "[[specimen]]\n": "specimen 1: file must be the path",

@@ -33,6 +33,7 @@ from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.model.misfit import AMPLITUDES, NOISE_WEIGHTS, log_amplitude_weights, structures
 from biaxbayes.model.priors import Prior, Tie, read_priors
 from biaxbayes.options import Settings
 from biaxbayes.parallel import Processes
@@ -53,7 +54,6 @@ OPTIONS = {
     "mounting": "noisy",
     "noise": "independent",
     "mounting_stretch": "shared",
-    "noise_growth": False,
     "fibre_switch": False,
 }
 
@@ -69,10 +69,11 @@ def media(rows: int = 101) -> Specimen:
 
 def study(specimen: Specimen | None = None, broken: str = "", **options: object) -> Study:
     specimen = specimen or media(21)
+    given = {**OPTIONS, **options}
     return Study(
         specimen,
-        {**OPTIONS, **options},
-        protocol_prior(specimen, Settings(**options)),
+        given,
+        protocol_prior(specimen, Settings(**given)),
         seed=3,
         ess=200,
         max_steps=384,
@@ -321,6 +322,40 @@ def test_mounting_reading_scatters_by_the_load_noise_and_rows_by_the_true_sd():
     assert kstest(rows, norm.cdf).pvalue > 1e-3
 
 
+@pytest.mark.parametrize("mounting_stretch", ["shared", "per-protocol"])
+def test_residuals_of_simulated_readings_have_the_covariance_of_the_likelihood(mounting_stretch):
+    """Two protocols, with mounted states that their readings share and do not."""
+    one = media(21)
+    p = one.protocols[0]
+    second = replace(p, name="2", stretch_x=1.0 + 0.5 * (p.stretch_x - 1.0))
+    specimen = replace(one, protocols=(p, second))
+    the_study = study(specimen, noise="misfit", mounting_stretch=mounting_stretch)
+    model, rng = the_study.model(), np.random.default_rng(9)
+    truth, _ = draw_truth(model, rng)
+    table = pd.DataFrame([truth])
+    residuals = []
+    for _ in range(400):
+        simulated = simulate_specimen(model, truth, rng)
+        posterior = type(model)(
+            simulated, **model.options(), fit=model.fit, misfit_fit=model.misfit_fit
+        )
+        residuals.append(posterior.residuals(table)[0])
+    found = np.array(residuals)
+    misfit = model.misfit
+    points = misfit.points
+    weight = np.exp(log_amplitude_weights())
+    expected = np.average(misfit.toe_and_noise, axis=0, weights=NOISE_WEIGHTS)
+    for structure in structures(misfit.protocols):
+        between = structure.covariance(points, points) * (weight @ AMPLITUDES**2)
+        expected += misfit.reading @ between @ misfit.reading.T / len(structures(2))
+    # one sd of a variance of normal numbers whose scale varies is about 0.1
+    np.testing.assert_allclose((found**2).mean(axis=0) / np.diag(expected), 1.0, atol=0.4)
+    assert abs((found**2).mean(axis=0) / np.diag(expected) - 1.0).mean() < 0.2
+    correlation = (found.T @ found / 400) / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    exact = expected / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs(correlation - exact).mean() < 0.1
+
+
 def test_several_protocols_and_unknown_dimensions_are_simulated():
     one = media(21)
     p = one.protocols[0]
@@ -328,10 +363,10 @@ def test_several_protocols_and_unknown_dimensions_are_simulated():
     specimen = replace(
         one, protocols=(p, second), metadata={"thickness_sd_mm": 0.05, "load_offset_sd_N": 0.001}
     )
-    the_study = study(specimen, mounting_stretch="per-protocol", noise_growth=True)
+    the_study = study(specimen, mounting_stretch="per-protocol")
     model, rng = the_study.model(), np.random.default_rng(8)
     truth, _ = draw_truth(model, rng)
-    assert {"mounting_stretch_x[2]", "thickness", "load_offset_y", "noise_growth"} <= set(truth)
+    assert {"mounting_stretch_x[2]", "thickness", "load_offset_y"} <= set(truth)
     posterior = the_study.posterior(simulate_specimen(model, truth, rng))
     assert np.isfinite(posterior.log_density(truth))
 
@@ -432,7 +467,7 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
     row = {"parameter": "C1", "uniformity_p": p, "inside_band": "yes"}
     row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
     outcome = CalibrationResult(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
-    message = closing_message(tmp_path, outcome, True)
+    message = closing_message(tmp_path, outcome)
     assert ("replications are too few" in message) == (replications < 50 and p >= 0.05)
     assert ("are uniform" in message) == (replications >= 50 and p >= 0.05)
     assert ("NOT uniform" in message) == (p < 0.05)

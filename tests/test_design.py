@@ -12,10 +12,11 @@ from biaxbayes.figures.simulations import design_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
+from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.optimal_design import information_gain
-from biaxbayes.optimal_design.candidates import FurtherProtocol, Reading, standard_candidates
+from biaxbayes.optimal_design.candidates import Reading, standard_candidates
 from biaxbayes.optimal_design.design import design
 from biaxbayes.optimal_design.information_gain import (
     OutcomePosterior,
@@ -24,6 +25,7 @@ from biaxbayes.optimal_design.information_gain import (
     weighted_sd,
 )
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.protocol import Protocol as MeasuredProtocol
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 from readable import in_view
 
@@ -179,52 +181,84 @@ def test_a_precise_reading_is_gone_into(run, precise):
 
 @pytest.fixture(scope="module")
 def candidates(run):
-    return {c.name: c for c in standard_candidates(run.posterior())}
+    return {c.name: c for c in standard_candidates(run.posterior(), run.draws)}
 
 
 def test_protocol_likelihood_is_a_normal_density(run, candidates):
-    shared = candidates["1:0.5"]
-    settings = replace(shared.settings, mounting_stretch="per-protocol")
-    protocol = replace(shared, settings=settings)
+    protocol = candidates["1:0.5"]
     draws = run.draws.iloc[[3, 500, 900]]
     outcomes = protocol.outcomes(draws, np.random.default_rng(5))
     result = protocol.log_likelihood(outcomes, draws)
-    load, variance = protocol.predict(draws)
+    load = protocol.load(draws)
+    sd = np.ones_like(load) * draws["noise_sd"].to_numpy()[:, None, None]
+    sd[:, 0] = protocol.posterior.specimen.noise_sd
     exact = np.column_stack(
         [
-            multivariate_normal.logpdf(outcomes, mean.ravel(), np.diag(v.ravel()))
-            for mean, v in zip(load, variance, strict=True)
+            multivariate_normal.logpdf(outcomes, mean.ravel(), np.diag(s.ravel() ** 2))
+            for mean, s in zip(load, sd, strict=True)
         ]
     )
     # Up to a term common to all draws: differences between draws are what counts.
     assert result - result[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
 
 
-@pytest.mark.parametrize("apart", [0.3, 4.0])
-def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates, apart):
-    """Also where its mounting reading is further from the earlier one than the noise explains."""
+def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates):
     protocol, posterior = candidates["1:0.5"], run.posterior()
     draws = run.draws.iloc[::1000]
     outcome = protocol.outcomes(draws.iloc[:1], np.random.default_rng(5))
     earlier, sd = posterior.specimen.mounting_readings(shared=True)
-    outcome[0, :2] = earlier[0] + apart * sd[0]
-    added, options = protocol.added_to(posterior, outcome[0])
-    joint = Posterior(added, **options, beta=posterior.beta)
+    # within the noise of the earlier one: the two are pooled without further scatter
+    outcome[0, :2] = earlier[0] + 0.3 * sd[0]
+    load = outcome.reshape(protocol.stretch.shape)
+    further = MeasuredProtocol("next", *protocol.stretch.T, *load.T, rest_rows=1)
+    protocols = (*posterior.specimen.protocols, further)
+    joint = Posterior(replace(posterior.specimen, protocols=protocols), **posterior.options())
     gained = joint.log_density(draws) - posterior.log_density(draws)
     result = protocol.log_likelihood(outcome, draws)[0]
     assert result - result[0] == pytest.approx(gained - gained[0], abs=1e-4)
 
 
-def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):
+@pytest.mark.parametrize("name", ["1:0", "repeat 1:1"])
+def test_readings_of_a_protocol_have_the_misfit_of_the_run(name):
+    """Against the joint covariance of the run's readings and the new ones, given the former."""
+    data = specimen(MATERIAL, ratios=((1.0, 1.0), (1.0, 0.5)), increments=15)
+    posterior = Posterior(data)
+    values = {"C1": 15.0, "k1": 61.0, "k2": 8.0, "alpha": 42.0, "kappa": 0.1}
+    values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
+    draws = pd.DataFrame([values, values | {"C1": 16.0}])
+    (protocol,) = [c for c in standard_candidates(posterior, draws) if c.name == name]
+    misfit, at = posterior.misfit, posterior.paths.path(protocol.stretch)
+    assert set(at.protocol) == ({0} if name.startswith("repeat") else {-1})
+    points, n, m = CurvePoints.joined([misfit.points, at]), len(misfit.noise_sd), len(at.path)
+    reading = np.zeros((n + m, len(points.path)))
+    reading[:n, : len(misfit.points.path)] = misfit.reading
+    reading[n:, len(misfit.points.path) :] = np.eye(m)
+    factors = np.array([NOISE_FACTORS[component.noise] for component in misfit.components])
+    noise = np.r_[misfit.noise_sd, np.full(m, data.noise_sd)]
+    whole = np.diag(noise**2) * (protocol.shares.sum(axis=1) @ factors**2)
+    toe = misfit.toe_covariance(points, points)
+    whole += reading @ toe @ reading.T
+    for component, shares in zip(misfit.components, protocol.shares, strict=True):
+        between = (shares @ AMPLITUDES**2) * component.structure.covariance(points, points)
+        whole += reading @ between @ reading.T
+    gain = np.linalg.solve(whole[:n, :n], whole[:n, n:])
+    covariance = whole[n:, n:] - whole[n:, :n] @ gain
+    mean = protocol.load(draws).transpose(0, 2, 1).reshape(2, -1)
+    mean = mean + posterior.residuals(draws) @ gain
+    outcomes = protocol.outcomes(draws, np.random.default_rng(5))
+    by_axis = outcomes.reshape(2, -1, 2).transpose(0, 2, 1).reshape(2, -1)
+    exact = np.column_stack([multivariate_normal.logpdf(by_axis, f, covariance) for f in mean])
+    result = protocol.log_likelihood(outcomes, draws)
+    assert result - result[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
+
+
+def test_a_planned_row_stands_for_the_rows_of_a_record(run, candidates):
     base = candidates["1:1 to " + " × ".join(f"{v:.3g}" for v in _further(run))]
-    path = 1.0 + np.linspace(0.0, 0.1, 401)[:, None] * np.ones(2)
-    tempered = FurtherProtocol("x", base.specimen, path, 0.1, base.mounting_sd, base.settings)
+    averaged = replace(base, repeats=9.0)
     draws = pd.concat([run.draws.iloc[[7]]] * 400, ignore_index=True)
-    outcomes = tempered.outcomes(draws, np.random.default_rng(6)).reshape(400, 401, 2)
+    outcomes = averaged.outcomes(draws, np.random.default_rng(6)).reshape(400, -1, 2)
     noise = (outcomes - outcomes.mean(axis=0))[:, 1:] / draws["noise_sd"].iloc[0]
-    assert noise.var() == pytest.approx(1.0, rel=0.05)
-    # var(mean of n) = 1 / n_eff = 1 / (beta n)
-    assert noise.mean(axis=1).var() == pytest.approx(1.0 / (0.1 * 400), rel=0.2)
+    assert noise.var() == pytest.approx(1.0 / 9.0, rel=0.05)
 
 
 def _further(run):
@@ -236,7 +270,7 @@ def _further(run):
 def test_other_ratios_tell_more_than_a_repeat(run):
     """Equibiaxial stretch alone trades kappa with alpha: only another ratio settles it."""
     compared = ("1:0", "0:1", "1:0.5", "repeat 1:1")
-    chosen = [c for c in standard_candidates(run.posterior()) if c.name in compared]
+    chosen = [c for c in standard_candidates(run.posterior(), run.draws) if c.name in compared]
     result = design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=30)
     names = [e.name for e in result.expected]
     rank = {name: i for i, name in enumerate(names)}
@@ -257,7 +291,11 @@ def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
     from biaxbayes.verbs.design import print_design
 
     further, repeat = (f"1:1 to {' × '.join(f'{v:.3g}' for v in _further(run))}", "repeat 1:1")
-    chosen = [c for c in standard_candidates(run.posterior()) if c.name in (further, repeat, "1:0")]
+    chosen = [
+        c
+        for c in standard_candidates(run.posterior(), run.draws)
+        if c.name in (further, repeat, "1:0")
+    ]
     chosen.append(Reading("angle", ("alpha",), 5.0))
     result = design(run.posterior(), run.draws, chosen, outcomes=4)
     tested = run.posterior().specimen.peak_load
@@ -291,7 +329,7 @@ def test_a_design_ends_with_what_to_measure_next(run):
 
 
 def test_a_design_is_the_same_twice(run):
-    chosen = [c for c in standard_candidates(run.posterior()) if ":" in c.name][:2]
+    chosen = [c for c in standard_candidates(run.posterior(), run.draws) if ":" in c.name][:2]
     first, again = (
         design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=10) for _ in range(2)
     )
@@ -302,6 +340,6 @@ def test_fixed_parameters_are_no_candidates():
     fixed = sampled(
         specimen(MATERIAL, increments=10), ess=50.0, mounting="zeroed", priors={"alpha": 42.0}
     )
-    names = [c.name for c in standard_candidates(fixed.posterior())]
+    names = [c.name for c in standard_candidates(fixed.posterior(), fixed.draws)]
     assert not any("angle" in n or "image" in n for n in names)
     assert "alpha" not in design_quantities(fixed.posterior(), fixed.draws)

@@ -65,7 +65,7 @@ def test_a_study_says_what_it_is_and_its_help_names_it():
         [sys.executable, ROOT / "scripts" / "study.py"], capture_output=True, text=True, check=True
     )
     names = [line.split()[0] for line in listed.stdout.splitlines()]
-    assert names == list(study.studies()) and "toes" in names and "page" not in names
+    assert names == list(study.studies()) and "crashes" in names and "page" not in names
     unknown = [sys.executable, ROOT / "scripts" / "study.py", "nothing"]
     assert subprocess.run(unknown, capture_output=True).returncode == 2
     for name, path in study.studies().items():

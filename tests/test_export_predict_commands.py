@@ -10,6 +10,7 @@ import pytest
 from biaxbayes.cards.abaqus import read_abaqus
 from biaxbayes.cards.check import biaxial_stress
 from biaxbayes.cards.febio import read_febio
+from biaxbayes.identifiability.reported import Reported
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.run import Run
@@ -21,19 +22,39 @@ from quick_posteriors import exact_specimen, runs_without_figures
 MEDIA = MATERIALS["weisbecker-media"].material
 
 
+def settings() -> dict:
+    return {"mounting": "exact", "noise": "independent", "thin": 0, "fibre_switch": False}
+
+
+@dataclass
+class SmallResult:
+    """Both mounting stretches are identified, and no law describes the record better."""
+
+    verdict: str = "identified"
+    better_law: str = ""
+
+    @property
+    def reported(self) -> list[Reported]:
+        return [
+            Reported(f"mounting_stretch_{axis}", "", 1.02, 1.01, 1.03, self.verdict, "")
+            for axis in "xy"
+        ]
+
+
 @dataclass
 class SmallRun:
     path: Path
     specimen: Specimen
     draws: pd.DataFrame
     state: str = "converged"
-    provenance: dict = field(default_factory=lambda: {"settings": {"fibre_switch": False}})
+    provenance: dict = field(default_factory=lambda: {"settings": settings()})
+    result: SmallResult = field(default_factory=SmallResult)
     law = Run.law
     settings = Run.settings
     quantities = Run.quantities
 
     def posterior(self) -> Posterior:
-        return Posterior(self.specimen, noise="independent", mounting="exact")
+        return Posterior(self.specimen, **self.settings.keywords())
 
 
 @pytest.fixture
@@ -89,6 +110,15 @@ def test_export_many_draws_elsewhere_and_again(run, tmp_path, capsys):
     before = [file.read_bytes() for file in files]
     assert exit_code(*arguments, "--overwrite") == 0
     assert [file.read_bytes() for file in files] == before
+
+
+def test_a_card_of_a_law_that_another_beats_says_so_in_its_header_and_in_the_terminal(run, capsys):
+    run.result.better_law = "fung describes the record better than goh (1 and 2 kPa)"
+    assert exit_code("export", run.path, "--to", "abaqus") == 0
+    assert f"warning: {run.result.better_law}" in capsys.readouterr().err
+    (card,) = (run.path / "cards-abaqus-kPa-mm").glob("*.inp")
+    head = [line for line in card.read_text().splitlines() if line.startswith("**")]
+    assert f"** WARNING: {run.result.better_law}." in head
 
 
 @pytest.mark.parametrize("switch", [False, True])
@@ -151,8 +181,21 @@ def test_predict_writes_table_and_figure(run, capsys):
     assert "rows are extrapolations" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("verdict", ["bounded", "not identified", "only in combination"])
+def test_a_total_stretch_is_refused_where_the_mounting_stretch_is_not_known(run, capsys, verdict):
+    run.result.verdict = verdict
+    arguments = ("predict", run.path, "--reference", "total", "--stretch", 1.1)
+    assert exit_code(*arguments) == 2
+    message = capsys.readouterr().err
+    assert "mounting_stretch_x and mounting_stretch_y of this run are not identified" in message
+    assert "--reference measured" in message and "--anyway" in message
+    assert exit_code(*arguments, "--anyway") == 0
+    assert exit_code("predict", run.path, "--stretch", 1.1) == 0
+
+
 def test_predict_follows_the_tested_range_by_default(run):
-    assert exit_code("predict", run.path, "--reference", "measured", "--stress", "piola") == 0
+    """From the mounted state."""
+    assert exit_code("predict", run.path, "--stress", "piola") == 0
     table = pd.read_csv(run.path / "prediction.csv")
     assert table["stretch_x"].iloc[-1] == pytest.approx(1.18)
     assert (table["extrapolation"] == "no").all()
@@ -220,9 +263,9 @@ def test_a_sampled_run_goes_all_the_way(tmp_path):
     truth = np.array(MEDIA.cauchy(path, path))
     got = np.array(biaxial_stress(card.isochoric_energy, path, path))
     assert np.abs(got / truth - 1.0).max() < 0.03
-    assert exit_code("predict", sampled.path, "--stretch", 1.18, "--probability", 0.99) == 0
+    assert exit_code("predict", sampled.path, "--stretch", 1.16, "--probability", 0.99) == 0
     table = pd.read_csv(sampled.path / "prediction.csv").iloc[20:]
-    states = table[["stretch_x", "stretch_y"]].to_numpy().T
+    states = (table[["stretch_x", "stretch_y"]].to_numpy() * (1.01, 1.02)).T
     for axis, true in zip("xy", MEDIA.cauchy(*states), strict=True):
         # rows of a curve share their error: a band of 99 % that holds one holds them all
         assert (true > table[f"cauchy_{axis}_kPa_credible_low"]).all()

@@ -1,4 +1,4 @@
-"""The forward model and its errors against the compiled density, SciPy and loads by hand."""
+"""The forward model and independent errors: the compiled density, SciPy and loads by hand."""
 
 from __future__ import annotations
 
@@ -9,22 +9,11 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from biaxbayes.error_model import (
-    CONSTANT,
-    ERROR_MODELS,
-    GROWING,
-    curve_log_likelihood,
-    deviance_term,
-    log_likelihood,
-    simulate,
-    standard_cdf,
-    standard_quantile,
-)
+from biaxbayes.error_model import log_likelihood, simulate, standard_cdf, standard_quantile
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
-from biaxbayes.parameters import NOISE_PARAMETERS, NOISE_SD
 from quick_posteriors import specimen
 
 MATERIAL = {"C1": 9.0, "k1": 20.0, "k2": 4.0, "alpha": 42.0, "kappa": 0.15}
@@ -37,7 +26,7 @@ def measured(geometry: str = "unloaded"):
 
 
 def values_of(posterior: Posterior) -> dict[str, float]:
-    at = {**MATERIAL, "noise_sd": 0.003, "noise_growth": 0.05, "thickness": 0.9}
+    at = {**MATERIAL, "noise_sd": 0.003, "thickness": 0.9}
     at |= {"edge_x": 1.05, "edge_y": 0.97, "load_offset_x": 0.02, "load_offset_y": -0.015}
     shift = iter(np.linspace(0.0, 0.02, len(posterior.free)))
     return {n: at[n] if n in at else 1.01 + next(shift) for n in posterior.free}
@@ -46,18 +35,20 @@ def values_of(posterior: Posterior) -> dict[str, float]:
 @pytest.mark.parametrize("mounting_stretch", ["shared", "per-protocol"])
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
 def test_readings_have_the_likelihood_of_the_compiled_density(geometry, mounting_stretch):
-    """An error grows with the load that the material carries, without the zero of the cell."""
-    posterior = Posterior(
-        measured(geometry),
-        mounting="free",
-        noise="independent",
-        noise_growth=True,
-        mounting_stretch=mounting_stretch,
-    )
+    """A reading is a load with the zero of its cell, the mounting readings among them."""
+    options = {"mounting": "free", "mounting_stretch": mounting_stretch}
+    posterior = Posterior(measured(geometry), noise="independent", **options)
     natural = posterior.natural(posterior.coordinates(values_of(posterior)))
-    rows = posterior.rows
-    mean, sd = posterior.forward.predict_rows(natural, rows)
-    total = norm.logpdf(rows.load, mean[0], sd[0]).sum()
+    rows, forward, offset = posterior.rows, posterior.forward, posterior.forward.offset(natural)[0]
+    total = 0.0
+    for i, name in enumerate(rows.names):
+        at = rows.protocol == i
+        load = forward.load(natural, rows.stretch[at], name)[0] + offset
+        total += norm.logpdf(rows.load[at], load, 0.003).sum()
+    reading, sd = measured(geometry).mounting_readings(shared=mounting_stretch == "shared")
+    for m, state in enumerate(posterior.mounts):
+        load = forward.mounting_load(natural, state)[0] + offset[0]
+        total += norm.logpdf(reading[m], load, sd[m]).sum()
     assert total == pytest.approx(float(natural["log_likelihood"][0]), rel=1e-9)
 
 
@@ -82,20 +73,14 @@ def test_loads_are_stress_times_section_in_either_geometry():
         )
 
 
-# --- error models against the normal distribution of SciPy ---
+# --- independent errors against the normal distribution of SciPy ---
 
 LOAD = np.array([0.0, 0.1, 0.4, 1.0])
 MEASURED = np.array([0.03, 0.08, 0.45, 0.9])
-SD, GROWTH = 0.05, 0.1
 
 
-@pytest.mark.parametrize("growth", [False, True])
-def test_sd_likelihood_and_simulation_are_those_of_normal_errors(growth):
-    values = {"noise_sd": SD} | ({"noise_growth": GROWTH} if growth else {})
-    model = GROWING if growth else CONSTANT
-    errors = model.at(values)
-    sd = np.sqrt(SD**2 + (GROWTH * LOAD) ** 2) if growth else np.full(4, SD)
-    np.testing.assert_allclose(model.sd(values, LOAD) * np.ones(4), sd, rtol=1e-14)
+def test_likelihood_and_simulation_are_those_of_normal_errors():
+    sd = np.array([0.05, 0.05, 0.2, 0.01])
     expected = norm.logpdf(MEASURED, LOAD, sd)
     np.testing.assert_allclose(log_likelihood(LOAD, sd, MEASURED), expected, rtol=1e-12)
     # the mean of readings that scatter: what each of them would add, on average
@@ -103,11 +88,6 @@ def test_sd_likelihood_and_simulation_are_those_of_normal_errors(growth):
     both = [norm.logpdf(MEASURED + d, LOAD, sd) for d in (apart, -apart)]
     result = log_likelihood(LOAD, sd, MEASURED, apart**2)
     np.testing.assert_allclose(result, np.mean(both, axis=0), rtol=1e-12)
-    # and the sums that the kernel makes of it
-    square = (MEASURED - LOAD) ** 2
-    total = sum(deviance_term(errors, f, s) for f, s in zip(LOAD, square, strict=True))
-    curve = curve_log_likelihood(errors, total, len(LOAD))
-    assert curve == pytest.approx(expected.sum(), rel=1e-12)
     readings = simulate(np.tile(LOAD, (20_000, 1)), sd, np.random.default_rng(3))
     error = readings - LOAD
     assert np.all(np.abs(error.mean(axis=0)) < 5.0 * sd / np.sqrt(20_000))
@@ -118,11 +98,3 @@ def test_bands_and_checks_use_the_same_distribution():
     z = np.linspace(-3.0, 3.0, 7)
     np.testing.assert_allclose(standard_cdf(z), norm.cdf(z), rtol=1e-12)
     np.testing.assert_allclose(standard_quantile(norm.cdf(z)), z, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("model", ERROR_MODELS, ids=str)
-def test_settings_choose_each_model_and_its_parameters_are_registered(model):
-    settings = Settings(**({model.option: True} if model.option else {}))
-    assert settings.error_model is model
-    assert [p.name for p in model.parameters] == list(model.values._fields)
-    assert model.parameters[0] is NOISE_SD and set(model.parameters) <= set(NOISE_PARAMETERS)

@@ -96,7 +96,7 @@ def test_grips_survive_a_file_and_a_corrected_one_is_not_corrected_again(tmp_pat
 def test_what_does_not_correct_refuses_the_file():
     specimen, _ = hooked()
     with pytest.raises(InputError, match="not corrected for the grips"):
-        biaxbayes.Posterior(specimen, beta=1.0)
+        biaxbayes.Posterior(specimen)
     with pytest.raises(InputError, match="not corrected for the grips"):
         biaxbayes.profile(specimen, ["C1"])
     with pytest.raises(InputError, match="does not know the law holzapfel-2005"):

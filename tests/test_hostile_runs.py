@@ -91,12 +91,13 @@ DAMAGES: list[tuple[Damage, str]] = [
     (provenance(b"[]"), "'the whole'"),
     (provenance(b'{"seed": 1}'), "is not the record of a run"),
     (entries(convergence={"state": "great"}), "convergence: state"),
-    (entries(noise={"beta": float("nan")}), "noise: beta"),
+    (entries(noise={"misfit": "large"}), "noise: misfit"),
     (entries(seed=10**400), "not JSON"),
     (entries(settings={"fibre_switch": "no"}), "settings"),
     (entries(settings={"mounting": "guessed"}), "mounting must be one of"),
     (entries(settings={"priors": {"kappa": "__import__('os')"}}), "kappa"),
-    (entries(settings={"noise_growth": True}), "no noise_growth"),
+    (entries(settings={"noise_growth": True}), "settings"),
+    (entries(settings={"noise": "effective"}), "noise must be one of"),
     (posterior(link), "links to other data"),
     (posterior(bomb), "claims more data than it can hold"),
     (posterior(not_finite), "values that are not finite"),
@@ -133,6 +134,14 @@ def test_a_result_of_another_kind(run, capsys, change, words):
     assert "is not the file that the run wrote" in refused(run, capsys, "latex")
     seal(run, "results.json")
     assert words in refused(run, capsys, "latex")
+
+
+@pytest.mark.parametrize("stored", [{}, {"format": 1}, {"format": 3}])
+def test_a_run_of_an_earlier_version_is_refused_in_one_line(run, capsys, stored):
+    record = json.loads((run / "provenance.json").read_text())
+    del record["format"]
+    (run / "provenance.json").write_text(json.dumps(record | stored))
+    assert "made by an earlier version: sample again" in refused(run, capsys)
 
 
 @pytest.mark.parametrize("name", ["provenance.json", "posterior.nc", "specimen.csv"])

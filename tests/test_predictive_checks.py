@@ -8,7 +8,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.laws.goh import GOH
-from biaxbayes.options import Settings
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.predictive_checks import (
     checks_in_words,
     misfit_in_words,
@@ -36,9 +36,13 @@ def true_draws(noise_sd: float, n: int = 50) -> pd.DataFrame:
     return pd.DataFrame({k: np.full(n, v) for k, v in values.items()})
 
 
+def checks(data, draws, noise="independent"):
+    return predictive_checks(Posterior(data, noise=noise), draws)
+
+
 def test_misfit_of_the_truth_is_the_noise():
     data = specimen(TRUTH, noise_N=0.002, increments=400)
-    table = predictive_checks(data, true_draws(0.002), settings=Settings())
+    table = checks(data, true_draws(0.002))
     assert len(table) == 6
     # Standard error of an rms of 400 readings: 3.5 %.
     assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
@@ -58,27 +62,41 @@ def test_misfit_of_the_truth_is_the_noise():
 def test_a_smooth_misfit_is_named():
     data = specimen(TRUTH, noise_N=0.0002, increments=400)
     wrong = true_draws(0.0002).assign(C1=12.0)
-    table = predictive_checks(data, wrong, settings=Settings())
+    table = checks(data, wrong)
     assert (table["runs_z"] < -10.0).all() and (table["autocorrelation"] > 0.9).all()
     words = " ".join(misfit_in_words(table))
     assert "6 of 6 curves the model misses smoothly" in words
     assert "the model, not the load cell, limits the fit" in words
 
 
+def test_the_band_of_the_tissue_holds_what_the_law_misses():
+    """The residuals are the law's, the band that of the tissue: law and misfit."""
+    data = specimen(TRUTH, noise_N=0.002, increments=60)
+    data = bent(data, data.protocols[1].name, 0.15)
+    posterior = Posterior(data)
+    values = true_draws(0.002).drop(columns="noise_sd").to_dict("list")
+    for axis, reading in zip("xy", data.mounting_readings(shared=True)[0][0], strict=True):
+        values[f"mounting_force_{axis}"] = np.full(50, reading)
+    table = predictive_checks(posterior, pd.DataFrame(values))
+    alone = checks(data, true_draws(0.002))
+    np.testing.assert_allclose(table["rms"], alone["rms"])
+    assert (table["inside"] >= 0.85).all() and alone["inside"].min() < 0.3
+
+
 def test_the_missed_protocol_is_named_with_its_number():
     clean = specimen(TRUTH, increments=60)
     name = clean.protocols[1].name
     data = bent(clean, name, 0.15)
-    checks = predictive_checks(data, true_draws(0.002), settings=Settings())
-    message = path_warnings(checks, "N")
+    table = checks(data, true_draws(0.002))
+    message = path_warnings(table, "N")
     assert len(message) == 1
     assert message[0].startswith(f"GOH misses the {name} protocol by ")
-    assert path_warnings(checks, "N", "may-newman")[0].startswith(f"May-Newman misses the {name} ")
+    assert path_warnings(table, "N", "may-newman")[0].startswith(f"May-Newman misses the {name} ")
     assert "do not use these parameters for that path" in message[0]
-    row = checks[(checks.protocol == name) & (checks.direction == "y")].iloc[0]
+    row = table[(table.protocol == name) & (table.direction == "y")].iloc[0]
     peak = float(clean.protocols[1].load_y.max())
     assert row["largest"] == pytest.approx(0.15 * peak, abs=0.008)
-    assert any("too narrow" in text for text in checks_in_words(checks, "N"))
+    assert any("too narrow" in text for text in checks_in_words(table, "N"))
 
 
 # --- missed paths, wherever a run is written about ---

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.errors import InputError
+from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
@@ -30,24 +30,26 @@ def prepared():
     return prepare(media())
 
 
-def test_a_weight_that_needs_a_fit_is_not_made_up():
-    with pytest.raises(InputError, match=r"beta .* biaxbayes\.prepare") as caught:
-        Posterior(media(), noise="effective")
-    assert "\n" not in str(caught.value)
-    assert Posterior(media(), noise="effective", beta=0.25).beta == 0.25
-
-
-def test_preparing_fits_weighs_and_lays_out():
+def test_preparing_fits_and_lays_out():
     posterior = biaxbayes.prepare(media())
-    assert posterior.readings.beta == posterior.beta < 1.0
     lm = posterior.fit.mounting_stretch[0]
     tops = [max(getattr(p, f"stretch_{a}").max() for p in media().protocols) for a in "xy"]
     np.testing.assert_allclose(
         posterior.sampling_constants.reference_stretch, tops * np.clip(lm, 1.0, 1.5)
     )
-    given = prepare(media(), beta=0.3)
-    assert given.beta == 0.3 and given.readings is None
-    assert given.replaced(thin=0).fit is given.fit
+    assert posterior.replaced(thin=0).fit is posterior.fit
+
+
+def test_a_misfit_is_relative_to_the_loads_of_the_fit_unless_another_is_given():
+    posterior = prepared()
+    assert posterior.misfit_fit is posterior.fit
+    other = biaxbayes.fit(media(), method="linden")
+    given = posterior.replaced(misfit_fit=other)
+    assert given.misfit_fit is other and given.fit is posterior.fit
+    values = posterior.natural(posterior.coordinates(start_parameters(posterior)))
+    assert given.log_density(values) != posterior.log_density(values)
+    # and it stays what it is
+    assert given.replaced(thin=50).misfit_fit is other
 
 
 @pytest.mark.long
@@ -145,13 +147,11 @@ def test_scatter_is_that_of_the_noise(size):
     assert out.scatter[0].mean() == pytest.approx(0.04 * (size - 1) / size, rel=0.05)
 
 
-@pytest.mark.parametrize("growth", [False, True])
-def test_likelihood_is_that_of_all_rows(growth):
+def test_independent_errors_of_averaged_rows_are_those_of_all_rows():
     """Over changes of the parameters that move the posterior by many units."""
     data = long_specimen(misfit=0.02)
-    options = {"noise": "independent", "noise_growth": growth}
-    full = Posterior(data, **options, thin="none")
-    thin = Posterior(data, **options, thin=100)
+    full = Posterior(data, noise="independent", thin="none")
+    thin = Posterior(data, noise="independent", thin=100)
     assert thin.thinned.specimen.protocols[0].rows == 101
     rng = np.random.default_rng(2)
     reading = data.mounting_readings(shared=True)[0][0]
@@ -165,7 +165,6 @@ def test_likelihood_is_that_of_all_rows(growth):
         "mounting_force_x": np.full(n, reading[0]),
         "mounting_force_y": np.full(n, reading[1]),
         "noise_sd": 0.01 * np.exp(0.3 * rng.standard_normal(n)),
-        "noise_growth": np.full(n, 0.01),
     }
     of_all, of_means = full.log_density(draws), thin.log_density(draws)
     assert np.ptp(of_all) > 1000.0
@@ -173,36 +172,27 @@ def test_likelihood_is_that_of_all_rows(growth):
     assert np.abs(change).max() < 0.002 * np.ptp(of_all)
 
 
-def test_automatic_only_where_it_is_long_and_noise_is_effective():
+def test_automatic_only_where_it_is_long_and_the_law_misses_smoothly():
     long, short = long_specimen(), long_specimen(increments=150)
-    assert prepare(long).settings.thin == 100
+    assert Posterior(long).settings.thin == 100
     assert Posterior(long, noise="independent").settings.thin == 0
-    assert prepare(short).settings.thin == 0
-    assert prepare(long, thin="none").settings.thin == 0
+    assert Posterior(short).settings.thin == 0
+    assert Posterior(long, thin="none").settings.thin == 0
 
 
-def test_mounting_reading_and_weight_do_not_change():
-    data = long_specimen()
-    full, thin = prepare(data, thin="none"), prepare(data)
-    assert thin.beta == full.beta
-    assert np.array_equal(thin.assembly.problem.reading_sd, full.assembly.problem.reading_sd)
+@pytest.mark.parametrize("load_noise", [0.004, None])
+def test_averaging_a_long_record_changes_no_reading_of_a_misfit(load_noise):
+    """The same readings with the same noise, whether averaged once or twice."""
+    data = replace(long_specimen(), load_noise=load_noise)
+    full, thin = (Posterior(data, thin=rows, misfit_fit=FIT(data)) for rows in ("none", 100))
+    assert len(full.misfit.noise_sd) == len(thin.misfit.noise_sd)
+    # groups of three and of four averages of four rows each, instead of 12 and 13 rows
+    np.testing.assert_allclose(thin.misfit.noise_sd, full.misfit.noise_sd, rtol=0.15)
+    np.testing.assert_allclose(thin.readings.weight, full.readings.weight, rtol=0.3)
+    values = start_parameters(full)
+    near = [values | {"k1": values["k1"] * f} for f in (0.99, 1.0, 1.01)]
+    a, b = (np.array([p.log_density(v) for v in near]) for p in (full, thin))
+    np.testing.assert_allclose(a - a[1], b - b[1], rtol=0.05, atol=0.05)
 
 
-def test_growing_noise_is_worth_what_its_own_residuals_say():
-    """Independent errors of an sd that grows: in units of their own sd nothing correlates."""
-    data = long_specimen(increments=100)
-    rng = np.random.default_rng(7)
-    protocols = tuple(
-        replace(
-            p,
-            load_x=np.append(
-                p.load_x[:1], (p.load_x * (1 + 0.03 * rng.standard_normal(p.rows)))[1:]
-            ),
-            load_y=np.append(
-                p.load_y[:1], (p.load_y * (1 + 0.03 * rng.standard_normal(p.rows)))[1:]
-            ),
-        )
-        for p in data.protocols
-    )
-    posterior = prepare(replace(data, protocols=protocols), noise_growth=True)
-    assert posterior.beta > 0.6
+FIT = cache(constrained_fit)

@@ -146,7 +146,7 @@ def test_a_common_reference_goes_through_all_fits_and_parts():
         specimen.mounting_readings(shared=True)[0]
     )
     with pytest.raises(InputError, match="does not start at the mounted state"):
-        Posterior(specimen, mounting_stretch="per-protocol", mounting="exact", beta=1.0)
+        Posterior(specimen, mounting_stretch="per-protocol", mounting="exact")
 
 
 @pytest.mark.parametrize("pair", ["force", "piola", "cauchy"])

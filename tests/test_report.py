@@ -14,6 +14,7 @@ import pytest
 import biaxbayes
 import quick_posteriors as quick
 import reported
+from biaxbayes.errors import RunError
 from biaxbayes.reports import page as report
 from biaxbayes.reports.methods import closing_message
 from biaxbayes.reports.page import write_report
@@ -178,7 +179,7 @@ def test_latex_keeps_its_cells(run, tmp_path):
     latex = (tmp_path / "latex").read_text(encoding="utf-8")
     body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
     assert len(body) == len(run.result.reported)
-    assert {len(re.findall(r"(?<!\\)&", row)) for row in body} == {4}
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in body} == {5}
     comment, _, table = latex.partition("\\begin{table}")
     assert all(line.startswith("%") for line in comment.strip().splitlines())
     assert "%" not in re.sub(r"\\%", "", table)
@@ -206,10 +207,15 @@ def test_the_report_shows_the_fits_of_all_laws(media_run):
     assert all(f'class="name">{law}<' in page for law in laws.law)
 
 
-def test_a_run_without_results_is_analysed_anew(media_run, copied):
-    run = copied(media_run.path)
-    (run / "results.json").unlink()
-    again = biaxbayes.open_run(run).result
+def test_the_result_is_that_of_the_draws_analysed_anew(media_run):
+    again, _ = media_run.analyse()
     pd.testing.assert_frame_equal(again.to_frame(), media_run.result.to_frame())
     pd.testing.assert_frame_equal(again.law_fits, media_run.result.law_fits)
     assert again.fit == media_run.result.fit
+
+
+def test_a_run_without_results_is_refused(media_run, copied):
+    run = copied(media_run.path)
+    (run / "results.json").unlink()
+    with pytest.raises(RunError, match=r"results\.json: no such file"):
+        _ = biaxbayes.open_run(run).result

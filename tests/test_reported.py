@@ -1,4 +1,7 @@
-"""The reported table: one interval or bound, one verdict, one reason for every parameter."""
+"""The reported table: one interval, one verdict, one reason for every parameter.
+
+Other laws and contradicting priors take a verdict away; nothing moves an interval.
+"""
 
 import math
 from dataclasses import replace
@@ -7,8 +10,9 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.fitting.law_fits import LawFit, LawFits
+from biaxbayes.fitting.law_fits import ASKED_LAWS, LawFit, LawFits
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
+from biaxbayes.identifiability.verdict import Assessment
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
@@ -20,13 +24,13 @@ VERDICTS = {"identified", "bounded", "only in combination", "not identified"}
 
 @pytest.fixture(scope="module")
 def clean() -> Identifiability:
-    """Three protocols of GOH, noise only."""
+    """Three protocols of GOH, noise only, with default options."""
     specimen, _ = biaxbayes.simulate(
         material=biaxbayes.GOH(*TRUTH.values()),
         prestretch=(1.02, 1.03),
         total_stretch=1.2,
         ratios=[(1, 1), (1, 0.5), (0.5, 1)],
-        increments=30,
+        increments=20,
         noise_N=0.001,
         edge=(20.0, 15.0),
         thickness=1.2,
@@ -34,6 +38,7 @@ def clean() -> Identifiability:
     )
     posterior = biaxbayes.prepare(specimen)
     result = draw_posterior(posterior, Plan(ess=300, max_steps=1500, ensembles=2, walkers=32))
+    assert result.convergence.state == "converged"
     draws = draw_table(result.quantities)
     return identify_draws(posterior, draws, "converged", fits=run_law_fits(posterior))
 
@@ -42,11 +47,30 @@ def rows(result: Identifiability):
     return {row.name: row for row in result.reported}
 
 
-def with_fit(result: Identifiability, **changes) -> Identifiability:
-    """The same diagnostics where the run's own law fits in another way."""
-    assert result.fits is not None
-    fits = tuple(replace(f, **changes) if f.law == "goh" else f for f in result.fits.fits)
-    return replace(result, fits=replace(result.fits, fits=fits))
+def numbers(result: Identifiability):
+    return {row.name: (row.low, row.median, row.high) for row in result.reported}
+
+
+def with_fits(result: Identifiability, **rms_and_stretch) -> Identifiability:
+    """The same draws where laws fit with this rms, over the noise, and these mounting stretches."""
+    noise = 1.0
+    fits = [
+        LawFit(law.replace("_", "-"), rms * noise, rms * noise, np.array([stretch]), smooth, True)
+        for law, (rms, stretch, smooth) in rms_and_stretch.items()
+    ]
+    ordered = tuple(sorted(fits, key=lambda f: f.rms))
+    return replace(result, fits=LawFits(ordered, noise, 100.0))
+
+
+def identified(result: Identifiability, *names: str) -> Identifiability:
+    """The same diagnostics where parameters are identified."""
+    parameters = tuple(
+        replace(p, assessment=Assessment("identified", "the data determine it"))
+        if p.name in names
+        else p
+        for p in result.parameters
+    )
+    return replace(result, parameters=parameters, fits=None)
 
 
 def test_a_clean_record_identifies_and_holds_the_truth(clean):
@@ -56,96 +80,123 @@ def test_a_clean_record_identifies_and_holds_the_truth(clean):
     truth = TRUTH | dict(zip(STRETCHES, (1.02, 1.03), strict=True))
     for name, row in result.items():
         assert row.reason and "\n" not in row.reason
-        if row.verdict == "identified":
-            assert row.low < row.high and not row.partners
-        if row.verdict == "only in combination":
-            assert row.partners
-        assert not truth[name] < row.low and not truth[name] > row.high
+        assert row.low < row.median < row.high
+        assert bool(row.partners) == (row.verdict == "only in combination")
+        assert row.low < truth[name] < row.high
     assert sum(row.verdict == "identified" for row in result.values()) >= 4
-    assert all(result[name].verdict == "identified" for name in STRETCHES)
 
 
-def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
-    plain = rows(with_fit(clean, widening={}))["C1"]
-    row = rows(with_fit(clean, widening={"C1": 1.5}, discrepancy_sd=0.021))["C1"]
-    diagnostics = clean["C1"].diagnostics
-    assert plain.verdict == row.verdict == "identified"
-    assert plain.low == pytest.approx(diagnostics.low) and plain.high == pytest.approx(
-        diagnostics.high
-    )
-    # C1 is compared in logs
-    assert math.log(row.high / diagnostics.median) == pytest.approx(
-        1.5 * math.log(plain.high / diagnostics.median)
-    )
-    assert row.reason.startswith("widened 1.5 times for the model error of GOH")
+def test_numbers_are_the_quantiles_of_the_draws_whatever_the_verdict(clean):
+    for name, row in rows(clean).items():
+        e = clean[name].diagnostics
+        assert (row.low, row.median, row.high) == (e.low, e.median, e.high)
 
 
-def test_what_the_misfit_leaves_open_is_not_identified(clean):
-    row = rows(with_fit(clean, widening={"C1": 400.0}, discrepancy_sd=0.2))["C1"]
-    assert row.verdict == "not identified" and math.isnan(row.low) and math.isnan(row.high)
-    assert "the model error of GOH" in row.reason
-    # as wide as that, the dispersion is bounded or open, never a value
-    kappa = rows(with_fit(clean, widening={"kappa": 20.0}))["kappa"]
-    assert kappa.verdict != "identified"
+def test_ends_that_hold(clean):
+    row = rows(identified(clean, "C1"))["C1"]
+    for verdict, bound, ends in (
+        ("identified", "", (row.low, row.high)),
+        ("only in combination", "", (row.low, row.high)),
+        ("bounded", "low", (row.low, math.nan)),
+        ("bounded", "high", (math.nan, row.high)),
+        ("not identified", "", (math.nan, math.nan)),
+    ):
+        np.testing.assert_equal(replace(row, verdict=verdict, bound=bound).ends, ends)
 
 
-def test_what_trades_with_an_unknown_parameter_needs_a_sharp_interval(clean):
-    """A factor of 3.2 is a value beside a known partner, not where that may be anywhere."""
-    diagnostics = clean["k1"].diagnostics
-    traded = replace(diagnostics.partners, names=("kappa",), spread_given_partners=0.2)
-    ends = {"low": diagnostics.median / 1.8, "high": diagnostics.median * 1.8}
-    wide = replace(diagnostics, partners=traded, **ends)
-    parameters = tuple(
-        replace(p, diagnostics=wide) if p.name == "k1" else p for p in clean.parameters
-    )
-    loose = replace(clean, parameters=parameters)
-    assert rows(with_fit(loose, widening={}))["k1"].verdict == "identified"
-    row = rows(with_fit(loose, widening={"kappa": 40.0}))["k1"]
-    assert row.verdict == "only in combination" and row.partners == ("kappa",)
+# --- other laws ---
 
 
-def test_a_value_spans_no_order_of_magnitude(clean):
-    diagnostics = clean["k1"].diagnostics
-    alone = replace(diagnostics.partners, spread_given_partners=1.0)
-    ends = {"low": diagnostics.median / 20.0, "high": diagnostics.median * 20.0}
-    wide = replace(diagnostics, partners=alone, **ends)
-    parameters = tuple(
-        replace(p, diagnostics=wide, posterior_verdict="identified") if p.name == "k1" else p
-        for p in clean.parameters
-    )
-    row = rows(replace(clean, parameters=parameters, fits=None))["k1"]
-    assert row.verdict == "not identified" and "a factor of 4e+02" in row.reason
+def near(clean: Identifiability, widths: float = 0.0) -> tuple[float, float]:
+    """Mounting stretches at the medians, or x beyond an end by so many widths of its interval."""
+    x, y = (clean[name].diagnostics for name in STRETCHES)
+    by = abs(widths) * (x.high - x.low)
+    return (x.median if not widths else x.high + by if widths > 0 else x.low - by), y.median
 
 
-def test_a_law_that_another_beats_has_no_parameters(clean):
-    fits = clean.fits.fits
-    worse = LawFits(
-        tuple(replace(f, rms=9.0, rmse_kPa=9.0) if f.law == "goh" else f for f in fits)[::-1],
-        clean.fits.noise,
-        clean.fits.peak,
-    )
-    ordered = replace(worse, fits=tuple(sorted(worse.fits, key=lambda f: f.rms)))
-    result = rows(replace(clean, fits=ordered))
-    assert all(result[name].verdict == "not identified" for name in TRUTH)
-    assert "fits better than goh" in result["C1"].reason and " and 9 kPa" in result["C1"].reason
+@pytest.mark.parametrize(
+    ("widths", "verdict", "bound"),
+    [
+        (0.0, "identified", ""),
+        (0.45, "identified", ""),
+        (0.55, "bounded", "low"),
+        (-0.45, "identified", ""),
+        (-0.55, "not identified", ""),
+    ],
+)
+def test_a_law_that_fits_as_well_and_contradicts_takes_a_verdict_away(
+    clean, widths, verdict, bound
+):
+    sure = identified(clean, *STRETCHES)
+    fits = {"goh": (1.0, near(clean), False), "fung": (1.1, near(clean, widths), False)}
+    row = rows(with_fits(sure, **fits))["mounting_stretch_x"]
+    assert (row.verdict, row.bound) == (verdict, bound)
+    if verdict != "identified":
+        assert "fung (" in row.reason and "contradicts it" in row.reason
+    # the other direction, and every number, is what it was
+    assert rows(with_fits(sure, **fits))["mounting_stretch_y"].verdict == "identified"
+    assert numbers(with_fits(sure, **fits)) == numbers(clean)
+
+
+def test_a_law_that_fits_worse_says_nothing(clean):
+    sure = identified(clean, *STRETCHES)
+    fits = {"goh": (2.0, near(clean), False), "fung": (2.4, near(clean, -3.0), False)}
+    assert rows(with_fits(sure, **fits))["mounting_stretch_x"].verdict == "identified"
+
+
+def test_a_bound_that_another_law_contradicts_from_above_stays(clean):
+    x = clean["mounting_stretch_x"]
+    bounded = replace(x, assessment=Assessment("bounded", "the prior decides", "low"))
+    parameters = tuple(bounded if p.name == x.name else p for p in clean.parameters)
+    for widths, verdict in ((3.0, "bounded"), (-3.0, "not identified")):
+        fits = {"goh": (1.0, near(clean), False), "fung": (1.0, near(clean, widths), False)}
+        result = rows(with_fits(replace(clean, parameters=parameters), **fits))[x.name]
+        assert result.verdict == verdict
+
+
+def test_a_law_that_another_beats_has_no_parameters_but_keeps_its_numbers(clean):
+    sure = identified(clean, *TRUTH, *STRETCHES)
+    fits = {"goh": (9.0, near(clean), True), "fung": (1.0, near(clean), False)}
+    result = with_fits(sure, **fits)
+    table = rows(result)
+    assert all(table[name].verdict == "not identified" for name in TRUTH)
+    assert all(table[name].verdict == "identified" for name in STRETCHES)
+    assert "fung describes the record better than goh" in table["C1"].reason
+    assert " and 9 kPa" in table["C1"].reason
+    assert numbers(result) == numbers(clean)
+
+
+def test_the_laws_that_are_asked_are_a_list_that_is_written_down(clean):
+    assert {f.law for f in clean.fits.fits} == set(ASKED_LAWS)
+
+
+def test_a_prior_that_contradicts_the_data_takes_all_of_the_law_away(clean):
+    sure = replace(identified(clean, *TRUTH, *STRETCHES), contradicted_priors=("alpha",))
+    table = rows(sure)
+    assert {table[name].reason for name in TRUTH} == {"the prior of alpha contradicts the data"}
+    assert {table[name].verdict for name in TRUTH} == {"not identified"}
+    assert numbers(sure) == numbers(clean)
+
+
+# --- no verdict ---
 
 
 def test_draws_that_have_not_converged_identify_nothing(clean):
-    parameters = tuple(replace(p, posterior_verdict="no verdict") for p in clean.parameters)
+    no = Assessment("no verdict", "chains have not converged")
+    parameters = tuple(replace(p, assessment=no) for p in clean.parameters)
     result = replace(clean, parameters=parameters, state="tentative")
     assert {(r.verdict, r.reason) for r in result.reported} == {
         ("no verdict", "chains have not converged")
     }
+    assert all(math.isnan(v) for r in result.reported for v in (r.low, r.median, r.high))
 
 
-def test_stretches_are_those_of_the_laws_that_fit(clean):
-    """Whatever the posterior says, an end that another law moves is moved in the one row."""
-    for name in STRETCHES:
-        interval, row = clean[name].mounting, rows(clean)[name]
-        np.testing.assert_equal((row.low, row.high), (interval.low, interval.high))
-        assert row.low <= clean[name].diagnostics.low and row.high >= clean[name].diagnostics.high
-
-
-def test_a_law_fit_without_errors_widens_nothing():
-    fit = LawFit("goh", 1.0, 1.0, np.full((1, 2), 1.02), np.full((1, 2), 0.001), False, True)
-    assert fit.widening == {} and fit.mounting_widening is None
+def test_fixed_and_tied_parameters_have_no_row(clean):
+    fixed = Assessment("fixed", "")
+    parameters = tuple(
+        replace(p, assessment=fixed, diagnostics=None) if p.name == "kappa" else p
+        for p in clean.parameters
+    )
+    assert list(rows(replace(clean, parameters=parameters))) == [
+        n for n in (*TRUTH, *STRETCHES) if n != "kappa"
+    ]

@@ -1,4 +1,4 @@
-"""The reported table stands word for word the same wherever a run is written about."""
+"""One set of numbers: whoever writes about a run gives the same quantiles with the same digits."""
 
 import csv
 import html
@@ -13,15 +13,14 @@ import pandas as pd
 import pytest
 
 import biaxbayes
+from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.identifiability.identify import MAX_DIAGNOSTIC_DRAWS, identify_draws
-from biaxbayes.identifiability.reported import DASH, interval_text
+from biaxbayes.identifiability.reported import DASH, quantile_texts
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
 from biaxbayes.parameters import MOUNTING_PARAMETERS
-from biaxbayes.reports.comparison import write_comparison
 from biaxbayes.reports.methods import (
-    MOST_LINES,
     closing_message,
     latex_table,
     methods,
@@ -29,71 +28,197 @@ from biaxbayes.reports.methods import (
 )
 from biaxbayes.reports.page import report_page
 from biaxbayes.runs.result import as_record, result_from_record
-from biaxbayes.studies.result import rows_of_run
+from readable import in_view
 
 
-@pytest.fixture(scope="module")
-def rows(media_run):
-    with (media_run.path / "report.csv").open(newline="", encoding="utf-8") as file:
-        table = list(csv.DictReader(file))
-    assert len(table) == 7
-    return table
+@pytest.fixture(params=["media_run", "small_run"])
+def run(request):
+    """With a smooth misfit, where little is identified, and without, where much is."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture
+def rows(run):
+    with (run.path / "report.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_every_row_has_one_interval_one_verdict_and_one_reason(media_run, rows):
+def texts(run, row) -> tuple[str, str, str]:
+    """Median and ends as every table and figure prints them."""
+    parameter = run.quantities[row["parameter"]].parameter
+    return quantile_texts(*(float(row[k]) for k in ("q50", "q05", "q95")), parameter)
+
+
+# --- the table and the draws ---
+
+
+def test_every_row_has_its_quantiles_a_verdict_and_a_reason(run, rows):
+    assert len(rows) == (7 if run.settings.has_misfit else 6)
     for row in rows:
         assert row["verdict"] in VERDICTS and row["reason"]
-        ends = [row["low"] != "", row["high"] != ""]
-        known = {"identified": 2, "only in combination": 2, "bounded": 1, "not identified": 0}
-        assert sum(ends) == known[row["verdict"]]
-        assert (row["interval"] == DASH) == (sum(ends) == 0)
-    record = json.loads((media_run.path / "results.json").read_text(encoding="utf-8"))
-    assert [r["name"] for r in record["reported"]] == [row["parameter"] for row in rows]
-    assert [r["reason"] for r in record["reported"]] == [row["reason"] for row in rows]
+        quantiles = run.draws[row["parameter"]].quantile([0.05, 0.5, 0.95])
+        numbers = [float(row[k]) for k in ("q05", "q50", "q95")]
+        assert numbers == pytest.approx(quantiles.to_list(), rel=1e-7)
+        assert numbers[0] < numbers[1] < numbers[2]
+        _, low, high = texts(run, row)
+        wanted = {f"{low} to {high}"}
+        if row["verdict"] == "bounded":
+            wanted = {f"above {low}", f"below {high}"}
+        assert row["interval"] in wanted
 
 
-def test_terminal(media_run, rows):
-    lines = closing_message(media_run).splitlines()
-    assert len(lines) <= MOST_LINES
+def test_summary_evidence_and_result_have_the_same_quantiles(run, rows):
+    evidence = run.result.identifiability.set_index("parameter")
+    record = json.loads((run.path / "results.json").read_text(encoding="utf-8"))
+    stored = {r["name"]: r for r in record["reported"]}
+    assert [*stored] == [row["parameter"] for row in rows]
+    for row in rows:
+        name, numbers = row["parameter"], [float(row[k]) for k in ("q05", "q50", "q95")]
+        assert run.summary.loc[name, ["q05", "q50", "q95"]].to_list() == pytest.approx(
+            numbers, rel=1e-7
+        )
+        columns = ["posterior_q05", "posterior_median", "posterior_q95"]
+        assert evidence.loc[name, columns].to_list() == pytest.approx(numbers, rel=1e-7)
+        own = run.result[name]
+        assert [own.low, own.median, own.high] == pytest.approx(numbers, rel=1e-7)
+        assert (own.verdict, own.reason) == (row["verdict"], row["reason"])
+        assert [stored[name][k] for k in ("verdict", "reason")] == [row["verdict"], row["reason"]]
+
+
+def test_diagnostics_of_some_draws_do_not_change_the_quantiles(media_run):
+    assert len(media_run.draws) > MAX_DIAGNOSTIC_DRAWS
+
+
+# --- terminal, page, LaTeX, paragraphs ---
+
+COLUMNS = ("interval", "unit", "verdict", "reason")
+
+
+def test_terminal(run, rows):
+    lines = closing_message(run).splitlines()
     table = [re.split(r" {2,}", line) for line in lines[1 : 1 + len(rows)]]
     for cells, row in zip(table, rows, strict=True):
-        columns = ("parameter", "interval", "unit", "verdict", "reason")
-        assert cells == [row[k] for k in columns if row[k]]
+        wanted = [row["parameter"], texts(run, row)[0], *(row[k] for k in COLUMNS if row[k])]
+        assert cells == wanted
 
 
-def test_page(media_run, rows):
-    page = report_page(media_run)
+def test_page(run, rows):
+    page = report_page(run)
     assert page.index("What to report") < page.index("<table")
     first = page.partition("<tbody>")[2].partition("</tbody>")[0]
     result = []
     for line in first.strip().splitlines():
-        cells = [html.unescape(re.sub(r"<[^>]+>", "", c)) for c in line.split("</t")][1:5]
+        cells = [html.unescape(re.sub(r"<[^>]+>", "", c)) for c in line.split("</t")][1:6]
         result.append([c.split(">", 1)[-1] for c in cells])
     for cells, row in zip(result, rows, strict=True):
-        assert cells == [row[k] for k in ("interval", "unit", "verdict", "reason")]
+        assert cells == [texts(run, row)[0], *(row[k] for k in COLUMNS)]
 
 
-def test_latex_and_paragraphs(media_run, rows):
-    latex, paragraph = latex_table(media_run), results_paragraph(media_run)
-    body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
-    for line, row in zip(body, rows, strict=True):
+def test_latex(run, rows):
+    body = latex_table(run).partition("\\midrule")[2].partition("\\bottomrule")[0]
+    for line, row in zip(body.strip().splitlines(), rows, strict=True):
         cells = [c.strip().removesuffix("\\\\").strip() for c in re.split(r"(?<!\\)&", line)][1:]
         plain = [re.sub(r"\\(.)", r"\1", c) for c in cells]
-        assert plain == [row[k] for k in ("interval", "unit", "verdict", "reason")]
-        if row["interval"] == DASH:
+        assert plain == [texts(run, row)[0], *(row[k] for k in COLUMNS)]
+
+
+def test_paragraphs(run, rows):
+    paragraph = results_paragraph(run)
+    for row in rows:
+        if row["verdict"] == "not identified":
             assert row["parameter"] in paragraph.partition("did not identify")[2]
-        else:
-            with_unit = f"{row['interval']} {row['unit']}".strip()
-            sentence = next(s for s in paragraph.split(". ") if s.startswith(row["parameter"]))
-            assert row["verdict"] in sentence and f": {with_unit} (9" in sentence
+            continue
+        sentence = next(s for s in paragraph.split(". ") if s.startswith(f"{row['parameter']} ("))
+        with_unit = f"{row['interval']} {row['unit']}".strip()
+        assert row["verdict"] in sentence
+        bound = f": {with_unit} (95 % bound)"
+        central = f": {texts(run, row)[0]} ({with_unit}, 90 % interval)"
+        assert (bound if row["verdict"] == "bounded" else central) in sentence
     # no interval of a parameter that is not in the table, and none among the methods
-    assert paragraph.count(" to ") == sum(" to " in row["interval"] for row in rows)
-    assert not any(row["interval"] in methods(media_run) for row in rows if row["low"])
-    assert f"% Results: {paragraph}" in latex and paragraph in html.unescape(report_page(media_run))
+    given = [row for row in rows if row["verdict"] != "not identified"]
+    assert paragraph.count(" to ") == sum(" to " in row["interval"] for row in given)
+    assert not any(row["interval"] in methods(run) for row in rows)
+    assert f"% Results: {paragraph}" in latex_table(run)
+    assert paragraph in html.unescape(report_page(run))
+
+
+def test_no_number_is_one_within_the_law_beside_another(media_run):
+    for text in (report_page(media_run), latex_table(media_run), closing_message(media_run)):
+        assert "within the law" not in text.lower()
+
+
+# --- figures ---
+
+
+def test_corner(run, rows):
+    figure = corner_figure(run.draws, known=run.quantities, width_mm=180.0)
+    written = [text for text, _ in in_view(figure)]
+    for row in rows:
+        middle, low, high = texts(run, row)
+        assert any(text.endswith(f"  {middle} ({low}–{high})") for text in written), row
+
+
+def test_identifiability_figure(run, rows):
+    judged = identify_draws(run.posterior(), run.draws, run.state)
+    for width in (85.0, 180.0):
+        figure = identifiability_figure(judged, run.result.rows, width_mm=width)
+        written = [t.get_text() for ax in figure.axes for t in ax.texts]
+        assert [t for t in written if t in VERDICTS] == [row["verdict"] for row in rows]
+        others = [one_line(t) for t in written if t not in VERDICTS]
+        for row in rows:
+            with_unit = f"{row['interval']} {row['unit']}".strip()
+            assert one_line(f"{texts(run, row)[0]} ({with_unit}) {row['reason']}") in others
+
+
+# --- studies, comparisons and predictions ---
+
+
+def test_study(run, rows):
+    from biaxbayes.studies.result import rows_of_run
+
+    study = {r["quantity"]: r for r in rows_of_run(run)}
+    for row in rows:
+        result = study[row["parameter"]]
+        assert (result["reported"], result["verdict"]) == (row["interval"], row["verdict"])
+        numbers = [float(row[k]) for k in ("q05", "q50", "q95")]
+        assert [result[k] for k in ("q05", "q50", "q95")] == pytest.approx(numbers, rel=1e-7)
+
+
+def test_comparison(media_run, tmp_path):
+    from biaxbayes.reports.comparison import write_comparison
+
+    with (media_run.path / "report.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    other = tmp_path / "other"
+    shutil.copytree(media_run.path, other)
+    both = biaxbayes.compare([media_run, other], labels=["a", "b"])
+    write_comparison(both, tmp_path / "compare")
+    with (tmp_path / "compare" / "compare-report.csv").open(encoding="utf-8") as file:
+        table = [r for r in csv.DictReader(file) if r["run"] == "a"]
+    columns = ("parameter", "interval", "verdict", "reason")
+    assert [[r[k] for k in columns] for r in table] == [[r[k] for k in columns] for r in rows]
+    page = (tmp_path / "compare" / "compare.html").read_text(encoding="utf-8")
+    for row in rows:
+        assert row["interval"] in page
+
+
+def test_a_predicted_stress_is_the_stress_to_report(run):
+    """At the end of the test: of more draws, so to the Monte Carlo error of its ends."""
+    table = pd.read_csv(run.path / "report-stresses.csv")
+    nominal = table[table["quantity"].str.startswith("nominal stress")]
+    assert len(nominal) >= 4
+    p = run.specimen.protocols[0]
+    ends = nominal[nominal["quantity"].str.contains(f"stretch of {p.name}$|stretch$")].iloc[-2:]
+    predicted = biaxbayes.predict(run, p.stretch, stress="piola", reference="measured").iloc[-1]
+    for axis, row in zip("xy", ends.to_dict("records"), strict=True):
+        assert row["quantity"].startswith(f"nominal stress {axis}")
+        width = row["high"] - row["low"]
+        for end, name in (("low", "credible_low"), ("median", "median"), ("high", "credible_high")):
+            assert predicted[f"piola_{axis}_kPa_{name}"] == pytest.approx(row[end], abs=0.3 * width)
 
 
 def test_only_one_table_has_stresses_to_report(media_run):
@@ -102,44 +227,49 @@ def test_only_one_table_has_stresses_to_report(media_run):
     assert len(table) >= 4
     for row in table.to_dict("records"):
         own = all_of_them.loc[(row["quantity"], row["stretch_x"], row["stretch_y"])]
-        assert row["low"] == pytest.approx(own["tissue_low_90"], rel=1e-6)
-        assert row["high"] - row["low"] > own["high_90"] - own["low_90"]
+        for column in ("low", "median", "high"):
+            assert row[column] == pytest.approx(own[column], rel=1e-6)
     page = report_page(media_run)
     before, evidence = page.split('<h2 id="evidence">')
-    assert "Cauchy stress x" in before
-    assert "Cauchy stress x" not in evidence.partition('<h2 id="convergence">')[0]
+    assert "ominal stress x" in before
+    assert "ominal stress x" not in evidence.partition('<h2 id="convergence">')[0]
+
+
+def test_stresses_at_total_stretches_are_given_only_where_the_mounting_stretches_are(run):
+    stretches = [r for r in run.result.reported if r.name.startswith("mounting_stretch")]
+    known = all(r.verdict == "identified" for r in stretches)
+    for table in (run.result.determined, run.result.stresses):
+        assert table["quantity"].str.startswith("Cauchy stress").any() == known
+
+
+# --- verdicts that are none ---
 
 
 def test_a_test_that_determines_little_says_so(media_run):
     """And what to do: the advice follows in the same line."""
-    reported = [
-        replace(r, verdict="not identified", low=math.nan, high=math.nan)
-        for r in media_run.result.reported
-    ]
-    reported[3] = media_run.result.reported[3]
+    reported = [replace(r, verdict="not identified") for r in media_run.result.reported]
+    reported[3] = replace(reported[3], verdict="identified")
     poor = replace(media_run.result, reported=tuple(reported), advice="to narrow C1: pull more")
-    assert media_run.result.low_information == ""
     assert poor.low_information.startswith("this test determines 1 of 7 parameters (alpha): ")
     assert replace(poor, state="tentative").low_information == ""
+    rich = [replace(r, verdict="identified") for r in reported]
+    assert replace(poor, reported=tuple(rich)).low_information == ""
     poor_run = replace(media_run)
     poor_run.__dict__["result"] = poor
     message, page = closing_message(poor_run), report_page(poor_run)
-    assert len(message.splitlines()) <= MOST_LINES
     assert f"{poor.low_information}; to narrow C1: pull more" in message
     assert "Most parameters are not determined." in page and "1 of 7 parameters" in page
 
 
-def test_chains_that_have_not_converged_give_no_verdict_anywhere(media_run, tmp_path):
+def test_chains_that_have_not_converged_give_no_verdict_and_no_number_anywhere(media_run, tmp_path):
     judged = identify_draws(media_run.posterior(), media_run.draws, "tentative")
     assert {(r.verdict, r.reason) for r in judged.reported} == {
         ("no verdict", "chains have not converged")
     }
-    # a run of an earlier version called them "not identified"
-    record = as_record(replace(media_run.result, state="tentative"))
-    for row in record["reported"]:
-        row |= {"verdict": "not identified", "low": None, "high": None}
+    assert all(math.isnan(v) for r in judged.reported for v in (r.median, r.low, r.high))
+    record = as_record(replace(media_run.result, state="tentative", reported=judged.reported))
     again = result_from_record(record, media_run.law, media_run.quantities, tmp_path)
-    assert {r.verdict for r in again.reported} == {"no verdict"}
+    assert {(row.median, row.interval) for row in again.rows} == {(DASH, DASH)}
     tentative = replace(media_run)
     tentative.__dict__["result"] = again
     assert "no verdict" in latex_table(tentative) and "not identified" not in latex_table(tentative)
@@ -151,52 +281,23 @@ def test_chains_that_have_not_converged_give_no_verdict_anywhere(media_run, tmp_
     assert texts.count("no verdict") == 7
 
 
-def test_figure(media_run, rows):
-    judged = identify_draws(media_run.posterior(), media_run.draws, media_run.state)
-    for width in (85.0, 180.0):
-        figure = identifiability_figure(judged, media_run.result.rows, width_mm=width)
-        texts = [t.get_text() for ax in figure.axes for t in ax.texts]
-        verdicts = [t for t in texts if t in VERDICTS]
-        assert verdicts == [row["verdict"] for row in rows]
-        others = [one_line(t) for t in texts if t not in VERDICTS]
-        for row in rows:
-            unit = row["unit"] if row["interval"] != DASH else ""
-            assert one_line(f"{row['interval']} {unit} {row['reason']}") in others
-
-
-def test_comparison_and_study(media_run, rows, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(media_run.path, other)
-    both = biaxbayes.compare([media_run, other], labels=["a", "b"])
-    write_comparison(both, tmp_path / "compare")
-    with (tmp_path / "compare" / "compare-report.csv").open(encoding="utf-8") as file:
-        table = [r for r in csv.DictReader(file) if r["run"] == "a"]
-    columns = ("parameter", "interval", "verdict", "reason")
-    assert [[r[k] for k in columns] for r in table] == [[r[k] for k in columns] for r in rows]
-    page = (tmp_path / "compare" / "compare.html").read_text(encoding="utf-8")
-    for row in rows:
-        assert f"<td>{row['interval']}</td>" in page
-    study = {r["quantity"]: r for r in rows_of_run(media_run)}
-    for row in rows:
-        result = study[row["parameter"]]
-        assert (result["reported"], result["verdict"]) == (row["interval"], row["verdict"])
-
-
-def test_evidence_and_summary_have_the_same_quantiles(media_run):
-    assert len(media_run.draws) > MAX_DIAGNOSTIC_DRAWS  # the evidence is judged by some of them
-    columns = ["posterior_median", "posterior_q05", "posterior_q95"]
-    evidence = media_run.result.identifiability.set_index("parameter")[columns].astype(float)
-    summary = media_run.summary.set_index("parameter").loc[evidence.index, ["q50", "q05", "q95"]]
-    np.testing.assert_allclose(evidence, summary, rtol=2e-5)
+# --- digits ---
 
 
 def test_digits():
-    C1, alpha = (p for p in law_named("goh").parameters if p.name in ("C1", "alpha"))
+    """Two of the width of the interval; of a range of decades two of each number."""
+    C1, alpha, kappa = (law_named("goh").parameter(n) for n in ("C1", "alpha", "kappa"))
     stretch = MOUNTING_PARAMETERS[0]
-    nan = float("nan")
-    assert interval_text(1.01493, 1.02118, stretch) == "1.0149 to 1.0212"
-    assert interval_text(1.00712, nan, stretch) == "above 1.0071"
-    assert interval_text(nan, 38.44, alpha) == "below 38.4"
-    assert interval_text(33.07, 41.02, alpha) == "33.1 to 41.0"
-    assert interval_text(0.1453, 27.11, C1) == "0.15 to 27"
-    assert interval_text(nan, nan, C1) == DASH
+    assert quantile_texts(1.01802, 1.01493, 1.02118, stretch) == ("1.0180", "1.0149", "1.0212")
+    assert quantile_texts(38.44, 33.07, 41.02, alpha) == ("38.4", "33.1", "41.0")
+    assert quantile_texts(2.468, 0.1453, 27.11, C1) == ("2.5", "0.15", "27")
+    assert quantile_texts(1234.0, 1100.0, 1420.0, C1) == ("1230", "1100", "1420")
+    # a range that is not of a scale has no decades
+    assert quantile_texts(0.0964, 0.0096, 0.2757, kappa) == ("0.10", "0.01", "0.28")
+    # the median never lies outside its interval, to the digit
+    rng = np.random.default_rng(1)
+    for _ in range(500):
+        low, median, high = np.sort(rng.lognormal(0.0, 2.0, 3))
+        for parameter in (C1, alpha, stretch):
+            middle, first, last = map(float, quantile_texts(median, low, high, parameter))
+            assert first <= middle <= last

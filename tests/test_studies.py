@@ -9,21 +9,17 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-import scipy.special
 from scipy.stats import norm
 
 import studies
 import study
-from biaxbayes.laws.dispersed_fibres import chart_from_angles
+from biaxbayes.model.preparation import prepare
 from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY
 from biaxbayes.specimens.specimen_file import read_specimen
 from studies.benchmark.natural_density import NaturalDensity
-from studies.benchmark.nuts import jax_log_density
-from studies.benchmark.structural import Structural
 from studies.common import DATA
 from studies.population.calibration import GROUPS, PRIORS, Truths, values_of
 from studies.population.virtual import PARAMETERS
@@ -76,7 +72,7 @@ def problems(module: str, text: str) -> list[str]:
 
 
 def test_every_study_finds_what_it_imports():
-    assert len(MODULES) > 25 and "studies.benchmark.nuts" in MODULES
+    assert len(MODULES) > 20 and "studies.benchmark.nested" in MODULES
     assert [wrong for module in MODULES for wrong in problems(module, source(module))] == []
 
 
@@ -103,46 +99,21 @@ def test_the_paper_is_recomputed_in_its_quick_form(tmp_path):
         assert made == known
 
 
-# --- densities of other samplers, with NumPy in the place of JAX ---
+# --- the density that other samplers draw from ---
 
 
-@pytest.fixture
-def numpy_as_jax(monkeypatch):
-    """What these functions ask JAX for, NumPy and SciPy have under the same names."""
-    jax = ModuleType("jax")
-    jax.__dict__.update(numpy=np, nn=ModuleType("jax.nn"), scipy=scipy)
-    jax.nn.__dict__.update(sigmoid=scipy.special.expit)
-    named = {"jax": jax, "jax.numpy": np, "jax.nn": jax.nn, "jax.scipy": scipy}
-    for name, module in (named | {"jax.scipy.special": scipy.special}).items():
-        monkeypatch.setitem(sys.modules, name, module)
-
-
-@pytest.fixture(scope="module")
-def density() -> NaturalDensity:
-    return NaturalDensity(read_specimen(DATA / "donor2-media.csv"), 0.3)
-
-
-@pytest.fixture(scope="module")
-def points(density) -> np.ndarray:
-    return density.starts(6, np.random.default_rng(0), 0.05)
-
-
-def test_the_density_in_jax_is_the_compiled_one(numpy_as_jax, density, points):
-    compiled = density(points)
-    assert np.ptp(compiled) > 1000.0  # points that differ
-    other = [jax_log_density(density)(point) for point in points]
-    assert np.ptp(compiled - other) < 1e-8 * np.ptp(compiled)  # up to a constant
-
-
-def test_the_angles_of_the_structural_coordinates_are_those_of_the_chart(numpy_as_jax):
-    rng = np.random.default_rng(1)
-    softening = 0.2
-    structural = object.__new__(Structural)
-    structural._softening = softening
-    for alpha, kappa in zip(rng.uniform(0.1, 1.4, 20), rng.uniform(0.02, 0.3, 20), strict=True):
-        d, v = chart_from_angles(alpha, kappa, softening)
-        result = structural._angles(np.array([d, scipy.special.ndtri(v)]))
-        np.testing.assert_allclose(result, [alpha, kappa], rtol=1e-9)
+@pytest.mark.parametrize("noise", ["misfit", "independent"])
+def test_the_natural_density_is_that_of_the_posterior(noise):
+    """In C1 rather than ln C1, and in mounting stretches rather than forces."""
+    posterior = prepare(read_specimen(DATA / "donor2-media.csv"), noise=noise)
+    density = NaturalDensity(posterior)
+    points = density.starts(6, np.random.default_rng(0), 0.05)
+    found = density(points)
+    assert np.ptp(found) > 10.0  # points that differ
+    values = density.summaries(points)
+    logs = np.log(points[:, density.logs]).sum(axis=1)
+    stretches = posterior.replaced(mounting="free")
+    np.testing.assert_allclose(found + logs, stretches.log_density(values), rtol=1e-9)
 
 
 # --- the studies of populations ---

@@ -1,4 +1,4 @@
-"""Verdicts and their sentences, decided by diagnostics that is written down."""
+"""Verdicts and their reasons, decided by diagnostics that are written down."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from biaxbayes.identifiability.verdict import (
     NOT_IDENTIFIED,
     Diagnostics,
     Thresholds,
-    decide,
-    verdict_sentence,
+    assess_material,
+    assess_parameters,
+    assess_stretch,
 )
-from biaxbayes.model.priors import Tie
-from biaxbayes.parameters import Quantity
+from biaxbayes.model.priors import Prior, Tie
+from biaxbayes.parameters import MOUNTING_PARAMETERS, Quantity
 from goh_functions import GOH_LAW
 
-KAPPA, K1 = GOH_LAW.parameter("kappa"), GOH_LAW.parameter("k1")
+KAPPA, K1, ALPHA = (GOH_LAW.parameter(name) for name in ("kappa", "k1", "alpha"))
+STRETCH = next(p for p in MOUNTING_PARAMETERS if p.name == "mounting_stretch_x")
 LOOSE = Diagnostics(
     parameter=KAPPA,
     median=0.15,
@@ -43,6 +45,15 @@ SHARP = replace(LOOSE, low=0.10, high=0.19)
 WIDE = replace(LOOSE, low=0.04)  # wider than twice a sharp interval
 TRADED = Partners(("k1", "alpha"), 0.3, 0.4)
 T = Thresholds()
+FLAT = Prior("uniform", low=0.0, high=1.0)
+
+
+def scale(parameter) -> ComparisonScale:
+    return ComparisonScale(Quantity(parameter), FLAT)
+
+
+def assess(diagnostics, parameter=KAPPA, weak=(), undefined=""):
+    return assess_material(diagnostics, scale(parameter), T, set(weak), undefined)
 
 
 def edge(side: int, kind: str = "physical", support: float = 0.5, value: float = 0.0) -> Edge:
@@ -69,6 +80,9 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
         (replace(WIDE, partners=replace(TRADED, spread_given_partners=0.51)), IDENTIFIED),
         (replace(LOOSE, partners=TRADED), IDENTIFIED),
         (replace(SHARP, partners=TRADED), IDENTIFIED),
+        # as wide as the prior, a trade is no knowledge
+        (replace(WIDE, partners=TRADED, posterior_sd=0.1), NOT_IDENTIFIED),
+        (replace(WIDE, partners=TRADED, posterior_sd=0.099), COMBINATION),
         # ends
         (replace(LOOSE, edges=(LOW,)), BOUNDED),
         (replace(LOOSE, edges=(HIGH,)), BOUNDED),
@@ -83,69 +97,122 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
         (replace(LOOSE, edges=(LOW,), prior_excluded=0.24), BOUNDED),
         # a trade comes before an open end
         (replace(WIDE, edges=(LOW,), partners=TRADED), COMBINATION),
-        # refits more than twice as wide as the interval (0.2) come before all else
-        (replace(LOOSE, refits=(0.0, 0.41), partners=TRADED), NOT_IDENTIFIED),
-        (replace(LOOSE, refits=(0.1, 0.49)), IDENTIFIED),
     ],
 )
-def test_evidence_decides(diagnostics, verdict):
-    assert decide(diagnostics, T) == verdict
+def test_diagnostics_decide(diagnostics, verdict):
+    found = assess(diagnostics)
+    assert found.verdict == verdict and found.reason
+    assert bool(found.bound) == (verdict == BOUNDED)
+
+
+def test_a_bound_is_the_end_that_is_not_open():
+    below, above = (assess(replace(LOOSE, edges=(end,))) for end in (LOW, HIGH))
+    assert (below.bound, above.bound) == ("high", "low")
+    assert "aligned fibres" in below.reason and "isotropic" in above.reason
+
+
+@pytest.mark.parametrize(
+    ("diagnostics", "reason"),
+    [
+        (replace(WIDE, partners=TRADED), "trades with k1 and alpha"),
+        (replace(SHARP, partners=TRADED), "the data determine it; trades with k1 and alpha"),
+        (LOOSE, "the data determine it"),
+        (replace(LOOSE, edges=(edge(1, "user", value=0.27),)), "limited by the prior bound 0.270"),
+        (replace(LOOSE, posterior_sd=0.08), "the prior, not the data, determines it"),
+        (replace(LOOSE, edges=(LOW, HIGH)), "the data exclude no end of its range"),
+    ],
+)
+def test_reasons(diagnostics, reason):
+    assert assess(diagnostics).reason == reason
 
 
 def test_a_partner_that_may_lie_at_its_end_asks_for_a_sharp_interval():
     loose, sharp = (replace(e, partners=TRADED) for e in (LOOSE, SHARP))
-    assert decide(loose, T) == IDENTIFIED
-    assert decide(loose, T, partner_is_weak=True) == COMBINATION
-    assert decide(sharp, T, partner_is_weak=True) == IDENTIFIED
+    assert assess(loose).verdict == IDENTIFIED
+    assert assess(loose, weak=["k1"]).verdict == COMBINATION
+    assert assess(loose, weak=["C1"]).verdict == IDENTIFIED
+    assert assess(sharp, weak=["k1"]).verdict == IDENTIFIED
 
 
 def test_what_may_mean_nothing_is_never_identified():
-    assert decide(SHARP, T, undefined=True) == NOT_IDENTIFIED
-    assert decide(replace(SHARP, partners=TRADED), T, undefined=True) == COMBINATION
+    why = "kappa = 1/3 is not excluded"
+    assert assess(SHARP, undefined=why).verdict == NOT_IDENTIFIED
+    traded = assess(replace(SHARP, partners=TRADED), undefined=why)
+    assert (traded.verdict, traded.reason) == (COMBINATION, why)
 
 
-def kappa(verdict: str, diagnostics: Diagnostics | None, prior: object = 0.1, **how: str) -> str:
-    scale = ComparisonScale(Quantity(KAPPA), prior)
-    return verdict_sentence(scale, verdict, diagnostics, T, "tentative", **how)
+def test_a_stiffness_spans_no_order_of_magnitude():
+    known = replace(LOOSE, parameter=K1, median=30.0, low=10.0, high=99.0, prior_sd=3.0)
+    assert assess(known, K1).verdict == IDENTIFIED
+    wide = assess(replace(known, high=101.0), K1)
+    assert wide.verdict == NOT_IDENTIFIED and wide.reason == "known only to a factor of 10"
+
+
+# --- mounting stretches ---
+
+MOUNTED = replace(LOOSE, parameter=STRETCH, median=1.02, low=1.01, high=1.03)
 
 
 @pytest.mark.parametrize(
-    ("verdict", "diagnostics", "parts"),
+    ("changes", "verdict", "bound"),
     [
-        (IDENTIFIED, replace(SHARP, prior_sensitivity=0.049), ["0.100 to 0.190 (90 %)"]),
-        (IDENTIFIED, LOOSE, ["identified, but loosely, 0.050 to 0.250 (90 %)"]),
-        (IDENTIFIED, replace(SHARP, prior_sensitivity=0.05), ["sensitive to the prior"]),
-        (IDENTIFIED, replace(SHARP, modes=2), ["2 separate peaks"]),
-        (BOUNDED, replace(LOOSE, edges=(LOW,)), ["below 0.250 (95 %)", "0 (aligned fibres)"]),
-        (BOUNDED, replace(LOOSE, edges=(HIGH,)), ["above 0.050 (95 %)", "1/3 (isotropic)"]),
-        (COMBINATION, replace(LOOSE, partners=TRADED), ["with k1 and alpha; alone 0.050 to 0.250"]),
-        (COMBINATION, replace(LOOSE, partners=replace(TRADED, names=("k1",))), ["40 %"]),
-        (NOT_IDENTIFIED, replace(LOOSE, posterior_sd=0.08), ["reduce the prior variance by 36 %"]),
-        (NOT_IDENTIFIED, replace(LOOSE, posterior_sd=0.12), ["reduce the prior variance by 0 %"]),
-        (
-            NOT_IDENTIFIED,
-            replace(LOOSE, edges=(LOW, edge(1, "user", value=0.27))),
-            ["limited by the prior bound 0.270"],
-        ),
-        (NO_VERDICT, LOOSE, ["have not converged (tentative)"]),
-        (FIXED, None, ["fixed at 0.1"]),
+        ({}, IDENTIFIED, ""),
+        ({"by_prior": (False, True)}, BOUNDED, "low"),
+        ({"by_prior": (True, False)}, NOT_IDENTIFIED, ""),
+        ({"by_prior": (True, True)}, NOT_IDENTIFIED, ""),
+        ({"edges": (edge(1, "prior"),)}, BOUNDED, "low"),
+        ({"edges": (edge(0, "prior"),)}, NOT_IDENTIFIED, ""),
+        # hardly narrower than its prior, only the lower end may hold
+        ({"posterior_sd": 0.0501}, BOUNDED, "low"),
     ],
 )
-def test_a_verdict_is_one_sentence_with_its_numbers(verdict, diagnostics, parts):
-    sentence = kappa(verdict, diagnostics)
-    assert sentence.startswith("kappa: ") and "\n" not in sentence
-    assert all(part in sentence for part in parts), sentence
-    sensitive = diagnostics is not None and diagnostics.prior_sensitivity >= 0.05
-    assert ("sensitive to the prior" in sentence) == sensitive
+def test_a_mounting_stretch_may_hold_from_below(changes, verdict, bound):
+    found = assess_stretch(replace(MOUNTED, **changes), T, measured=False)
+    assert (found.verdict, found.bound) == (verdict, bound)
 
 
-def test_sentences_say_ties_units_and_what_means_nothing():
-    assert kappa(FIXED, None, Tie(0.5, "k1")) == "kappa: tied, 0.5 times k1"
-    why = "means nothing at kappa 1/3"
-    assert kappa(NOT_IDENTIFIED, SHARP, undefined=why).endswith(f"%; {why}")
-    e = replace(LOOSE, parameter=K1, low=10.0, high=19.9)
-    output = verdict_sentence(ComparisonScale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
-    assert output == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2
-    e = replace(LOOSE, parameter=K1, low=10.0, high=20.1)
-    output = verdict_sentence(ComparisonScale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
-    assert output == "k1: identified, but loosely, 10 to 20.1 kPa (90 %)"
+def test_a_mounting_stretch_that_was_measured_is_known_whatever_the_force_says():
+    prior = replace(MOUNTED, by_prior=(True, True), posterior_sd=0.1)
+    found = assess_stretch(prior, T, measured=True)
+    assert found.verdict == IDENTIFIED and "measured" in found.reason
+
+
+# --- all parameters together ---
+
+
+def together(diagnostics, state="converged", **priors):
+    scales = [ComparisonScale(Quantity(p), priors.get(p.name, FLAT)) for p in (K1, ALPHA, KAPPA)]
+    found = assess_parameters(scales, diagnostics, GOH_LAW, state, thresholds=T)
+    return {p.name: p.assessment for p in found}
+
+
+ALL = {
+    "k1": replace(LOOSE, parameter=K1, median=30.0, low=20.0, high=45.0),
+    "alpha": replace(LOOSE, parameter=ALPHA, median=40.0, low=39.0, high=41.0),
+    "kappa": LOOSE,
+}
+
+
+def test_an_angle_of_fibres_that_may_be_isotropic_means_nothing():
+    assert {a.verdict for a in together(ALL).values()} == {IDENTIFIED}
+    found = together(ALL | {"kappa": replace(LOOSE, edges=(HIGH,))})
+    assert found["alpha"].verdict == NOT_IDENTIFIED
+    assert "kappa = 1/3" in found["alpha"].reason
+    found = together(ALL | {"kappa": replace(LOOSE, edges=(LOW,))})
+    assert found["alpha"].verdict == IDENTIFIED
+
+
+@pytest.mark.parametrize("weak", [{"edges": (LOW,)}, {"posterior_sd": 0.0501}])
+def test_a_partner_that_is_open_or_hardly_known_counts_as_weak(weak):
+    traded = replace(ALL["k1"], low=15.0, high=45.0, partners=Partners(("kappa",), 0.3, 0.4))
+    assert together(ALL | {"k1": traded})["k1"].verdict == IDENTIFIED
+    found = together(ALL | {"k1": traded, "kappa": replace(LOOSE, **weak)})
+    assert found["k1"].verdict == COMBINATION
+
+
+def test_what_is_fixed_or_tied_has_no_verdict_and_neither_have_chains_that_do_not_agree():
+    found = together(ALL, k1=20.0, kappa=Tie(0.5, "k1"))
+    assert [found[n].verdict for n in ("k1", "alpha", "kappa")] == [FIXED, IDENTIFIED, FIXED]
+    for state, given in (("tentative", ALL), ("unusable", {})):
+        assert {a.verdict for a in together(given, state).values()} == {NO_VERDICT}
+        assert {a.reason for a in together(given, state).values()} == {"chains have not converged"}

@@ -58,9 +58,9 @@ def test_every_table_that_a_verb_writes_has_a_plain_header(small_run, tmp_path):
         assert plain(out / path), path
 
 
-def test_the_summary_is_within_the_law_and_thresholds_are_in_the_result(media_run):
+def test_the_summary_has_its_columns_and_thresholds_are_in_the_result(media_run):
     summary = pd.read_csv(media_run.path / "summary.csv")
-    assert (*summary.columns,) == SUMMARY_COLUMNS and set(summary["posterior_within"]) == {"GOH"}
+    assert (*summary.columns,) == SUMMARY_COLUMNS
     assert media_run.result.thresholds["edge_support"] == 0.147
 
 

@@ -54,7 +54,8 @@ class Case:
 CASES = (
     *(Case(s, m) for m in ("noisy", "exact", "free") for s in SPECIMENS),
     *(Case(s, "noisy", broken="noise", replications=200) for s in SPECIMENS),
-    *(Case(s, "noisy", noise="effective", replications=150) for s in SPECIMENS),
+    *(Case(s, "noisy", noise="misfit", replications=200) for s in SPECIMENS),
+    Case(THREE_RATIOS, "noisy", noise="misfit", replications=200),
     *(Case(s, "noisy", replications=120, loose=True) for s in SPECIMENS),
     *(Case(s, "noisy", broken="determinant", replications=120, loose=True) for s in SPECIMENS),
     Case(THREE_RATIOS, "noisy", replications=120),

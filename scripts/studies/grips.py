@@ -184,16 +184,22 @@ def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.
     if not np.array_equal(load[:, 0], problem.fx):
         raise ValueError("rows of the likelihood are not those of the specimen")
 
+    readings = posterior.readings
+
     def log_prob(u: np.ndarray, follow: bool) -> np.ndarray:
-        out, natural = (getattr(density.evaluate(problem, u), n) for n in ("log_density", "values"))
-        for i in np.flatnonzero(np.isfinite(out)) if follow else ():
-            theta, mounting = natural[i, :5].copy(), natural[i, -2:]
+        at = density.evaluate(problem, u)
+        inside = np.isfinite(at.log_prior)
+        for i in np.flatnonzero(inside) if follow else ():
+            theta, mounting = at.values[i, :5].copy(), at.values[i, -2:]
             theta[3] = np.degrees(theta[3])
             # loads are f / r(fit) in the run, f / r(theta, lm) here
-            change = np.exp(at_fit - surface(*theta, *mounting))
-            x, y = (load * change[later]).T
-            own = problem._replace(fx=x.copy(), fy=y.copy(), reading=problem.reading * change[0])
-            out[i] = density.evaluate(own, u[i : i + 1]).log_density[0]
+            more = np.exp(at_fit - surface(*theta, *mounting)) - 1.0
+            at.residual[i] += readings.means(more[later, None] * load)
+            at.residual[i, : readings.mounted] += more[0] * problem.mounting.ravel()
+        out = np.full(len(u), -np.inf)
+        noise_sd = at.values[inside, problem.size]
+        out[inside] = at.log_prior[inside]
+        out[inside] += posterior.log_likelihood(at.residual[inside], noise_sd)
         return out
 
     rng = np.random.default_rng(0)

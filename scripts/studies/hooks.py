@@ -2,7 +2,7 @@
 
     python scripts/study.py hooks           about a minute
 
-``docs/finite-elements.md`` quotes the tables.
+``docs/grips.md`` quotes the tables.
 """
 
 from __future__ import annotations

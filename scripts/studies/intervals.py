@@ -41,7 +41,7 @@ from studies.common import (
 )
 
 HOOKED = ("hooked-media", "hooked-weisbecker")
-NOISES = ("effective", "independent")
+NOISES = ("misfit", "independent")
 LABELS = {"C1": "C1_kPa", "k1": "k1_kPa", "k2": "k2", "alpha": "alpha_deg", "kappa": "kappa"}
 PARAMETERS = (*LABELS, "mounting_stretch_x", "mounting_stretch_y")
 FIRST_SEED = 1000  # far from the shipped ones
@@ -50,7 +50,7 @@ STUDIES = {
     "drawn": (MISFIT, NOISES),
     "exact": (0.0, ("independent",)),
 }
-"""Smooth misfit of the records, and the noise models that are sampled with."""
+"""Smooth misfit of the records, and the errors that are sampled with."""
 CHEAP = Plan(ess=200, max_steps=1500, ensembles=2, walkers=32)
 """For counts over many seeds: enough draws for a 5 % quantile."""
 
@@ -180,7 +180,7 @@ def draw_shares(counts: pd.DataFrame, out: Path) -> None:
             ax.plot(at, share, "osv^D"[k], ms=4, **look)
         ax.axhline(0.9, color="0.6", lw=0.8, zorder=0)
         ax.set_xticks(range(len(PARAMETERS)), [*LABELS, "λ x", "λ y"])
-        ax.set(title=f"{noise} noise", ylim=(0.0, 1.04))
+        ax.set(title=f"noise = {noise}", ylim=(0.0, 1.04))
     axes[0].set_ylabel("share of seeds whose\n90 % interval contains the truth")
     drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     save_figure(drawing, out, "seed-intervals")

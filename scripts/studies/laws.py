@@ -6,7 +6,7 @@
 Does the mixture predict as well as the true law? Truths are drawn from each law's calibration
 prior, on three protocols of 31 rows, with load noise alone; ``biaxbayes laws`` fits and samples
 every law. A law misses the record where the rms of its fit is more than twice the noise. No
-constant was chosen on these seeds. ``docs/laws-evidence.md`` quotes the tables.
+constant was chosen on these seeds.
 """
 
 from __future__ import annotations

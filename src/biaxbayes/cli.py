@@ -114,6 +114,8 @@ def _outcome(arguments: list[str] | None) -> int:
     except click.ClickException as error:
         error.show()
         return error.exit_code
+    except SystemExit:  # what click makes of a closed pipe, with code 1
+        raise BrokenPipeError from None
     except BrokenPipeError:
         raise
     except OSError as error:

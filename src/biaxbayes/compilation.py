@@ -21,17 +21,16 @@ import os
 import shutil
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
+from filelock import FileLock
 from numba.extending import register_jitable
 
 from biaxbayes.errors import InputError
-from biaxbayes.file_lock import try_lock
 
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise InputError("NUMBA_DISABLE_JIT is set", remedy="unset it: the density has to be compiled")
@@ -57,7 +56,7 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
 
 # --- the cache of compiled code -------------------------------------------------------------------
 
-COMPILED = ("laws/*.py", "mechanics/*.py", "error_model.py", "model/*.py", "populations/*.py")
+COMPILED = ("laws/*.py", "mechanics/*.py", "model/*.py", "populations/*.py")
 FREE_BYTES = 100_000_000
 """Least free space of the disk of the cache; all laws take some 20 MB."""
 
@@ -134,10 +133,8 @@ def first_alone() -> Iterator[None]:
         yield
         return
     with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError):
-            file = stack.enter_context((CACHE / ".filling").open("w"))
-            while not try_lock(file.fileno()):
-                time.sleep(0.1)
+        with contextlib.suppress(OSError, NotImplementedError):
+            stack.enter_context(FileLock(CACHE / ".filling"))
         if (CACHE / FILLED).exists():
             stack.close()
         yield

@@ -1,13 +1,12 @@
-r"""The forward model: from material, mounted state and dimensions to readings of the load cell.
+r"""The forward model: from material, mounted state and dimensions to loads.
 
     q_k = A_k s_k(theta, l lm) / (l_k lm_k)      dimensions of the unloaded state
     q_k = A_k s_k(theta, l lm) / l_k             dimensions of the mounted state
-    f_k ~ N(q_k + z_k, v(q_k)),  k = x, y
+    f_k = q_k + z_k + error,  k = x, y
 
 with the Cauchy stress s at the measured stretch l times the mounting stretch lm, the section A
-(that of the file times factors near one for the errors of its dimensions), the offset z of the load
-cell, and the variance v of :mod:`.error_model`. The compiled density has the same equations, from
-the same functions.
+(that of the file times factors near one for the errors of its dimensions), and the offset z of the
+load cell. The compiled density has the same equations, from the same functions.
 
 *Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``: a dictionary or a
 table of draws. Missing quantities default to lm = 1, factors of one, z = 0.
@@ -25,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.error_model import ErrorModel
 from biaxbayes.laws.law import Law, StressResponse
 from biaxbayes.mechanics.mounting import (
     load_per_stress,
@@ -99,18 +97,17 @@ class LoadResponse:
 
 @dataclass(frozen=True)
 class ForwardModel:
-    """Loads of a law on a specimen, and their errors."""
+    """Loads of a law on a specimen."""
 
     law: Law
     area: np.ndarray  # load per kPa from the dimensions of the file, (2,)
     mounted_dimensions: bool  # whether the dimensions are those of the mounted state
-    errors: ErrorModel
 
     @classmethod
     def from_specimen(cls, specimen: Specimen, settings: Settings) -> ForwardModel:
         """The forward model of a specimen in a run with these settings."""
         mounted = specimen.geometry == "mounted"
-        return cls(settings.material_law, specimen.area, mounted, settings.error_model)
+        return cls(settings.material_law, specimen.area, mounted)
 
     # --- one material in fit coordinates, one column per state of deformation ---
 
@@ -179,41 +176,6 @@ class ForwardModel:
     def mounting_load(self, values: Any, protocol: str = "") -> np.ndarray:
         """Loads of the mounted state, (draws, 2)."""
         return self.load(values, np.ones((1, 2)), protocol)[:, 0]
-
-    def predict(
-        self, values: Any, stretch: Any, protocol: str = ""
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation of single readings at measured stretches (rows, 2)."""
-        load = self.load(values, stretch, protocol)
-        return load + self.offset(values), np.broadcast_to(self.sd(values, load), load.shape)
-
-    def predict_rows(self, values: Any, rows: MeasuredRows) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation of readings at the rows of all protocols."""
-        parts = [
-            self.predict(values, rows.stretch[rows.protocol == i], name)
-            for i, name in enumerate(rows.names)
-        ]
-        mean, sd = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-        return mean, sd
-
-    def sd(self, values: Any, load: np.ndarray) -> np.ndarray:
-        """Standard deviation of readings about loads (draws, rows, 2); broadcasts with them."""
-        noise = {
-            p.name: np.atleast_1d(np.asarray(values[p.name], dtype=float))[:, None, None]
-            for p in self.errors.parameters
-        }
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self.errors.sd(noise, load))
-
-    def piola_sd(
-        self, values: Any, axis: int, piola_kPa: np.ndarray, mounting: np.ndarray
-    ) -> np.ndarray:
-        """Sd of a reading in kPa of first Piola-Kirchhoff stress.
-
-        ``piola_kPa`` is the stress (draws, rows), ``mounting`` the mounting stretch (draws, 2).
-        """
-        area = self.unloaded_section(values, mounting[:, None])[:, :, axis]
-        return self.sd(values, (piola_kPa * area)[..., None])[..., 0] / area
 
 
 def _column(values: Any, name: str, default: float) -> np.ndarray:

@@ -17,10 +17,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self, TypeVar
 
-from biaxbayes.error_model import CONSTANT, ERROR_MODELS, ErrorModel
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 from biaxbayes.laws.law import Law
+from biaxbayes.tasks import usual_numpy_errors
 
 # --- an option, its help text and its check ------------------------------------------------------
 
@@ -163,7 +163,7 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
         # In place of the entry ``**options`` of the docstring.
         doc = f"{inspect.getdoc(verb)}\n"
         verb.__doc__ = re.sub(r"(?m)^\*\*options.*\n( .*\n)*", lambda _: entries, doc).rstrip("\n")
-        return verb
+        return usual_numpy_errors(verb)
 
     return with_signature
 
@@ -173,8 +173,10 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
 INFERRING_MODES = ("noisy", "exact", "free")
 """Modes of the mounting force in which the mounting stretch is unknown."""
 MOUNTING_MODES = (*INFERRING_MODES, "ignored", "zeroed")
-LIKELIHOOD_WEIGHTS = ("effective", "independent")
-"""Likelihood tempered by n_eff / n, or not tempered."""
+MISFIT, INDEPENDENT = "misfit", "independent"
+ERRORS = (MISFIT, INDEPENDENT)
+"""Errors of readings: a smooth misfit of the law and the noise of the load cell, or independent
+errors alone, for what follows the law exactly."""
 MOUNTING_STRETCH = ("shared", "per-protocol")
 FIT_DESCRIPTIONS = {
     "standard": "takes the mounted state as unloaded, forces as read",
@@ -222,9 +224,16 @@ class Settings(Options):
     law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
     mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING_MODES)
     noise: str = option(
-        "effective",
-        "Weight the likelihood by the effective number of readings, or treat all as independent.",
-        choices=LIKELIHOOD_WEIGHTS,
+        MISFIT,
+        "Errors of the readings: a smooth misfit of the law and the load cell's noise, or "
+        "independent errors alone.",
+        choices=ERRORS,
+    )
+    toe: float = option(
+        0.2,
+        "Relative error (sd) of the law at the mounted state, where tissue is softest.",
+        minimum=0.0,
+        maximum=2.0,
     )
     mounting_stretch: str = option(
         "shared",
@@ -238,7 +247,6 @@ class Settings(Options):
         maximum=10.0,
         open_ends=True,
     )
-    noise_growth: bool = option(False, "Let the noise sd grow with the load.")
     thin: int = 0
     """Largest number of rows per protocol; longer ones are averaged down to it. 0 keeps all."""
     fibre_switch: bool = option(
@@ -263,10 +271,9 @@ class Settings(Options):
         return law_named(self.law, fibre_switch=self.fibre_switch)
 
     @property
-    def error_model(self) -> ErrorModel:
-        """The error model."""
-        chosen = (m for m in ERROR_MODELS if m.option and getattr(self, m.option))
-        return next(chosen, CONSTANT)
+    def has_misfit(self) -> bool:
+        """Whether the likelihood holds a smooth misfit of the law."""
+        return self.noise == MISFIT
 
     @property
     def infers_mounting(self) -> bool:
@@ -309,8 +316,8 @@ class ModelOptions(Settings):
 
     thin: int | str = option(  # type: ignore[assignment]
         AUTOMATIC,
-        "Average longer protocols to N rows; auto: above 200 rows to 100, with effective "
-        "noise only.",
+        "Average longer protocols to N rows; auto: above 200 rows to 100, not with independent "
+        "errors.",
         metavar=f"N|{ALL_ROWS}|{AUTOMATIC}",
     )
 

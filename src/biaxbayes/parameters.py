@@ -265,18 +265,6 @@ NOISE_SD = Parameter(
     positive=True,
     kind=ERROR,
 )
-NOISE_GROWTH = Parameter(
-    "noise_growth",
-    "b",
-    words="growth of the errors with the load",
-    low=0.0,
-    logarithmic=True,
-    width=0.5,
-    kind=ERROR,
-    prior=("lognormal", 0.03, 1.0),
-)
-NOISE_PARAMETERS = (NOISE_SD, NOISE_GROWTH)
-"""Parameters of all error models; a fit starts from the medians of their priors."""
 DIMENSION_PARAMETERS = (
     *_pair("edge", "", "edge in {} over the stated one", low=0.0, kind=DIMENSION),
     Parameter("thickness", words="thickness over the stated one", low=0.0, kind=DIMENSION),
@@ -356,9 +344,7 @@ class Quantities(Mapping[str, Quantity]):
                 quantities += [
                     Quantity(p, state, load_unit) for p in MOUNTING_PARAMETERS if p.kind == what
                 ]
-        quantities += [
-            Quantity(p, "", load_unit) for p in (*NOISE_PARAMETERS, *DIMENSION_PARAMETERS)
-        ]
+        quantities += [Quantity(p, "", load_unit) for p in (NOISE_SD, *DIMENSION_PARAMETERS)]
         self._quantities = {q.name: q for q in quantities}
 
     def __getitem__(self, name: str) -> Quantity:

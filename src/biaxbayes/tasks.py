@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import threading
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
+
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,18 @@ process_lock = threading.RLock()
 """Lock of ``sample`` and ``plot``, since pandas, ArviZ and matplotlib temporarily change warning
 filters and settings of the process."""
 
+usual_numpy_errors = np.errstate(all="warn", under="ignore")
+"""Decorator of what users call: NumPy's own settings, whatever the caller made of them by
+``np.seterr``. Densities underflow as a rule."""
+
+
+@contextlib.contextmanager
+def kept_warning_filters() -> Iterator[None]:
+    """Keep the warning filters of the process, to which xarray adds one as it reads."""
+    with process_lock, warnings.catch_warnings():
+        yield
+
+
 _blas_lock = threading.Lock()
 _blas_users = 0
 _blas_limit: Any = None
@@ -76,7 +92,12 @@ def one_blas_thread() -> Iterator[None]:
 def _limit_blas() -> None:
     global _blas_limit
     import scipy.linalg  # noqa: F401  # has a BLAS of its own, seen only once it is loaded
-    from threadpoolctl import threadpool_limits
+
+    duplicate = os.environ.get("KMP_DUPLICATE_LIB_OK")
+    from threadpoolctl import threadpool_limits  # sets the variable
+
+    if duplicate is None:
+        os.environ.pop("KMP_DUPLICATE_LIB_OK", None)
 
     _blas_limit = threadpool_limits(1, user_api="blas")
 

@@ -9,7 +9,7 @@ import os
 import re
 import stat
 import traceback
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -222,31 +222,46 @@ def rows_of(
 # --- writing --------------------------------------------------------------------------------------
 
 
+def as_path(value: Any, name: str) -> Path:
+    """The path that an argument of this name gives; refuses what is none."""
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(f"`{name}` must be a path, not {type(value).__name__}")
+    return Path(value)
+
+
 def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file whole or not at all, also on a power cut: temporary name, fsync, rename."""
-    if not path.name or path.is_dir():
-        raise InputError("is a folder, not a file", file=path, remedy="name a file")
-    if not path.parent.is_dir():
-        raise InputError(
-            f"the folder {path.parent} does not exist", file=path, remedy="make it, or name another"
-        )
-    temporary = path.with_name(f".{path.name[:40]}.{os.getpid()}.tmp")
+    atomic_write_all({path: data})
+
+
+def atomic_write_all(contents: Mapping[Path, bytes | memoryview]) -> None:
+    """Write files that belong together: none takes its name before all are on the disk."""
+    temporary = {path: path.with_name(f".{path.name[:40]}.{os.getpid()}.tmp") for path in contents}
     try:
-        # an existing name was left by a crash, or is a link that must not be followed
-        temporary.unlink(missing_ok=True)
-        with temporary.open("xb") as handle:
-            handle.write(data)
-            handle.flush()
-            os.fsync(handle.fileno())
-        temporary.replace(path)
+        for path, data in contents.items():
+            if not path.name or path.is_dir():
+                raise InputError("is a folder, not a file", file=path, remedy="name a file")
+            if not path.parent.is_dir():
+                problem = f"the folder {path.parent} does not exist"
+                raise InputError(problem, file=path, remedy="make it, or name another")
+            # an existing name was left by a crash, or is a link that must not be followed
+            temporary[path].unlink(missing_ok=True)
+            with temporary[path].open("xb") as handle:
+                handle.write(data)
+                handle.flush()
+                os.fsync(handle.fileno())
+        for path in contents:
+            temporary[path].replace(path)
     except OSError as error:
         raise InputError(
             f"cannot be written ({error.strerror})", file=path, remedy="check space and permissions"
         ) from None
     finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-    sync_folder(path.parent)
+        for waiting in temporary.values():
+            with contextlib.suppress(OSError):
+                waiting.unlink(missing_ok=True)
+    for folder in {path.parent for path in contents}:
+        sync_folder(folder)
 
 
 def atomic_write_text(path: Path, text: str) -> None:
@@ -282,18 +297,24 @@ def read_csv(path: Path, **how: Any) -> pd.DataFrame:
 
 def write_csv(path: Path, table: pd.DataFrame, *, digits: int | None = None) -> None:
     """Write a table without its index, atomically; `digits` are significant, default all."""
+    atomic_write_text(path, csv_text(table, digits=digits))
+
+
+def csv_text(table: pd.DataFrame, *, digits: int | None = None) -> str:
+    """A table without its index as :func:`write_csv` writes it."""
 
     def marked(cell: Any) -> Any:
         """A text that a spreadsheet would compute, marked as text by an apostrophe."""
-        computed = isinstance(cell, str) and FORMULA.match(cell) and not is_number(cell)
+        computed = isinstance(cell, str) and FORMULA.match(cell) and cell != "-"
+        computed = computed and not is_number(cell)
         return f"'{cell}" if computed else cell
 
-    text = _with_texts(table, marked).to_csv(
+    text: str = _with_texts(table, marked).to_csv(
         index=False,
         float_format=None if digits is None else f"%.{digits}g",
         lineterminator="\n",
     )
-    atomic_write_text(path, text)
+    return text
 
 
 def _with_texts(table: pd.DataFrame, change: Any) -> pd.DataFrame:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.sampling.convergence import effective_sample_size
-from studies.benchmark.natural_density import NAMES
 from studies.benchmark.outcome import LEVELS, Outcome, weighted_quantiles
 
 
@@ -40,8 +39,8 @@ def agreement(ours: Outcome, other: Outcome) -> Agreement:
     """Compare quantiles of 5, 50 and 95 %."""
     found = []
     weight = other.draws.get("weight")
-    for name in NAMES:
-        mine, theirs = ours.draws[name], other.draws[name]
+    for name, mine in ours.draws.items():
+        theirs = other.draws[name]
         if weight is None:
             quantiles = np.quantile(theirs, LEVELS)
         else:

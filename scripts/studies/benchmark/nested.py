@@ -1,4 +1,4 @@
-"""Nautilus, a nested sampler, from a narrowed prior."""
+"""Nautilus, a nested sampler, from a narrowed prior in the sampling coordinates."""
 
 from __future__ import annotations
 
@@ -8,42 +8,42 @@ import warnings
 import numpy as np
 from scipy.stats import t as student
 
-from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
+from biaxbayes.model.posterior import Posterior
 from studies.benchmark.outcome import Outcome
-from studies.benchmark.straight import Straight
 
 ESS = 10_000
-NU, WIDER = 4, 1.5
-"""Degrees of freedom of the narrowed prior, and its width over that of the flow's Gaussian."""
+NU, WIDER = 3, 2.0
+"""Degrees of freedom of the narrowed prior, and its width over that of the draws."""
 ENLARGED = 1.5
 """Growth of nautilus's ellipsoids along each axis: at its default of 1.1 they cut tails off."""
 
 
 def in_a_narrowed_prior(
-    density: NaturalDensity, straight: Straight, *, live: int, limit: float, seed: int = 1
+    posterior: Posterior, points: np.ndarray, *, live: int, limit: float, seed: int = 1
 ) -> Outcome:
-    """Nautilus between a Student t around the posterior and the posterior.
+    """Nautilus between a Student t around draws (n, d) and the posterior.
 
     Any normalised reference gives the same evidence and the same posterior, when the likelihood is
     the density over the reference (posterior repartitioning: Chen, Hobson, Das and Gelderblom,
-    Statistics and Computing 29 (2019) 835). This one has independent Student t coordinates before
-    the fitted flow, wider than the posterior and with heavy tails; from it a nested sampler is
-    quick and accurate enough to judge evidence to hundredths. The density is the compiled one.
+    Statistics and Computing 29 (2019) 835). This one has heavy tails and twice the width of the
+    draws along their principal axes.
     """
     import nautilus
 
-    d = len(NAMES)
-    before = density.evaluations
+    centre, factor = points.mean(axis=0), WIDER * np.linalg.cholesky(np.cov(points.T))
+    d, evaluations = points.shape[1], 0
+    log_volume = float(np.log(np.diag(factor)).sum())
+
+    def coordinates(cube: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        z = student.ppf(np.atleast_2d(cube), NU)
+        return centre + z @ factor.T, student.logpdf(z, NU).sum(axis=1) - log_volume
 
     def log_likelihood(cube: np.ndarray) -> np.ndarray:
-        z = student.ppf(np.atleast_2d(cube), NU)
-        x, log_jacobian = straight.natural_points(WIDER * z)
-        regular = np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian)
-        out = np.full(len(z), -1e300)
-        reference = student.logpdf(z[regular], NU).sum(axis=1) - d * np.log(WIDER)
-        value = density(x[regular]) + log_jacobian[regular] - reference
-        out[regular] = np.where(np.isfinite(value), value, -1e300)
-        return out
+        nonlocal evaluations
+        u, reference = coordinates(cube)
+        evaluations += len(u)
+        value = posterior.log_prob(u) - reference
+        return np.where(np.isfinite(value), value, -1e300)
 
     clock = time.perf_counter()
     sampler = nautilus.Sampler(
@@ -62,22 +62,17 @@ def in_a_narrowed_prior(
         finished = sampler.run(n_eff=ESS, discard_exploration=True, timeout=limit, verbose=False)
     seconds = time.perf_counter() - clock
     cube, log_weight, _ = sampler.posterior()
-    x, _ = straight.natural_points(WIDER * student.ppf(cube, NU))
     weight = np.exp(log_weight - log_weight.max())
-    ess = _kish(weight)
+    # Kish's size is what nautilus takes its own error from
+    ess = float(weight.sum() ** 2 / (weight**2).sum())
+    draws = posterior.natural(coordinates(cube)[0])
     return Outcome(
         ess,
-        density.evaluations - before,
+        evaluations,
         seconds,
         0.0,
         float("nan"),
-        summaries(x) | {"weight": weight},
+        draws | {"weight": weight},
         "" if finished else "not finished",
-        # Kish's size is what nautilus takes its own error from.
         (float(sampler.log_z), 1.0 / float(np.sqrt(ess))),
     )
-
-
-def _kish(weight: np.ndarray) -> float:
-    """Effective size of weighted draws, (sum w)^2 / sum w^2."""
-    return float(weight.sum() ** 2 / (weight**2).sum())

@@ -13,7 +13,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.sampling.sampler import Checkpoint, Plan, restore_ensembles, start_ensembles
 from biaxbayes.sampling.target import Target
-from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
+from studies.benchmark.natural_density import NaturalDensity
 from studies.benchmark.outcome import Outcome, judged
 
 WALKERS = 64
@@ -101,11 +101,10 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
 
 
 def _natural(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
-    """Draws by name, angles in radians as the other samplers have them."""
+    """Draws by name."""
     natural = target.quantities(chain.reshape(-1, chain.shape[-1]))
-    draws = {k: v.reshape(chain.shape[:3]) for k, v in natural.items() if k in NAMES}
-    draws["alpha"] = np.deg2rad(draws["alpha"])
-    return draws
+    others = ("lp", "log_likelihood")
+    return {k: v.reshape(chain.shape[:3]) for k, v in natural.items() if k not in others}
 
 
 def emcee_reseeded(density: NaturalDensity, *, limit: float) -> Outcome:
@@ -136,7 +135,7 @@ def emcee_plain(density: NaturalDensity, *, limit: float, seed: int = 1) -> Outc
     """
     rng = np.random.default_rng(seed)
     samplers = [
-        emcee.EnsembleSampler(WALKERS, len(NAMES), density, vectorize=True)
+        emcee.EnsembleSampler(WALKERS, len(density.names), density, vectorize=True)
         for _ in range(ENSEMBLES)
     ]
     for sampler in samplers:  # else all four would share NumPy's global stream
@@ -155,8 +154,8 @@ def emcee_plain(density: NaturalDensity, *, limit: float, seed: int = 1) -> Outc
         block = max(BLOCK_OF_PLAIN, int(GROWTH * total))
         # The last block must not overrun the limit by much.
         block = max(1, min(block, int((limit - spent) / spent * total) + 1))
-        kept = _kept(samplers, total)  # (ensembles, steps, walkers, 8)
-        ess, rhat = judged(summaries(kept))
+        kept = _kept(samplers, total)  # (ensembles, steps, walkers, d)
+        ess, rhat = judged(density.summaries(kept))
         if rhat < CRITERION_RHAT and ess >= CRITERION_ESS:
             met = spent
             break
@@ -167,7 +166,7 @@ def emcee_plain(density: NaturalDensity, *, limit: float, seed: int = 1) -> Outc
         spent * share,
         spent * (1.0 - share),
         rhat,
-        summaries(kept),
+        density.summaries(kept),
         "" if np.isfinite(met) else "not converged",
         extra={"to_criterion": met},
     )

@@ -35,7 +35,6 @@ def pooled_study(kind: str, seed: int) -> dict[str, Any]:
         "rhat": judged.worst_rhat,
         "sweeps": judged.steps,
         "singles": [run.state for run in runs.values()],
-        "beta": [round(run.beta, 4) for run in runs.values()],
         "protocols": [len(m.specimen.protocols) for m in members],
         "truth": _rounded(np.array([m.theta for m in members])),
         "single": _rounded([np.quantile(x, LEVELS, axis=0) for x in single]),

@@ -58,11 +58,6 @@ class HeldRun:
         return pd.DataFrame({k: v.ravel() for k, v in self.chains.items()})
 
     @property
-    def beta(self) -> float:
-        """Weight n_eff / n."""
-        return self.posterior.beta
-
-    @property
     def specimen(self) -> Specimen:
         """What was sampled."""
         return self.posterior.specimen

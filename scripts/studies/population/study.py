@@ -1,13 +1,11 @@
-"""Populations of virtual specimens whose truth is known, and NUTS on the same hierarchical model.
+"""Populations of virtual specimens whose truth is known.
 
     python scripts/study.py population --workers 2
-    python scripts/study.py population --only agreement        needs the extra ``bench``
 
 ``calibration``: studies whose truths are drawn from the model's own priors. ``ridge``: twelve
 media, nine with an equibiaxial test only; ``alike``: all twelve so. ``common-misfit`` and
 ``own-misfit``: media that the law misses smoothly, all in the same way or each in its own;
-``no-misfit``: the same media without it. ``agreement``: six specimens of three protocols in two
-groups, and NUTS on all of them at once. ``docs/population-evidence.md`` quotes the tables.
+``no-misfit``: the same media without it. ``docs/population-evidence.md`` quotes the tables.
 """
 
 from __future__ import annotations
@@ -108,26 +106,12 @@ def draw(coverage: pd.DataFrame, ridge: pd.DataFrame, out: Path) -> None:
     save_figure(drawing, out, "population-evidence")
 
 
-def agree(folder: Path, out: Path, quick: bool) -> None:
-    """Means and sds of the hyperparameters beside those of NUTS."""
-    from studies.population.agreement import make_six, nuts
-
-    if not (folder / "population" / "population.nc").exists():
-        make_six(folder)
-    found = nuts(folder, *((50, 50) if quick else (3000, 600)))
-    write_table(out, "population-agreement", pd.DataFrame(found["rows"]))
-    print(f"{found['draws']} draws of NUTS, {found['divergences']} divergent")
-
-
 def main() -> None:
     """Run all kinds of studies, or one of them."""
     arguments = parser(__doc__)
-    arguments.add_argument("--only", choices=["calibration", *POOLED, "agreement"])
+    arguments.add_argument("--only", choices=["calibration", *POOLED])
     options = options_of(arguments)
     folder = options.records / "population"
-    if options.only == "agreement":
-        agree(folder / "six", options.out, options.quick)
-        return
     kinds = ("no-misfit",) if options.quick else ("calibration", *POOLED)
     tables = {}
     for kind in kinds:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.mechanics.virtual_test import simulate_smooth_misfit
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 PARAMETERS = GOHLaw().names
@@ -59,11 +57,10 @@ class Plan:
 
 
 PLANS = {
-    "six": Plan(6, ("media", "adventitia")),
     "ridge": Plan(12, three_protocols=(1, 5, 9), noise_N=0.01, increments=12),
     "alike": Plan(12, three_protocols=(), noise_N=0.01, increments=12),
-    "common-misfit": Plan(8, misfit="common", noise="effective"),
-    "own-misfit": Plan(8, misfit="own", noise="effective"),
+    "common-misfit": Plan(8, misfit="common", noise="misfit"),
+    "own-misfit": Plan(8, misfit="own", noise="misfit"),
     "no-misfit": Plan(8),
 }
 
@@ -139,16 +136,3 @@ def _read(
         load = np.round(load + noise_N * rng.standard_normal(load.shape), 7)
         protocols.append(replace(p, load_x=load[:, 0], load_y=load[:, 1]))
     return replace(specimen, protocols=tuple(protocols), load_noise=noise_N)
-
-
-def write(members: Sequence[Member], folder: Path, noise: str) -> Path:
-    """Specimen files and a study file of them."""
-    folder.mkdir(parents=True, exist_ok=True)
-    lines = ['name = "virtual"', "ess = 1000", "[options]", f'noise = "{noise}"']
-    for m in members:
-        write_specimen(m.specimen, folder / f"{m.label}.csv")
-        lines += ["[[specimen]]", f'file = "{m.label}.csv"', f'donor = "{m.donor}"']
-        lines += [f'layer = "{m.group}"']
-    study = folder / "study.toml"
-    study.write_text("\n".join(lines) + "\n")
-    return study

@@ -1,9 +1,10 @@
-"""Simulation-based calibration on the protocols and noise of a specimen.
+"""Simulation-based calibration on the protocols and load noise of a specimen.
 
 True values are drawn from a prior, readings are simulated, and the posterior of the readings is
 sampled with the same prior and the procedure that a measured specimen gets. The rank of a true
 value among its posterior draws is then uniform (Talts et al., arXiv:1804.06788), whatever the
-prior, if and only if density and sampler are right for what was ranked.
+prior, if and only if density and sampler are right for what was ranked. A misfit is drawn from its
+prior, relative to the loads that fit the specimen of the study, in simulation and inference alike.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from biaxbayes.calibration.simulated_specimen import draw_truth, simulate_specimen
 from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.fitting.result import FitResult
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.model.draw import draw_posterior
@@ -41,7 +43,7 @@ WRONG_SD = 1.2
 class Study:
     """A calibration study; with an index, it determines a replication."""
 
-    specimen: Specimen  # protocols, dimensions and load noise are used, its loads are not
+    specimen: Specimen  # protocols, dimensions, load noise, and the loads a misfit is relative to
     options: Mapping[str, Any]  # of the posterior, without priors
     priors: Mapping[str, Prior | float | Tie]  # of every parameter, drawn from and sampled with
     seed: int = CalibrationPlan.seed
@@ -84,14 +86,20 @@ class Study:
             **self.options,
             priors=self.priors,
             seed=seed,
+            misfit_fit=self.misfit_fit,
             determinant=self.broken != "determinant",
         )
 
+    @cached_property
+    def misfit_fit(self) -> FitResult | None:
+        """The fit whose loads the misfit is relative to, in simulation and inference."""
+        posterior = Posterior(self.specimen, **self.options, priors=self.priors)
+        return posterior.fit if posterior.settings.has_misfit else None
+
     def model(self) -> Posterior:
         """The statistical model that true values and readings are simulated from."""
-        # with independent errors no fit is needed
-        options = {**self.options, "noise": "independent"}
-        return Posterior(self.specimen, **options, priors=self.priors)
+        fit = self.misfit_fit
+        return Posterior(self.specimen, **self.options, priors=self.priors, misfit_fit=fit)
 
 
 @dataclass(frozen=True)
@@ -110,7 +118,6 @@ class Replication:
     rejected: int = 0  # draws from the prior without a stable mounted state
     worst_ess: float = float("nan")
     worst_rhat: float = float("nan")
-    beta: float = float("nan")
     seconds: float = 0.0
 
 
@@ -166,7 +173,6 @@ def replicate(study: Study, index: int) -> Replication:
         rejected,
         convergence.worst_ess,
         convergence.worst_rhat,
-        posterior.beta,
         time.perf_counter() - clock,
     )
 

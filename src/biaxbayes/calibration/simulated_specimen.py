@@ -1,5 +1,11 @@
 """Specimens drawn from the statistical model, and the priors of their true values.
 
+    f0 = p0 + mean over the protocols (delta + toe) + s0 eps          reading of a mounted state
+    f  = load of the law + delta + toe + s0 eps                       every other reading
+
+with the misfit delta and its toe drawn from their prior, relative to the loads of a fit that the
+inference uses as well. With independent errors there is no misfit.
+
 The default priors of a posterior are so wide that most of their draws are not like tissue on the
 protocols of a study (10 MPa, or compressed at mounting). A study needs realistic true values, and
 must sample with the prior that it draws from.
@@ -12,11 +18,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from biaxbayes.error_model import simulate
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.model.misfit import CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
+from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names
 from biaxbayes.specimens.specimen import Specimen
@@ -27,7 +34,7 @@ ROOT_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class SimulatedSpecimen(Specimen):
-    """A specimen whose mounting readings have the sd that they were simulated with."""
+    """A specimen whose readings have the sd that they were simulated with."""
 
     reading: tuple[tuple[float, float], ...] = ()
     reading_sd: tuple[tuple[float, float], ...] = ()
@@ -73,29 +80,64 @@ def simulate_specimen(
     *,
     noise_factor: float = 1.0,
 ) -> SimulatedSpecimen:
-    """Simulate readings of `truth` on the specimen's protocols with `noise_factor` times the sd."""
-    specimen = model.specimen
-    forces = np.array([_pair(truth, "force", m) for m in model.mounts])
-    _, sd = specimen.mounting_readings(shared=model.settings.shared)
-    reading = forces
-    if model.settings.mounting != "exact":
-        # f0 = p0 + offset + s0 eps
-        reading = forces + model.forward.offset(truth)[0] + sd * rng.standard_normal(sd.shape)
+    """Simulate readings of a material on the protocols of a specimen.
+
+    Parameters
+    ----------
+    model : Posterior
+        The statistical model, with the fit that its misfit is relative to.
+    truth : mapping of str to float
+        From :func:`draw_truth`.
+    noise_factor : float
+        Factor of the errors of all rows but those at rest; not 1 only to see that it is noticed.
+    """
+    specimen, settings = model.specimen, model.settings
+    least = LEAST_NOISE * specimen.peak_load if settings.has_misfit else 0.0
+    noise = max(specimen.noise_sd, least) if settings.has_misfit else truth[NOISE_SD.name]
+    (misfit, scatter), offset = _misfits(model, rng), model.forward.offset(truth)[0, 0]
+    reading = np.array([_pair(truth, "force", m) for m in model.mounts])
+    sd = np.maximum(specimen.mounting_readings(shared=settings.shared)[1], least)
+    if settings.mounting != "exact":
+        starts = np.array([curve[0] for curve in misfit])
+        of_states = starts.mean(axis=0, keepdims=True) if settings.shared else starts
+        reading = reading + offset + of_states + scatter * sd * rng.standard_normal(sd.shape)
     protocols = []
     for i, p in enumerate(specimen.protocols):
-        m = 0 if model.settings.shared else i
-        mean, spread = model.forward.predict(truth, p.stretch, p.name)
-        load = simulate(mean[0].T, noise_factor * spread[0].T, rng)
-        load[:, : p.rest_rows] = reading[m][:, None]
+        errors = scatter * noise * rng.standard_normal((p.rows, 2))
+        errors[p.rest_rows :] += misfit[i][1:]
+        load = model.forward.load(truth, p.stretch, p.name)[0] + offset + noise_factor * errors
+        load[: p.rest_rows] = reading[0 if settings.shared else i]
         if specimen.stress_pair == "cauchy":
-            load = load * p.stretch.T
-        protocols.append(replace(p, load_x=load[0], load_y=load[1]))
+            load = load * p.stretch
+        protocols.append(replace(p, load_x=load[:, 0], load_y=load[:, 1]))
     fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
+    fields["load_noise"] = noise if settings.has_misfit else specimen.load_noise
     return SimulatedSpecimen(
         **fields | {"protocols": tuple(protocols)},
         reading=tuple((float(x), float(y)) for x, y in reading),
         reading_sd=tuple((float(x), float(y)) for x, y in sd),
     )
+
+
+def _misfits(model: Posterior, rng: np.random.Generator) -> tuple[list[np.ndarray], float]:
+    """A misfit and a factor of the noise, drawn from their priors.
+
+    The misfit is (1 + rows, 2) of each protocol, the mounted state first.
+    """
+    protocols = model.specimen.protocols
+    loaded = [p.stretch[p.rest_rows :] for p in protocols]
+    if not model.settings.has_misfit:
+        return [np.zeros((1 + len(stretch), 2)) for stretch in loaded], 1.0
+    points, out = [], []
+    for i, stretch in enumerate(loaded):
+        points += [model.paths.start(i), model.paths.tested(i, stretch)]
+    (drawn, factor), first = model.misfit.draw(CurvePoints.joined(points), rng), 0
+    for stretch in loaded:
+        last = first + 2 * (1 + len(stretch))
+        start, rows = drawn[first : first + 2], drawn[first + 2 : last].reshape(2, -1).T
+        out.append(np.vstack([start, rows]))
+        first = last
+    return out, factor
 
 
 def _pair(truth: Mapping[str, float], what: str, label: str) -> np.ndarray:
@@ -144,7 +186,7 @@ LOCAL_PRIOR_WIDTH = 2.0
 
 
 def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
-    """Prior of tissue with similar stresses on these protocols; noise around 0.5 % of the peak."""
+    """Prior of tissue with similar stresses; independent errors around 0.5 % of the peak."""
     stretch = 1.02 * max(
         float(max(p.stretch_x.max(), p.stretch_y.max())) for p in specimen.protocols
     )
@@ -153,11 +195,8 @@ def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
     for name, (family, first, second) in settings.material_law.scaled_prior(stretch, peak).items():
         rounded = first if family == "uniform" else _rounded(first)
         prior[name] = Prior.from_numbers(family, rounded, second)
-    prior[NOISE_SD.name] = Prior("lognormal", _rounded(0.005 * specimen.peak_load), 0.7)
-    for p in settings.error_model.parameters:
-        if p.prior is not None:
-            family, median, sd_log = p.prior
-            prior[p.name] = Prior.from_numbers(family, median, 0.5 * sd_log)
+    if not settings.has_misfit:
+        prior[NOISE_SD.name] = Prior("lognormal", _rounded(0.005 * specimen.peak_load), 0.7)
     for name in mounting_names("stretch"):
         if name not in specimen.metadata:
             prior[name] = Prior("normal", 1.02, 0.01, low=0.5)

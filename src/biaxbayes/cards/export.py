@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -20,10 +20,10 @@ from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text, write_csv
+from biaxbayes.text_files import atomic_write_all, csv_text
 
 PROGRAMS: dict[str, tuple[Callable[[Card, str], str], Callable[[str], WrittenCard], str]] = {
     "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
@@ -50,25 +50,59 @@ def export_cards(
     units: str = "kPa-mm",
     bulk_ratio: float | None = None,
     origin: str = "posterior draw",
+    warnings: Sequence[str] = (),
     overwrite: bool = False,
 ) -> pd.DataFrame:
     """Write a card for each row of the draws, equally weighted, and a manifest; check every card.
 
     ``bulk_ratio`` is the bulk modulus over the larger of the matrix's shear modulus and the largest
     stress in the tested range; the change of volume at that stress is about its inverse. Default:
-    incompressible for Abaqus, 1000 for FEBio. ``origin`` describes the draws in the header. Raises
-    InputError for a ratio that is not positive, an earlier export in the folder or a material that
-    cannot be written, BiaxbayesError if a card fails its check.
+    incompressible for Abaqus, 1000 for FEBio. ``origin`` describes the draws in the header, where
+    ``warnings`` stand last. Raises InputError for a ratio that is not positive, an earlier export
+    in the folder or a material that cannot be written, BiaxbayesError if a card fails its check.
+    Files of an earlier export stay whole until every new one is on the disk.
     """
+    manifest, files = made_cards(
+        draws,
+        specimen,
+        law,
+        rows,
+        out,
+        program=program,
+        units=units,
+        bulk_ratio=bulk_ratio,
+        origin=origin,
+        warnings=warnings,
+        overwrite=overwrite,
+    )
+    write_cards(files)
+    return manifest
+
+
+def made_cards(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    law: Law,
+    rows: Sequence[int],
+    out: Path,
+    *,
+    program: str,
+    units: str,
+    bulk_ratio: float | None,
+    origin: str,
+    warnings: Sequence[str] = (),
+    overwrite: bool,
+) -> tuple[pd.DataFrame, dict[Path, bytes]]:
+    """The manifest and all files of an export, checked and not yet written."""
     _check_law(law, program)
     if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
         raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")
     if bulk_ratio is None and program == "febio":
         bulk_ratio = BULK_RATIO
-    _prepare(out, overwrite=overwrite)
+    _refuse_earlier(out, overwrite=overwrite)
     stem, digits = safe_label(specimen.name), max(4, len(str(len(draws))))
     weight = 1.0 / len(rows)
-    records = []
+    records, files = [], {}
     for row in rows:
         draw = draws.iloc[[int(row)]]
         states = _tested_states(draw, specimen)
@@ -85,10 +119,12 @@ def export_cards(
             specimen.name,
             f"{origin}; row {row} of {len(draws)} draws, weight {weight:.6g}",
             bool(mounting_labels(draws, specimen)),
-            material.notes,
+            (*material.notes, *warnings),
         )
         file = f"{stem}-{row:0{digits}d}{PROGRAMS[program][2]}"
-        deviation = _write_and_check(card, out / file, program, material.fitted, states)
+        text = PROGRAMS[program][0](card, __version__)
+        deviation = _checked(text, file, card, program, material.fitted, states)
+        files[out / file] = text.encode("utf-8")
         labels = [p.label for p in material.written.law.parameters]
         records.append(
             {"card": card.label, "file": file, "draw": int(row), "weight": weight}
@@ -99,8 +135,8 @@ def export_cards(
             | {"check_relative_deviation": deviation}
         )
     manifest = pd.DataFrame(records)
-    write_csv(out / MANIFEST, manifest)
-    return manifest
+    files[out / MANIFEST] = csv_text(manifest).encode("utf-8")
+    return manifest, files
 
 
 def _check_law(law: Law, program: str) -> None:
@@ -167,33 +203,45 @@ def _tested_states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
     return np.vstack(states)
 
 
-def _write_and_check(
-    card: Card, path: Path, program: str, fitted: MaterialResponse, states: np.ndarray
+def _checked(
+    text: str, file: str, card: Card, program: str, fitted: MaterialResponse, states: np.ndarray
 ) -> float:
-    """Write a card, read the file back and compare its stress with the draw's."""
-    write, read, _ = PROGRAMS[program]
-    atomic_write_text(path, write(card, __version__))
-    # What counts is the file, not what was meant to be in it. In the incompressible limit the
+    """Largest relative deviation of the stress of a written card from the draw's."""
+    # What counts is the text, not what was meant to be in it. In the incompressible limit the
     # volumetric term vanishes; evaluating it would only add its rounding, K times 1e-16.
-    energy = read(path.read_text(encoding="utf-8")).isochoric_energy
+    energy = PROGRAMS[program][1](text).isochoric_energy
     deviation = relative_deviation(energy, card.units.per_kPa, fitted, *states.T)
     if not deviation <= AGREEMENT:
-        path.unlink()
         raise BiaxbayesError(
-            f"{path.name}: its stress differs from the draw's by {deviation:.1e} of itself"
+            f"{file}: its stress differs from the draw's by {deviation:.1e} of itself"
         )
     return deviation
 
 
-def _prepare(out: Path, *, overwrite: bool) -> None:
-    """Make the folder; an earlier export in it is removed or refused, never mixed with."""
+def write_cards(files: Mapping[Path, bytes]) -> None:
+    """Write the files of an export, and remove those of an earlier one that are not among them."""
+    for folder in {path.parent for path in files}:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
+    atomic_write_all(files)
+    for folder in {path.parent for path in files}:
+        for path in _cards_in(folder):
+            if path not in files:
+                path.unlink(missing_ok=True)
+
+
+def _refuse_earlier(out: Path, *, overwrite: bool) -> None:
+    """Refuse a folder with an earlier export; never are two mixed."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        old = [path for path in out.iterdir() if CARD_NAME.fullmatch(path.name)]
-        if (old or (out / MANIFEST).exists()) and not overwrite:
-            remedy = "name another folder with `out`, or remove them with `overwrite=True`"
-            raise InputError("holds the cards of an earlier export", file=out, remedy=remedy)
-        for path in (*old, out / MANIFEST):
-            path.unlink(missing_ok=True)
+        earlier = out.exists() and (_cards_in(out) or (out / MANIFEST).exists())
     except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", file=out) from None
+        raise InputError(f"cannot be used ({error.strerror})", file=out) from None
+    if earlier and not overwrite:
+        remedy = "name another folder with `out`, or remove them with `overwrite=True`"
+        raise InputError("holds the cards of an earlier export", file=out, remedy=remedy)
+
+
+def _cards_in(folder: Path) -> list[Path]:
+    return [path for path in folder.iterdir() if CARD_NAME.fullmatch(path.name)]

@@ -8,7 +8,7 @@ stiffness and the structure tensor are compared as well, each with how much the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
@@ -38,8 +38,8 @@ OPTIONS = {
     "law": "the material law is",
     "mounting": "the mounting force enters as",
     "noise": "the errors are",
+    "toe": "the largest error of the toe is",
     "mounting_stretch": "the mounted state is",
-    "error_model": "the sd of the errors is",
     "fibre_switch": "fibres drop out in compression:",
 }
 
@@ -209,12 +209,11 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     stretches = equibiaxial_steps(
         min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
     )
-    members = tuple(replace(m, draws=thin_draws(m.draws)) for m in members)
     derived, identified = [], []
     for m, rows in zip(members, reported, strict=True):
         prior, own = (
             derived_quantities(draws, m.posterior.law, stretches, (1.0, stretches[-1]))
-            for draws in (prior_material(m.posterior, m.draws), m.draws)
+            for draws in (prior_material(m.posterior, m.draws), thin_draws(m.draws))
         )
         derived.append(own)
         known = {r.name: r.verdict in (IDENTIFIED, BOUNDED) for r in rows}
@@ -224,7 +223,7 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     pairs = combinations(range(len(members)), 2)
     distances = [row for i, j in pairs for row in _distances(members, derived, identified, i, j)]
     return Comparison(
-        members,
+        tuple(members),
         reported,
         tuple(derived),
         tuple(identified),

@@ -1,7 +1,9 @@
-"""Laws fitted and sampled on a record without a part of it.
+"""Laws fitted and sampled on a record without a part of it, and their predictions of that part.
 
 Each protocol is left out in turn; of a single protocol, each quarter of its path. The mounting
-constraint and the error model are the same for every law.
+constraint and the errors of readings are the same for every law. A draw predicts the load of its
+law and what the readings it has seen say of the misfit there; with the sd of the misfit and the
+noise of the load cell a left-out reading is normal about it.
 """
 
 from __future__ import annotations
@@ -14,17 +16,27 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
+from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.draw import draw_posterior
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.model.readings import ReadingVector
+from biaxbayes.prediction.bands import compared_protocols
+from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced
+from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import thinned_specimen
 
 WHOLE = "whole record"
 QUARTERS = 4
 MAX_LAW_DRAWS, MAX_PART_DRAWS = 2000, 500
-"""Draws used of the posterior of a whole record, and of one with a part left out."""
+"""Draws used of the posterior of a whole record, and of one with a part left out or for bands."""
+MAX_BAND_ROWS = 100
+"""Rows of a protocol that bands over the record are given at."""
 
 
 # --- what is left out ----------------------------------------------------------------------------
@@ -95,31 +107,125 @@ class Task:
         return f"{self.law}, {self.part.name if self.part else WHOLE}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class PredictedReadings:
+    """Readings as the draws of a law predict them; (draws, m, 2), or broadcast with it."""
+
+    measured: np.ndarray  # (m, 2)
+    per_kPa: np.ndarray  # (m, 2), load per Cauchy stress at the median mounting stretch
+    mean: np.ndarray  # of the tissue: the law and its misfit
+    sd: np.ndarray  # of the tissue about it
+    noise_sd: np.ndarray  # of a reading about the tissue
+
+    @property
+    def reading_sd(self) -> np.ndarray:
+        """Sd of a reading about the mean."""
+        return np.hypot(self.sd, self.noise_sd)
+
+    @property
+    def log_density(self) -> np.ndarray:
+        """Log predictive density of each reading, (2 m,)."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            each = log_likelihood(self.mean, self.reading_sd, self.measured)
+        each = np.where(np.isfinite(each), each, -np.inf)
+        # ln p(y_i | rest) = ln mean_s N(y_i | m_si, sd_si)
+        return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(len(each))).ravel()
+
+    def curves(self, *, of_readings: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and sd (draws, 2 m), of readings or the tissue, without draws that overflow."""
+        sd = np.broadcast_to(self.reading_sd if of_readings else self.sd, self.mean.shape)
+        fine = np.isfinite(self.mean).all(axis=(1, 2))
+        fine |= not fine.any()  # unless there are no others
+        return tuple(v[fine].reshape(int(fine.sum()), -1) for v in (self.mean, sd))  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, eq=False)
 class Prediction:
-    """Draws of one law on one record."""
+    """Draws of one law on one record, and the readings that they predict."""
 
     state: str  # of the chains; `failed` if nothing could be drawn
     reason: str
-    rmse_kPa: float  # of the deterministic fit
-    residuals: tuple[np.ndarray, ...]  # of that fit, (n_p, 2)
+    rmse_kPa: float  # of the least-squares fit
     draws: pd.DataFrame  # as in summary.csv
+    # of the part left out, averaged as in a likelihood; of the whole record, of single rows
+    readings: PredictedReadings | None = None
 
 
 def sample_part(task: Task) -> Prediction:
     """Fit and sample a law on a record without the part; a failure is a state, not an error."""
     shown = task.specimen if task.part is None else without(task.specimen, task.part)
     rmse = float("nan")
-    residuals: tuple[np.ndarray, ...] = ()
     try:
         posterior = prepare(shown, law=task.law, seed=task.seed, **task.options)
-        rmse, residuals = posterior.fit.rmse_kPa, posterior.fit.residuals
+        rmse = posterior.fit.rmse_kPa
         plan = Plan(ess=task.ess, max_steps=task.max_steps, seed=task.seed, workers=1)
         drawn = draw_posterior(posterior, plan)
     except (NotConverged, np.linalg.LinAlgError) as error:
-        return Prediction("failed", str(error), rmse, residuals, pd.DataFrame())
+        return Prediction("failed", str(error), rmse, pd.DataFrame())
     count = MAX_LAW_DRAWS if task.part is None else MAX_PART_DRAWS
     table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
     table = table.iloc[evenly_chosen(len(table), count)].reset_index(drop=True)
+    few = table.iloc[evenly_chosen(count, MAX_PART_DRAWS)]
+    readings = predicted_readings(posterior, few, task.specimen, task.part)
     convergence = drawn.convergence
-    return Prediction(convergence.state, convergence.reason, rmse, residuals, table)
+    return Prediction(convergence.state, convergence.reason, rmse, table, readings)
+
+
+# --- predicted readings --------------------------------------------------------------------------
+
+
+def predicted_readings(
+    posterior: Posterior, draws: pd.DataFrame, specimen: Specimen, part: Part | None
+) -> PredictedReadings:
+    """Readings of the part of a specimen that the posterior has not seen, or of all it has."""
+    tissue = Tissue(posterior, draws)
+    if part is not None:
+        return _of_part(tissue, specimen, part)
+    parts = []
+    for i, p in enumerate(compared_protocols(specimen, posterior.settings)):
+        rows = band_rows(p)
+        loads, per_kPa = (
+            tissue.tested(i, p.stretch, rows),
+            _per_kPa(tissue, p.stretch[rows], p.name),
+        )
+        sd = np.broadcast_to(loads.sd, loads.mean.shape)
+        parts.append((specimen.load(p)[rows], per_kPa, loads.mean, sd))
+    measured, per_kPa, mean, sd = (np.concatenate(v, axis=-2) for v in zip(*parts, strict=True))
+    return PredictedReadings(measured, per_kPa, mean, sd, tissue.noise_sd)
+
+
+def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReadings:
+    """Readings of a part that was left out, averaged as the likelihood would."""
+    posterior = tissue.posterior
+    settings, single = posterior.settings, len(specimen.protocols) == 1
+    source = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    thinned = thinned_specimen(only(source, part), settings.thin)
+    rows = MeasuredRows.from_thinned(thinned)
+    readings = ReadingVector.from_rows(rows, thinned, 0, average=settings.has_misfit)
+    count = len(readings.weight) // 2
+    average = np.zeros((count, len(rows.load)))
+    average[readings.index[:, 0], np.arange(len(rows.load))] = readings.share
+    law = tissue.law(rows.stretch) + posterior.forward.offset(tissue.draws)
+    # a quarter lies on the path of the protocol that is known
+    misfit, sd = tissue.misfit(rows.stretch, 0 if single else None)
+    shape = np.shape(law)
+    return PredictedReadings(
+        average @ rows.load,
+        average @ _per_kPa(tissue, rows.stretch, rows.names[0]),
+        average @ (law + misfit),
+        average @ np.broadcast_to(sd, shape),
+        tissue.noise_sd / np.sqrt(readings.weight[:count, None]),
+    )
+
+
+def _per_kPa(tissue: Tissue, stretch: np.ndarray, protocol: str) -> np.ndarray:
+    """Load per Cauchy stress at measured stretches (m, 2) and the median mounting stretch."""
+    names = [q.name for q in tissue.posterior.quantities.mounting() if q.name in tissue.draws]
+    medians = {name: tissue.draws[name].median() for name in names}
+    return np.asarray(tissue.posterior.forward.load_per_stress(medians, stretch, protocol)[0])
+
+
+def band_rows(protocol: Protocol) -> np.ndarray:
+    """Rows of a protocol that the bands of a mixture are given at."""
+    loaded = np.arange(protocol.rest_rows, protocol.rows)
+    return loaded[evenly_spaced(len(loaded), MAX_BAND_ROWS)]

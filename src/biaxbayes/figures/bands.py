@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,8 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
-from biaxbayes.options import CONTENT, Settings
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import CONTENT
 from biaxbayes.prediction.bands import bands, true_loads
 from biaxbayes.specimens.specimen import Specimen
 
@@ -43,6 +43,8 @@ MAX_PANEL_ROWS, MIN_PANEL_MM, LEFT_MM, RESIDUAL_MM = 3, 32.0, 16.0, 12.0
 """Rows of panels, least width of a panel, space at their left, height of the residuals."""
 TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": DASHES}
 """Line style of true loads."""
+LAW: dict[str, Any] = {"linewidth": 0.7, "linestyle": (0, (1.0, 1.5))}
+"""Line style of the loads of the law alone, without its misfit."""
 OPEN_UP_TO = 150
 """Readings of a curve up to which markers are large and open."""
 BAND_QUANTILES = tuple(
@@ -52,21 +54,19 @@ BAND_KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
 
 
 def bands_figure(
-    specimen: Specimen,
+    posterior: Posterior,
     draws: pd.DataFrame,
     *,
-    settings: Settings,
     truth: Mapping[str, float] | None = None,
     probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Style = None,
 ) -> Figure:
     """Draw load against measured stretch with both bands, and residuals, for up to 12 protocols."""
-    shown = replace(specimen, protocols=specimen.protocols[: shown_protocols(specimen, width_mm)])
+    specimen = posterior.specimen
     table = bands(
-        shown,
+        posterior,
         draws,
-        settings=settings,
         probability=probability,
         max_rows=DRAWN_READINGS,
         max_draws=BAND_DRAWS,
@@ -74,7 +74,7 @@ def bands_figure(
     true = (
         None
         if truth is None
-        else true_loads(shown, truth, settings=settings, max_rows=DRAWN_READINGS)
+        else true_loads(specimen, truth, settings=posterior.settings, max_rows=DRAWN_READINGS)
     )
     return figure_from_bands(
         specimen, table, truth=true, probability=probability, width_mm=width_mm, style=style
@@ -92,10 +92,13 @@ def figure_from_bands(
 ) -> Figure:
     """Draw a table of :func:`~biaxbayes.prediction.bands.bands`, with true loads at its rows."""
     # The table names quantiles after their levels; rename them by their order.
-    table = table.set_axis(pd.Index([*table.columns[:5], *BAND_QUANTILES]), axis=1)
-    columns = [*BAND_QUANTILES, "measured"]
+    rest = table.columns[5 + len(BAND_QUANTILES) :]
+    table = table.set_axis(pd.Index([*table.columns[:5], *BAND_QUANTILES, *rest]), axis=1)
+    columns = [*BAND_QUANTILES, "measured", *rest]
     if truth is not None:
         table, columns = table.assign(truth=truth), [*columns, "truth"]
+    shown = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]
+    table = table[table["protocol"].isin(shown)]
     scale, unit = residual_unit(table, specimen.unit)
     with print_style(style):
         figure, panels = _panels(specimen, width_mm)
@@ -117,7 +120,7 @@ def figure_from_bands(
             if first:
                 load.set_ylabel(LOAD_LABELS[specimen.stress_pair], linespacing=1.1)
         figure.align_ylabels()
-        handles = _handles(specimen, probability, truth is not None)
+        handles = _handles(specimen, probability, law="law" in table, truth=truth is not None)
         across = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
         figure.legend(handles=handles, loc="outside upper left", ncols=across, columnspacing=1.4)
         add_note(figure, _note(len(panels), specimen, table))
@@ -212,8 +215,9 @@ def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:
         ax.fill_between(x[order], low, high, color=colour(axis), alpha=opacity, linewidth=0.0)
     ax.plot(x[order], curves["credible_median"], color=colour(axis), linewidth=0.8)
     ax.plot(x, part["measured"], linestyle="none", **_marker(axis, len(part)))
-    if "truth" in part:
-        ax.plot(x[order], curves["truth"], **TRUE)
+    for name, look in (("law", LAW | {"color": colour(axis)}), ("truth", TRUE)):
+        if name in part:
+            ax.plot(x[order], curves[name], **look)
 
 
 def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
@@ -229,7 +233,7 @@ def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
     return "; ".join(notes)
 
 
-def _handles(specimen: Specimen, probability: float, truth: bool) -> list[Any]:
+def _handles(specimen: Specimen, probability: float, *, law: bool, truth: bool) -> list[Any]:
     """Entries of the legend."""
     handles: list[Any] = []
     for axis, direction in (("x", specimen.axis_x), ("y", specimen.axis_y)):
@@ -239,4 +243,6 @@ def _handles(specimen: Specimen, probability: float, truth: bool) -> list[Any]:
     for kind, opacity in reversed(BAND_KINDS):
         label = f"{kind} band, {100 * probability:g} %"
         handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
+    if law:
+        handles.append(Line2D([], [], label="law alone", color="0.3", **LAW))
     return [*handles, Line2D([], [], label="truth", **TRUE)] if truth else handles

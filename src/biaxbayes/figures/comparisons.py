@@ -25,21 +25,18 @@ from biaxbayes.figures.style import (
     limit_ticks,
     print_style,
 )
-from biaxbayes.identifiability.bounded_density import at_edges, curve, interval
 from biaxbayes.identifiability.determined import STRESS
-from biaxbayes.identifiability.reported import Reported, report_rows
+from biaxbayes.identifiability.reported import report_rows
 from biaxbayes.identifiability.verdict import COMBINATION
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
+from biaxbayes.prediction.percentiles import tails
 from biaxbayes.specimens.specimen import Specimen
 
 # --- runs: the matrix of verdicts and the forest of intervals ------------------------------------
 
 SHORT = {COMBINATION: "in combination"}
 CELL_MM, FOREST_ROW_MM = 9.5, 4.2
-REPORTED_OFFSET = 0.3
-"""Offset of the reported interval below the posterior, in rows."""
-LEDGER_NOTE = (
-    "coloured: posterior within the law; below in grey: the reported interval (arrow: bound)\n"
+FOREST_NOTE = (
     "filled: identified or bounded in that run; open: not, so differences are not of the tissue"
 )
 
@@ -76,12 +73,11 @@ def _judged(comparison: Comparison) -> dict[str, Quantity]:
 
 
 class ForestRow(NamedTuple):
-    """A quantity of the forest with, for each run, draws, verdict and reported interval."""
+    """A quantity of the forest with the draws of each run, and whether it is identified."""
 
     quantity: AxisText
     draws: list[np.ndarray | None]
     identified: list[bool]
-    reported: list[Reported | None]
 
 
 def forest_figure(comparison: Comparison) -> Figure:
@@ -90,7 +86,7 @@ def forest_figure(comparison: Comparison) -> Figure:
     labels = [plain(label, 16) for label in comparison.labels]
     with print_style():
         tall = FOREST_ROW_MM * len(labels) + 1.0
-        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, LEDGER_NOTE)
+        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, FOREST_NOTE)
         for ax, row in zip(axes, rows, strict=True):
             _draw_forest(ax, row)
     return figure
@@ -99,7 +95,6 @@ def forest_figure(comparison: Comparison) -> Figure:
 def _forest_rows(comparison: Comparison) -> list[ForestRow]:
     """Parameters; structure tensor, stiffness, and stresses at the largest common stretch."""
     rows = []
-    tables = [{r.name: r for r in reported} for reported in comparison.reported]
     for name, known in _judged(comparison).items():
         draws = [
             m.draws[name].to_numpy(dtype=float) if name in m.draws else None
@@ -107,8 +102,7 @@ def _forest_rows(comparison: Comparison) -> list[ForestRow]:
         ]
         if any(d is not None for d in draws):
             identified = [d.get(name, False) for d in comparison.identified]
-            reported = [table.get(name) for table in tables]
-            rows.append(ForestRow(axis_text(known), draws, identified, reported))
+            rows.append(ForestRow(axis_text(known), draws, identified))
     for derived in zip(*comparison.derived, strict=True):
         first = derived[0]
         if first.kind == STRESS and first.stretch != comparison.stretches[-1]:
@@ -116,38 +110,22 @@ def _forest_rows(comparison: Comparison) -> list[ForestRow]:
         at = "" if first.stretch is None else f" at {first.stretch:.4g}"
         identified = [d[first.key] for d in comparison.identified]
         values: list[np.ndarray | None] = [q.values for q in derived]
-        text = quantity(first.name + at)
-        rows.append(ForestRow(text, values, identified, [None] * len(derived)))
+        rows.append(ForestRow(quantity(first.name + at), values, identified))
     return rows
 
 
 def _draw_forest(ax: Axes, row: ForestRow) -> None:
     draws = [d for d in row.draws if d is not None]
-    ends = [v for r in row.reported if r for v in (r.low, r.high) if np.isfinite(v)]
-    axis = axis_span(row.quantity, *draws, include=tuple(ends))
-    grey: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "markersize": 3.0}
+    axis = axis_span(row.quantity, *draws)
     for i, (values, identified) in enumerate(zip(row.draws, row.identified, strict=True)):
         if values is None:
             continue
         hue, _ = group_look(i)
         if np.ptp(values) > 0.0:
-            piled = at_edges(curve(values, axis)[1], axis)
-            # One-sided where the draws pile up at a physical edge; the middle half is central.
-            ax.plot(interval(values, piled, 0.9), [i, i], color=hue, linewidth=0.9)
-            ax.plot(interval(values, (False, False), 0.5), [i, i], color=hue, linewidth=2.2)
+            ax.plot(np.quantile(values, tails(0.9)), [i, i], color=hue, linewidth=0.9)
+            ax.plot(np.quantile(values, tails(0.5)), [i, i], color=hue, linewidth=2.2)
         face = hue if identified else "white"
         ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
-    for i, reported in enumerate(row.reported):
-        bounds = (reported.low, reported.high) if reported else ()
-        if not np.isfinite(bounds).any():
-            continue
-        # the reported interval, or its bound and an arrow
-        y, limits = i + REPORTED_OFFSET, (axis.low, axis.high)
-        ends = [b if np.isfinite(b) else end for b, end in zip(bounds, limits, strict=True)]
-        ax.plot(ends, [y, y], solid_capstyle="butt", **grey)
-        for bound, at, arrow in zip(bounds, ends, "<>", strict=True):
-            known = bool(np.isfinite(bound))
-            ax.plot(at, y, "|" if known else arrow, clip_on=known, **grey)
     ax.set(ylim=(len(row.draws) - 0.4, -0.6), xscale="log" if axis.log else "linear")
     ax.set(xlim=(axis.low, axis.high), xlabel=row.quantity.label)
     limit_ticks(ax.xaxis)
@@ -203,12 +181,11 @@ def law_misfit_figure(compared: LawComparison) -> Figure:
 
 
 def law_mounting_figure(compared: LawComparison) -> Figure | None:
-    """Draw the mounting stretches by law, grey the reported interval; None if none is inferred."""
+    """Draw the mounting stretches by law; None if none is inferred."""
     rows, positions = _weighted_rows(compared)
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
-    reported = {row.name: row for row in compared.reported}
     with print_style():
         figure = blank_figure(PAGE_MM, HEAD_MM + LAW_ROW_MM * (len(rows) + 0.4))
         panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
@@ -220,13 +197,6 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
             for position, m, hue in zip(positions, median, hues, strict=True):
                 ax.plot(m, position, "o", markersize=3.5, color=hue)
             ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
-            first, last = reported[name].low, reported[name].high
-            if np.isfinite(first):
-                # an open end reaches as far as the panel does
-                left, right = ax.get_xlim()
-                end = last if np.isfinite(last) else max(right, first + 0.1)
-                ax.axvspan(first, end, color="0.9", linewidth=0.0, zorder=-5)
-                ax.set_xlim(min(left, first), max(right, last if np.isfinite(last) else 0.0))
             ax.set_xlabel(quantity(name).label)
             limit_ticks(ax.xaxis)
         _label_laws(panels[0], rows, positions)
@@ -243,7 +213,7 @@ def law_bands_figure(compared: LawComparison, specimen: Specimen) -> Figure:
 # --- the cost of ignoring the mounting stretch: three treatments of the same record --------------
 
 TREATMENTS = {
-    "mounting stretch inferred, within the law": ("o", -0.25),
+    "mounting stretch inferred": ("o", -0.25),
     "ignored": ("s", 0.0),
     "ignored, forces zeroed (medians, 90 %)": ("^", 0.25),
 }

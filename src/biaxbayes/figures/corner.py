@@ -27,9 +27,7 @@ from biaxbayes.figures.quantities import (
     AxisText,
     axis_span,
     corner_columns,
-    number,
     plain,
-    range_text,
 )
 from biaxbayes.figures.style import (
     DASHES,
@@ -44,21 +42,20 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.identifiability.bounded_density import (
     Span,
-    at_edges,
     curve,
-    interval,
     robust_sd,
     span,
 )
+from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.prediction.percentiles import evenly_chosen, tails
 
 MAX_PANEL_MM, MIN_PANEL_MM, TURNED_MM = 46.0, 8.0, 20.0
 """Largest height and smallest width of a panel; width below which tick labels are turned."""
 MARGIN_MM, LEGEND_LINE_MM = 16.0, 3.4
 """Space for the labels; height of a line of the legend."""
-OVERLAY = "filled 50 %, outline 90 % of the draws, within the law"
+OVERLAY = "filled 50 %, outline 90 % of the draws"
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,7 @@ def corner_figure(
     """Draw the pairwise and marginal posterior of material parameters and mounting stretches.
 
     `truth` is dashed, the draws `compare` of another run are outlined. `probability` is the
-    content of the shaded interval, one-sided if the draws pile up at a physical limit.
+    content of the shaded interval, which is central.
     """
     runs = [draws] if compare is None else [draws, compare]
     truth = {k: float(v) for k, v in (truth or {}).items() if np.isfinite(v)}
@@ -117,7 +114,7 @@ def corner_figure(
             for ax in grid[i, :i]:
                 ax.axhline(truth[columns[i].name], **line)
         contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
-        title = f"posterior within {law or 'the law'}\n"
+        title = f"posterior{f', {law}' if law else ''}\n"
         title += f"median ({100 * probability:g} %); regions: {contents} %"
         if any(MEAN in c.quantity.symbol for c in columns):
             title += "\nbar: mean over protocols"
@@ -259,7 +256,7 @@ def _draw_marginal(
 ) -> list[str]:
     """Draw the densities, the interval of the first run shaded; return the texts by run."""
     texts = []
-    top, log, label = 0.0, column.axis.log, column.quantity.label
+    top, label = 0.0, column.quantity.label
     for run, (values, axis) in enumerate(zip(column.draws, column.own, strict=True)):
         hue = colour(run)
         if values is None or axis is None:
@@ -269,16 +266,17 @@ def _draw_marginal(
             texts.append("" if value is None else f"{label}  {value:.4g} (fixed)")
             continue
         x, density = curve(values, axis)
-        piled = at_edges(density, axis)
-        low, high = interval(values, piled, probability)
+        low, median, high = np.quantile(values, [tails(probability)[0], 0.5, tails(probability)[1]])
         density = density / trapezoid(density, column.axis.forward(x))
         ax.plot(x, density, color=hue, linewidth=0.9)
         if run == 0:
             inside = list((x >= low) & (x <= high))
             ax.fill_between(x, density, where=inside, color=hue, alpha=0.3, linewidth=0.0)
         top = max(top, float(density.max()))
-        median = number(float(np.median(values)), low, high, log=log)
-        texts.append(f"{label}  {median} ({range_text(low, high, piled, log=log)})")
+        parameter = column.quantity.parameter
+        assert parameter is not None  # corner_columns gives it
+        middle, first, last = quantile_texts(median, low, high, parameter)
+        texts.append(f"{label}  {middle} ({first}–{last})")
     ax.set_ylim(0.0, 1.08 * top)
     return texts
 

@@ -67,7 +67,7 @@ def identifiability_figure(
     fixed_lines = 2 if wide else 4  # lines of interval and verdict
     heights = [max(min_mm, REASON_LINE_MM * (text.count("\n") + fixed_lines)) for text in reasons]
     widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.48)
-    headings = ["prior (grey), posterior within the law", "contraction", "to report"]
+    headings = ["prior (grey), posterior", "contraction", "verdict"]
     with print_style(style):
         figure = blank_figure(width_mm, 7.0 + sum(heights))
         grid = figure.subplots(
@@ -79,7 +79,7 @@ def identifiability_figure(
                 _draw_contraction(axes[1], verdicts[row.name])
             _write_row(axes[-1], row, reason, wide=wide)
         for ax, heading in zip(
-            grid[0], headings if wide else ["prior, posterior", "to report"], strict=True
+            grid[0], headings if wide else ["prior, posterior", "verdict"], strict=True
         ):
             ax.set_title(heading, loc="left", **small_text(color="0.35"))
     return figure
@@ -148,4 +148,4 @@ def _write_row(ax: Axes, row: ReportRow, reason: str, *, wide: bool) -> None:
         0.02, 0.5 if wide else 0.9, row.verdict, color=text_colour(colour), bbox=box, **text_style
     )
     position = (0.42, 0.5) if wide else (0.0, 0.3)
-    ax.text(*position, f"{row.interval_with_unit}\n{reason}", **text_style)
+    ax.text(*position, f"{row.median} ({row.interval_with_unit})\n{reason}", **text_style)

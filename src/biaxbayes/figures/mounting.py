@@ -221,7 +221,7 @@ def _draw_stretches(ax: Axes, states: list[DrawnState]) -> None:
     limit_ticks(ax.xaxis, 5)
     limit_ticks(ax.yaxis, 5)
     contents = ", ".join(f"{100 * c:g}" for c in (CONTENTS if single else (0.9,)))
-    title = f"within the law, regions: {contents} %" + (r";  $\times$ truth" if true_values else "")
+    title = f"regions: {contents} %" + (r";  $\times$ truth" if true_values else "")
     ax.set_title(title, loc="right", **small_text(color="0.3"))
 
 

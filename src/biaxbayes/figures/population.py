@@ -31,7 +31,7 @@ from biaxbayes.studies.groups import USABLE_VERDICTS
 
 DERIVED_NAMES = ("Hx", "Hy", "stiffness_x at 1", "stiffness_y at 1")
 STUDY_ROW_MM, TALLEST_STUDY_MM = 4.2, 62.0
-STUDY_NOTE = "within the law; filled: identified or bounded; open: neither; cross: fixed"
+STUDY_NOTE = "90 %; filled: identified or bounded; open: neither; cross: fixed"
 
 
 def study_figure(table: pd.DataFrame) -> Figure:

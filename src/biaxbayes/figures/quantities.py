@@ -13,7 +13,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.bounded_density import Span, span
 from biaxbayes.laws import all_parameters
-from biaxbayes.parameters import MATERIAL, STRETCH, Quantities, Quantity
+from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
 from biaxbayes.text_files import one_line
 
 MEAN = r"\bar{\lambda}"
@@ -26,12 +26,13 @@ LOG_AXIS_RATIO = 8.0
 
 
 class AxisText(NamedTuple):
-    """Symbol, unit and range of an axis; ``scale``: may be logarithmic."""
+    """Symbol, unit and range of an axis; ``scale``: may be logarithmic; its parameter, if known."""
 
     symbol: str
     unit: str = ""
     edges: tuple[float, float] = (-np.inf, np.inf)
     scale: bool = False
+    parameter: Parameter | None = None
 
     @property
     def label(self) -> str:
@@ -58,7 +59,7 @@ def axis_text(q: Quantity) -> AxisText:
     symbol = f"${p.symbol}$" if p.symbol else p.words
     if q.state:
         symbol = f"{symbol} {plain(q.state, 16)}"
-    return AxisText(symbol, p.unit_symbol(q.load_unit), p.range, p.logarithmic)
+    return AxisText(symbol, p.unit_symbol(q.load_unit), p.range, p.logarithmic, p)
 
 
 def quantity(name: str, unit: str = "", known: Quantities | None = None) -> AxisText:
@@ -115,13 +116,3 @@ def number(value: float, low: float, high: float, *, log: bool = False) -> str:
         usual = -4 <= digits <= 8
         text = f"{round(value, digits):.{max(digits, 0)}f}" if usual else f"{value:.4g}"
     return text.replace("-", "\N{MINUS SIGN}")
-
-
-def range_text(low: float, high: float, piled: tuple[bool, bool], *, log: bool = False) -> str:
-    """An interval; one-sided where the draws pile up at its (low, high) end."""
-    first, last = (number(v, low, high, log=log) for v in (low, high))
-    if piled == (True, False):
-        return f"< {last}"
-    if piled == (False, True):
-        return f"> {first}"
-    return f"{first}–{last}"

@@ -27,7 +27,7 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.options import FIT_METHODS
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 

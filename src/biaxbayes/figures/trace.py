@@ -22,8 +22,8 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
-from biaxbayes.parameters import MATERIAL, NOISE_PARAMETERS, STRETCH, Parameter, Quantities
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.parameters import MATERIAL, NOISE_SD, STRETCH, Parameter, Quantities
+from biaxbayes.prediction.percentiles import evenly_chosen
 
 DRAWN_STEPS = 200
 """Steps that are drawn; more could not be distinguished in print."""
@@ -90,7 +90,7 @@ def _default_rows(chains: Mapping[str, np.ndarray], known: Quantities) -> list[s
     for q in known.of_kind(MATERIAL, STRETCH):
         if q.name in chains:
             first.setdefault(q.parameter, q.name)
-    names = [*first.values(), *(p.name for p in NOISE_PARAMETERS), "lp"]
+    names = [*first.values(), NOISE_SD.name, "lp"]
     rows = [n for n in names if n in chains and np.ptp(chains[n]) > 0.0]
     if not rows:
         raise InputError("no quantity of this run varies, so there is nothing to draw")

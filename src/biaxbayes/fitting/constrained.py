@@ -1,12 +1,12 @@
 """Least-squares fit of theta with the mounting stretch implicit in the force balance.
 
-It maximises the likelihood of the posterior, without its priors, by reweighted least squares. With
-z the mounting force less its reading in sds s0 of the load cell, r the residuals of the n rows
-after those at rest, w their sd (profiled: their root mean square) and beta their weight n_eff / n,
+With z the mounting force less its reading in sds s0 of the load cell, r the residuals of the rows
+after those at rest and w their sd (profiled: their root mean square), it minimises
 
-    sum z^2 + beta sum r^2 / w^2.
+    sum z^2 + sum r^2 / w^2
 
-Its minimum is what is reported as a fit, where a sampler starts, and how other laws are fitted.
+by reweighted least squares: the mode of independent errors, without priors. Its minimum is what is
+reported as a fit, where a sampler starts, and how other laws are fitted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError, TaredSpecimen
-from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.least_squares import (
     DESCENT_TOLERANCE,
     FINALISTS,
@@ -40,8 +39,6 @@ from biaxbayes.specimens.specimen import Specimen
 
 FIT_MOUNTING = ("exact", "noisy", "ignored", "zeroed")
 MAX_REWEIGHTINGS, REWEIGHTED_TOLERANCE = 50, 1e-10
-MAX_WEIGHTS = 10
-"""beta changes discontinuously, so it is frozen after this many iterations."""
 MIN_RELATIVE_SD = 1e-6
 """Relative to the peak load: a reading with a smaller sd is treated as exact."""
 
@@ -50,7 +47,6 @@ def constrained_fit(
     specimen: Specimen,
     *,
     mounting: str = "noisy",
-    weighted: bool = True,
     mounting_stretch: str = "shared",
     fixed: Mapping[str, float] | None = None,
     starts: int = 8,
@@ -69,7 +65,7 @@ def constrained_fit(
     - ignored, zeroed: the mounted state is taken as unloaded, with unchanged loads, or loads
       less their first reading
 
-    ``weighted`` counts rows by their effective number. ``initial`` is a further starting point,
+    ``initial`` is a further starting point,
     with which ``starts`` may be 0. ``compiled`` solves for the mounted state in compiled code; for
     a single fit, uncompiled code is faster than loading the cache.
 
@@ -81,7 +77,7 @@ def constrained_fit(
         specimen, mounting, mounting_stretch, fixed, law, fibre_switch=fibre_switch
     )
     points, _ = setup.starting_points(starts, seed, initial)
-    problem, descent = minimum(setup, points, weighted=weighted, compiled=compiled)
+    problem, descent = minimum(setup, points, compiled=compiled)
     return setup.constrained_result(problem, descent)
 
 
@@ -232,7 +228,6 @@ def minimum(
     setup: FitSetup,
     points: np.ndarray,
     *,
-    weighted: bool,
     compiled: bool,
     finalists: int = FINALISTS,
     steps: int = MAX_DESCENT_STEPS,
@@ -241,7 +236,7 @@ def minimum(
     """The problem at its final weights, and its minimum.
 
     First the reading is exact. With a noisy one, reweighted least squares with unknown mounting
-    forces follow, until w and beta are stable.
+    forces follow, until w is stable.
     """
     data, rows_in_fit, free = setup.data, setup.data.loaded_rows(), setup.free
     peak, one = data.peak, np.ones_like(data.mounting_load)
@@ -267,20 +262,16 @@ def minimum(
     upper = np.concatenate([upper, np.full(offsets, np.inf)])
     limits["tolerance"] = max(tolerance, REWEIGHTED_TOLERANCE)
     rows, floor = 2 * rows_in_fit.group.size, MIN_RELATIVE_SD * peak
-    rms, beta = max(np.sqrt(descent.cost / rows) * peak, floor), 1.0
+    rms = max(np.sqrt(descent.cost / rows) * peak, floor)
     iterations, stable = descent.iterations, False
-    for iteration in range(MAX_REWEIGHTINGS):
-        scale = rms / np.sqrt(beta)
-        problem = problem_at(scale, sd)
+    for _ in range(MAX_REWEIGHTINGS):
+        problem = problem_at(rms, sd)
         descent = descend(problem, unknowns, lower, upper, **limits)
         unknowns, iterations = descent.unknowns, iterations + descent.iterations
-        residual = problem.residual(unknowns)[:rows] * scale
+        residual = problem.residual(unknowns)[:rows] * rms
         new_rms = max(float(np.sqrt(residual @ residual / rows)), floor)
-        new_beta = beta
-        if weighted and iteration < MAX_WEIGHTS:
-            new_beta = effective_readings(rows_in_fit.by_protocol(residual)).beta
-        stable = abs(new_rms - rms) <= 1e-4 * rms and abs(new_beta - beta) <= 0.01 * beta
-        rms, beta = new_rms, new_beta
+        stable = abs(new_rms - rms) <= 1e-4 * rms
+        rms = new_rms
         if stable:
             break
     return problem, Descent(unknowns, descent.cost, iterations, descent.converged and stable)

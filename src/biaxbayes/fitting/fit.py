@@ -148,7 +148,7 @@ def fit(
     )
     points, stretches = setup.starting_points(starts, seed, initial)
     if method == "constrained":
-        return setup.constrained_result(*minimum(setup, points, weighted=True, compiled=True))
+        return setup.constrained_result(*minimum(setup, points, compiled=True))
     data, free = setup.data, setup.free
     scale = max(float(np.abs(data.load * data.stretch / data.area[:, None]).max()), 1e-300)
     if method == "fip":

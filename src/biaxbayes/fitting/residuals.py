@@ -16,12 +16,12 @@ among the law's coordinates, followed by those of the mounting state.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
-from biaxbayes.error_model import CONSTANT
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
 from biaxbayes.specimens.specimen import Specimen
@@ -68,7 +68,7 @@ class Readings:
 
     def forward(self, law: Law) -> ForwardModel:
         """The forward model of a law on the specimen."""
-        return ForwardModel(law, self.area, self.mounted, CONSTANT)
+        return ForwardModel(law, self.area, self.mounted)
 
     @property
     def peak(self) -> float:
@@ -102,6 +102,23 @@ class Readings:
         """Residuals (2 n,) of the rows as one array (n_p, 2) per protocol."""
         pairs = residual.reshape(2, -1).T
         return [pairs[rows] for rows in self.rows]
+
+
+MAX_SIGN_CHANGE_Z = 3.0
+"""Standard deviations by which the sign changes of independent errors may fall short."""
+
+
+def has_smooth_misfit(residuals: Sequence[np.ndarray]) -> bool:
+    """True if the signs of residuals (n_p, 2) change too seldom for independent errors."""
+    changes = steps = 0
+    for part in residuals:
+        if not part.any():
+            continue
+        above = part > 0.0
+        changes += int(np.count_nonzero(above[1:] != above[:-1]))
+        steps += 2 * max(len(part) - 1, 0)
+    # Signs of independent errors change at every step with probability 1/2.
+    return changes - 0.5 * steps < -MAX_SIGN_CHANGE_Z * 0.5 * np.sqrt(steps)
 
 
 # --- residuals of the deterministic fits and their analytic Jacobians ----------------------------

@@ -17,6 +17,7 @@ import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.forward import LoadResponse
+from biaxbayes.laws.law import Law
 from biaxbayes.specimens.specimen import Specimen
 
 EXPLAINED = 1.5
@@ -119,6 +120,36 @@ class FitResult:
             text = f"{value:.5g}" if isinstance(value, float) else str(value)
             rows.append(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>")
         return f"<table>{''.join(rows)}</table>"
+
+
+def fit_from_record(record: Mapping[str, Any], law: Law, states: int) -> FitResult:
+    """The material and mounting stretches of :meth:`FitResult.record`, without residuals.
+
+    ValueError (or KeyError, TypeError) if they are not numbers of this law and so many mounted
+    states.
+    """
+    values = [float(record[p.label]) for p in law.parameters]
+    stretch = np.column_stack(
+        [np.atleast_1d(np.asarray(record[f"mounting_stretch_{a}"], dtype=float)) for a in "xy"]
+    )
+    inside = all(p.in_range(np.array(v)) for p, v in zip(law.parameters, values, strict=True))
+    positive = np.isfinite(stretch).all() and (stretch > 0.0).all()
+    if not (inside and positive and stretch.shape == (states, 2)):
+        raise ValueError("its values are out of range")
+    nothing = np.full_like(stretch, math.nan)
+    return FitResult(
+        str(record["method"]),
+        law.material_at(tuple(values)),
+        stretch,
+        nothing,
+        math.nan,
+        math.nan,
+        math.nan,
+        0,
+        bool(record["converged"]),
+        (),
+        (),
+    )
 
 
 def root_mean_square(residuals: Sequence[np.ndarray]) -> float:

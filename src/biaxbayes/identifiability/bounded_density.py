@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.options import CONTENT
-
 BINS = 256
 TAIL = 0.0005
 """Fraction of the draws on each side that a range may leave out."""
@@ -91,27 +89,6 @@ def curve(values: np.ndarray, axis: Span) -> tuple[np.ndarray, np.ndarray]:
     ends = np.interp([0.0, 1.0], middle, density)
     x = axis.back(np.concatenate([[0.0], middle, [1.0]]))
     return x, np.concatenate([ends[:1], density, ends[1:]])
-
-
-def at_edges(density: np.ndarray, axis: Span) -> tuple[bool, bool]:
-    """Test of the (low, high) edge for a density from :func:`curve` that piles up there."""
-    high = TOUCHING * density.max()
-    return bool(axis.closed_low and density[0] > high), bool(
-        axis.closed_high and density[-1] > high
-    )
-
-
-def interval(
-    values: np.ndarray, piled: tuple[bool, bool], probability: float = CONTENT
-) -> tuple[float, float]:
-    """Central interval, or one-sided where the draws pile up at one physical edge."""
-    tail = 1.0 - probability
-    if piled == (True, False):
-        return float(values.min()), float(np.quantile(values, probability))
-    if piled == (False, True):
-        return float(np.quantile(values, tail)), float(values.max())
-    low, high = np.quantile(values, [0.5 * tail, 1.0 - 0.5 * tail])
-    return float(low), float(high)
 
 
 def robust_sd(u: np.ndarray) -> float:

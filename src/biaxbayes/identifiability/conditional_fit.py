@@ -1,140 +1,157 @@
-"""The best fit with one parameter fixed: what a profile likelihood is made of.
+"""The largest likelihood with one parameter held: what a profile likelihood is made of.
 
-The deviance is -2 ln L of the posterior's own likelihood, with the error sd profiled out:
+    D(theta, lm) = -2 ln L(theta, lm)
 
-    D(theta, lm) = n_eff ln RSS(theta, lm) + sum_k ((f0_k - A0_k P_k(theta, lm)) / s0_k)^2
-
-RSS is the misfit of the loads after the mounted state, n_eff = beta n the effective number of its n
-readings (beta = 1 for independent errors), f0 the mounting reading with its own sd s0, never
-tempered. No prior enters. The logarithm lies below its tangent, so least squares with the sd of the
-last step lowers D at every step until it converges.
+L is the likelihood of the posterior, with its misfit averaged out; of independent errors the sd is
+one more unknown. No prior enters. Unknown dimensions and offsets of the load cell have their
+nominal values, since nothing but their priors would hold them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import (
-    BalancedMounting,
-    FreeMounting,
-    LoadResiduals,
-    Readings,
-)
-from biaxbayes.fitting.starting_points import screened_points
-from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import Settings
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.fitting.residuals import Readings
+from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
+from biaxbayes.model.assembly import Assembly, assemble, natural_values, sampling_coordinates
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import start_parameters
+from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import NOISE_SD, mounting_names
+from biaxbayes.sampling.modes import BOUND_MARGIN, local_mode
+from biaxbayes.sampling.target import LogDensity, bounds_array
 
-MAX_ROUNDS, MAX_CONDITIONAL_STEPS = 30, 200
-DEVIANCE_TOLERANCE = 1e-7
-MIN_ERROR_SD = 1e-9  # of the peak load: the misfit of exact data
+CLIMBS, LEAST_RISE = 10, 1e-7
+"""Climbs in a row, and the rise of ln L below which a climb has arrived."""
+FIRST_RISE = 1.0
+"""The same of a first climb from a start that is one of many."""
+STRETCH_WIDTH = 0.02
+FLAT = 30.0
+"""Widths of a posterior along which a likelihood may be flat: valleys that no prior ends."""
+STEP = 0.03
+"""Step of finite differences, in conditional sds."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConditionalFit:
-    """A conditional optimum."""
+    """A conditional maximum."""
 
-    unknowns: np.ndarray  # (p + 2 m,): fit coordinates, then mounting stretches in x and in y
-    deviance: float  # infinite where there is no fit
-    error_sd: float  # in the unit of the loads
+    values: dict[str, float]  # natural values by name
+    deviance: float  # infinite where there is none
 
 
 class ConditionalLikelihood:
-    """The likelihood as a function of fixed parameters (by index, in fit coordinates)."""
+    """The likelihood of a posterior, as a function of one parameter of the law or the mounting."""
 
-    def __init__(
-        self, specimen: Specimen, settings: Settings, beta: float, fixed: dict[int, float]
-    ) -> None:
-        self.settings, self.beta, self.fixed = settings, beta, dict(fixed)
-        self.law = settings.material_law
-        data = Readings.from_specimen(
-            specimen, shared=settings.shared, zeroed=settings.mounting == "zeroed"
+    def __init__(self, posterior: Posterior, parameter: str) -> None:
+        self.posterior, self.parameter = posterior, parameter
+        settings = posterior.settings
+        self.specimen = replace(posterior.specimen, metadata={})
+        self.settings = replace(
+            settings,
+            # the mounting stretches themselves are unknowns, not the forces
+            mounting="free" if settings.mounting == "noisy" else settings.mounting,
+            priors={n: p for n, p in settings.priors.items() if not isinstance(p, Prior)},
         )
-        self.data: Readings = data.loaded_rows()
-        self.rows = 2 * self.data.group.size
-        self.groups = data.mounting_load.shape[1]
-        self.theta = self.law.lower.size  # unknowns before the mounting stretches
-        stretches = 2 * self.groups
-        self.lower = np.concatenate([self.law.lower, np.full(stretches, BRACKET[0])])
-        self.upper = np.concatenate([self.law.upper, np.full(stretches, BRACKET[1])])
 
     def best(
-        self,
-        fixed_values: dict[int, float],
-        start: np.ndarray,
-        error_sd: float,
-        *,
-        rounds: int = MAX_ROUNDS,
-        steps: int = MAX_CONDITIONAL_STEPS,
+        self, value: float | None, start: Mapping[str, float], least_rise: float = LEAST_RISE
     ) -> ConditionalFit:
-        """The lowest deviance with some unknowns fixed; `error_sd` is a first value."""
-        fixed = {**self.fixed, **fixed_values}
-        point = np.array(start, dtype=float)
-        for index, value in fixed.items():
-            point[index] = value
-        count = self.lower.size if self.settings.reads_force else self.theta
-        free = np.array([i for i in range(count) if i not in fixed], dtype=int)
-        floor = MIN_ERROR_SD * self.data.peak
-        sd, previous = max(error_sd, floor), np.inf
-        fit = ConditionalFit(point, np.inf, sd)
-        for _ in range(rounds):
-            fit = self._step(fit.unknowns, free, sd, steps)
-            sd = max(fit.error_sd, floor)
-            if not (np.isfinite(fit.deviance) and previous - fit.deviance > DEVIANCE_TOLERANCE):
-                break
-            previous = fit.deviance
+        """The least deviance with the parameter at a value (None: free), climbing from a start."""
+        held = {} if value is None else {self.parameter: value}
+        assembly = self._assembly(held)
+        values = self._inside({**start, **held})
+        point = sampling_coordinates(assembly, values)[0] if assembly.free else np.empty(0)
+        # a stretch has a coordinate of its own; a parameter of the law is fixed in the assembly
+        free = np.array([i for i, name in enumerate(assembly.free) if name not in held], dtype=int)
+
+        def log_likelihood(x: np.ndarray) -> np.ndarray:
+            points = np.tile(point, (len(x), 1))
+            points[:, free] = x
+            return self.posterior.evaluate(assembly.problem, points)[1]
+
+        if free.size:
+            scale, bounds = self._scale(assembly)[free], self._bounds(assembly)[free]
+            point[free] = _climb(log_likelihood, point[free], scale, bounds, least_rise)
+        _, (height,), at = self.posterior.evaluate(assembly.problem, point[None])
+        natural = natural_values(assembly, at.values, point[None])
+        return ConditionalFit({n: float(v[0]) for n, v in natural.items()}, float(-2.0 * height))
+
+    def fitted_start(self) -> dict[str, float]:
+        """The least-squares fit."""
+        fit = start_parameters(self.posterior)
+        stretches = zip(self.posterior.mounts, self.posterior.fit.mounting_stretch, strict=True)
+        for state, lm in stretches if self.settings.infers_mounting else ():
+            fit |= dict(zip(mounting_names("stretch", state), np.clip(lm, 0.9, 1.2), strict=True))
         return fit
 
-    def extra_starts(self, fixed_values: dict[int, float], count: int) -> list[np.ndarray]:
-        """Promising starting points far from any other fit, the best of many random materials."""
-        point = np.zeros(self.theta)
-        fixed = {i: v for i, v in {**self.fixed, **fixed_values}.items() if i < self.theta}
-        point[list(fixed)] = list(fixed.values())
-        free = np.array([i for i in range(self.theta) if i not in fixed], dtype=int)
-        materials, lm = screened_points(
-            self.data,
+    def other_starts(self, value: float | None, count: int) -> list[dict[str, float]]:
+        """Starts far from one another, the best of many random materials."""
+        law, settings = self.settings.material_law, self.settings
+        fixed = dict(settings.fixed_material)
+        if value is not None and self.parameter in law.names:
+            fixed[self.parameter] = value
+        point, free = fixed_and_free(fixed, law)
+        materials, stretches = screened_points(
+            Readings.from_specimen(
+                self.specimen, shared=settings.shared, zeroed=settings.mounting == "zeroed"
+            ),
             count,
             np.random.default_rng(0),
-            self.law,
+            law,
             point=point,
             free=free,
-            with_mounting=self.settings.infers_mounting,
+            with_mounting=settings.infers_mounting,
         )
-        return [
-            np.concatenate([material, np.repeat(pair, self.groups)])
-            for material, pair in zip(materials, lm, strict=True)
-        ]
+        out = []
+        for material, pair in zip(materials, stretches, strict=True):
+            start = dict(zip(law.names, law.from_fit_coordinates(material), strict=True))
+            for state in self.posterior.mounts:
+                start |= dict(zip(mounting_names("stretch", state), pair, strict=True))
+            out.append(start | {NOISE_SD.name: 3.0 * self.posterior.fit.rms})
+        return out
 
-    def _step(self, point: np.ndarray, free: np.ndarray, sd: float, steps: int) -> ConditionalFit:
-        """Least squares with a given error sd, and the deviance where it ends."""
-        settings, split = self.settings, self.theta
-        lm = point[split:].reshape(2, -1) if settings.infers_mounting else np.ones((2, self.groups))
-        scale = sd / np.sqrt(self.beta)
-        common = (self.data, "load", point[:split], free[free < split], scale, lm, self.law)
-        if settings.reads_force:
-            free_mounting = free[free >= split] - split
-            problem: LoadResiduals = FreeMounting(*common, free_mounting, self.data.mounting_sd)
-        elif settings.mounting == "exact":
-            problem = BalancedMounting(*common)
-        else:
-            problem = LoadResiduals(*common)
-        lower, upper = self.lower[free], self.upper[free]
-        x = np.clip(point[free], lower, upper)
-        if free.size:
-            x = descend(problem, x, lower, upper, steps=steps, tolerance=1e-13).unknowns
-        residual = problem.residual(x)
-        if not np.isfinite(residual).all():
-            return ConditionalFit(point, np.inf, sd)
-        solution = point.copy()
-        solution[free] = x
-        if isinstance(problem, BalancedMounting):
-            solution[split:] = problem.mounting(x).ravel()
-        # residuals are in units of sd / sqrt(beta)
-        squares = float(residual[: self.rows] @ residual[: self.rows]) * sd**2 / self.beta
-        new = max(np.sqrt(squares / self.rows), MIN_ERROR_SD * self.data.peak)
-        z = residual[self.rows :]
-        deviance = 2.0 * self.beta * self.rows * np.log(new) + float(z @ z)
-        return ConditionalFit(solution, deviance, float(new))
+    def _assembly(self, held: Mapping[str, float]) -> Assembly:
+        of_law = {n: v for n, v in held.items() if n in self.settings.material_law.names}
+        settings = replace(self.settings, priors={**self.settings.priors, **of_law})
+        constants = self.posterior.sampling_constants
+        return assemble(self.specimen, settings, constants, determinant=False)
+
+    def _inside(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values with the law's parameters off the ends of their ranges."""
+        law = self.settings.material_law
+        inner = law.clip_inside([values[name] for name in law.names])
+        return {**values, **dict(zip(law.names, inner, strict=True))}
+
+    def _scale(self, assembly: Assembly) -> np.ndarray:
+        widths = assembly.law.sampling_widths(assembly.problem.transform)
+        return np.array(
+            [widths.get(n, 1.0 if n == NOISE_SD.name else STRETCH_WIDTH) for n in assembly.free]
+        )
+
+    def _bounds(self, assembly: Assembly) -> np.ndarray:
+        limits = assembly.law.sampling_bounds(assembly.problem.transform)
+        finite = {i: limits[n] for i, n in enumerate(assembly.free) if n in limits}
+        # a climb stays off its bounds by so much
+        return bounds_array(finite, len(assembly.free)) + [-BOUND_MARGIN, BOUND_MARGIN]
+
+
+def _climb(
+    log_likelihood: LogDensity,
+    x: np.ndarray,
+    scale: np.ndarray,
+    bounds: np.ndarray,
+    least_rise: float,
+) -> np.ndarray:
+    """Climb from x until neither steps of a posterior's width nor far ones rise any more."""
+    height = float(log_likelihood(x[None])[0])
+    for _ in range(CLIMBS if np.isfinite(height) else 0):
+        for width in (scale, FLAT * scale):
+            x, _ = local_mode(log_likelihood, x, width, bounds, least_rise=least_rise, step=STEP)
+        before, height = height, float(log_likelihood(x[None])[0])
+        if height - before < least_rise:
+            break
+    return x

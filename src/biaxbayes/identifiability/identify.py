@@ -1,19 +1,21 @@
 """Verdicts on the parameters of a run, with their diagnostics.
 
-The verdicts follow from the draws of a run, its priors and the fits of all laws to its record. What
-they mean and every threshold are in ``docs/identifiability.md``.
+The verdicts follow from the draws of a run and its priors; least-squares fits of other laws to its
+record may take one away. What they mean and every threshold are in ``docs/identifiability.md``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.fitting.law_fits import LawFits, better_law_message, fit_laws
+from biaxbayes.errors import listed
+from biaxbayes.fitting.law_fits import ASKED_LAWS, LawFits, better_law_message, fit_laws
 from biaxbayes.identifiability import power_scaling
 from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
@@ -25,23 +27,14 @@ from biaxbayes.identifiability.marginals import (
     find_edges,
     parameter_scales,
 )
-from biaxbayes.identifiability.mounting_interval import (
-    MEASURED_REASON,
-    MountingInterval,
-    interval_from_laws,
-    widen_interval,
-)
-from biaxbayes.identifiability.mounting_refits import mounting_refits
 from biaxbayes.identifiability.partners import find_partners
-from biaxbayes.identifiability.reported import Reported, reported
+from biaxbayes.identifiability.reported import Reported, contradicted_stretches, reported
 from biaxbayes.identifiability.verdict import (
-    NO_VERDICT,
     Diagnostics,
     ParameterVerdict,
     Thresholds,
     assess_parameters,
 )
-from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.prior_checks import prior_conflicts
@@ -63,9 +56,11 @@ class Identifiability:
     state : str
         State of the run that the draws are from.
     fits : LawFits or None
-        Least-squares fits of all laws under the same mounting constraint, of converged draws.
+        Least-squares fits of other laws under the same mounting constraint, of converged draws.
     contradicted_priors : tuple of str
         Parameters of the law whose prior, set by the user, contradicts the data.
+    places : mapping of str to (int, int)
+        Index of the mounted state, and axis, of the mounting stretches.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -75,6 +70,7 @@ class Identifiability:
     law: Law
     fits: LawFits | None = None
     contradicted_priors: tuple[str, ...] = ()
+    places: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> ParameterVerdict:
         for parameter in self.parameters:
@@ -82,12 +78,20 @@ class Identifiability:
                 return parameter
         raise KeyError(name)
 
-    @property
+    @cached_property
     def reported(self) -> tuple[Reported, ...]:
-        """Rows of the inferred parameters: one interval or bound, verdict and reason each."""
-        return reported(
-            self.parameters, self.fits, self.law, self.thresholds, self.contradicted_priors
-        )
+        """Rows of the inferred parameters."""
+        takes_away = self.better_law
+        if self.contradicted_priors:
+            takes_away = (
+                f"the prior of {listed(list(self.contradicted_priors))} contradicts the data"
+            )
+        contradictions = {}
+        if self.fits is not None:
+            contradictions = contradicted_stretches(
+                self.parameters, self.fits, self.law.name, self.places
+            )
+        return reported(self.parameters, takes_away=takes_away, contradictions=contradictions)
 
     @property
     def better_law(self) -> str:
@@ -135,33 +139,12 @@ class Identifiability:
                 "modes": e.modes,
                 "prior_sensitivity": e.prior_sensitivity,
                 "likelihood_sensitivity": e.likelihood_sensitivity,
-                "refit_low": e.refits[0] if e.refits else np.nan,
-                "refit_high": e.refits[1] if e.refits else np.nan,
             }
         return pd.DataFrame(rows)
 
-    def mounting_ranges(self) -> dict[str, tuple[float, float]]:
-        """Ranges over which stresses of the tissue let a mounting stretch vary, by name.
-
-        The range of the refits where they contradict the interval of the posterior.
-        """
-        return {
-            p.name: e.refits
-            for p in self.parameters
-            if p.posterior_verdict != NO_VERDICT
-            and (e := p.diagnostics) is not None
-            and e.refits is not None
-            and e.is_contradicted(self.thresholds)
-        }
-
-    def mounting_values(self) -> dict[str, tuple[float, float]]:
-        """Both ends of the mounting stretches that all laws agree on, by name."""
-        intervals = ((p.name, p.mounting) for p in self.parameters if p.mounting is not None)
-        return {name: (m.low, m.high) for name, m in intervals if m.is_value}
-
 
 def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identifiability:
-    """Assess the parameters of a run by its draws, with the fits of all laws."""
+    """Assess the parameters of a run by its draws, with the fits of other laws."""
     fits = run_law_fits(posterior) if state == "converged" else None
     result = identify_draws(posterior, draws, state, fits=fits)
     if state != "converged":
@@ -170,28 +153,13 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     return replace(result, contradicted_priors=tuple(conflicts))
 
 
-def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> LawFits | None:
+def run_law_fits(posterior: Posterior, laws: Sequence[str] = ASKED_LAWS) -> LawFits | None:
     """Least-squares fits of laws to the data of a posterior; its own law has the run's options."""
     settings = posterior.settings
-    prior_sd = {}  # of the log, of the cos^2 of an angle, or untransformed
-    for p in posterior.law.parameters:
-        prior = posterior.priors[p.name]
-        if isinstance(prior, Prior | DrawnPrior):
-            values = prior.ppf(LEVELS)
-            if p.logarithmic:
-                values = np.log(values)
-            elif p.mirror:
-                values = np.cos(np.deg2rad(values)) ** 2
-            prior_sd[p.name] = float(values.std())
-    run = {
-        "fixed": settings.fixed_material,
-        "fibre_switch": settings.fibre_switch,
-        "weighted": settings.noise == "effective",
-        "prior_sd": prior_sd,
-    }
+    run = {"fixed": settings.fixed_material, "fibre_switch": settings.fibre_switch}
     return fit_laws(
         posterior.specimen,
-        laws,
+        tuple(dict.fromkeys((settings.law, *laws))),
         mounting=settings.fit_mounting,
         mounting_stretch=settings.mounting_stretch,
         options_by_law={settings.law: run},
@@ -219,7 +187,7 @@ def identify_draws(
         Anything but ``converged`` gives no verdict; parameters of tentative draws have diagnostics
         all the same, those of unusable ones have none.
     fits : LawFits, optional
-        From :func:`run_law_fits`: without them mounting stretches have no interval to report.
+        From :func:`run_law_fits`, which may take verdicts away.
     priors : mapping, optional
         In place of the posterior's own, for draws under other priors of the same likelihood.
     """
@@ -231,18 +199,22 @@ def identify_draws(
     law, protocols = posterior.law, posterior.specimen.protocols
     if state != "unusable":
         log_prior = power_scaling.log_prior(free, thinned)
-        logs = (log_prior, power_scaling.log_likelihood(posterior, thinned))
+        logs = (log_prior, thinned["log_likelihood"].to_numpy(dtype=float))
         largest = [p.stretch.max(axis=0) * protocol_mounting(thinned, p) for p in protocols]
         distances = law.bound_tolerances(law.material(thinned), largest)
         diagnostics = diagnostics_from_draws(free, thinned, draws, logs, distances, chosen)
-        _add_mounting_diagnostics(diagnostics, posterior, draws, free, chosen)
-    if state != "converged":
-        fits = None
-    mounting = {} if fits is None else mounting_intervals(posterior, fits, diagnostics)
+        _add_deciding_priors(diagnostics, posterior, draws, free)
+    measured = [s.name for s in free if posterior.specimen.metadata.get(s.name) is not None]
     parameters = assess_parameters(
-        scales, diagnostics, law, state, thresholds=chosen, mounting=mounting
+        scales, diagnostics, law, state, thresholds=chosen, measured=measured
     )
-    return Identifiability(parameters, state, len(draws), chosen, law, fits)
+    places = {
+        name: (i, axis)
+        for i, label in enumerate(posterior.mounts)
+        for axis, name in enumerate(mounting_names("stretch", label))
+    }
+    known = fits if state == "converged" else None
+    return Identifiability(parameters, state, len(draws), chosen, law, known, places=places)
 
 
 def diagnostics_from_draws(
@@ -291,45 +263,16 @@ def diagnostics_from_draws(
     return out
 
 
-def _add_mounting_diagnostics(
+def _add_deciding_priors(
     diagnostics: dict[str, Diagnostics],
     posterior: Posterior,
     draws: pd.DataFrame,
     free: Sequence[ComparisonScale],
-    thresholds: Thresholds,
 ) -> None:
-    """Add to mounting stretches which ends the prior decides, and the range of the refits."""
-    mounting = [s for s in free if s.parameter.kind == STRETCH]
-    parts = mounting_refits(posterior) if mounting else None
-    for scale in mounting:
-        e = diagnostics[scale.name]
-        if not posterior.specimen.metadata.get(scale.name):  # a prior that is no measurement
-            values = draws[scale.name].to_numpy(dtype=float)
-            log_prior = power_scaling.log_prior((scale,), draws)
-            e = replace(e, by_prior=power_scaling.ends_by_prior(values, log_prior))
-        if parts is not None:
-            assert isinstance(scale.prior, Prior | DrawnPrior)
-            span = parts.range(scale.name, (e.low, e.high), thresholds.refit_errors, scale.prior)
-            e = replace(e, refits=span)
-        diagnostics[scale.name] = e
-
-
-def mounting_intervals(
-    posterior: Posterior, fits: LawFits, diagnostics: Mapping[str, Diagnostics]
-) -> dict[str, MountingInterval]:
-    """Reported intervals of the mounting stretches by name, from `diagnostics` within the law."""
-    law = posterior.law.name
-    fit, out = fits[law], {}
-    for i, state in enumerate(posterior.mounts):
-        for axis, name in enumerate(mounting_names("stretch", state)):
-            if name not in diagnostics:
-                continue
-            e = diagnostics[name]
-            if posterior.specimen.metadata.get(name) is not None:
-                out[name] = MountingInterval(e.low, e.high, MEASURED_REASON)
-                continue
-            factors = None if fit is None else fit.mounting_widening
-            factor = 1.0 if factors is None else float(factors[i, axis])
-            interval = widen_interval(e.low, e.median, e.high, factor)
-            out[name] = interval_from_laws(fits, i, axis, law, interval, by_prior=e.by_prior)
-    return out
+    """Add to mounting stretches which ends their prior decides."""
+    for scale in free:
+        if scale.parameter.kind != STRETCH or posterior.specimen.metadata.get(scale.name):
+            continue  # of the material, or a measurement
+        values = draws[scale.name].to_numpy(dtype=float)
+        by_prior = power_scaling.ends_by_prior(values, power_scaling.log_prior((scale,), draws))
+        diagnostics[scale.name] = replace(diagnostics[scale.name], by_prior=by_prior)

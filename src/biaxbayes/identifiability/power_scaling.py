@@ -14,9 +14,7 @@ import pandas as pd
 from scipy.special import rel_entr
 
 from biaxbayes.identifiability.marginals import INTERVAL, LEVELS, ComparisonScale, density
-from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior
-from biaxbayes.parameters import mounting_names
 
 POWERS = (0.99, 1.01)
 END_POWERS = (0.8, 1.25)
@@ -96,19 +94,4 @@ def log_prior(scales: tuple[ComparisonScale, ...], draws: pd.DataFrame) -> np.nd
         logs = prior.family == "lognormal"
         z = ((np.log(x) - np.log(prior.location)) if logs else x - prior.location) / prior.scale
         total -= 0.5 * z * z
-    return total
-
-
-def log_likelihood(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
-    """Log likelihood of the curves (tempered) and of the mounting readings, up to a constant."""
-    total = draws["log_likelihood"].to_numpy(dtype=float).copy()
-    if not posterior.settings.reads_force:
-        return total
-    reading, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
-    for m, label in enumerate(posterior.mounts):
-        for k, name in enumerate(mounting_names("force", label)):
-            residual = reading[m, k] - draws[name].to_numpy(dtype=float)
-            if (offset := f"load_offset_{'xy'[k]}") in draws:
-                residual = residual - draws[offset].to_numpy(dtype=float)
-            total -= 0.5 * (residual / sd[m, k]) ** 2
     return total

@@ -20,14 +20,13 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from biaxbayes.error_model import CONSTANT
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.identifiability.conditional_fit import ConditionalLikelihood
 from biaxbayes.identifiability.profile_curve import ProfileCurve, profile_axis
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
-from biaxbayes.parameters import Quantities, Quantity, mounting_names, unit_words
+from biaxbayes.parameters import STRETCH, Quantities, Quantity, unit_words
 
 FLAT_DEVIANCE = 0.1
 """A curve that never rises above this is flat: a likelihood ratio of 0.95."""
@@ -40,17 +39,13 @@ class Profile:
     Attributes
     ----------
     table : DataFrame
-        ``value`` (ascending, natural units), ``deviance`` above the minimum, ``error_sd`` and the
-        values that all parameters and mounting stretches took.
+        ``value`` (ascending, natural units), ``deviance`` above the minimum, and the values that
+        all parameters and mounting stretches took, with the sd of independent errors.
     low, high : float
         Ends of the interval; the end of the range on a side that is open.
     open_low, open_high : bool
         Whether the curve stays below the threshold all the way.
     kind : {"finite", "practical", "structural"}
-    beta : float
-        Weight n_eff / n of the readings.
-    note : str
-        How the likelihood differs from that of the model; empty where it does not.
     """
 
     parameter: str
@@ -62,8 +57,6 @@ class Profile:
     open_low: bool
     open_high: bool
     kind: str
-    beta: float
-    note: str = ""
 
     def __repr__(self) -> str:
         return f"Profile({self.in_words()})"
@@ -108,7 +101,7 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
     to the specimen.
     """
     for name in parameters:
-        _index(posterior, name)
+        _check(posterior, name)
     executor = executor_for(max(min(workers, len(parameters)), 1))
     posterior = posterior.replaced(fit=posterior.fit)  # once, not in every process
     by_index: dict[int, Profile] = {}
@@ -121,57 +114,31 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
 
 def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     """Profile of one parameter; see :func:`profiles`."""
-    index = _index(posterior, parameter)
-    law, start = posterior.law, posterior.fit
-    priors = {i: posterior.priors[name] for i, name in enumerate(law.names)}
-    fixed = {
-        i: law.to_fit_coordinate(i, float(p))
-        for i, p in priors.items()
-        if isinstance(p, int | float)
-    }
-    likelihood = ConditionalLikelihood(
-        posterior.specimen, posterior.settings, posterior.beta, fixed
-    )
-    # The overall best fit, from the deterministic one. Off the edges too: with a parameter at its
-    # bound others may hide a lower point.
-    lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
-    if not posterior.settings.infers_mounting:
-        lm = np.ones((2, likelihood.groups))
-    theta = law.to_fit_coordinates(start.material.values)
-    best, other = (
-        likelihood.best({}, np.concatenate([point, lm.ravel()]), start.rms)
-        for point in (theta, law.to_fit_coordinates(law.clip_inside(start.material.values)))
-    )
-    best = other if other.deviance < best.deviance else best
-    if not np.isfinite(best.deviance):
+    _check(posterior, parameter)
+    likelihood = ConditionalLikelihood(posterior, parameter)
+    curve = ProfileCurve(likelihood, profile_axis(posterior.quantities[parameter].parameter))
+    if not np.isfinite(curve.fits[0].deviance):
         raise NotConverged(f"{posterior.specimen.name}: no material fits this specimen")
-    axis = profile_axis(posterior.quantities[parameter].parameter, index, law)
-    curve = ProfileCurve(likelihood, axis, best)
     curve.run()
     return _profile(curve, posterior, parameter)
 
 
-def _index(posterior: Posterior, parameter: str) -> int:
-    """Position of a parameter among the unknowns of a likelihood."""
-    prior = posterior.priors.get(parameter)
-    if isinstance(prior, int | float):
+def _check(posterior: Posterior, parameter: str) -> None:
+    """Refuse what has no profile."""
+    if isinstance(posterior.priors.get(parameter), int | float):
         raise InputError(f"{parameter} is fixed, so it has no profile")
-    of_law = posterior.law.names
-    if parameter in of_law:
-        return of_law.index(parameter)
-    names = [mounting_names("stretch", label) for label in posterior.mounts]
-    flat = [pair[k] for k in (0, 1) for pair in names]
-    if parameter not in flat or not posterior.settings.infers_mounting:
-        known = [*of_law, *(flat if posterior.settings.infers_mounting else [])]
+    inferred = posterior.settings.infers_mounting
+    stretches = [q.name for q in posterior.quantities.of_kind(STRETCH)] if inferred else []
+    known = [*posterior.law.names, *stretches]
+    if parameter not in known:
         raise InputError(
             f"unknown parameter {parameter[:60]!r}", remedy=f"one of {', '.join(known)}"
         )
-    if posterior.settings.mounting == "exact":
+    if parameter in stretches and posterior.settings.mounting == "exact":
         raise InputError(
             "with an exact mounting force the mounting stretch follows from the material",
             remedy="use `mounting=noisy` to profile it",
         )
-    return len(of_law) + flat.index(parameter)
 
 
 def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profile:
@@ -189,28 +156,17 @@ def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profi
         open_low = open_high = False  # the curve goes on as its own image
     flat = open_low and open_high and float(rise.max()) < FLAT_DEVIANCE
     kind = "structural" if flat else "practical" if open_low or open_high else "finite"
-    errors = posterior.settings.error_model
-    note = "" if errors is CONSTANT else f"the sd of the errors is constant here, not {errors}"
-
-    law, unknowns = posterior.law, np.array([f.unknowns for f in curve.fits])
+    fits = pd.DataFrame([f.values for f in curve.fits])
+    names = [n for n in posterior.parameter_names if n in fits]
     columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
-    for i, name in enumerate(law.names):
-        columns[name] = np.array([law.from_fit_coordinate(i, v) for v in unknowns[:, i]])
-    if posterior.settings.infers_mounting:
-        pairs = [mounting_names("stretch", label) for label in posterior.mounts]
-        for j, name in enumerate(pair[k] for k in (0, 1) for pair in pairs):
-            columns[name] = unknowns[:, len(law.names) + j]
-    columns["error_sd"] = np.array([f.error_sd for f in curve.fits])
     return Profile(
         parameter=parameter,
         known=posterior.quantities,
-        table=pd.DataFrame(columns),
+        table=pd.DataFrame(columns).join(fits[names]),
         estimate=float(value[curve.lowest]),
         low=float(low),
         high=float(high),
         open_low=bool(open_low),
         open_high=bool(open_high),
         kind=kind,
-        beta=posterior.beta,
-        note=note,
     )

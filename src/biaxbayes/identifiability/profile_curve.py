@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import gammaincinv
 
-from biaxbayes.identifiability.conditional_fit import ConditionalFit, ConditionalLikelihood
-from biaxbayes.laws.law import Law
+from biaxbayes.identifiability.conditional_fit import (
+    FIRST_RISE,
+    ConditionalFit,
+    ConditionalLikelihood,
+)
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import CONTENT
-from biaxbayes.parameters import DEGREE, MATERIAL, Parameter
+from biaxbayes.parameters import DEGREE, Parameter
 
 # --- the axis of a profile: which scale, how far, in which steps ---------------------------------
 
@@ -29,30 +33,18 @@ STEPS_OF_STRETCH = (0.0005, 1e-6, 0.01)
 class Axis:
     """Scale and range of a profiled parameter."""
 
-    index: int  # among the unknowns of the fit: fit coordinates, then mounting stretches
     parameter: Parameter
-    law: Law
     low: float  # range on the axis: natural logs, degrees or natural values
     high: float
     first_step: float
     least_step: float
     most_step: float
 
-    def from_unknown(self, unknown: float) -> float:
-        """Place on the axis of an unknown of the fit."""
+    def place(self, value: float) -> float:
+        """Place on the axis of a natural value."""
         if self.parameter.logarithmic:
-            return float(np.log(max(unknown, MIN_STEP_OF_SCALE)))
-        if self.parameter.kind == MATERIAL:
-            return self.law.from_fit_coordinate(self.index, unknown)
-        return float(unknown)
-
-    def to_unknown(self, at: float) -> float:
-        """Unknown of the fit at a place on the axis."""
-        natural = self.natural(at)
-        if self.parameter.kind != MATERIAL:
-            return natural
-        ends = self.parameter.range
-        return self.law.to_fit_coordinate(self.index, min(max(natural, ends[0]), ends[1]))
+            return float(np.log(max(value, MIN_STEP_OF_SCALE)))
+        return float(value)
 
     def natural(self, at: float) -> float:
         """Natural value at a place on the axis."""
@@ -70,8 +62,8 @@ class Axis:
         return np.clip(centre + np.array([-0.05, -0.02, 0.02, 0.05]), self.low, self.high)
 
 
-def profile_axis(parameter: Parameter, index: int, law: Law) -> Axis:
-    """Axis of a parameter at a position among the unknowns."""
+def profile_axis(parameter: Parameter) -> Axis:
+    """Axis of a parameter."""
     if parameter.logarithmic:
         ends, steps = (
             (float(np.log(MIN_STEP_OF_SCALE)), float(np.log(parameter.largest))),
@@ -82,7 +74,7 @@ def profile_axis(parameter: Parameter, index: int, law: Law) -> Axis:
         steps = STEPS_OF_ANGLE if parameter.unit == DEGREE else STEPS_OF_SHARE
     else:
         ends, steps = BRACKET, STEPS_OF_STRETCH
-    return Axis(index, parameter, law, *ends, *steps)
+    return Axis(parameter, *ends, *steps)
 
 
 # --- the curve -----------------------------------------------------------------------------------
@@ -95,8 +87,6 @@ DEVIANCE_STEP = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MAX_CURVE_STEPS = 80
 SWEEPS = 3
 EXTRA_STARTS = 4  # fresh starting points at an anchor
-FIRST_FIT_STEPS = 25  # steps of a first fit from each of them
-MAX_FIRST_DEVIANCE = 50.0  # deviance above the lowest beyond which a first fit is not continued
 MAX_GAP_POINTS = 60  # maximum number of points put into gaps
 LEVEL_GAP_WEIGHT = 0.3  # a gap counts by this fraction where the curve is level
 MIN_IMPROVEMENT = 1e-4
@@ -107,9 +97,11 @@ THRESHOLD_TOLERANCE = 0.01  # of a point to the threshold, in deviance
 class ProfileCurve:
     """Points of a profile in the order of the axis, from the overall optimum."""
 
-    def __init__(self, likelihood: ConditionalLikelihood, axis: Axis, best: ConditionalFit) -> None:
+    def __init__(self, likelihood: ConditionalLikelihood, axis: Axis) -> None:
         self.likelihood, self.axis = likelihood, axis
-        self.at = [axis.from_unknown(best.unknowns[axis.index])]
+        starts = [likelihood.fitted_start(), *likelihood.other_starts(None, EXTRA_STARTS)]
+        best = self._lowest_from(None, starts)
+        self.at = [axis.place(best.values[likelihood.parameter])]
         self.fits = [best]
 
     def run(self) -> None:
@@ -124,9 +116,9 @@ class ProfileCurve:
             self.refine(side)
 
     def _continue(self) -> None:
-        for side in (-1, 1):
-            self.extend(side)
         for _ in range(SWEEPS):
+            for side in (-1, 1):
+                self.extend(side)
             if not self.sweep():
                 break
 
@@ -135,16 +127,9 @@ class ProfileCurve:
         is_lower = False
         for at in self.axis.anchors(self.at[self.lowest]):
             at, best = float(at), self.fits[self.lowest]
-            extra = self.likelihood.extra_starts(self._fixed(at), EXTRA_STARTS)
-            starts = [best, *(replace(best, unknowns=unknowns) for unknowns in extra)]
-            first_fits = [
-                self._best(at, start, rounds=2, steps=FIRST_FIT_STEPS) for start in starts
-            ]
-            first_fits.sort(key=lambda fit: fit.deviance)
-            new_fit = first_fits[0]
-            if new_fit.deviance < best.deviance + MAX_FIRST_DEVIANCE:
-                ends = [self._best(at, fit) for fit in first_fits[:2]]
-                new_fit = min(ends, key=lambda fit: fit.deviance)
+            value = self.axis.natural(at)
+            starts = [best.values, *self.likelihood.other_starts(value, EXTRA_STARTS)]
+            new_fit = self._lowest_from(value, starts)
             level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
                 here = float(np.interp(at, self.at, [f.deviance for f in self.fits]))
@@ -168,8 +153,7 @@ class ProfileCurve:
             if gaps[k] <= 1.01 * self.axis.most_step:
                 return
             at = 0.5 * (self.at[k] + self.at[k + 1])
-            pair = (self.fit(at, k, k + 1), self.fit(at, k + 1, k))
-            self._add(at, min(pair, key=lambda fit: fit.deviance))
+            self._add(at, self.fit(at, k, k + 1))
 
     @property
     def lowest(self) -> int:
@@ -181,29 +165,21 @@ class ProfileCurve:
         return self.fits[k].deviance - self.fits[self.lowest].deviance
 
     def fit(self, at: float, *neighbours: int) -> ConditionalFit:
-        """The best fit at a place on the axis, from the points given and their extrapolation."""
-        first = self.fits[neighbours[0]]
-        starts = [first]
-        if len(neighbours) == 2:
-            a, b = (self.at[k] for k in neighbours)
-            fraction = (at - a) / (b - a)
-            line = first.unknowns + fraction * (self.fits[neighbours[1]].unknowns - first.unknowns)
-            line = np.clip(line, self.likelihood.lower, self.likelihood.upper)
-            starts.insert(0, replace(first, unknowns=line))
-        return min((self._best(at, start) for start in starts), key=lambda fit: fit.deviance)
+        """The best fit at a place on the axis, from the points given."""
+        fits = (self._best(at, self.fits[k]) for k in neighbours)
+        return min(fits, key=lambda fit: fit.deviance)
 
     def extend(self, side: int) -> None:
         """Continue outwards from the outermost point until well beyond the threshold or the end."""
         step = self.axis.first_step
         for _ in range(MAX_CURVE_STEPS):
             end = 0 if side < 0 else len(self.at) - 1
-            inner = min(max(end - side, 0), len(self.at) - 1)
             low, high = self.axis.low, self.axis.high
             at_end = self.at[end] <= low if side < 0 else self.at[end] >= high
             if self.rise(end) > THRESHOLD + MAX_EXCESS_DEVIANCE or at_end:
                 return
             at = float(min(max(self.at[end] + side * step, low), high))
-            new_fit = self.fit(at, end, inner) if inner != end else self.fit(at, end)
+            new_fit = self.fit(at, end)
             if not np.isfinite(new_fit.deviance):
                 if step < self.axis.least_step:
                     return
@@ -217,13 +193,18 @@ class ProfileCurve:
             if change < DEVIANCE_STEP[0]:
                 step = min(1.7 * step, self.axis.most_step)
 
-    def _fixed(self, at: float) -> dict[int, float]:
-        """The profiled unknown at a place on the axis."""
-        return {self.axis.index: self.axis.to_unknown(at)}
-
-    def _best(self, at: float, start: ConditionalFit, **limits: int) -> ConditionalFit:
+    def _best(self, at: float, start: ConditionalFit) -> ConditionalFit:
         """The lowest deviance at a place on the axis, from another fit."""
-        return self.likelihood.best(self._fixed(at), start.unknowns, start.error_sd, **limits)
+        return self.likelihood.best(self.axis.natural(at), start.values)
+
+    def _lowest_from(
+        self, value: float | None, starts: Sequence[Mapping[str, float]]
+    ) -> ConditionalFit:
+        """The lowest deviance at a value, from the two best of several starts."""
+        first = [self.likelihood.best(value, start, FIRST_RISE) for start in starts]
+        first.sort(key=lambda fit: fit.deviance)
+        ends = [self.likelihood.best(value, fit.values) for fit in first[:2]]
+        return min(ends, key=lambda fit: fit.deviance)
 
     def _add(self, at: float, new_fit: ConditionalFit) -> None:
         k = int(np.searchsorted(self.at, at))
@@ -245,10 +226,10 @@ class ProfileCurve:
     def release(self) -> bool:
         """Fit with the parameter free from the lowest point; True if that is lower."""
         lowest = self.fits[self.lowest]
-        freed = self.likelihood.best({}, lowest.unknowns, lowest.error_sd)
+        freed = self.likelihood.best(None, lowest.values)
         if not freed.deviance < lowest.deviance:
             return False
-        at = self.axis.from_unknown(freed.unknowns[self.axis.index])
+        at = self.axis.place(freed.values[self.likelihood.parameter])
         if abs(at - self.at[self.lowest]) <= self.axis.least_step:
             self.at.pop(self.lowest)
             self.fits.remove(lowest)

@@ -154,6 +154,7 @@ class _CurveFits:
 # --- stiff and sloppy directions: what combination of parameters is known -------------------------
 
 MAX_COVARIANCE_DRAWS = 4000
+ERROR_DRAWS = 100
 MIN_LOADING = 0.1  # of the largest loading: left out of the words
 MAX_PERCENT_WIDTH = 0.7  # in ln: wider is given as a factor
 
@@ -200,12 +201,15 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
         (float(low), float(high)),
         tuple(s.name for s in scales),
     )
-    # error sd of a reading at the median load, as a stress, at the medians of the draws
-    specimen, errors = posterior.specimen, posterior.settings.error_model
-    load = np.median(np.abs(np.concatenate([specimen.load(p) for p in specimen.protocols])))
-    values = {p.name: float(np.median(thinned[p.name])) for p in errors.parameters}
-    error_kPa = float(errors.sd(values, load)) / float(specimen.area.min())
+    # error of a reading, misfit and noise, at the median of the draws
+    error_kPa = _reading_error(posterior, thinned) / float(posterior.specimen.area.min())
     return Sloppiness(directions, path, path_text(path, error_kPa, thinned, posterior.law))
+
+
+def _reading_error(posterior: Posterior, draws: pd.DataFrame) -> float:
+    """Root mean square of the residuals at the draws, in the unit of the loads."""
+    residual = posterior.residuals(thin_draws(draws, ERROR_DRAWS))[:, posterior.readings.mounted :]
+    return float(np.median(np.sqrt(np.mean(residual**2, axis=1))))
 
 
 def _directions(scales: list[ComparisonScale], draws: pd.DataFrame) -> tuple[Direction, ...]:

@@ -1,17 +1,28 @@
-"""Verdict on a parameter from its diagnostics, with every threshold in one place."""
+"""Verdict on a parameter from its draws, with every threshold in one place.
+
+- `identified`: both ends of the interval hold
+- `bounded`: one end
+- `only in combination`: a two-sided interval, wide because the parameter is strongly correlated
+  with
+  those named
+- `not identified`: the prior, or a choice of the law, decides
+- `no verdict`: the chains have not converged, so the run shows nothing about the tissue
+
+A verdict says how an interval may be used; it never moves one: intervals are the 5 and 95 %
+quantiles of the draws.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 
 from biaxbayes.errors import listed
-from biaxbayes.identifiability.marginals import Z90, ComparisonScale, Density, Edge
-from biaxbayes.identifiability.mounting_interval import MountingInterval
+from biaxbayes.identifiability.marginals import ComparisonScale, Density, Edge
 from biaxbayes.identifiability.partners import Partners
 from biaxbayes.laws.law import Law
-from biaxbayes.model.priors import DrawnPrior, Prior, Tie
-from biaxbayes.parameters import Parameter
+from biaxbayes.model.priors import DrawnPrior, Prior
+from biaxbayes.parameters import STRETCH, Parameter
 
 IDENTIFIED = "identified"
 BOUNDED = "bounded"
@@ -45,11 +56,8 @@ class Thresholds:
     contraction: float = 0.75
     # with separate peaks, prior-dominated only if less of the prior is excluded as well
     prior_excluded: float = 0.5
-    # errors added to the range of the refits: changes of the mounting stretch that balance the
-    # largest residual near the mounted state
-    refit_errors: float = Z90
-    # contradicted where the interval is less than this fraction of the range of the refits
-    refit_share: float = 0.5
+    # a stiffness or exponent known only to a larger factor is not identified
+    max_ratio: float = 10.0
 
     def items(self, parameters: Iterable[Parameter]) -> list[tuple[str, float]]:
         """Names and values, with the widths of sharp intervals, for the header of a file."""
@@ -77,8 +85,6 @@ class Diagnostics:
     modes: int
     prior_sensitivity: float  # by power-scaling, as the next
     likelihood_sensitivity: float
-    # of a mounting stretch: range of fits to parts of the record
-    refits: tuple[float, float] | None = None
     by_prior: tuple[bool, bool] = (False, False)  # the prior decides the (low, high) end
     prior_density: Density | None = field(default=None, repr=False)
     posterior_density: Density | None = field(default=None, repr=False)
@@ -92,28 +98,33 @@ class Diagnostics:
         """True if knowing its partners would narrow the parameter much."""
         return self.partners.spread_given_partners <= thresholds.combination_spread
 
-    def is_contradicted(self, thresholds: Thresholds) -> bool:
-        """True if fits to parts of the record contradict the interval of a mounting stretch."""
-        if self.refits is None:
-            return False
-        return self.high - self.low < thresholds.refit_share * (self.refits[1] - self.refits[0])
-
     def open_edges(self, thresholds: Thresholds) -> tuple[Edge, ...]:
         """Ends of the range that the data do not exclude."""
         return tuple(e for e in self.edges if e.support >= thresholds.edge_support)
 
 
 @dataclass(frozen=True)
+class Assessment:
+    """A verdict with its reason.
+
+    Attributes
+    ----------
+    bound : {"", "low", "high"}
+        The end that holds, of a bounded parameter.
+    """
+
+    verdict: str
+    reason: str
+    bound: str = ""
+
+
+@dataclass(frozen=True)
 class ParameterVerdict:
-    """The verdict on one parameter within the law; :class:`Reported` is what follows from it."""
+    """The verdict on one parameter, with its diagnostics (None if fixed, or of unusable draws)."""
 
     scale: ComparisonScale
-    posterior_verdict: str  # from posterior and prior alone: one of VERDICTS, NO_VERDICT or FIXED
-    text: str  # the same as a sentence
-    diagnostics: Diagnostics | None = None  # None if fixed or tied, or if draws are unusable
-    # of a mounting stretch: the interval all laws agree on
-    mounting: MountingInterval | None = None
-    undefined: str = ""  # text, if another parameter may lie where this one is undefined
+    assessment: Assessment
+    diagnostics: Diagnostics | None = None
 
     @property
     def name(self) -> str:
@@ -121,39 +132,82 @@ class ParameterVerdict:
         return self.scale.name
 
     @property
+    def verdict(self) -> str:
+        """One of :data:`VERDICTS`, :data:`NO_VERDICT` or :data:`FIXED`."""
+        return self.assessment.verdict
+
+    @property
     def partners(self) -> tuple[str, ...]:
         """Parameters that it is correlated with, whatever the verdict."""
         return self.diagnostics.partners.names if self.diagnostics else ()
 
 
-def decide(
-    diagnostics: Diagnostics,
-    thresholds: Thresholds,
-    *,
-    undefined: bool = False,
-    partner_is_weak: bool = False,
-) -> str:
-    """The verdict on a sampled parameter of converged draws; the first condition that applies."""
-    e, t = diagnostics, thresholds
-    if e.is_contradicted(t):
-        return NOT_IDENTIFIED
+UNCONVERGED = "chains have not converged"
+PRIOR_DECIDES = "the prior, not the data, determines it"
+DATA_DECIDE = "the data determine it"
+
+
+def assess_material(
+    e: Diagnostics, scale: ComparisonScale, thresholds: Thresholds, weak: set[str], undefined: str
+) -> Assessment:
+    """Verdict on a parameter of a law (or of a population); the first condition that applies.
+
+    ``weak`` are parameters that are open at an end or hardly narrower than their prior.
+    ``undefined`` says why this one may have no meaning, and is empty where it has.
+    """
+    t, p = thresholds, scale.parameter
     correlated = e.is_correlated(t)
-    if undefined:  # undefined at an end that is not excluded: no value is, however narrow
-        return COMBINATION if correlated else NOT_IDENTIFIED
-    # With a partner at an end (aligned fibres) or hardly constrained, a parameter may lie far from
-    # the truth.
-    widest = 1.0 if partner_is_weak else t.traded_width
-    if correlated and not e.parameter.is_sharp(e.low, e.high, widest):
-        return COMBINATION
+    trades = f"trades with {listed(e.partners.names)}" if correlated else ""
+    if undefined:  # at an end that is not excluded: no value is, however narrow
+        return Assessment(COMBINATION if correlated else NOT_IDENTIFIED, undefined)
+    # with a weak partner a parameter may lie far from the truth
+    widest = 1.0 if not weak.isdisjoint(e.partners.names) else t.traded_width
+    if correlated and not p.is_sharp(e.low, e.high, widest):
+        if e.contraction <= 0.0:
+            return Assessment(NOT_IDENTIFIED, "its interval is as wide as the prior")
+        return Assessment(COMBINATION, trades)
     ends = e.open_edges(t)
-    if any(edge.kind != "physical" for edge in ends) or len(ends) == 2:
-        return NOT_IDENTIFIED
-    if ends and e.prior_excluded >= t.one_sided_excluded:
-        return BOUNDED
-    # Two narrow peaks have a large sd, but unlike a prior they exclude values: those count.
-    if e.contraction < t.contraction and (e.modes < 2 or e.prior_excluded < t.prior_excluded):
-        return NOT_IDENTIFIED
-    return BOUNDED if ends else IDENTIFIED
+    bounds = [edge.value for edge in ends if edge.kind == "user"]
+    if bounds:
+        return Assessment(NOT_IDENTIFIED, f"limited by the prior bound {p.number(bounds[0])}")
+    if any(edge.kind == "prior" for edge in ends):
+        return Assessment(NOT_IDENTIFIED, PRIOR_DECIDES)
+    if len(ends) == 2:
+        return Assessment(NOT_IDENTIFIED, "the data exclude no end of its range")
+    # two narrow peaks have a large sd, but unlike a prior they exclude values: those count
+    informed = e.contraction >= t.contraction or (
+        e.modes > 1 and e.prior_excluded >= t.prior_excluded
+    )
+    if ends and (informed or e.prior_excluded >= t.one_sided_excluded):
+        side = ends[0].side
+        end = (p.at_low, p.at_high)[side] or f"the {('lower', 'upper')[side]} end of its range"
+        bound = ("high", "low")[side]
+        return Assessment(BOUNDED, f"the data are compatible with {end}", bound)
+    if not informed:
+        return Assessment(NOT_IDENTIFIED, PRIOR_DECIDES)
+    if scale.logarithmic and e.high > t.max_ratio * e.low:
+        ratio = e.high / max(e.low, 1e-300)
+        return Assessment(NOT_IDENTIFIED, f"known only to a factor of {ratio:.2g}")
+    return Assessment(IDENTIFIED, "; ".join(filter(None, (DATA_DECIDE, trades))))
+
+
+def assess_stretch(e: Diagnostics, thresholds: Thresholds, *, measured: bool) -> Assessment:
+    """Verdict on a mounting stretch: its lower end may hold where the upper one does not.
+
+    Tissue stiffens as it is stretched, so a toe region that is softer than that of the laws only
+    moves the mounting stretch up.
+    """
+    if measured:
+        return Assessment(IDENTIFIED, "measured before and after mounting")
+    opened = {edge.side for edge in e.open_edges(thresholds)}
+    opened |= {side for side, by_prior in enumerate(e.by_prior) if by_prior}
+    if e.contraction < thresholds.contraction:
+        opened.add(1)
+    if 0 in opened:
+        return Assessment(NOT_IDENTIFIED, PRIOR_DECIDES)
+    if 1 in opened:
+        return Assessment(BOUNDED, "the prior determines the upper end", "low")
+    return Assessment(IDENTIFIED, DATA_DECIDE)
 
 
 def assess_parameters(
@@ -163,13 +217,19 @@ def assess_parameters(
     state: str,
     *,
     thresholds: Thresholds,
-    mounting: Mapping[str, MountingInterval] | None = None,
+    measured: Collection[str] = (),
 ) -> tuple[ParameterVerdict, ...]:
-    """Verdicts on parameters; `diagnostics` lacks fixed parameters and those of unusable draws."""
+    """Verdicts on parameters; `diagnostics` lacks fixed parameters and those of unusable draws.
+
+    ``measured`` are mounting stretches that the header of the specimen gives.
+    """
     at_end = {  # parameters that may lie at an end of the law, with its sides
         name: sides
         for name, e in diagnostics.items()
         if (sides := {x.side for x in e.open_edges(thresholds) if x.kind == "physical"})
+    }
+    weak = set(at_end) | {
+        name for name, e in diagnostics.items() if e.contraction < thresholds.contraction
     }
     undefined = {}  # parameters that are undefined at an end of another one
     for name, causes in law.undefined_at.items():
@@ -181,74 +241,14 @@ def assess_parameters(
             )
     out = []
     for scale in scales:
-        e, interval = diagnostics.get(scale.name), (mounting or {}).get(scale.name)
-        why = undefined.get(scale.name, "")
-        free = isinstance(scale.prior, Prior | DrawnPrior)
-        verdict = NO_VERDICT if free else FIXED
-        if e is not None:
-            if interval is not None and interval.is_value:
-                e = replace(e, refits=None)  # laws that fit agree: no part contradicts them
-            partner = not at_end.keys().isdisjoint(e.partners.names)
-            verdict = NO_VERDICT
-            if state == "converged":
-                verdict = decide(e, thresholds, undefined=bool(why), partner_is_weak=partner)
-        text = verdict_sentence(scale, verdict, e, thresholds, state, undefined=why)
-        out.append(ParameterVerdict(scale, verdict, text, e, interval, why))
-    return tuple(out)
-
-
-# --- verdicts as sentences -----------------------------------------------------------------------
-
-SENSITIVE = 0.05
-
-
-def verdict_sentence(
-    scale: ComparisonScale,
-    verdict: str,
-    diagnostics: Diagnostics | None,
-    thresholds: Thresholds,
-    state: str,
-    *,
-    undefined: str = "",
-) -> str:
-    """One sentence on one parameter; no diagnostics for a fixed or tied one."""
-    name, p, e = scale.name, scale.parameter, diagnostics
-    if verdict == NO_VERDICT:
-        return f"{name}: no verdict, the chains have not converged ({state})"
-    if verdict == FIXED or e is None:
-        value = scale.prior
-        if isinstance(value, Tie):
-            return f"{name}: tied, {value.factor:g} times {value.other}"
-        return f"{name}: fixed at {value:g}" if isinstance(value, float | int) else f"{name}: fixed"
-    interval = f"{p.number(e.low)} to {p.number(e.high)}{p.unit_words()} (90 %)"
-    ends = e.open_edges(thresholds)
-    text = f"{verdict}, {interval}"
-    if verdict == IDENTIFIED and not p.is_sharp(e.low, e.high):
-        text = f"identified, but loosely, {interval}"
-    elif verdict == BOUNDED:
-        limit = f"below {p.number(e.high)}" if ends[0].side == 0 else f"above {p.number(e.low)}"
-        text = f"bounded, {limit}{p.unit_words()} (95 %); the data do not exclude "
-        text += ends[0].text(p)
-    elif verdict == COMBINATION:
-        partners = e.partners.names
-        text = (
-            f"only in combination with {listed(partners)}; alone {interval}; if "
-            f"{'it was' if len(partners) == 1 else 'they were'} known, the interval would shrink "
-            f"to {100.0 * e.partners.spread_given_partners:.0f} % of that width"
-        )
-        physical = [x.text(p) for x in ends if x.kind == "physical"]
-        text += f"; {listed(physical)} not excluded" if physical else ""
-    elif verdict == NOT_IDENTIFIED:
-        bounds = [p.number(edge.value) for edge in ends if edge.kind == "user"]
-        if bounds:
-            text += f"; limited by the prior bound {listed(bounds)}"
+        e = diagnostics.get(scale.name)
+        if not isinstance(scale.prior, Prior | DrawnPrior):
+            assessment = Assessment(FIXED, "")
+        elif e is None or state != "converged":
+            assessment = Assessment(NO_VERDICT, UNCONVERGED)
+        elif scale.parameter.kind == STRETCH:
+            assessment = assess_stretch(e, thresholds, measured=scale.name in measured)
         else:
-            share = 100.0 * max(e.contraction, 0.0)
-            text += f"; the data reduce the prior variance by {share:.0f} %"
-    if undefined:
-        text += f"; {undefined}"
-    if e.modes > 1:
-        text += f"; {e.modes} separate peaks"
-    if e.prior_sensitivity >= SENSITIVE and verdict != NOT_IDENTIFIED:
-        text += "; sensitive to the prior"
-    return f"{name}: {text}"
+            assessment = assess_material(e, scale, thresholds, weak, undefined.get(scale.name, ""))
+        out.append(ParameterVerdict(scale, assessment, e))
+    return tuple(out)

@@ -1,7 +1,7 @@
 """From a specimen and settings to the arrays of the compiled density, and back from its draws.
 
-A slot is one number of the density, sampled, fixed or tied: the parameters of the law, those of the
-errors, the factors of measured dimensions, the offsets of the load cell, and two per mounted state.
+A slot is one number of the density, sampled, fixed or tied: the parameters of the law, the noise
+sd, the factors of measured dimensions, the offsets of the load cell, and two per mounted state.
 Natural values are in the units of the parameter table; a slot holds the log of a positive scale,
 and angles in radians.
 """
@@ -24,15 +24,17 @@ from biaxbayes.model.density import (
     MODE_FORCE,
     MODE_STRETCH,
     MODE_UNSTRETCHED,
+    NOISE_SLOTS,
     Problem,
 )
 from biaxbayes.model.priors import Prior, Tie, default_priors
+from biaxbayes.model.readings import ReadingVector
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
     DEGREE,
     DIMENSION,
     DIMENSION_PARAMETERS,
-    NOISE_PARAMETERS,
+    NOISE_SD,
     Parameter,
     Quantities,
     mounting_names,
@@ -64,6 +66,8 @@ class Assembly:
 
     problem: Problem
     forward: ForwardModel
+    rows: MeasuredRows
+    readings: ReadingVector
     slots: tuple[str, ...]  # names
     free: tuple[str, ...]  # names of the sampled slots, in the order of a walker's coordinates
     priors: dict[str, Prior | float | Tie]  # by slot; a number where fixed
@@ -85,38 +89,35 @@ class Assembly:
         mounted = (
             () if self.problem.mounting_mode == MODE_UNSTRETCHED else self.quantities.mounting()
         )
-        errors = self.problem.errors._fields
+        noise = (NOISE_SD.name,) if NOISE_SD.name in self.priors else ()
         measured = (n for n in self.free if self.quantities[n].parameter.kind == DIMENSION)
-        return (*self.law.names, *(q.name for q in mounted), *errors, *measured)
+        return (*self.law.names, *(q.name for q in mounted), *noise, *measured)
 
 
 def assemble(
     specimen: Specimen,
     settings: Settings,
-    beta: float,
     constants: SamplingConstants,
     *,
     determinant: bool,
     sampling: bool = True,
 ) -> Assembly:
     """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots."""
-    _check(specimen, settings)
     law = settings.material_law
     data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
     thinned = thinned_specimen(data, settings.thin)
     shared = settings.shared
     states = ("",) if shared else tuple(p.name for p in specimen.protocols)
     quantities = Quantities(law.parameters, states, specimen.unit)
-    reading, reading_sd = specimen.mounting_readings(shared=shared)
+    reading, _ = specimen.mounting_readings(shared=shared)
     priors = _priors(specimen, settings, states)
-    errors = settings.error_model.parameters
     slots = (
         *law.names,
-        *(p.name for p in (*errors, *DIMENSION_PARAMETERS)),
+        *(p.name for p in (NOISE_SD, *DIMENSION_PARAMETERS)),
         *(n for state in states for n in mounting_names("stretch", state)),
     )
     of_slot = [quantities[name].parameter for name in slots]
-    first = len(law.names) + len(errors) + DIMENSION_SLOTS
+    first = len(law.names) + NOISE_SLOTS + DIMENSION_SLOTS
     fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
     if settings.mounting == "exact":
         fixed[first:] = reading.ravel()
@@ -156,13 +157,16 @@ def assemble(
             peak_kPa=max(peak_kPa, 1e-9),
         )
     )
+    rows = MeasuredRows.from_thinned(thinned)
+    readings = ReadingVector.from_rows(
+        rows, thinned, reading.size if settings.reads_force else 0, average=settings.has_misfit
+    )
     problem = Problem(
         slot=slot,
         fixed=fixed,
         tie=tie,
         tie_log_factor=factor,
         transform=transform,
-        errors=settings.error_model.values(*(0.0 for _ in errors)),
         size=len(law.names),
         logarithmic=np.array([p.logarithmic for p in of_slot]),
         per_unit=np.array([_per_unit(p) for p in of_slot]),
@@ -171,15 +175,16 @@ def assemble(
         mounting_mode=_MODES[settings.mounting],
         mounted=specimen.geometry == "mounted",
         determinant=determinant,
-        reading=reading,
-        reading_sd=reading_sd if settings.reads_force else 0.0 * reading_sd,
+        mounting=reading,
+        reads=settings.reads_force,
         area=specimen.area,
-        # an averaged row counts as often as the rows it is the mean of
-        beta=np.asarray(beta, dtype=float) * np.array(thinned.weight)[:, None] * np.ones(2),
-        **_rows(MeasuredRows.from_thinned(thinned), shared),
+        reading_of=readings.index,
+        share=readings.share,
+        readings=len(readings.weight),
+        **_rows(rows, shared),
     )
     forward = ForwardModel.from_specimen(specimen, settings)
-    return Assembly(problem, forward, slots, tuple(free), priors, quantities)
+    return Assembly(problem, forward, rows, readings, slots, tuple(free), priors, quantities)
 
 
 _MODES = {
@@ -191,7 +196,7 @@ _MODES = {
 }
 
 
-def _check(specimen: Specimen, settings: Settings) -> None:
+def check_settings(specimen: Specimen, settings: Settings) -> None:
     """Refuse settings that do not suit the specimen."""
     ties = [n for n, v in settings.priors.items() if isinstance(v, Tie) and "mounting" in n]
     if ties and settings.mounting != "free":
@@ -199,7 +204,7 @@ def _check(specimen: Specimen, settings: Settings) -> None:
             "mounting stretches can be tied only where they are sampled themselves, not the forces",
             remedy="use `mounting=free`",
         )
-    if settings.reads_force:
+    if settings.reads_force and not settings.has_misfit:
         _, sd = specimen.mounting_readings(shared=settings.shared)
         if np.any(sd <= 0.0):
             raise InputError(
@@ -231,8 +236,9 @@ def _priors(
     specimen: Specimen, settings: Settings, labels: tuple[str, ...]
 ) -> dict[str, Prior | float | Tie]:
     """Priors by slot name: the defaults, the user's, and those of measured dimensions."""
-    absent = {p.name for p in NOISE_PARAMETERS if p not in settings.error_model.parameters}
-    given = {name: prior for name, prior in settings.priors.items() if name not in absent}
+    given = dict(settings.priors)
+    if settings.has_misfit:
+        given.pop(NOISE_SD.name, None)
     chosen = default_priors(specimen, settings) | given
     of_all = {name: chosen.pop(name) for name in mounting_names("stretch")}
     out = dict(chosen)
@@ -281,7 +287,6 @@ def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
     """The arrays of the kernel that hold the readings."""
     lx, ly = rows.stretch.T.copy()
     fx, fy = rows.load.T.copy()
-    vx, vy = rows.scatter.T.copy()
     protocols = np.arange(len(rows.names))
     return {
         "start": np.searchsorted(rows.protocol, np.arange(len(rows.names) + 1)),
@@ -293,8 +298,6 @@ def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
         "Z": 1.0 / (lx * ly) ** 2,
         "fx": fx,
         "fy": fy,
-        "vx": vx,
-        "vy": vy,
     }
 
 
@@ -315,7 +318,7 @@ def natural_values(assembly: Assembly, values: np.ndarray, u: np.ndarray) -> dic
             continue
         for k, name in enumerate(names):
             # sampled, or read from the file: not computed from the mounting stretch
-            place = problem.size + len(problem.errors) + DIMENSION_SLOTS + 2 * m + k
+            place = problem.size + NOISE_SLOTS + DIMENSION_SLOTS + 2 * m + k
             i = problem.slot[place]
             reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
             out[name] = u[:, i].copy() if i >= 0 else reading

@@ -1,13 +1,12 @@
-"""The log posterior density of many walkers in one compiled call, and the arrays it needs.
+"""Prior, mounted state and model loads of many walkers in one compiled call.
 
 A walker's coordinates are spread over *slots*, one entry per parameter, whether sampled, fixed or
-tied to another: the parameters of the law first, then those of the errors and of measured
-dimensions, then two per mounted state. They are turned into material, mounted state and errors, and
-the curves are compared with the readings. The stress is that of the law
-(:mod:`biaxbayes.laws.materials`), the mounted state and the load law those of
-:mod:`biaxbayes.mechanics.mounting`, the errors those of :mod:`biaxbayes.error_model`; one
-kernel is compiled for each law and error model. In NumPy :mod:`biaxbayes.forward` does the
-same.
+tied to another: the parameters of the law first, then the noise sd and measured dimensions, then
+two per mounted state. They are turned into material and mounted state, and the readings less the
+model's loads are the residuals that a likelihood takes (:mod:`biaxbayes.model.misfit`,
+:mod:`biaxbayes.model.readings`). The stress is that of the law (:mod:`biaxbayes.laws.materials`),
+the mounted state and the load law those of :mod:`biaxbayes.mechanics.mounting`; one kernel is
+compiled for each law. In NumPy :mod:`biaxbayes.forward` does the same.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
-from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, deviance_term, from_slots
 from biaxbayes.laws.materials import cauchy_stress, constants_from_theta, to_slots
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
@@ -32,7 +30,8 @@ from biaxbayes.mechanics.mounting import (
 from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, UNIFORM
 from biaxbayes.parameters import DIMENSION_PARAMETERS
 
-# Slots after those of the law and the errors, then two per mounted state.
+# Slots after those of the law: noise sd and dimensions, then two per mounted state.
+NOISE_SLOTS = 1
 DIMENSION_SLOTS = len(DIMENSION_PARAMETERS)
 EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(DIMENSION_SLOTS)
 
@@ -58,8 +57,6 @@ class Problem(NamedTuple):
         A tied slot takes the value of another plus a log factor; -1 where free.
     transform : NamedTuple
         Constants of the transform between slots and sampling coordinates; its type picks the law.
-    errors : NamedTuple
-        One number per parameter of the errors; its type selects the error model.
     size : int
         Number of the law's slots.
     logarithmic : bool ndarray, shape (s,)
@@ -72,19 +69,21 @@ class Problem(NamedTuple):
     determinant : bool
         Whether the change of variables from mounting force to mounting stretch is included
         (always, except in tests).
-    reading, reading_sd : ndarray, shape (m, 2)
-        Mounting readings; an sd of zero leaves the reading out (exact).
+    mounting : ndarray, shape (m, 2)
+        Mounting loads that were read.
+    reads : bool
+        Whether they are readings with an error, the first of the vector of readings.
     area : ndarray, shape (2,)
     start : int64 ndarray, shape (p + 1,); mount : int64 ndarray, shape (p,)
         First row of each protocol; the mounted state it belongs to.
     ilx, ily, X, Y, Z : ndarray, shape (n,)
         Reciprocals of the measured stretches, and their squares.
     fx, fy : ndarray, shape (n,)
-        Readings after the mounted state, in the unit of the file.
-    vx, vy : ndarray, shape (n,)
-        Mean square scatter of the readings that a row is the mean of; zero for single readings.
-    beta : ndarray, shape (p, 2)
-        Weight of each curve's log likelihood.
+        Loads after the mounted state, in the unit of the file.
+    reading_of : int64 ndarray, shape (n, 2); share : ndarray, shape (n,)
+        The reading that a row belongs to, in x and y, and its weight in the mean.
+    readings : int
+        Length of the vector of readings.
     """
 
     slot: np.ndarray
@@ -92,7 +91,6 @@ class Problem(NamedTuple):
     tie: np.ndarray
     tie_log_factor: np.ndarray
     transform: Any
-    errors: Any
     size: int
     logarithmic: np.ndarray
     per_unit: np.ndarray
@@ -101,8 +99,8 @@ class Problem(NamedTuple):
     mounting_mode: int
     mounted: bool
     determinant: bool
-    reading: np.ndarray
-    reading_sd: np.ndarray
+    mounting: np.ndarray
+    reads: bool
     area: np.ndarray
     start: np.ndarray
     mount: np.ndarray
@@ -113,9 +111,9 @@ class Problem(NamedTuple):
     Z: np.ndarray
     fx: np.ndarray
     fy: np.ndarray
-    vx: np.ndarray
-    vy: np.ndarray
-    beta: np.ndarray
+    reading_of: np.ndarray
+    share: np.ndarray
+    readings: int
 
 
 # In the decorators below ``error_model`` is numba's: x / 0 is infinite, as in NumPy.
@@ -144,15 +142,16 @@ def log_prior(kind, row, x):
 
 
 @inlined
-def _mounted_state(problem, value, constants, m, area_x, area_y):
+def _mounted_state(problem, value, constants, m, area_x, area_y, residual):
     """(ln lm_x, ln lm_y, log density, reason) of mounted state m; area_x, area_y its sections.
 
     The two slots of a mounted state hold its forces in mode ``MODE_FORCE`` and its stretches in
     mode ``MODE_STRETCH``; their prior is that of the stretches in both, and they end as stretches.
+    Residuals of the mounting readings are written.
     """
     if problem.mounting_mode == MODE_UNSTRETCHED:
         return 0.0, 0.0, 0.0, INSIDE
-    o = problem.size + len(problem.errors)
+    o = problem.size + NOISE_SLOTS
     i = o + DIMENSION_SLOTS + 2 * m
     if problem.mounting_mode == MODE_FORCE:
         px, py = value[i], value[i + 1]
@@ -186,12 +185,9 @@ def _mounted_state(problem, value, constants, m, area_x, area_y):
     lx, ly = np.exp(x), np.exp(y)
     logp += log_prior(problem.prior_kind[i], problem.prior[i], lx)
     logp += log_prior(problem.prior_kind[i + 1], problem.prior[i + 1], ly)
-    for k in range(2):
-        sd = problem.reading_sd[m, k]
-        if sd > 0.0:
-            p, offset = (px, value[o + OFFSET_X]) if k == 0 else (py, value[o + OFFSET_Y])
-            z = (problem.reading[m, k] - p - offset) / sd
-            logp -= 0.5 * z * z + np.log(sd) + HALF_LOG_2PI
+    if problem.reads:
+        residual[2 * m] = problem.mounting[m, 0] - px - value[o + OFFSET_X]
+        residual[2 * m + 1] = problem.mounting[m, 1] - py - value[o + OFFSET_Y]
     value[i], value[i + 1] = lx, ly
     return x, y, logp, INSIDE
 
@@ -202,43 +198,37 @@ def _mounted_state(problem, value, constants, m, area_x, area_y):
     fastmath={"reassoc", "contract", "arcp", "nsz"},
     **WITHIN,
 )
-def _curves(problem, value, constants, p, x, y, area_x, area_y):
-    """Log likelihood of protocol p, weighted, given its mounted state."""
+def _curves(problem, value, constants, p, x, y, area_x, area_y, residual):
+    """Add the residuals of protocol p, given its mounted state; their sum, to see an overflow."""
     first, last = problem.start[p], problem.start[p + 1]
-    n = last - first
-    o = problem.size + len(problem.errors)
+    o = problem.size + NOISE_SLOTS
     mx, my = np.exp(2.0 * x), np.exp(2.0 * y)
     mz = 1.0 / (mx * my)
-    X, Y, Z = problem.X[first:last], problem.Y[first:last], problem.Z[first:last]
-    ilx, ily = problem.ilx[first:last], problem.ily[first:last]
-    fx, fy = problem.fx[first:last], problem.fy[first:last]
-    scatter_x, scatter_y = problem.vx[first:last], problem.vy[first:last]
     per_stress_x = load_per_stress(area_x, 1.0, np.exp(x), problem.mounted)
     per_stress_y = load_per_stress(area_y, 1.0, np.exp(y), problem.mounted)
     ox, oy = value[o + OFFSET_X], value[o + OFFSET_Y]
-    errors = from_slots(problem.errors, value, problem.size)
-    total_x = total_y = 0.0
+    total = 0.0
     # q = A s / (l lm) or A s / l, as in biaxbayes.forward; l lm squared is m X
-    for j in range(n):
-        stress_x, stress_y = cauchy_stress(constants, mx * X[j], my * Y[j], mz * Z[j])
-        qx, qy = per_stress_x * ilx[j] * stress_x, per_stress_y * ily[j] * stress_y
-        rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
-        total_x += deviance_term(errors, qx, rx * rx + scatter_x[j])
-        total_y += deviance_term(errors, qy, ry * ry + scatter_y[j])
-    bx, by = problem.beta[p, 0], problem.beta[p, 1]
-    log_x = curve_log_likelihood(errors, total_x, n)
-    log_y = curve_log_likelihood(errors, total_y, n)
-    return bx * log_x + by * log_y
+    for j in range(first, last):
+        stress_x, stress_y = cauchy_stress(
+            constants, mx * problem.X[j], my * problem.Y[j], mz * problem.Z[j]
+        )
+        rx = problem.fx[j] - ox - per_stress_x * problem.ilx[j] * stress_x
+        ry = problem.fy[j] - oy - per_stress_y * problem.ily[j] * stress_y
+        residual[problem.reading_of[j, 0]] += problem.share[j] * rx
+        residual[problem.reading_of[j, 1]] += problem.share[j] * ry
+        total += rx * rx + ry * ry
+    return total
 
 
 @njit(error_model="numpy", nogil=True, **WITHIN)
-def _density(problem, u, value):
-    """(log density, log likelihood of the curves, log Jacobian of the coordinates, reason).
+def _walker(problem, u, value, residual):
+    """(log prior with the changes of variables, log Jacobian of the coordinates, reason).
 
-    The values of :class:`Evaluation` are written into ``value``.
+    The values and residuals of :class:`Evaluation` are written into ``value`` and ``residual``.
     """
     size = problem.size
-    o = size + len(problem.errors)
+    o = size + NOISE_SLOTS
     for i in range(problem.slot.size):
         value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]
     total = jacobian = to_slots(problem.transform, value)
@@ -246,93 +236,83 @@ def _density(problem, u, value):
         if problem.tie[i] >= 0:
             value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]
     if not np.isfinite(total):
-        return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
+        return -np.inf, jacobian, OUT_OF_RANGE
     for i in range(o + DIMENSION_SLOTS):
         x = value[i] * problem.per_unit[i]
         total += log_prior(problem.prior_kind[i], problem.prior[i], x)
     if not np.isfinite(total):
-        return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
+        return -np.inf, jacobian, OUT_OF_RANGE
     for i in range(o + DIMENSION_SLOTS):
         if problem.logarithmic[i]:
             value[i] = np.exp(value[i])
     for i in range(size):
         if not np.isfinite(value[i]):
-            return -np.inf, -np.inf, jacobian, OVERFLOW
+            return -np.inf, jacobian, OVERFLOW
     constants = constants_from_theta(problem.transform, value)
     area_x, area_y = sections(
         problem.area, value[o + EDGE_X], value[o + EDGE_Y], value[o + THICKNESS]
     )
     if not (area_x > 0.0 and area_y > 0.0):
-        return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
-    likelihood = 0.0
+        return -np.inf, jacobian, OUT_OF_RANGE
+    residual[:] = 0.0
     done = -1
     x = y = 0.0
     for p in range(problem.mount.size):
         if problem.mount[p] != done:
             done = problem.mount[p]
-            x, y, logp, reason = _mounted_state(problem, value, constants, done, area_x, area_y)
+            x, y, logp, reason = _mounted_state(
+                problem, value, constants, done, area_x, area_y, residual
+            )
             total += logp
             if not np.isfinite(total):
-                return -np.inf, -np.inf, jacobian, reason if reason != INSIDE else OUT_OF_RANGE
-        likelihood += _curves(problem, value, constants, p, x, y, area_x, area_y)
-    total += likelihood
-    if not np.isfinite(total):
-        return -np.inf, -np.inf, jacobian, OVERFLOW
-    return total, likelihood, jacobian, INSIDE
+                return -np.inf, jacobian, reason if reason != INSIDE else OUT_OF_RANGE
+        squares = _curves(problem, value, constants, p, x, y, area_x, area_y, residual)
+        if not np.isfinite(squares):
+            return -np.inf, jacobian, OVERFLOW
+    return total, jacobian, INSIDE
 
 
 @compiled(error_model="numpy", nogil=True)
-def _walkers(problem, u, rejected):
+def _walkers(problem, u, counts):
     """The arrays of :class:`Evaluation` for each walker; counts the reasons."""
     n = u.shape[0]
-    total, likelihood, jacobian = np.empty(n), np.empty(n), np.empty(n)
+    total, jacobian = np.empty(n), np.empty(n)
     values = np.empty((n, problem.slot.size))
+    residual = np.zeros((n, problem.readings))
     for i in range(n):
-        total[i], likelihood[i], jacobian[i], reason = _density(problem, u[i], values[i])
-        rejected[reason] += 1
-    return total, likelihood, jacobian, values
+        total[i], jacobian[i], reason = _walker(problem, u[i], values[i], residual[i])
+        counts[reason] += 1
+    return total, residual, jacobian, values
 
 
 class Evaluation(NamedTuple):
-    """The density and what it is made of, at the coordinates of each walker.
+    """What a density is made of, at the coordinates of each walker.
 
     Attributes
     ----------
-    log_density : ndarray, shape (walkers,)
-        In the sampling coordinates; finite or -inf.
-    log_likelihood : ndarray, shape (walkers,)
-        Tempered log likelihood of the curves.
+    log_prior : ndarray, shape (walkers,)
+        Log prior density in the sampling coordinates, changes of variables included; finite, or
+        -inf where the density is zero.
+    residual : ndarray, shape (walkers, n)
+        Readings less the model's loads; without meaning where the density is zero.
     log_jacobian : ndarray, shape (walkers,)
         ln |d slots / d sampling coordinates|: the log density less it is that in slots.
     values : ndarray, shape (walkers, s)
-        Parameters of the law (angles in radians) and of the errors, edge, thickness and offset
-        factors, then the mounting *stretches*.
+        Parameters of the law (angles in radians), noise sd, factors of edges and thickness,
+        offsets, then the mounting *stretches*.
     """
 
-    log_density: np.ndarray
-    log_likelihood: np.ndarray
+    log_prior: np.ndarray
+    residual: np.ndarray
     log_jacobian: np.ndarray
     values: np.ndarray
 
 
-def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.ndarray:
-    """Log density of each walker in the sampling coordinates.
+def evaluate(problem: Problem, u: np.ndarray, counts: np.ndarray | None = None) -> Evaluation:
+    """Evaluate walkers (n, d); ``counts`` of shape (4,) is added to.
 
-    Parameters
-    ----------
-    u : ndarray, shape (walkers, d)
-    rejected : int64 ndarray, shape (4,)
-        Counters, added to: walkers inside, out of range, without a root, overflowed.
-
-    Returns
-    -------
-    ndarray, shape (walkers,)
-        Finite or -inf, never NaN.
+    It counts walkers inside, out of range, without a root, and overflowed.
     """
-    # Both callers share one compiled function, as the density takes ten seconds to compile.
-    return np.asarray(_walkers(problem, u, rejected)[0])
-
-
-def evaluate(problem: Problem, u: np.ndarray) -> Evaluation:
-    """The density of each walker with likelihood, Jacobian and values."""
-    return Evaluation(*_walkers(problem, u, np.zeros(1 + len(REASONS), dtype=np.int64)))
+    if counts is None:
+        counts = np.zeros(1 + len(REASONS), dtype=np.int64)
+    return Evaluation(*_walkers(problem, u, counts))

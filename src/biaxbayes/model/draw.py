@@ -11,8 +11,14 @@ import numpy as np
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
+from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import inside_priors, start_parameters, with_sampling_constants
+from biaxbayes.model.preparation import (
+    inside_priors,
+    mounting_force_width,
+    start_parameters,
+    with_sampling_constants,
+)
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import DIMENSION, FORCE, STRETCH
 from biaxbayes.sampling.population_monte_carlo import (
@@ -55,7 +61,8 @@ def draw_posterior(
     seconds = {}
     clock = time.perf_counter()
     progress(Progress("fitting"))
-    posterior = with_sampling_constants(posterior)
+    if posterior.sampling_constants == SamplingConstants():  # not prepared
+        posterior = with_sampling_constants(posterior)
     seconds["fit"] = time.perf_counter() - clock
     clock = time.perf_counter()
     progress(Progress("compiling (once; cached for later runs)"))
@@ -158,13 +165,13 @@ def _extra_starts(
 
 def _start_widths(posterior: Posterior) -> np.ndarray:
     """How far from a start to look, in each sampling coordinate."""
-    _, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
+    mounting = mounting_force_width(posterior)
     widths = posterior.law.sampling_widths(posterior.coordinate_constants)
     out = []
     for q in posterior.sampled:
         p = q.parameter
         if p.kind == FORCE:
-            out.append(float(np.mean(sd[:, q.axis])))
+            out.append(float(mounting[q.axis]))
         elif p.kind == DIMENSION:
             prior = posterior.priors[q.name]
             assert isinstance(prior, Prior)

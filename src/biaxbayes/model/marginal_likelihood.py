@@ -1,7 +1,4 @@
-"""The marginal likelihood of the data, from the draws of a posterior.
-
-A tempered likelihood is not a density of the data.
-"""
+"""The marginal likelihood of the data, from the draws of a posterior with independent errors."""
 
 from __future__ import annotations
 
@@ -43,8 +40,8 @@ class MarginalLikelihood:
 def marginal_likelihood(posterior: Posterior, draws: Draws, *, seed: int = 0) -> MarginalLikelihood:
     """Log marginal likelihood of a posterior from its draws.
 
-    The posterior has independent noise and all rows: ValueError if the likelihood is tempered or
-    its rows are averaged.
+    The posterior has independent errors and all rows: ValueError with a smooth misfit, or if rows
+    are averaged.
     """
     problem = _reason_without(posterior)
     if problem:
@@ -89,8 +86,8 @@ def marginal_likelihood_record(posterior: Posterior, draws: Draws, seed: int) ->
 
 def _reason_without(posterior: Posterior) -> str:
     """Why a posterior has no marginal likelihood; empty where it has one."""
-    if posterior.settings.noise != "independent" or posterior.beta != 1.0:
-        return "a tempered likelihood has no marginal likelihood (--noise independent has one)"
+    if posterior.settings.has_misfit:
+        return "a smooth misfit is relative to the fit of its law, so laws could not be compared"
     if posterior.settings.thin:
         return "averaged rows have no marginal likelihood (--thin none has one)"
     return ""

@@ -1,8 +1,8 @@
-"""The joint posterior of the material parameters, the mounted state and the noise.
+"""The joint posterior of the material parameters, the mounted state and the errors.
 
-Evaluation has no side effects, and the constructor runs no fit: the weight of the likelihood and
-the constants of the sampling coordinates are arguments, and :func:`.preparation.prepare` estimates
-both from the least-squares fit. Where no fit is given, :attr:`Posterior.fit` runs it on first use.
+Evaluation has no side effects, and the constructor runs no fit. A smooth misfit of the law is
+relative to the loads of the least-squares fit, which runs on first use where none is given;
+:func:`.preparation.prepare` chooses the constants of the sampling coordinates by it as well.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import constrained_fit
-from biaxbayes.fitting.effective_readings import EffectiveReadings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.law import Law
@@ -26,12 +25,15 @@ from biaxbayes.model.assembly import (
     Assembly,
     SamplingConstants,
     assemble,
+    check_settings,
     natural_values,
     sampling_coordinates,
     to_slot,
 )
-from biaxbayes.model.density import REASONS
+from biaxbayes.model.density import REASONS, Evaluation, Problem
+from biaxbayes.model.misfit import SmoothMisfit
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
+from biaxbayes.model.readings import IndependentErrors, ReadingVector, TestedPaths, smooth_misfit
 from biaxbayes.options import ModelOptions, Settings, takes_options
 from biaxbayes.parameters import Quantities, Quantity, mounting_names
 from biaxbayes.sampling.target import Target, bounds_array
@@ -44,15 +46,12 @@ class Posterior:
 
     Parameters
     ----------
-    beta : float, optional
-        Weight n_eff / n of the log likelihood. Independent noise needs none; for the others it
-        is estimated from a fit: :func:`biaxbayes.prepare` does both.
     sampling_constants : SamplingConstants, optional
         Constants of the sampling coordinates.
     fit : FitResult, optional
         The least-squares fit, where it is known.
-    readings : EffectiveReadings, optional
-        Effective number of readings; used for ``beta`` if ``beta`` is not given.
+    misfit_fit : FitResult, optional
+        The fit whose loads a smooth misfit is relative to, if it is not ``fit``.
     determinant : bool
         Include the Jacobian of the mounted state. False only to show its effect.
     thin : int, "none" or "auto"
@@ -65,8 +64,8 @@ class Posterior:
     Raises
     ------
     InputError
-        If the settings do not fit the specimen, for example a noisy mounting force in a file
-        without load noise; or if ``beta`` is needed and not given.
+        If the settings do not fit the specimen, for example independent errors and a noisy mounting
+        force in a file without load noise.
     """
 
     @takes_options(Settings)
@@ -74,10 +73,9 @@ class Posterior:
         self,
         specimen: Specimen,
         *,
-        beta: float | None = None,
         sampling_constants: SamplingConstants | None = None,
         fit: FitResult | None = None,
-        readings: EffectiveReadings | None = None,
+        misfit_fit: FitResult | None = None,
         determinant: bool = True,
         thin: int | str = ModelOptions.thin,
         **options: Any,
@@ -91,29 +89,18 @@ class Posterior:
             )
         self.specimen = specimen
         chosen = Settings.from_values(options)
-        tempered = chosen.noise != "independent"
         self.settings = replace(
             chosen,
-            thin=rows_to_keep(specimen, thin, automatic=tempered),
+            thin=rows_to_keep(specimen, thin, automatic=chosen.has_misfit),
             priors=_prior_objects(chosen.priors, chosen.material_law),
         )
-        if beta is None and readings is not None:
-            beta = readings.beta
-        if beta is None and tempered:
-            raise InputError(
-                f"noise={chosen.noise!r} needs the weight beta of the likelihood",
-                file=specimen.name,
-                remedy="use biaxbayes.prepare(specimen, ...), or give beta or noise='independent'",
-            )
-        self.beta = 1.0 if beta is None else float(beta)
-        self.readings = readings
         if fit is not None:
             self.fit = fit
+        if misfit_fit is not None:
+            self.misfit_fit = misfit_fit
         self.sampling_constants = sampling_constants or SamplingConstants()
         self.determinant = determinant
-        self.assembly = assemble(
-            specimen, self.settings, self.beta, self.sampling_constants, determinant=determinant
-        )
+        check_settings(specimen, self.settings)
 
     @cached_property
     def fit(self) -> FitResult:
@@ -125,7 +112,6 @@ class Posterior:
         return constrained_fit(
             self.specimen,
             mounting=self.settings.fit_mounting,
-            weighted=self.settings.noise == "effective",
             mounting_stretch=self.settings.mounting_stretch,
             fixed=self.settings.fixed_material,
             seed=seed,
@@ -134,6 +120,16 @@ class Posterior:
         )
 
     # --- layout ---
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """The density in the sampling coordinates, laid out for the compiled code."""
+        return assemble(
+            self.specimen,
+            self.settings,
+            self.sampling_constants,
+            determinant=self.determinant,
+        )
 
     @property
     def thinned(self) -> ThinnedSpecimen:
@@ -145,7 +141,12 @@ class Posterior:
     @property
     def rows(self) -> MeasuredRows:
         """The rows that enter the likelihood."""
-        return MeasuredRows.from_thinned(self.thinned)
+        return self.assembly.rows
+
+    @property
+    def readings(self) -> ReadingVector:
+        """How the rows make up the vector of readings."""
+        return self.assembly.readings
 
     @property
     def forward(self) -> ForwardModel:
@@ -158,7 +159,6 @@ class Posterior:
         return assemble(
             self.specimen,
             self.settings,
-            self.beta,
             self.sampling_constants,
             determinant=self.determinant,
             sampling=False,
@@ -166,7 +166,7 @@ class Posterior:
 
     def replaced(self, **changes: Any) -> Posterior:
         """Another posterior with some arguments of the constructor changed."""
-        own = ("beta", "sampling_constants", "fit", "readings", "determinant")
+        own = ("sampling_constants", "fit", "misfit_fit", "determinant")
         given = self.options() | {name: vars(self).get(name) for name in own}
         return Posterior(self.specimen, **{**given, **changes})
 
@@ -229,7 +229,77 @@ class Posterior:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
         return self.assembly.names
 
+    # --- likelihood ---
+
+    @cached_property
+    def misfit_fit(self) -> FitResult:
+        """The least-squares fit whose loads a smooth misfit is relative to."""
+        return self.fit
+
+    @cached_property
+    def paths(self) -> TestedPaths:
+        """Paths of the protocols, with the smooth loads of the fit."""
+        law, fit = self.law, self.misfit_fit
+        fitted: dict[str, Any] = dict(zip(law.names, fit.material.values, strict=True))
+        if self.settings.infers_mounting:
+            for state, stretch in zip(self.mounts, fit.mounting_stretch, strict=True):
+                fitted |= dict(zip(mounting_names("stretch", state), stretch, strict=True))
+        return TestedPaths(self.specimen, self.forward, fitted)
+
+    @cached_property
+    def _mounting_sd(self) -> np.ndarray:
+        """Noise of the mounting readings; empty where there are none."""
+        _, sd = self.specimen.mounting_readings(shared=self.settings.shared)
+        return sd.ravel() if self.settings.reads_force else np.empty(0)
+
+    @cached_property
+    def misfit(self) -> SmoothMisfit:
+        """The smooth misfit of the law in the likelihood."""
+        mount = self.assembly.problem.mount
+        toe = self.settings.toe
+        return smooth_misfit(self.paths, self.rows, self.readings, mount, self._mounting_sd, toe)
+
+    @cached_property
+    def independent_errors(self) -> IndependentErrors:
+        """Independent errors of the readings."""
+        return IndependentErrors(self.readings, self._mounting_sd)
+
+    def log_likelihood(self, residual: np.ndarray, noise_sd: np.ndarray) -> np.ndarray:
+        """Log likelihood of residuals (draws, n); the sds (draws,) are of independent errors."""
+        if self.settings.has_misfit:
+            return self.misfit.log_likelihood(residual)
+        return self.independent_errors.log_likelihood(residual, noise_sd)
+
+    def residuals(self, values: Any) -> np.ndarray:
+        """Readings less model loads of draws, (draws, n), from natural values by name."""
+        forward, rows, problem = self.forward, self.rows, self.assembly.problem
+        offset = forward.offset(values)
+        parts = []
+        for i, name in enumerate(rows.names):
+            at = rows.protocol == i
+            parts.append(rows.load[at] - offset - forward.load(values, rows.stretch[at], name))
+        out = np.array([self.readings.means(draw) for draw in np.concatenate(parts, axis=1)])
+        if problem.reads:
+            for m, state in enumerate(self.mounts):
+                load = forward.mounting_load(values, state) + offset[:, 0]
+                out[:, 2 * m : 2 * m + 2] = problem.mounting[m] - load
+        return out
+
     # --- densities ---
+
+    def evaluate(
+        self, problem: Problem, u: np.ndarray, counts: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, Evaluation]:
+        """Log density and log likelihood of walkers (n, d), and what they are made of."""
+        at = density.evaluate(problem, u, counts)
+        likelihood = np.full(len(u), -np.inf)
+        inside = np.isfinite(at.log_prior)
+        if inside.any():
+            noise_sd = at.values[inside, problem.size]
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = self.log_likelihood(at.residual[inside], noise_sd)
+            likelihood[inside] = np.where(np.isfinite(found), found, -np.inf)
+        return at.log_prior + likelihood, likelihood, at
 
     def log_prob(self, coordinates: np.ndarray) -> np.ndarray:
         """Log density in the sampling coordinates, shape (walkers,); finite or -inf."""
@@ -239,7 +309,7 @@ class Posterior:
         """Log density, and the number of evaluations by outcome (see :data:`REASONS`)."""
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
         counts = np.zeros(1 + len(REASONS), dtype=np.int64)
-        return density.log_density(self.assembly.problem, u, counts), counts
+        return self.evaluate(self.assembly.problem, u, counts)[0], counts
 
     def target(self, counts: np.ndarray | None = None) -> Target:
         """The density for a sampler; evaluations are added to ``counts``, by outcome."""
@@ -267,8 +337,8 @@ class Posterior:
 
         It is a density in the parameters of the law (in ln of stiffnesses and exponents, in angles
         in radians), the mounting forces (for ``free`` the mounting stretches; none for ``exact``,
-        ``ignored`` and ``zeroed``), ln of the noise sd (and of its growth) and whatever measured
-        dimensions are unknowns.
+        ``ignored`` and ``zeroed``), ln of the noise sd (of independent errors) and whatever
+        measured dimensions are unknowns.
 
         Parameters
         ----------
@@ -301,11 +371,8 @@ class Posterior:
             )
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
-        out = density.log_density(
-            self.natural_assembly.problem,
-            np.ascontiguousarray(u),
-            np.zeros(1 + len(REASONS), dtype=np.int64),
-        )
+        problem = self.natural_assembly.problem
+        out = self.evaluate(problem, np.ascontiguousarray(u))[0]
         return out.reshape(shape)[()]
 
     # --- between coordinates and natural quantities ---
@@ -314,16 +381,17 @@ class Posterior:
         """Natural quantities of draws, by the names of ``summary.csv``, and ``lp``.
 
         ``lp`` is that of :meth:`log_density`, whatever the sampling coordinates;
-        ``log_likelihood`` the tempered log likelihood of the curves.
+        ``log_likelihood`` that of all readings.
         """
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
-        at = density.evaluate(self.assembly.problem, u)
+        log_density, likelihood, at = self.evaluate(self.assembly.problem, u)
         values = natural_values(self.assembly, at.values, u)
         out = {name: values[name] for name in self.parameter_names}
-        return out | {
-            "log_likelihood": at.log_likelihood,
-            "lp": at.log_density - at.log_jacobian if self.assembly.free else at.log_likelihood,
-        }
+        lp = likelihood
+        if self.assembly.free:
+            with np.errstate(invalid="ignore"):  # outside of the support both may be infinite
+                lp = log_density - at.log_jacobian
+        return out | {"log_likelihood": likelihood, "lp": lp}
 
     def coordinates(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Sampling coordinates of natural parameters, shape (n, d); inverse of :meth:`natural`."""

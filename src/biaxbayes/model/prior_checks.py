@@ -7,12 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from biaxbayes.fitting.result import root_mean_square
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import modal_residuals, user_priors
+from biaxbayes.model.preparation import mode, user_priors
 from biaxbayes.model.priors import Prior, prior_text
-from biaxbayes.parameters import DEGREE, NOISE_PARAMETERS
+from biaxbayes.parameters import DEGREE, NOISE_SD
 from biaxbayes.specimens.check import Finding
 
 NEAR_EDGE = 0.05
@@ -73,17 +72,14 @@ def radian_findings(posterior: Posterior) -> list[Finding]:
 
 
 def unused_prior_findings(posterior: Posterior) -> list[Finding]:
-    """Priors of parameters that the chosen error model does not have."""
-    settings = posterior.settings
-    return [
-        Finding(
-            "unused-prior",
-            "warning",
-            f"the prior of {p.name} has no effect: the sd of the errors is {settings.error_model}",
-        )
-        for p in NOISE_PARAMETERS
-        if p.name in settings.priors and p not in settings.error_model.parameters
-    ]
+    """Priors of parameters that the run does not have."""
+    if not posterior.settings.has_misfit or NOISE_SD.name not in posterior.settings.priors:
+        return []
+    text = (
+        f"the prior of {NOISE_SD.name} has no effect: with a smooth misfit the noise is the load "
+        "cell's (--noise independent has this parameter)"
+    )
+    return [Finding("unused-prior", "warning", text)]
 
 
 def prior_findings(posterior: Posterior) -> list[Finding]:
@@ -96,10 +92,8 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     """Text on every prior of the user that contradicts the data, by parameter.
 
     The fit uses no priors. A prior contradicts the data where the fitted value lies beyond three
-    of its standard deviations, and the residuals at the mode of the posterior are larger than
-    those of the fit by more than their scatter explains:
-
-        n_eff ln(rms at the mode / rms of the fit) > 6
+    of its standard deviations, and the log likelihood at the mode of the posterior is more than 6
+    below that of the fit.
     """
     priors = user_priors(posterior)
     if not priors:
@@ -109,24 +103,29 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     fitted = dict(zip(posterior.law.names, fit.material.values, strict=True))
     for axis in (0, 1):
         fitted[f"mounting_stretch_{'xy'[axis]}"] = float(np.mean(fit.mounting_stretch[:, axis]))
-    floor = max(specimen.load_resolution, 1e-300)
-    best = max(fit.rms, floor)
-    at_mode = max(root_mean_square(modal_residuals(posterior.replaced(thin=0))[0]), floor)
-    readings = posterior.beta * 2.0 * sum(p.rows - p.rest_rows for p in specimen.protocols)
-    if readings * math.log(at_mode / best) <= LOST:
+    residual, at_mode = posterior.residuals(posterior.paths.fitted), mode(posterior)
+    noise_sd = max(fit.rms, specimen.load_resolution)
+    at_fit = float(posterior.log_likelihood(residual, np.array([noise_sd]))[0])
+    if not at_fit - float(at_mode["log_likelihood"][0]) > LOST:
         return {}
+    best, missed = (_rms(posterior, r) for r in (residual, posterior.residuals(at_mode)))
     noise = specimen.noise_sd
     beside = ""
     if noise > 0.0:
-        beside = f", {at_mode / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
+        beside = f", {missed / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
     units = {q.parameter.name: q.unit for q in posterior.quantities.values()}
     return {
         name: f"the prior of {name}, {prior_text(prior, units[name])}, contradicts the data, which "
         f"alone give {fitted[name]:.4g}: under this prior the model misses the loads by "
-        f"{at_mode:.2g} {specimen.unit} rms instead of {best:.2g}{beside}"
+        f"{missed:.2g} {specimen.unit} rms instead of {best:.2g}{beside}"
         for name, prior in priors.items()
         if name in fitted and is_far(prior, fitted[name])
     }
+
+
+def _rms(posterior: Posterior, residual: np.ndarray) -> float:
+    """Root mean square of the residuals (1, n) after the mounted state."""
+    return float(np.sqrt(np.mean(residual[0, posterior.readings.mounted :] ** 2)))
 
 
 def is_far(prior: Prior, value: float) -> bool:

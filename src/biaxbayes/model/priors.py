@@ -28,7 +28,6 @@ from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
     MOUNTING_PARAMETERS,
-    NOISE_PARAMETERS,
     NOISE_SD,
     STRETCH,
     Parameter,
@@ -228,15 +227,19 @@ class Tie:
 def default_priors(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
     """The default priors, in the order of the parameters.
 
-    Parameters of the law and of the errors have their own priors; the noise sd ~
-    LN(0.005 Fmax, 1.5) above the resolution of the load cell, mounting stretches ~
-    N(1, mounting_sd). A mounting stretch that the header of the file gives replaces its prior.
+    Parameters of the law have their own priors; the sd of independent errors ~ LN(0.005 Fmax, 1.5)
+    above the resolution of the load cell, mounting stretches ~ N(1, mounting_sd). A mounting
+    stretch that the header of the file gives replaces its prior.
     """
-    noise_sd = Prior("lognormal", 0.005 * specimen.peak_load, 1.5, low=specimen.load_resolution)
     priors: dict[str, Prior | float | Tie] = {
-        p.name: noise_sd if p.prior is None else Prior.from_numbers(*p.prior)
-        for p in (*settings.material_law.parameters, *settings.error_model.parameters)
+        p.name: Prior.from_numbers(*p.prior)
+        for p in settings.material_law.parameters
+        if p.prior is not None
     }
+    if not settings.has_misfit:
+        priors[NOISE_SD.name] = Prior(
+            "lognormal", 0.005 * specimen.peak_load, 1.5, low=specimen.load_resolution
+        )
     for name in mounting_names("stretch"):
         measured = specimen.metadata.get(name)
         mean, sd = 1.0, settings.mounting_sd
@@ -270,7 +273,7 @@ def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
     """The law (the default one if none is given) and the parameters of a priors file, by name."""
     law = law or law_named(DEFAULT_LAW)
     stretches = (p for p in MOUNTING_PARAMETERS if p.kind == STRETCH)
-    known = {p.name: p for p in (*law.parameters, *NOISE_PARAMETERS)}
+    known = {p.name: p for p in (*law.parameters, NOISE_SD)}
     return law, known | {BOTH: MOUNTING_PARAMETERS[0]} | {p.name: p for p in stretches}
 
 

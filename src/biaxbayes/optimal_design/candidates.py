@@ -6,24 +6,29 @@ state and noise, and gives the probability of an outcome for any other draw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
-from scipy.signal import lfilter
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
 
-from biaxbayes.forward import ForwardModel
+from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
-from biaxbayes.options import DesignOptions, Settings
-from biaxbayes.parameters import mounting_names
+from biaxbayes.model.readings import LEAST_NOISE
+from biaxbayes.options import DesignOptions
+from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.prediction.draws import mounting_labels
-from biaxbayes.specimens.protocol import Protocol as MeasuredProtocol
-from biaxbayes.specimens.specimen import Specimen, pooled_reading
+from biaxbayes.prediction.percentiles import evenly_chosen
+from biaxbayes.specimens.specimen import Specimen
 
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
-MAX_PLANNED_ROWS = 200
+MAX_PLANNED_ROWS = 100
+SHARE_DRAWS = 500
+"""Draws that weigh the structures of the misfit."""
 HISTOLOGY = {"alpha": "fibre angle", "kappa": "dispersion"}
 
 
@@ -36,15 +41,10 @@ class Candidate(Protocol):
         """One simulated outcome per draw, shape (draws, readings)."""
 
     def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
-        """Weighted log likelihood, (outcomes, draws), up to a term common to all draws."""
+        """Log likelihood, (outcomes, draws), up to a term common to all draws."""
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Noise-free readings (draws, readings) and the mean variance of one (readings,)."""
-
-    def added_to(
-        self, posterior: Posterior, outcome: np.ndarray
-    ) -> tuple[Specimen, dict[str, Any]]:
-        """The specimen and options with which an outcome would be sampled."""
+        """Readings without errors, (draws, readings), and the variance of errors, (readings,)."""
 
 
 @dataclass(frozen=True)
@@ -70,128 +70,108 @@ class Reading:
         values = draws[list(self.quantities)].to_numpy(dtype=float)
         return values, np.full(values.shape[1], self.sd**2)
 
-    def added_to(
-        self, posterior: Posterior, outcome: np.ndarray
-    ) -> tuple[Specimen, dict[str, Any]]:
-        """See :class:`Candidate`; the reading enters as a prior."""
-        options = posterior.options()
-        priors = dict(options["priors"])
-        for name, value in zip(self.quantities, outcome, strict=True):
-            before = posterior.priors[name]
-            assert isinstance(before, Prior)
-            location, sd = float(value), self.sd
-            if before.family == "normal":
-                # product of two normal densities
-                weight = before.scale**2 / (before.scale**2 + sd**2)
-                location = before.location + weight * (location - before.location)
-                sd = sd * np.sqrt(weight)
-            priors[name] = Prior("normal", location, float(sd), before.low, before.high)
-        return posterior.specimen, options | {"priors": priors}
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FurtherProtocol:
-    """One more protocol on the same specimen and machine, its n rows again worth beta n."""
+    """One more protocol on the same specimen and machine, its readings with the errors of the run.
+
+    With the residuals r of the run's own readings, the readings of a draw are
+
+        y = f + C21 C11^-1 r + e,    e ~ N(0, C22 - C21 C11^-1 C12 + s0^2)
+
+    where C is the covariance of the misfit, of structures and amplitudes averaged by their
+    posterior weights, as the factor of the noise s0 is. Independent errors have the sd of the draw.
+    The mounting reading is one more reading.
+    """
 
     name: str
-    specimen: Specimen
+    posterior: Posterior
     stretch: np.ndarray  # (n + 1, 2), measured; the first row is the mounted state
-    beta: float
-    mounting_sd: float  # of the reading of the mounting force; zero without one
-    settings: Settings  # those of the run; readings of a shared mounted state are pooled
+    repeats: float  # rows of a record that a planned row stands for
+    shares: np.ndarray  # posterior weights of the misfit, (components, amplitudes)
 
-    def predict(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Loads and variances of one reading, both (draws, rows, 2); the mounted state first."""
-        columns = _one_mounted_state(draws, self.specimen)
-        forward = ForwardModel.from_specimen(self.specimen, self.settings)
-        load, sd = forward.predict(columns, self.stretch)
-        variance = np.square(sd)
-        variance[:, 0] = self.mounting_sd**2 if self.mounting_sd > 0.0 else 1.0
-        return load, variance
+    @property
+    def first(self) -> int:
+        """The first row that is a reading: the mounted state where its force is read."""
+        return 0 if self.posterior.settings.reads_force else 1
+
+    def load(self, draws: pd.DataFrame) -> np.ndarray:
+        """Loads of the law with the offset of the cell, (draws, rows, 2)."""
+        columns = _one_mounted_state(draws, self.posterior.specimen)
+        forward = self.posterior.forward
+        return forward.load(columns, self.stretch) + forward.offset(columns)
+
+    @cached_property
+    def _errors(self) -> tuple[np.ndarray | None, np.ndarray]:
+        """C11^-1 C12, and the root L of the covariance of the errors, for a unit scale."""
+        rows = len(self.stretch) - self.first
+        specimen, settings = self.posterior.specimen, self.posterior.settings
+        noise = specimen.noise_sd if settings.has_misfit else 1.0
+        sd = np.full((rows, 2), noise / np.sqrt(self.repeats))
+        if self.first == 0:
+            sd[0] = specimen.noise_sd
+        if not settings.has_misfit:
+            return None, np.diag(sd.ravel())
+        misfit, order = self.posterior.misfit, np.arange(2 * len(self.stretch)).reshape(2, -1).T
+        at = self.posterior.paths.path(self.stretch).take(order[self.first :].ravel())
+
+        def covariance(a: CurvePoints, b: CurvePoints) -> np.ndarray:
+            out = np.zeros((len(a.path), len(b.path)))
+            for component, shares in zip(misfit.components, self.shares, strict=True):
+                out += (shares @ AMPLITUDES**2) * component.structure.covariance(a, b)
+            return out + misfit.toe_covariance(a, b)
+
+        seen = misfit.reading @ covariance(misfit.points, misfit.points) @ misfit.reading.T
+        cross = misfit.reading @ covariance(misfit.points, at)
+        factors = np.array([NOISE_FACTORS[component.noise] for component in misfit.components])
+        factor = np.sqrt(self.shares.sum(axis=1) @ factors**2)
+        gain = np.linalg.solve(seen + np.diag((factor * misfit.noise_sd) ** 2), cross)
+        sd = factor * np.maximum(sd, LEAST_NOISE * specimen.peak_load)
+        left = covariance(at, at) - cross.T @ gain + np.diag(sd.ravel() ** 2)
+        return gain, np.linalg.cholesky(left)
+
+    def expected(self, draws: pd.DataFrame) -> np.ndarray:
+        """Expected readings, (draws, readings)."""
+        gain, _ = self._errors
+        readings = self.load(draws)[:, self.first :].reshape(len(draws), -1)
+        return readings if gain is None else readings + self.posterior.residuals(draws) @ gain
+
+    def scale(self, draws: pd.DataFrame) -> np.ndarray:
+        """Scale of the errors in units of L, (draws, readings)."""
+        out = np.ones((len(draws), len(self.stretch) - self.first, 2))
+        if not self.posterior.settings.has_misfit:
+            out[:, 1 - self.first :] = draws[NOISE_SD.name].to_numpy(dtype=float)[:, None, None]
+        return out.reshape(len(draws), -1)
 
     def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
         """See :class:`Candidate`."""
-        load, variance = self.predict(draws)
-        # n readings of a first-order autoregression are worth n (1 - rho) / (1 + rho) = beta n.
-        rho = (1.0 - self.beta) / (1.0 + self.beta)
-        white = rng.standard_normal(load.shape)
-        white[:, 1] /= np.sqrt(1.0 - rho**2)
-        errors = np.sqrt(1.0 - rho**2) * lfilter([1.0], [1.0, -rho], white[:, 1:], axis=1)
-        errors = np.concatenate([white[:, :1], errors], axis=1)
-        return (load + np.sqrt(variance) * errors).reshape(len(draws), -1)
+        scale = self.scale(draws)
+        errors = (scale * rng.standard_normal(scale.shape)) @ self._errors[1].T
+        return self.expected(draws) + errors
 
     def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
         """See :class:`Candidate`."""
-        load, variance = self.predict(draws)
-        centre = load.mean(axis=0)
-        f = (load - centre).reshape(len(draws), -1)
-        y = outcomes - centre.ravel()
-        weight = np.full(self.stretch.shape, self.beta)
-        weight[0] = 1.0 if self.mounting_sd > 0.0 and not self.settings.shared else 0.0
-        precision = (weight / variance).reshape(len(draws), -1)
-        # sum_j w_j (y_j - f_j)^2 / v_j, multiplied out so that all pairs are one matrix product
+        centre, scale = outcomes.mean(axis=0), self.scale(draws)
+        f, y = self._whitened(self.expected(draws) - centre), self._whitened(outcomes - centre)
+        precision = 1.0 / np.square(scale)
+        # sum_j p_j (y_j - f_j)^2, multiplied out so that all pairs are one matrix product
         square = np.square(y) @ precision.T - 2.0 * y @ (precision * f).T
         square += (precision * np.square(f)).sum(axis=1)
-        curves = -0.5 * (square + (weight * np.log(variance)).sum(axis=(1, 2)))
-        if self.mounting_sd > 0.0 and self.settings.shared:
-            curves += self._pooled(outcomes[:, :2], load[:, 0])
-        return curves
+        return -0.5 * square - np.log(scale).sum(axis=1)
 
-    def _pooled(self, reading: np.ndarray, mounting_load: np.ndarray) -> np.ndarray:
-        """Change of the log likelihood of the mounting readings by one more, (outcomes, n).
-
-        Readings that disagree by more than their noise make the mounting load less certain
-        (:meth:`.Specimen.mounting_readings`).
-        """
-        old, sd = self.specimen.mounting_readings(shared=False)
-        at_rest = [p.rest_rows > 0 for p in self.specimen.protocols]
-        old, sd = old[at_rest], sd[at_rest]
-        with_new = np.concatenate(
-            [np.broadcast_to(old, (len(reading), *old.shape)), reading[:, None]], axis=1
-        )
-        sds = np.concatenate([sd, np.full((1, 2), self.mounting_sd)])
-        mean, pooled = pooled_reading(with_new, sds)
-        before, before_sd = pooled_reading(old, sd)
-        z = (mean[:, None] - mounting_load) / pooled[:, None]
-        z_before = (before - mounting_load) / before_sd
-        gained = -0.5 * np.square(z).sum(axis=-1) + 0.5 * np.square(z_before).sum(axis=-1)
-        return gained - np.log(pooled / before_sd).sum(axis=-1)[:, None]
+    def _whitened(self, readings: np.ndarray) -> np.ndarray:
+        """L^-1 times readings (n, readings)."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            root = self._errors[1]
+            return np.asarray(solve_triangular(root, readings.T, lower=True, check_finite=False).T)
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`Candidate`."""
-        load, variance = self.predict(draws)
-        mean = variance.mean(axis=0)
-        mean[1:] /= self.beta
-        # A pooled reading need not add information, so the lower bound omits it.
-        first = 0 if self.mounting_sd > 0.0 and not self.settings.shared else 1
-        return load[:, first:].reshape(len(draws), -1), mean[first:].ravel()
-
-    def added_to(
-        self, posterior: Posterior, outcome: np.ndarray
-    ) -> tuple[Specimen, dict[str, Any]]:
-        """See :class:`Candidate`; the outcome becomes one more protocol."""
-        load = outcome.reshape(self.stretch.shape).copy()
-        if self.mounting_sd <= 0.0:
-            # without a reading the mounting load is that of the specimen
-            load[0] = self.specimen.mounting_readings(shared=True)[0][0]
-        if self.specimen.stress_pair == "cauchy":
-            load = load * self.stretch
-        taken = {p.name for p in self.specimen.protocols}
-        name = next(n for n in (f"next{i or ''}" for i in range(99)) if n not in taken)
-        columns = (*self.stretch.T, *load.T)
-        protocol = MeasuredProtocol(
-            name, columns[0], columns[1], columns[2], columns[3], rest_rows=1
-        )
-        if self.specimen.protocols[0].time_s is not None:
-            last = float(self.specimen.protocols[-1].time_s[-1])  # type: ignore[index]
-            protocol = replace(protocol, time_s=last + 1.0 + np.arange(protocol.rows))
-        protocols = (*self.specimen.protocols, protocol)
-        return replace(self.specimen, protocols=protocols), posterior.options()
+        return self._whitened(self.expected(draws)), np.square(self.scale(draws)).mean(axis=0)
 
     def peak_load(self, draws: pd.DataFrame) -> tuple[float, float]:
         """5 and 95 % of the largest load (N or kPa) that the specimen and cell must bear."""
-        load, _ = self.predict(draws)
-        low, high = np.quantile(np.abs(load).max(axis=(1, 2)), [0.05, 0.95])
+        low, high = np.quantile(np.abs(self.load(draws)).max(axis=(1, 2)), [0.05, 0.95])
         return float(low), float(high)
 
 
@@ -208,8 +188,18 @@ def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.
     return columns
 
 
+def _misfit_shares(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
+    """Posterior weights of the misfit's structures and amplitudes, (components, amplitudes)."""
+    if not posterior.settings.has_misfit:
+        return np.empty((0, len(AMPLITUDES)))
+    residual = posterior.residuals(draws.iloc[evenly_chosen(len(draws), SHARE_DRAWS)])
+    logs = posterior.misfit.log_weights(residual)
+    return np.asarray(np.exp(logs - logsumexp(logs, axis=(1, 2), keepdims=True)).mean(axis=0))
+
+
 def standard_candidates(
     posterior: Posterior,
+    draws: pd.DataFrame,
     *,
     ratios: tuple[tuple[float, float], ...] = (),
     further: float = DesignOptions.further,
@@ -219,19 +209,18 @@ def standard_candidates(
 ) -> list[Any]:
     """Candidates for a specimen: protocols (five standard ratios and `ratios`), direct readings.
 
-    Protocols reach the largest measured stretches, one goes `further` times as far.
+    The draws of the run weigh the structures of its misfit. Protocols reach the largest measured
+    stretches, one goes `further` times as far.
     """
     specimen, settings = posterior.specimen, posterior.settings
     ends = [np.array([p.stretch_x[-1], p.stretch_y[-1]]) - 1.0 for p in specimen.protocols]
     top = np.max([[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols], axis=0) - 1.0
     rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
-    beta, rows_planned = posterior.beta, min(rows, MAX_PLANNED_ROWS)
-    mounting_sd = specimen.noise_sd if settings.reads_force else 0.0
+    planned, shares = min(rows, MAX_PLANNED_ROWS), _misfit_shares(posterior, draws)
 
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
-        path = 1.0 + np.linspace(0.0, 1.0, rows_planned + 1)[:, None] * end
-        weight = min(1.0, beta * rows / rows_planned)
-        return FurtherProtocol(name, specimen, path, weight, mounting_sd, settings)
+        path = 1.0 + np.linspace(0.0, 1.0, planned + 1)[:, None] * end
+        return FurtherProtocol(name, posterior, path, rows / planned, shares)
 
     out: list[Any] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):

@@ -17,7 +17,7 @@ from biaxbayes.optimal_design.candidates import Candidate, FurtherProtocol, stan
 from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, design_quantities, expect
 from biaxbayes.parallel import InThisProcess
 from biaxbayes.parameters import Quantities
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.tasks import Executor
 
@@ -187,7 +187,7 @@ def design(
     InputError
         If ``rank_by`` is not a quantity.
     """
-    chosen = list(standard_candidates(posterior) if candidates is None else candidates)
+    chosen = list(standard_candidates(posterior, draws) if candidates is None else candidates)
     quantities = {
         name: v for name, v in design_quantities(posterior, draws).items() if np.ptp(v) > 0.0
     }

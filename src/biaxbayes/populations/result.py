@@ -18,7 +18,7 @@ from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY, Layout
 from biaxbayes.populations.model import Grouping, PooledValue
 from biaxbayes.populations.sampler import History, PopulationDraws
 from biaxbayes.populations.specimens import Source
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.prediction.percentiles import evenly_chosen
 
 MAX_REJECTIONS, MAX_PRIOR_BATCHES = 1000, 50
 NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14

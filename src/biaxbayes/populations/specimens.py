@@ -1,9 +1,9 @@
 """Specimens of a population from their finished runs: their likelihoods, and their draws.
 
-The likelihood is that of the run: same rows, law, error model and weight n_eff / n, as stored by
-it. The run's prior of the pooled parameters is replaced by a flat one inside of their physical
-range; everything else of the run's density stays, the priors of its mounting stretches and errors
-included.
+The likelihood is that of the run: same readings, law and errors, its misfit relative to the loads
+of the same fit. The run's prior of the pooled parameters is replaced by a flat one inside of their
+physical range; everything else of the run's density stays, the priors of its mounting stretches
+and errors included.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ def make_individual(source: Source, values: Sequence[PooledValue], ensembles: in
             kinds[k], rows[k] = own.encode(log_scale=v.parameter.logarithmic)
 
     def density(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        log, _, _, natural = kernel.evaluate(problem, u)
-        pooled = natural[:, at] * per_unit
+        log, _, evaluation = posterior.evaluate(problem, u)
+        pooled = evaluation.values[:, at] * per_unit
         with np.errstate(divide="ignore", invalid="ignore"):
             pooled[:, logs] = np.log(pooled[:, logs])
         log[~np.isfinite(pooled).all(axis=1)] = -np.inf

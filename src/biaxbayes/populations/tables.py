@@ -19,13 +19,14 @@ from biaxbayes.populations.model import INCONCLUSIVE, LARGER, LINEAR, LOG, SMALL
 from biaxbayes.populations.result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
 from biaxbayes.populations.verdicts import (
     derived_verdict,
+    in_words,
     mean_verdicts,
     reported_text,
     specimen_verdicts,
     spread_verdicts,
 )
-from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import protocol_mounting
+from biaxbayes.prediction.percentiles import evenly_chosen
 
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 SDS = ("sd_donors", "sd_specimens", "sd_total")
@@ -42,8 +43,8 @@ SPECIMEN_COLUMNS = (
     *("specimen", "group", "donor", "quantity", "unit"),
     *(f"single_{q}" for q in QUANTILES),
     *(f"pooled_{q}" for q in QUANTILES),
-    *("single_verdict", "pooled_verdict", "reported_low", "reported_high", "reported"),
-    *("predictive_p", "specimen_predictive_p", "beta"),
+    *("single_verdict", "pooled_verdict", "reported"),
+    *("predictive_p", "specimen_predictive_p"),
 )
 CONTRAST_COLUMNS = (
     *("group_a", "group_b", "quantity", "unit", "scale"),
@@ -99,9 +100,9 @@ def _pooled_rows(
     spreads = spread_verdicts(hyper, g, population.law, population.state)
     for k, v in enumerate(population.values):
         mean = means[v.name]
-        verdicts: dict[str, Any] = {"in_words": mean.text, "reported": reported_text(mean)}
+        verdicts: dict[str, Any] = {"in_words": in_words(mean), "reported": reported_text(mean)}
         for stem, p in {"": mean, **{f"{k}_": p for k, p in spreads[v.name].items()}}.items():
-            verdicts[f"{stem}verdict"] = p.posterior_verdict
+            verdicts[f"{stem}verdict"] = p.verdict
             if p.diagnostics is not None:
                 verdicts[f"{stem}contraction"] = p.diagnostics.contraction
         parts = {
@@ -218,11 +219,8 @@ def specimens_table(population: Population) -> pd.DataFrame:
                     "donor": population.grouping.donor[i],
                     "quantity": q.name,
                     "unit": q.unit,
-                    "beta": source.run.beta,
                     "single_verdict": own.get("verdict", ""),
                     "pooled_verdict": verdicts.get(q.name, ""),
-                    "reported_low": own.get("low", np.nan),
-                    "reported_high": own.get("high", np.nan),
                     "reported": own.get("interval", ""),
                 }
                 | (numbers if population.state != "unusable" else {})

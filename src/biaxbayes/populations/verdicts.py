@@ -1,16 +1,15 @@
 """Verdicts on pooled values and on quantities that follow from them.
 
-The rule is :func:`biaxbayes.identifiability.verdict.decide`. A group's mean is compared with the
-prior of the same median, a specimen's pooled value with the prior of a specimen of its group, both
-without any data: all records of the study count, not only the specimen's own. Spreads are compared
-on the scale of the model, where their priors are half-normal and end at zero.
+The rule is :func:`biaxbayes.identifiability.verdict.assess_material`. A group's mean is compared
+with the prior of the same median, a specimen's pooled value with the prior of a specimen of its
+group, both without any data: all records of the study count, not only the specimen's own. Spreads
+are compared on the scale of the model, where their priors are half-normal and end at zero.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.identify import diagnostics_from_draws, identify_draws
 from biaxbayes.identifiability.marginals import INTERVAL, Z90, ComparisonScale
-from biaxbayes.identifiability.reported import MAX_RATIO, interval_text
+from biaxbayes.identifiability.reported import interval_text, reported, row_numbers
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
@@ -59,34 +58,23 @@ def mean_verdicts(
     ]
     ends = np.full((len(materials), 2), top)
     distances = law.bound_tolerances(law.material(materials), [ends])
-    verdicts = _assess(scales, columns, hyper.log_prior(), distances, law, state)
-    return {name: downgrade_wide(p) for name, p in verdicts.items()}
-
-
-def downgrade_wide(p: ParameterVerdict) -> ParameterVerdict:
-    """The verdict, but not identified where a positive scale is known only to a factor of ten."""
-    e = p.diagnostics
-    wide = e is not None and p.scale.logarithmic and e.high > MAX_RATIO * e.low
-    if e is None or not wide or p.posterior_verdict != IDENTIFIED:
-        return p
-    q = p.scale.parameter
-    text = (
-        f"{p.name}: {NOT_IDENTIFIED}, {q.number(e.low)} to {q.number(e.high)}{q.unit_words()} "
-        f"(90 %); known only to a factor of {e.high / e.low:.2g}"
-    )
-    return replace(p, posterior_verdict=NOT_IDENTIFIED, text=text)
+    return _assess(scales, columns, hyper.log_prior(), distances, law, state)
 
 
 def reported_text(p: ParameterVerdict) -> str:
     """The interval or the bound of a verdict; empty where there is nothing to report."""
-    e = p.diagnostics
-    if e is None or p.posterior_verdict not in (IDENTIFIED, COMBINATION, BOUNDED):
+    if p.verdict not in (IDENTIFIED, COMBINATION, BOUNDED):
         return ""
-    low, high = e.low, e.high
-    if p.posterior_verdict == BOUNDED:
-        sides = {edge.side for edge in e.open_edges(Thresholds())}
-        low, high = (math.nan if side in sides else v for side, v in enumerate((low, high)))
-    return interval_text(low, high, p.scale.parameter)
+    (row,) = reported([p])
+    return row_numbers(row, p.scale.parameter)[1]
+
+
+def in_words(p: ParameterVerdict) -> str:
+    """Verdict, interval and reason."""
+    interval = reported_text(p)
+    known = f"{p.verdict}, {interval}{p.scale.parameter.unit_words()} (90 %)"
+    reason = p.assessment.reason
+    return (known if interval else p.verdict) + (f"; {reason}" if reason else "")
 
 
 def spread_parameter(v: PooledValue, side: str) -> Parameter:
@@ -177,7 +165,7 @@ def specimen_verdicts(
     identification = identify_draws(
         source.posterior, pooled, state, priors={**source.posterior.priors, **own}
     )
-    verdicts = {p.name: downgrade_wide(p).posterior_verdict for p in identification.parameters}
+    verdicts = {p.name: p.verdict for p in identification.parameters}
     if state != "converged":
         return verdicts
     run_verdicts = {r.name: r.verdict for r in source.run.result.reported}
@@ -190,7 +178,7 @@ def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter
     if np.ptp(values) <= CONSTANT_TOLERANCE * abs(values[0]):
         return {"verdict": FIXED}  # as the parameters are that it follows from
     low, high = (float(v) for v in np.quantile(values, INTERVAL))
-    narrow = not parameter.logarithmic or high <= MAX_RATIO * low
+    narrow = not parameter.logarithmic or high <= Thresholds().max_ratio * low
     if contraction < Thresholds().contraction or not narrow:
         return {"verdict": NOT_IDENTIFIED, "contraction": contraction}
     text = interval_text(low, high, parameter)

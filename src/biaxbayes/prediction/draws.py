@@ -12,7 +12,7 @@ import pandas as pd
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
 from biaxbayes.parameters import mounting_names
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 

@@ -22,20 +22,19 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
-from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import PredictionOptions, Settings
-from biaxbayes.prediction.bands import (
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import PredictionOptions
+from biaxbayes.prediction.percentiles import (
     BANDS,
     band_columns,
-    credible_columns,
     evenly_chosen,
     known_percentiles,
     tails,
 )
 from biaxbayes.prediction.stress import MAX_DRAWS, prediction_mounting, prediction_range
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.prediction.tissue import Tissue
 
 # --- the tube ------------------------------------------------------------------------------------
 
@@ -217,9 +216,8 @@ def _branch(
 
 
 def predict_pressure(
+    posterior: Posterior,
     draws: pd.DataFrame,
-    specimen: Specimen,
-    settings: Settings,
     tube: Tube,
     circumferential_stretch: np.ndarray,
     *,
@@ -227,12 +225,12 @@ def predict_pressure(
 ) -> pd.DataFrame:
     """Pressure and reduced axial force of a tube at given diameters, with bands.
 
-    The predictive band carries the residual of the biaxial test, as a stress of the wall, into
-    the pressure; the noise of a pressure sensor is not in it.
+    The misfit of the law, as a stress of the wall, is carried into the pressure; the predictive
+    band has the noise of the biaxial test besides, that of a pressure sensor is not in it.
 
     Parameters
     ----------
-    draws, specimen, settings, probability
+    posterior, draws, probability
         As in :func:`biaxbayes.prediction.stress.predict_stress`.
     circumferential_stretch : ndarray, shape (m,)
         Total stretches of the mid surface.
@@ -241,7 +239,7 @@ def predict_pressure(
     -------
     DataFrame
         ``circumferential_stretch``, ``mid_diameter_mm``, ``outer_diameter_mm``, bands of
-        ``pressure_kPa``, median and credible band of ``axial_force_mN``, ``extrapolation``.
+        ``pressure_kPa`` and ``axial_force_mN``, ``extrapolation``.
 
     Raises
     ------
@@ -252,7 +250,7 @@ def predict_pressure(
     if not (np.isfinite(stretch).all() and (stretch > 0.0).all()):
         raise InputError("circumferential stretches must be positive numbers")
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
-    material = settings.material_law.material(draws)
+    material = posterior.law.material(draws)
     with np.errstate(over="ignore", invalid="ignore"):
         p = inflation_pressure(material, tube, stretch)
         force = inflation_axial_force(material, tube, stretch)
@@ -261,29 +259,54 @@ def predict_pressure(
             "the pressure of some draws overflows",
             remedy="end at a smaller circumferential stretch",
         )
-    # p = P_t H / (R lt la): effect of a residual of the stress on the pressure
+    around = "xy".index(tube.circumferential)
+    mean, sd, noise = _wall_misfit(posterior, draws, tube, stretch)
+    # p = P_t H / (R lt la): effect of a misfit of the stress on the pressure
     lever = tube.thickness_mm / (tube.mid_radius_mm * stretch * tube.axial_stretch)
-    lm = prediction_mounting(draws, specimen, None)
-    axis = "xy".index(tube.circumferential)
-    forward = ForwardModel.from_specimen(specimen, settings)
-    noise = forward.piola_sd(draws, axis, p / lever, lm) * lever
-    tested = prediction_range(draws, specimen, None, "total")
+    # f = 2 pi R H P_a - pi (lt R)^2 p,  as s_a = la P_a
+    wall = 2.0 * np.pi * tube.mid_radius_mm * tube.thickness_mm
+    bore = np.pi * (stretch * tube.mid_radius_mm) ** 2 * lever
+
+    def of_force(values: np.ndarray) -> np.ndarray:
+        return np.hypot(wall * values[..., 1 - around], bore * values[..., around])
+
+    force = force + wall * mean[..., 1 - around] - bore * mean[..., around]
+    tested = prediction_range(draws, posterior.specimen, None, "total")
     return pd.DataFrame(
         {
             "circumferential_stretch": stretch,
             "mid_diameter_mm": tube.mid_diameter_mm(stretch),
             "outer_diameter_mm": tube.outer_diameter_mm(stretch),
-            **band_columns("pressure_kPa", p, noise, probability),
-            **credible_columns("axial_force_mN", force, probability),
+            **band_columns(
+                "pressure_kPa",
+                p + lever * mean[..., around],
+                lever * sd[..., around],
+                lever * np.hypot(sd, noise)[..., around],
+                probability,
+            ),
+            **band_columns(
+                "axial_force_mN", force, of_force(sd), of_force(np.hypot(sd, noise)), probability
+            ),
             "extrapolation": tested.extrapolation(*tube.stretches(stretch)),
         }
     )
 
 
+def _wall_misfit(
+    posterior: Posterior, draws: pd.DataFrame, tube: Tube, circumferential_stretch: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Misfit of the wall's nominal stress: mean, sd, and sd of noise; kPa, (draws, m, 2)."""
+    lm = prediction_mounting(draws, posterior.specimen, None)
+    path = np.stack(np.broadcast_arrays(*tube.stretches(circumferential_stretch)), axis=-1)
+    tissue = Tissue(posterior, draws)
+    section = posterior.forward.unloaded_section(draws, lm[:, None])
+    mean, sd = (part / section for part in tissue.misfit(path / np.median(lm, axis=0)))
+    return mean, sd, tissue.noise_sd / section
+
+
 def predict_diameter(
+    posterior: Posterior,
     draws: pd.DataFrame,
-    specimen: Specimen,
-    settings: Settings,
     tube: Tube,
     pressure_kPa: np.ndarray,
     *,
@@ -294,11 +317,11 @@ def predict_diameter(
 
     Parameters
     ----------
-    draws, specimen, settings, tube, probability
+    posterior, draws, tube, probability
         As in :func:`predict_pressure`.
     pressure_kPa : ndarray, shape (m,)
     seed : int
-        Of the residuals behind the predictive band: one offset of the wall's stress a draw.
+        Of the misfit behind the bands: the wall's stress of each draw is off by a draw of it.
 
     Returns
     -------
@@ -313,26 +336,28 @@ def predict_diameter(
         raise InputError("pressures must be numbers, in kPa")
     levels = tails(probability)
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
-    material = settings.material_law.material(draws)
-    model = inflation_stretch(material, tube, pressure)
-    # P_t = p R lt la / H at the model's state
-    piola = np.nan_to_num(
-        pressure * model * tube.mid_radius_mm * tube.axial_stretch / tube.thickness_mm
-    )
-    axis = "xy".index(tube.circumferential)
-    lm = prediction_mounting(draws, specimen, None)
-    noise = ForwardModel.from_specimen(specimen, settings).piola_sd(draws, axis, piola, lm)
+    material = posterior.law.material(draws)
+    law = inflation_stretch(material, tube, pressure)
+    around = "xy".index(tube.circumferential)
+    middle = np.nan_to_num(known_percentiles(law, (0.5,))[0], nan=1.0)
+    mean, sd, noise = (v[..., around] for v in _wall_misfit(posterior, draws, tube, middle))
     unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
-    # each draw's wall stress is off by one number, unless its noise grows with the load: then by
-    # one per pressure
-    offset = noise * unit
-    each = [slice(j, j + 1) for j in range(pressure.size)]
-    new = np.hstack(
-        [
-            inflation_stretch(material, tube, pressure[k], piola_offset_kPa=offset[:, k][:, 0])
-            for k in (each if offset.shape[1] > 1 else [slice(None)])
-        ]
-    )
+
+    def stretches(offset: np.ndarray) -> np.ndarray:
+        """Stretches (draws, m) with offsets of the wall's stress, one for each pressure."""
+        offset = np.broadcast_to(offset, law.shape)
+        return np.hstack(
+            [
+                inflation_stretch(
+                    material, tube, pressure[k : k + 1], piola_offset_kPa=offset[:, k]
+                )
+                for k in range(pressure.size)
+            ]
+        )
+
+    # one number a draw: the misfit is smooth
+    model = stretches(mean + sd * unit) if np.any(sd) else law
+    new = stretches(mean + np.hypot(sd, noise) * unit)
     columns: dict[str, np.ndarray] = {
         "pressure_kPa": pressure,
         "pressure_mmHg": pressure * MMHG_PER_KPA,
@@ -345,5 +370,5 @@ def predict_diameter(
         columns |= {f"{name}_{band}": v for band, v in zip(BANDS, values, strict=True)}
     columns["share_without_equilibrium"] = np.isnan(model).mean(axis=0)
     states = tube.stretches(columns["circumferential_stretch_median"])
-    tested = prediction_range(draws, specimen, None, "total")
+    tested = prediction_range(draws, posterior.specimen, None, "total")
     return pd.DataFrame({**columns, "extrapolation": tested.extrapolation(*states)})

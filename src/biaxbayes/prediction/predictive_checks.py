@@ -1,4 +1,4 @@
-"""Posterior predictive checks: residuals of the model, and for which tested paths it fails."""
+"""Posterior predictive checks: residuals of the law, and for which tested paths it fails."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import pandas as pd
 
 from biaxbayes.error_model import standard_cdf
 from biaxbayes.fitting.result import EXPLAINED, misfit_sentence
-from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.options import Settings
-from biaxbayes.prediction.bands import compared_protocols, evenly_chosen
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.prediction.bands import compared_protocols
+from biaxbayes.prediction.percentiles import evenly_chosen
+from biaxbayes.prediction.tissue import Tissue
 
 # --- residuals of the model compared with the load cell's noise ----------------------------------
 
@@ -27,20 +27,14 @@ MIN_BAND_COVERAGE = 0.8
 
 
 def predictive_checks(
-    specimen: Specimen,
-    draws: pd.DataFrame,
-    *,
-    settings: Settings,
-    max_draws: int = 200,
+    posterior: Posterior, draws: pd.DataFrame, *, max_draws: int = 200
 ) -> pd.DataFrame:
-    """Compare every curve with the median model and the predictive band.
+    """Compare every curve with the median of the law, and with the predictive band of the tissue.
 
     Parameters
     ----------
     draws : DataFrame
         One row per draw, columns as in ``summary.csv``.
-    settings : Settings
-        Those of the run.
     max_draws : int
         Largest number of draws, evenly chosen.
 
@@ -57,20 +51,20 @@ def predictive_checks(
         and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
         the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
-    chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
-    forward = ForwardModel.from_specimen(specimen, settings)
-    rows = []
-    for protocol in compared_protocols(specimen, settings):
+    tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)])
+    specimen, rows = posterior.specimen, []
+    for i, protocol in enumerate(compared_protocols(specimen, posterior.settings)):
         stretch = protocol.stretch[protocol.rest_rows :]
         measured = specimen.load(protocol)[protocol.rest_rows :]
         if not len(measured):
             continue
-        mean, sd = forward.predict(chosen, stretch, protocol.name)
+        loads = tissue.tested(i, protocol.stretch, np.arange(protocol.rest_rows, protocol.rows))
         with np.errstate(over="ignore", invalid="ignore"):
             # F(y) = mean over draws of Phi((y - m) / sd)
-            below = standard_cdf((measured - mean) / np.maximum(sd, 1e-300)).mean(axis=0)
+            z = (measured - loads.mean) / np.maximum(loads.reading_sd, 1e-300)
+            below = standard_cdf(z).mean(axis=0)
         inside = ((below >= BAND_TAILS[0]) & (below <= BAND_TAILS[1])).mean(axis=0)
-        residuals = measured - np.median(mean, axis=0)
+        residuals = measured - np.median(loads.law, axis=0)
         for axis, direction in enumerate("xy"):
             residual = residuals[:, axis]
             worst, n = int(np.argmax(np.abs(residual))), len(residual)

@@ -1,8 +1,9 @@
 """Stress that the posterior predicts on any path of stretches, and which paths a test covered.
 
-Two bands, always both. The credible band holds the model's own value; the predictive band holds
-a new measurement, the model's value plus the residual that the run inferred. Each is a
-percentile range over the draws, row by row.
+Two bands, always both. The credible band holds the tissue's own stress: that of the law and its
+misfit, given the readings on a tested path, what the misfit carries to another one elsewhere. The
+predictive band holds a new measurement of it. Each is a percentile range over the draws, row by
+row.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PredictionOptions, Settings
-from biaxbayes.prediction.bands import band_columns, evenly_chosen, evenly_spaced, tails
 from biaxbayes.prediction.draws import mounting_labels, mounting_stretch, protocol_mounting
+from biaxbayes.prediction.percentiles import band_columns, evenly_chosen, evenly_spaced, tails
+from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.specimen import Specimen
 
 # --- what a test covered: the convex hull of its states of stretch, and what lies outside it -----
@@ -160,12 +163,11 @@ def stretch_path(
 
 
 def predict_stress(
+    posterior: Posterior,
     draws: pd.DataFrame,
-    specimen: Specimen,
-    settings: Settings,
     path: np.ndarray,
     *,
-    reference: str = "total",
+    reference: str = "measured",
     protocol: str | None = None,
     stress: str = "cauchy",
     probability: float = PredictionOptions.probability,
@@ -176,14 +178,10 @@ def predict_stress(
     ----------
     draws : DataFrame
         Posterior draws by the names of ``summary.csv``.
-    specimen : Specimen
-        What was tested: the range, the sections, the unit of the noise.
-    settings : Settings
-        Those of the run.
     path : ndarray, shape (m, 2)
         Stretches in x and y.
-    reference : {"total", "measured"}
-        Relative to the unloaded or to the mounted state.
+    reference : {"measured", "total"}
+        Relative to the mounted or to the unloaded state.
     protocol : str, optional
         Whose mounted state measured stretches refer to, where each protocol has its own.
     stress : {"cauchy", "piola"}
@@ -212,14 +210,21 @@ def predict_stress(
         raise InputError("reference is total or measured, stress is cauchy or piola")
     tails(probability)
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
+    specimen, forward = posterior.specimen, posterior.forward
     lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
     factor = lm if reference == "measured" else np.ones_like(lm)
-    forward = ForwardModel.from_specimen(specimen, settings)
     material = forward.law.material(draws)
+    # the misfit belongs to the measured stretches; its loads to a nominal stress by the section
+    measured = path if reference == "measured" else path / np.median(lm, axis=0)
+    tissue = Tissue(posterior, draws)
+    section = forward.unloaded_section(draws, lm[:, None])
+    misfit, misfit_sd = (part / section for part in tissue.misfit(measured))
+    noise_sd = tissue.noise_sd / section
     blocks = []
     rows = max(1, MAX_STRESS_BLOCK // max(len(draws), 1))
     for first in range(0, len(path), rows):
-        total = path[None, first : first + rows, :] * factor[:, None, :]
+        part = slice(first, first + rows)
+        total = path[None, part, :] * factor[:, None, :]
         with np.errstate(over="ignore", invalid="ignore"):
             model = material.piola(total[:, :, 0], total[:, :, 1])
         finite = np.isfinite(model).all(axis=(0, 1))
@@ -231,10 +236,11 @@ def predict_stress(
             )
         columns: dict[str, np.ndarray] = {}
         for axis, name in enumerate("xy"):
-            noise = forward.piola_sd(draws, axis, model[axis], lm)
             scale = total[:, :, axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
+            mean, sd = model[axis] + misfit[:, part, axis], misfit_sd[:, part, axis]
+            reading_sd = np.hypot(sd, noise_sd[:, :, axis])
             columns |= band_columns(
-                f"{stress}_{name}_kPa", model[axis] * scale, noise * scale, probability
+                f"{stress}_{name}_kPa", mean * scale, sd * scale, reading_sd * scale, probability
             )
         blocks.append(pd.DataFrame(columns))
     middle = path * np.median(factor, axis=0)
@@ -259,7 +265,7 @@ def measured_stress(
     settings: Settings,
     path: np.ndarray,
     *,
-    reference: str = "total",
+    reference: str = "measured",
     protocol: str | None = None,
     stress: str = "cauchy",
 ) -> pd.DataFrame:
@@ -267,7 +273,11 @@ def measured_stress(
 
     Parameters
     ----------
-    draws, specimen, settings, path, reference, protocol, stress
+    specimen : Specimen
+        With the loads that the run compares.
+    settings : Settings
+        Those of the run.
+    draws, path, reference, protocol, stress
         As in :func:`predict_stress`.
 
     Returns

@@ -15,10 +15,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.figures.comparisons import forest_figure, matrix_figure
 from biaxbayes.figures.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
-from biaxbayes.identifiability.mounting_interval import measurement_advice
-from biaxbayes.identifiability.reported import report_rows
-from biaxbayes.identifiability.verdict import IDENTIFIED
-from biaxbayes.parameters import Quantities
+from biaxbayes.identifiability.reported import quantile_texts, report_rows
+from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.reports.study_page import with_unit
 from biaxbayes.reports.templates import Row, embedded, page_template
 from biaxbayes.text_files import atomic_write_text, write_csv
@@ -60,7 +58,7 @@ def comparison_page(comparison: Comparison, figures: Mapping[str, Figure]) -> st
         (
             member.label,
             [
-                (row.quantity, row.interval, row.unit, row.verdict, row.reason)
+                (row.quantity, row.median, row.interval, row.unit, row.verdict, row.reason)
                 for row in report_rows(rows, member.posterior.quantities)
             ],
         )
@@ -118,8 +116,7 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
             table[table["law"] == STACKED],
         ]
     )
-    rows = report_rows(compared.reported, Quantities(()))
-    lost = [row.name for row in compared.reported if row.verdict != IDENTIFIED]
+    stretches = [q for q in STRETCHES if f"{q.name}_q50" in table]
     return page_template("laws.html.jinja").render(
         specimen=compared.specimen,
         best=(
@@ -129,11 +126,32 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
         ),
         laws=[_law_row(row) for row in by_weight.to_dict("records")],
         left_out=sorted(compared.left_out.items()),
-        reported=rows,
-        advice=f"To know it, {measurement_advice(lost)}" if lost else "",
+        stretches=stretches,
+        mounting=[
+            (_law_name(row), *(f"{m}, {low} to {high}" for m, low, high in stretch_texts(row)))
+            for row in by_weight.to_dict("records")
+            if stretch_texts(row)
+        ],
         parts=_part_rows(compared.parts),
         figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
     )
+
+
+STRETCHES = Quantities(()).of_kind(STRETCH)
+
+
+def stretch_texts(row: Mapping[Any, Any]) -> list[tuple[str, str, str]]:
+    """Median and ends of the 90 % interval of each mounting stretch in a row of laws.csv."""
+    out = []
+    for q in STRETCHES:
+        median, low, high = (row.get(f"{q.name}_q{k}", float("nan")) for k in ("50", "05", "95"))
+        if median == median:
+            out.append(quantile_texts(median, low, high, q.parameter))
+    return out
+
+
+def _law_name(row: Mapping[Any, Any]) -> str:
+    return "mixture" if row["law"] == STACKED else str(row["law"])
 
 
 def _number(value: Any, form: str) -> str:
@@ -146,7 +164,7 @@ def _law_row(row: dict[Any, Any]) -> Row:
     if weight and low == low and low is not None:
         weight += f" ({low:.2f} to {high:.2f})"
     return (
-        "mixture" if row["law"] == STACKED else row["law"],
+        _law_name(row),
         row["state"],
         _number(row["rms_kPa"], ".3g"),
         _number(row.get("left_out_rms_kPa"), ".3g"),
@@ -163,7 +181,7 @@ def _part_rows(parts: pd.DataFrame) -> list[Row]:
         cells = [
             f"{mixture['left_out_rms_kPa']:.3g}",
             f"{best['law']}, {best['left_out_rms_kPa']:.3g}",
-            f"{mixture['readings']:.0f}, worth {mixture['effective_readings']:.2g}",
+            f"{mixture['readings']:.0f}",
             f"{100 * mixture['band_coverage']:.0f} %",
             f"{mixture['band_width']:.3g}",
         ]

@@ -72,8 +72,8 @@ function update() {
     const [median, low, high] = percentiles(values, weights);
     const shift = (percentiles(scaled, weights)[0] - percentiles(scaled, all)[0]) / sd;
     const cells = rows[a].cells, width = high - low;
-    cells[3].textContent = `${text(median, width)} (${text(low, width)} to ${text(high, width)})`;
-    cells[4].textContent = text(shift, 1);
+    cells[2].textContent = `${text(median, width)} (${text(low, width)} to ${text(high, width)})`;
+    cells[3].textContent = text(shift, 1);
   });
   const selected = draws.selected.indices.length;
   element("status").textContent = selected

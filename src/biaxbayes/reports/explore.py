@@ -8,7 +8,6 @@ importance weights. Every other number on the page is computed here.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,15 +24,16 @@ from markupsafe import Markup
 
 from biaxbayes.errors import InputError
 from biaxbayes.figures.bands import abscissa, residual_unit, shown_protocols
-from biaxbayes.figures.quantities import axis_span, corner_columns, number
+from biaxbayes.figures.quantities import axis_span, corner_columns
 from biaxbayes.figures.style import CREDIBLE, LOAD_LABELS, PAGE_MM, colour, print_style
 from biaxbayes.identifiability.bounded_density import Span
-from biaxbayes.identifiability.reported import ReportRow
+from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FAMILIES, PRIOR_NUMBERS, Prior, prior_text
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
-from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
+from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws
+from biaxbayes.prediction.percentiles import evenly_chosen, tails
 from biaxbayes.reports.templates import page_template
 from biaxbayes.reports.text import as_html, truncate
 
@@ -65,7 +65,6 @@ def explore_page(
     draws: pd.DataFrame,
     state: str,
     *,
-    rows: Sequence[ReportRow] = (),
     report: str = "",
 ) -> str:
     """The page as HTML, with scripts and data inside; InputError if there is nothing to explore."""
@@ -77,7 +76,7 @@ def explore_page(
     thinned = thinned_draws(draws)
     with print_style():
         hues = {"x": colour("x"), "y": colour("y"), "selected": colour(2)}
-    axes = _axes(posterior.quantities, draws, thinned, rows)
+    axes = _axes(posterior.quantities, draws, thinned)
     priors = _prior_controls(posterior, thinned)
     # draws for all panels: axes of the corner, quantities with a prior, weights
     columns: dict[str, Any] = {f"axis {a.name}": a.values for a in axes}
@@ -152,21 +151,17 @@ class Axis:
     values: np.ndarray  # of the draws on the page; the mean over mounted states
     span: Span
     ratio: bool  # shifts on a logarithmic scale
-    reported: str  # text of the report; empty for the mean over mounted states
-    all_draws: str  # median and interval of all draws, within the law
+    all_draws: str  # median and interval of all draws, as in the report
 
 
-def _axes(
-    quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame, rows: Sequence[ReportRow]
-) -> list[Axis]:
+def _axes(quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame) -> list[Axis]:
     axes = []
-    reported = {row.name: row.interval for row in rows}
     whole = corner_columns(draws, quantities)
     for name, (text, values) in corner_columns(thinned, quantities).items():
         states = [q for q in quantities.of_parameter(name) if q.name in thinned]
         parameter = states[0].parameter
-        ends = [float(v) for v in np.quantile(whole[name][1], [0.05, 0.5, 0.95])]
-        low, median, high = (number(v, ends[0], ends[2]) for v in ends)
+        q50, q05, q95 = np.quantile(whole[name][1], [0.5, *tails(CONTENT)])
+        median, low, high = quantile_texts(float(q50), float(q05), float(q95), parameter)
         symbol = as_html(Quantity(parameter))
         axes.append(
             Axis(
@@ -176,7 +171,6 @@ def _axes(
                 values,
                 axis_span(text, values),
                 parameter.logarithmic and bool((values > 0.0).all()),
-                reported.get(name, ""),
                 f"{median} ({low} to {high})",
             )
         )
@@ -259,9 +253,8 @@ def _curve_panels(
     specimen = posterior.specimen
     count = shown_protocols(specimen, PAGE_MM)
     drawn = curves_of_draws(
-        specimen,
+        posterior,
         thinned,
-        settings=posterior.settings,
         max_rows=min(MAX_STATES_PER_PROTOCOL, MAX_STATES // count),
     )[:count]
     tables = [_table(curves) for curves in drawn]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from biaxbayes.error_model import CONSTANT
 from biaxbayes.errors import listed, printable
 from biaxbayes.identifiability.reported import row_lines
 from biaxbayes.identifiability.verdict import (
@@ -12,7 +11,6 @@ from biaxbayes.identifiability.verdict import (
     NOT_IDENTIFIED,
 )
 from biaxbayes.model.priors import prior_text
-from biaxbayes.parameters import STRETCH
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, as_latex, latex_text, truncate
 from biaxbayes.runs.run import Run
 
@@ -42,8 +40,6 @@ MOUNTING_SENTENCES = {
         "state was taken as unloaded."
     ),
 }
-INDEPENDENT = 0.95
-"""Weight of the likelihood above which readings count as independent."""
 
 
 def methods(run: Run) -> str:
@@ -101,23 +97,22 @@ def _grips(run: Run) -> str:
 
 
 def _noise(run: Run) -> str:
-    noise, settings = run.provenance["noise"], run.provenance["settings"]
+    noise, settings = run.provenance["noise"], run.settings
     loads = LOAD_PHRASES[run.specimen.stress_pair]
-    text = f"Errors of {loads} were Gaussian with an inferred standard deviation"
-    errors = run.settings.error_model
-    if errors is not CONSTANT:
-        text += f" {errors}"
-    if noise["effective_readings"] is None:
-        return f"{text} and taken as independent ({noise['readings']:,} readings)."
-    if run.beta > INDEPENDENT:
-        return f"{text}; their residuals showed no correlation that would lower their number."
-    counted = "the autocorrelation of the residuals"
-    if settings.get("noise") == "systematic":
-        counted += " and with what is common to an eighth of a curve as one error of the curve"
+    if not settings.has_misfit:
+        return (
+            f"Errors of {loads} were independent and Gaussian with an inferred standard deviation "
+            f"({noise['readings']:,} readings)."
+        )
     return (
-        f"{text}. As neighbouring residuals are correlated, the log likelihood was weighted by "
-        f"{run.beta:.3g}: by {counted}, the {noise['readings']:,} "
-        f"readings carry as much information as {noise['effective_readings']:.0f} independent ones."
+        f"Readings of {loads}, the mounting readings among them, were the sum of the law, a smooth "
+        "misfit of the law and the load cell's noise. The misfit was a Gaussian process relative "
+        "to the load; the likelihood is the average over its structure (functions of the loading "
+        "path, of length 0.15 to 1.5 of it, independent or correlated in x and y, and with "
+        "several protocols functions of both stretches), its amplitude (half-normal, standard "
+        f"deviation 5 %) and a factor of the noise; the law errs by {100 * settings.toe:g} % "
+        f"(standard deviation) near the mounted state. The {noise['readings']:,} readings were "
+        f"averaged to {noise['readings_compared']:,} for it."
     )
 
 
@@ -155,13 +150,7 @@ def _intervals(run: Run) -> str:
     """Sentence on the origin of the intervals."""
     if run.state != "converged" or not run.result.rows:
         return ""
-    text = (
-        "Reported are 90 % intervals and 95 % bounds. Intervals of material parameters are "
-        "those of the posterior, widened where the law misses the record systematically"
-    )
-    if any(row.quantity.parameter.kind == STRETCH for row in run.result.rows):
-        text += "; those of mounting stretches hold for all material laws that fit the record"
-    return f"{text}."
+    return "Reported are posterior medians with 90 % intervals, or 95 % bounds."
 
 
 def results_paragraph(run: Run) -> str:
@@ -172,13 +161,15 @@ def results_paragraph(run: Run) -> str:
     for row in run.result.rows:
         name = f"{row.name} ({row.quantity.parameter.words})"
         if row.verdict == IDENTIFIED:
-            sentences.append(f"{name} was identified: {row.interval_with_unit} (90 % interval).")
+            sentences.append(
+                f"{name} was identified: {row.median} ({row.interval_with_unit}, 90 % interval)."
+            )
         elif row.verdict == BOUNDED:
             sentences.append(f"{name} was bounded: {row.interval_with_unit} (95 % bound).")
         elif row.verdict == COMBINATION:
             sentences.append(
                 f"{name} was identified {row.verdict} with {listed(row.partners)}: "
-                f"{row.interval_with_unit} (90 % interval)."
+                f"{row.median} ({row.interval_with_unit}, 90 % interval)."
             )
     left = [row.name for row in run.result.rows if row.verdict == NOT_IDENTIFIED]
     if left:
@@ -190,12 +181,15 @@ def results_paragraph(run: Run) -> str:
 def latex_table(run: Run) -> str:
     """The reported table with booktabs rules; both paragraphs as comments."""
     name = latex_text(run.specimen.name)
-    caption = f"{name}: reported 90\\,\\% intervals and 95\\,\\% bounds."
+    caption = f"{name}: medians with 90\\,\\% intervals, or 95\\,\\% bounds."
     if run.state != "converged":
         caption += f" {latex_text(CONVERGENCE_TEXTS[run.state])}"
     rows = []
     for row in run.result.rows:
-        texts = [latex_text(t, 300) for t in (row.interval, row.unit, row.verdict, row.reason)]
+        texts = [
+            latex_text(t, 300)
+            for t in (row.median, row.interval, row.unit, row.verdict, row.reason)
+        ]
         rows.append(f"    {' & '.join((as_latex(row.quantity), *texts))} \\\\")
     footnotes = [
         f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in run.result.warnings
@@ -208,9 +202,9 @@ def latex_table(run: Run) -> str:
             "\\begin{table}",
             "  \\centering",
             f"  \\caption{{{caption}}}",
-            "  \\begin{tabular}{lllll}",
+            "  \\begin{tabular}{llllll}",
             "    \\toprule",
-            "    Parameter & Interval & Unit & Verdict & Reason \\\\",
+            "    Parameter & Median & Interval & Unit & Verdict & Reason \\\\",
             "    \\midrule",
             *rows,
             "    \\bottomrule",
@@ -224,12 +218,9 @@ def latex_table(run: Run) -> str:
 
 # --- in the terminal -----------------------------------------------------------------------------
 
-MOST_LINES = 12
-"""Of the closing message."""
-
 
 def closing_message(run: Run) -> str:
-    """The result of a run as plain text of at most twelve lines."""
+    """The result of a run as plain text."""
     record, result = run.provenance, run.result
     name = str(record["specimen"])
     if record.get("layer"):
@@ -251,5 +242,5 @@ def closing_message(run: Run) -> str:
     rest = [printable(text) for text in (result.fit, advice) if text]
     rest += [printable(text) for text in result.warnings[:1]]
     rest.append(f"report: {run.path}/report.html")
-    lines += row_lines(result.rows, MOST_LINES - len(lines) - len(rest))
+    lines += row_lines(result.rows)
     return "\n".join([*lines, *rest])

@@ -10,7 +10,7 @@ import pandas as pd
 
 from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.determined import AT_MEASURED_STRETCH
-from biaxbayes.identifiability.reported import COARSE_RATIO, DASH, interval_text
+from biaxbayes.identifiability.reported import COARSE_RATIO, DASH
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
@@ -79,7 +79,15 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         tests=_test_rows(run),
         load="force" if run.specimen.stress_pair == "force" else "nominal stress",
         rows=[
-            (r.quantity, r.interval, r.unit, r.verdict, r.reason, r.quantity.parameter.words)
+            (
+                r.quantity,
+                r.median,
+                r.interval,
+                r.unit,
+                r.verdict,
+                r.reason,
+                r.quantity.parameter.words,
+            )
             for r in result.rows
         ],
         convergence_rows=_convergence_rows(run),
@@ -157,7 +165,7 @@ def _settings_facts(run: Run) -> list[tuple[str, str]]:
         ("Mounting force", truncate(settings.get("mounting", ""), 30)),
         ("Mounted states", truncate(settings.get("mounting_stretch", ""), 30)),
         ("Errors", truncate(settings.get("noise", ""), 30)),
-        ("Sd of the errors", str(run.settings.error_model)),
+        ("Toe", f"{100 * run.settings.toe:g} %" if run.settings.has_misfit else "none"),
         ("Fibres in extension only", "yes" if settings.get("fibre_switch") is True else "no"),
     ]
     if settings.get("thin"):
@@ -230,7 +238,6 @@ def _contraction_rows(run: Run) -> list[Row]:
         if math.isnan(contraction):
             continue
         quantity = run.quantities[str(r["parameter"])]
-        low, high = (float(r.get(f"refit_{side}", math.nan)) for side in ("low", "high"))
         partners = r["partners"] if isinstance(r["partners"], str) else ""
         rows.append(
             (
@@ -240,7 +247,6 @@ def _contraction_rows(run: Run) -> list[Row]:
                 f"{100.0 * float(r['spread_given_partners']):.0f} %",
                 f"{float(r['prior_sensitivity']):.2f}",
                 f"{float(r['likelihood_sensitivity']):.2f}",
-                interval_text(low, high, quantity.parameter),
             )
         )
     return rows
@@ -252,11 +258,8 @@ def _law_rows(run: Run) -> list[Row]:
     parameters = {q.name: q.parameter for q in run.quantities.of_kind(STRETCH) if q.name in table}
     rows: list[Row] = []
     for r in table.to_dict("records"):
-        stretches = [
-            f"{p.number(float(r[n]))} ± {float(r[f'{n}_sd']):.2g}" for n, p in parameters.items()
-        ]
-        equal = "yes" if r["fits"] else "no"
-        rows.append((truncate(r["law"], 30), f"{float(r['rms']):.3g}", equal, ", ".join(stretches)))
+        stretches = [p.number(float(r[n])) for n, p in parameters.items()]
+        rows.append((truncate(r["law"], 30), f"{float(r['rms']):.3g}", ", ".join(stretches)))
     return rows
 
 
@@ -283,13 +286,13 @@ def stress_rows(run: Run) -> list[Row]:
 
 
 def determined_rows(run: Run) -> list[Row]:
-    """Stiffnesses, structure tensor and further quantities within the law, without stresses."""
+    """Stiffnesses, structure tensor and further quantities, without stresses."""
     table = run.result.determined
     if len(table):
         table = table[~table["quantity"].str.contains(" stress ")]
     rows: list[Row] = []
     for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
-        low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
+        low, median, high = (float(r[k]) for k in ("low", "median", "high"))
         wide = low > 0.0 and high / low > COARSE_RATIO
         low_text, median_text, high_text = (
             number(v, low, high, log=wide) for v in (low, median, high)

@@ -103,7 +103,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
             median = (_marked(r.median, r.identified), r.reported)
             rows.append((named(r.quantity), unit_text(r.unit), median, r.verdict, *sds, *r.new))
         sentences = [
-            (named(r["quantity"]), truncate(r["in_words"].removeprefix(f"{r['quantity']}: "), 400))
+            (named(r["quantity"]), truncate(r["in_words"], 400))
             for r in part.to_dict("records")
             if r["quantity"] in pooled and isinstance(r["in_words"], str)
         ]

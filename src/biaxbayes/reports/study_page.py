@@ -17,7 +17,7 @@ from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.population import study_figure
 from biaxbayes.figures.quantities import number
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.identifiability.reported import COARSE_RATIO, DASH
+from biaxbayes.identifiability.reported import COARSE_RATIO, DASH, quantile_texts
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
@@ -89,13 +89,17 @@ def _specimens(result: StudyResult, names: list[str]) -> list[Row]:
 
 
 def _cell(row: dict[Any, Any] | None) -> Cell:
-    """The reported interval and its verdict."""
+    """The median, the reported interval and the verdict."""
     if row is None:
         return DASH
     if row["verdict"] == FIXED:
         return (f"{float(row['q50']):.4g}", FIXED)
     interval, verdict = (row[k] if isinstance(row[k], str) else "" for k in ("reported", "verdict"))
-    return (interval or DASH, verdict)
+    if interval in ("", DASH):
+        return (DASH, verdict)
+    parameter = KNOWN_QUANTITIES[str(row["quantity"])].parameter
+    median, _, _ = quantile_texts(row["q50"], row["q05"], row["q95"], parameter)
+    return (median, interval, verdict)
 
 
 def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:

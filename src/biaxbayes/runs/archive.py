@@ -18,10 +18,12 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from biaxbayes.error_model import log_likelihood, simulate
+from biaxbayes.error_model import simulate
 from biaxbayes.errors import RunError
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Draws
+from biaxbayes.tasks import kept_warning_filters
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
@@ -71,8 +73,8 @@ def check_archive(path: Path) -> None:
 # --- posterior.nc: the draws as an xarray DataTree that ArviZ reads ------------------------------
 
 
-POINTWISE_DRAWS = 500
-"""Draws of each chain with pointwise likelihoods and predictions."""
+PREDICTIVE_DRAWS = 500
+"""Draws of each chain with predictions of readings."""
 SLASH = "\N{DIVISION SLASH}"
 """In place of a slash in names, where it would be a path (protocol ``1/1``)."""
 
@@ -95,20 +97,15 @@ def draw_table(quantities: Mapping[str, np.ndarray]) -> pd.DataFrame:
 def write_archive(
     path: Path, posterior: Posterior, draws: Draws, attributes: dict[str, Any], seed: int
 ) -> None:
-    """Write posterior.nc; its log likelihood is weighted as sampled, as ``arviz.loo`` needs it."""
-    weight = f"n_eff / n = {posterior.beta:.6g}"
-    weighting = {
-        "log_likelihood": (
-            f"weighted: pointwise log likelihood times {weight}, as the posterior was sampled"
-        ),
-        "log_likelihood_unweighted": (
-            f"unweighted: pointwise log likelihood of independent readings, without the {weight} "
-            "that the posterior was sampled with; not for arviz.loo"
-        ),
-    }
+    """Write posterior.nc.
+
+    ``posterior_predictive`` has new readings of the tissue at the measured states, for 500 draws of
+    each chain, and the loads of the law. There is no pointwise log likelihood: a smooth misfit
+    makes the readings dependent, and what a law predicts is judged by protocols that were left out.
+    """
     groups = _groups(posterior, draws, seed)
-    for name, group in groups.items():
-        group.attrs = attributes | ({"weighting": weighting[name]} if name in weighting else {})
+    for group in groups.values():
+        group.attrs = attributes
     whole = netcdf_bytes(groups, attributes)
     try:
         atomic_write_bytes(path, whole)
@@ -150,7 +147,7 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     }
     stats = {
         "lp": (by_draw, flat["lp"]),
-        "tempered_log_likelihood": (by_draw, flat["log_likelihood"]),
+        "log_likelihood": (by_draw, flat["log_likelihood"]),
     }
     measured = posterior.rows
     rows = {"row": np.arange(len(measured.load)), "direction": ["x", "y"]}
@@ -161,42 +158,38 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "mounting_reading": (by_mount, reading, unit),
         "mounting_reading_sd": (by_mount, reading_sd, unit),
     }
-    pick = np.linspace(0, count - 1, min(count, POINTWISE_DRAWS)).round().astype(int)
+    pick = np.linspace(0, count - 1, min(count, PREDICTIVE_DRAWS)).round().astype(int)
     thinned = {name: flat[name][:, pick] for name in posterior.parameter_names}
-    pointwise = _pointwise(posterior, thinned, seed)
     return {
         "posterior": xr.Dataset(parameters, coords),
         "sample_stats": xr.Dataset(stats, coords),
-        **{
-            name: xr.Dataset(variables, {"chain": coords["chain"], "draw": pick} | rows)
-            for name, variables in pointwise.items()
-        },
+        "posterior_predictive": xr.Dataset(
+            _predictive(posterior, thinned, seed),
+            {"chain": coords["chain"], "draw": pick} | rows,
+        ),
         "observed_data": xr.Dataset({"load": (by_row, measured.load, unit)}, rows),
         "constant_data": xr.Dataset(constant, rows),
     }
 
 
-def _pointwise(
+def _predictive(
     posterior: Posterior, natural: Mapping[str, np.ndarray], seed: int
-) -> dict[str, dict[str, Any]]:
-    """Variables with a number for each of the thinned draws and reading, in single precision."""
+) -> dict[str, Any]:
+    """New readings and loads of the law at the rows, for each draw, in single precision."""
     chains, draws = next(iter(natural.values())).shape
-    rows = posterior.rows
-    mean, sd = posterior.forward.predict_rows({k: v.ravel() for k, v in natural.items()}, rows)
-
-    def variable(values: np.ndarray, unit: str = "") -> tuple[Any, ...]:
-        by_draw = values.reshape(chains, draws, len(rows.load), 2).astype(np.float32)
-        return ("chain", "draw", "row", "direction"), by_draw, _units(unit)
-
-    unit = posterior.specimen.unit
+    tissue = Tissue(posterior, pd.DataFrame({k: v.ravel() for k, v in natural.items()}), seed)
+    law, readings = [], []
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
-    predicted = variable(simulate(mean, sd, rng), unit)
-    exact = log_likelihood(mean, sd, rows.load, rows.scatter)
-    return {
-        "log_likelihood": {"load": variable(posterior.beta * exact)},
-        "log_likelihood_unweighted": {"load": variable(exact)},
-        "posterior_predictive": {"load": predicted, "model_load": variable(mean, unit)},
-    }
+    for i, p in enumerate(posterior.thinned.specimen.protocols):
+        loads = tissue.tested(i, p.stretch, np.arange(p.rest_rows, p.rows))
+        law.append(loads.law)
+        readings.append(simulate(loads.mean, loads.reading_sd, rng))
+
+    def variable(parts: list[np.ndarray]) -> tuple[Any, ...]:
+        by_draw = np.concatenate(parts, axis=1).reshape(chains, draws, -1, 2).astype(np.float32)
+        return ("chain", "draw", "row", "direction"), by_draw, _units(posterior.specimen.unit)
+
+    return {"load": variable(readings), "model_load": variable(law)}
 
 
 def _units(unit: str) -> dict[str, str]:
@@ -211,7 +204,7 @@ def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
         import xarray as xr
 
         check_archive(path)
-        with xr.open_datatree(path, engine="h5netcdf") as opened:
+        with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
         problem = _schema_error(tree["posterior"], tree["sample_stats"], parameters)
     except SuspiciousArchive as error:
@@ -228,7 +221,7 @@ def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
 
 def _schema_error(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:
     """Why these groups are not those of a run; empty if they are."""
-    for group, needed in ((posterior, parameters), (stats, ("lp", "tempered_log_likelihood"))):
+    for group, needed in ((posterior, parameters), (stats, ("lp", "log_likelihood"))):
         for name in needed:
             if name not in group.data_vars:
                 return f"no {name}"

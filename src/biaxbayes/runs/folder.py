@@ -50,16 +50,15 @@ OUTPUTS = (
 """Stems of tables with a figure."""
 EXPORTS = (
     *("profile-intervals", "report", "report-stresses", "identifiability", "law-fits"),
-    *("determined", "same-curves", "edges", "misfit"),
+    *("determined", "same-curves", "misfit"),
 )
-RECORDS = ("results", "profile-provenance", "identify", "study-rows", "study-layers")
+RECORDS = ("results", "profile-provenance")
 DERIVED = re.compile(
     rf"({'|'.join((*OUTPUTS, *EXPORTS))})\.csv|({'|'.join(RECORDS)})\.json|README\.txt"
     rf"|({'|'.join((*OUTPUTS, *PLOTS.values()))})(-.+mm)?\.({'|'.join(FIGURE_FORMATS)})"
-    rf"|{'|'.join(map(re.escape, REPORTS.values()))}|report\.md"
+    rf"|{'|'.join(map(re.escape, REPORTS.values()))}"
 )
-"""Files derived from the draws of their folder, stale once the draws change; some names are those
-of earlier versions."""
+"""Files derived from the draws of their folder, stale once the draws change."""
 PLAIN_NAME = re.compile(rf"({EVIDENCE}/)?[^./\\][^/\\]*")
 TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 """Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
@@ -82,7 +81,7 @@ def staged(
         try:
             yield staging
             for path in _files(staging):
-                with path.open("rb") as handle:
+                with path.open("r+b") as handle:  # Windows syncs only what can be written
                     os.fsync(handle.fileno())
             sync_folder(staging)
             staging.replace(folder / READY)
@@ -266,9 +265,9 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
     if not path.is_file():
         raise RunError(f"{path}: no such file; was the run folder copied completely?")
     listed = record.get("files")
-    wanted = listed.get(name) if isinstance(listed, dict) else None
-    if wanted is None:
-        return path  # a run of an earlier version
+    if not isinstance(listed, dict):
+        return path  # of a run that is being written
+    wanted = listed.get(name)
     digest = _digest(path.resolve())
     if not digest:
         raise RunError(f"{path}: cannot be read; check its permissions")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import math
 import platform
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, RunError
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from biaxbayes.specimens.specimen import Specimen
 
 
+FORMAT = 2
+"""Of run folders; those of another one are refused."""
 LIBRARIES = ("numpy", "scipy", "numba", "emcee", "h5netcdf", "matplotlib")
 
 
@@ -60,10 +63,7 @@ def settings_table(posterior: Posterior) -> dict[str, Any]:
 def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     """Keyword arguments of :class:`Posterior` from a stored settings table."""
     priors = table.get("priors", {})
-    thin = table.get("thin", 0)  # runs of versions without thinning used all rows
-    # An earlier estimate of the weight; the weight itself is stored, so the density is the same.
-    if table.get("noise") == "systematic":
-        table = table | {"noise": "effective"}
+    thin = table.get("thin")
     known = set(table) <= set(Settings.__dataclass_fields__)
     if not (known and isinstance(priors, dict) and isinstance(thin, int) and thin >= 0):
         raise RunError("the settings are not those of a run")
@@ -71,7 +71,7 @@ def parse_options(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def stored_law(table: Mapping[str, Any]) -> Law:
-    """The law of stored settings; the oldest runs name none and have the default law."""
+    """The law of stored settings."""
     name, switch = table.get("law", DEFAULT_LAW), table.get("fibre_switch") is True
     return law_named(str(name), fibre_switch=switch)
 
@@ -93,9 +93,9 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
     from biaxbayes.model.marginal_likelihood import marginal_likelihood_record
 
     specimen, convergence = posterior.specimen, draws.convergence
-    readings = posterior.readings
     converged = bool(convergence.names)
     return {
+        "format": FORMAT,
         "biaxbayes": biaxbayes.__version__,
         "specimen": specimen.name,
         "layer": specimen.layer,
@@ -106,14 +106,11 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         "settings": settings_table(posterior),
         "priors": {k: prior_value(v) for k, v in posterior.priors.items()},
         "noise": {
-            "beta": posterior.beta,
             "rows": int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
             "readings": int(sum(2 * (p.rows - p.rest_rows) for p in specimen.protocols)),
-            "rows_used": int(
-                sum(p.rows - p.rest_rows for p in posterior.thinned.specimen.protocols)
-            ),
-            "effective_readings": None if readings is None else readings.total,
+            "readings_compared": len(posterior.readings.weight) - posterior.readings.mounted,
             "load_noise": specimen.noise_sd,
+            "misfit": _misfit_amplitude(posterior, draws),
         },
         "seed": plan.seed,
         "sampler": {
@@ -141,6 +138,20 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
     }
 
 
+AMPLITUDE_DRAWS = 500
+
+
+def _misfit_amplitude(posterior: Posterior, draws: Draws) -> float | None:
+    """Mean relative amplitude of the smooth misfit; None with independent errors."""
+    if not posterior.settings.has_misfit:
+        return None
+    flat = {name: v.ravel() for name, v in draws.quantities.items()}
+    count = len(flat["lp"])
+    rows = np.linspace(0, count - 1, min(count, AMPLITUDE_DRAWS)).round().astype(int)
+    residual = posterior.residuals({name: v[rows] for name, v in flat.items()})
+    return posterior.misfit.amplitude(residual)
+
+
 @cache
 def _versions() -> dict[str, str]:
     out = {"python": platform.python_version()}
@@ -153,8 +164,6 @@ def _versions() -> dict[str, str]:
 # --- the record of a run folder, read as untrusted input ------------------------------------------
 
 
-STATES_OF_EARLIER_VERSIONS = {"reliable": "converged"}
-"""Names of states in earlier versions."""
 NUMBER = (int, float)
 REQUIRED_ENTRIES: dict[str, Any] = {
     "specimen": str,
@@ -162,7 +171,7 @@ REQUIRED_ENTRIES: dict[str, Any] = {
     "notes": list,
     "settings": dict,
     "seed": int,
-    "noise": {"beta": NUMBER, "readings": NUMBER, "effective_readings": (*NUMBER, type(None))},
+    "noise": {"readings": NUMBER, "load_noise": NUMBER, "misfit": (*NUMBER, type(None))},
     "sampler": {"message": str, "acceptance": NUMBER}
     | dict.fromkeys(("ensembles", "walkers", "steps"), int),
     "convergence": {"state": str, "reason": str}
@@ -176,19 +185,18 @@ OPTIONAL_ENTRIES = {"priors": dict, "versions": dict, "files": dict}
 def read_record(folder: Path) -> dict[str, Any]:
     """Read and check the provenance of a run folder."""
     record = read_json(folder, PROVENANCE)
+    if isinstance(record, dict) and "biaxbayes" in record and record.get("format") != FORMAT:
+        raise RunError(f"{folder}: made by an earlier version: sample again")
     wrong = _schema_error(record, REQUIRED_ENTRIES) or _schema_error(
         record, OPTIONAL_ENTRIES, optional=True
     )
     if not wrong:
         convergence = record["convergence"]
-        state = STATES_OF_EARLIER_VERSIONS.get(convergence["state"], convergence["state"])
-        convergence["state"] = state
+        state = convergence["state"]
         # A converged run has both numbers, any other run both or neither.
         numbers = [convergence[k] is not None for k in ("worst_ess", "worst_rhat")]
         if state not in STATES:
             wrong = "convergence: state"
-        elif not 0.0 < record["noise"]["beta"] < math.inf:
-            wrong = "noise: beta"
         elif numbers[0] != numbers[1] or (state == "converged" and not numbers[0]):
             wrong = "convergence: worst_ess, worst_rhat"
     if wrong:

@@ -17,11 +17,16 @@ import pandas as pd
 from biaxbayes.errors import RunError, listed
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.mounting_interval import measurement_advice
-from biaxbayes.identifiability.reported import Reported, ReportRow, report_frame, report_rows
+from biaxbayes.identifiability.reported import (
+    Reported,
+    ReportRow,
+    measurement_advice,
+    report_frame,
+    report_rows,
+    row_lines,
+)
 from biaxbayes.identifiability.sloppiness import sloppiness
 from biaxbayes.identifiability.verdict import (
-    BOUNDED,
     COMBINATION,
     IDENTIFIED,
     NO_VERDICT,
@@ -45,17 +50,17 @@ TABLES = {
     "identifiability": (
         "identifiability.csv",
         "how much the data narrow each parameter, which others it is correlated with, and which "
-        "ends of its range stay open (prior and posterior within the law).",
+        "ends of its range stay open.",
     ),
     "law_fits": (
         "law-fits.csv",
-        "every material law fitted to the same record. Laws that fit it and disagree on a mounting "
-        "stretch are why it has no value.",
+        "other material laws fitted to the same record. One that describes it as well and puts a "
+        "mounting stretch elsewhere takes its verdict away.",
     ),
     "determined": (
         "determined.csv",
-        "stresses, stiffnesses and structure tensors within the law. The data can fix these where "
-        "they leave single parameters open. The stresses to report are in report-stresses.csv.",
+        "stresses, stiffnesses and structure tensors. The data can fix these where they leave "
+        "single parameters open.",
     ),
     "same_curves": ("same-curves.csv", "sets of parameters that give the same curves."),
     "checks": (
@@ -65,7 +70,7 @@ TABLES = {
 }
 """Tables in the sub-folder evidence: file, and its content."""
 LOW_INFORMATION = 1.0 / 3.0
-"""A test that identifies or bounds at most this fraction of its parameters determines little."""
+"""A test that identifies at most this fraction of its parameters determines little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +91,7 @@ class RunResult:
     # and a sentence
     directions: tuple[dict[str, Any], ...]
     same_curves_in_words: str
-    summary: pd.DataFrame  # posterior within the law, as in summary.csv
+    summary: pd.DataFrame  # as in summary.csv
     identifiability: pd.DataFrame
     law_fits: pd.DataFrame
     determined: pd.DataFrame
@@ -95,8 +100,7 @@ class RunResult:
     quantities: Quantities
 
     def __repr__(self) -> str:
-        rows = ", ".join(f"{r.name}: {r.verdict}" for r in self.reported)
-        return f"RunResult({rows})"
+        return "\n".join([*row_lines(self.rows), self.fit]).rstrip()
 
     def __getitem__(self, name: str) -> Reported:
         """Reported row of a parameter."""
@@ -107,10 +111,10 @@ class RunResult:
 
     @property
     def low_information(self) -> str:
-        """Sentence on a test that determines at most a third of its parameters; else empty."""
+        """Sentence on a test that identifies at most a third of its parameters; else empty."""
         if self.state != "converged" or not self.reported:
             return ""
-        determined = [r for r in self.reported if r.verdict in (IDENTIFIED, BOUNDED)]
+        determined = [r for r in self.reported if r.verdict == IDENTIFIED]
         if len(determined) > len(self.reported) * LOW_INFORMATION:
             return ""
         names = f" ({listed([r.name for r in determined])})" if determined else ""
@@ -124,8 +128,7 @@ class RunResult:
         """Stresses to report, as in ``report-stresses.csv``: median and 90 % interval."""
         if self.determined.empty:
             return pd.DataFrame()
-        interval = {"tissue_low_90": "low", "tissue_high_90": "high"}
-        table = self.determined[self.determined["tissue_low_90"].notna()].rename(columns=interval)
+        table = self.determined[self.determined["quantity"].str.contains(" stress ")]
         columns = ["quantity", "unit", "stretch_x", "stretch_y", "median", "low", "high"]
         return table[columns].reset_index(drop=True)
 
@@ -140,7 +143,7 @@ class RunResult:
 
     def _repr_html_(self) -> str:
         """The reported table, for notebooks."""
-        shown = self.to_frame().drop(columns=["low", "high"])
+        shown = self.to_frame()
         return str(shown.to_html(index=False)) + f"<p>{self.fit}</p>"
 
 
@@ -156,7 +159,7 @@ def run_result(
     specimen, law, settings = posterior.specimen, posterior.law, posterior.settings
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
-    checks = predictive_checks(specimen, draws, settings=settings) if usable else nothing
+    checks = predictive_checks(posterior, draws) if usable else nothing
     curves = sloppiness(posterior, draws) if converged else None
     directions = () if curves is None else curves.directions
     reported = verdicts.reported
@@ -165,13 +168,9 @@ def run_result(
         fits = verdicts.fits.to_frame(posterior.mounts if settings.infers_mounting else ())
     table = nothing
     if converged:
-        table = determined(
-            draws,
-            specimen,
-            settings,
-            refits=verdicts.mounting_ranges(),
-            values=verdicts.mounting_values(),
-        )
+        stretches = [r for r in reported if posterior.quantities[r.name].parameter.kind == STRETCH]
+        known = all(r.verdict == IDENTIFIED for r in stretches)
+        table = determined(posterior, draws, total=known)
     return RunResult(
         law=law.name,
         state=verdicts.state,
@@ -238,7 +237,7 @@ def write_result(result: RunResult, folder: Path) -> list[str]:
     text = json.dumps(as_record(result), indent=1, ensure_ascii=False, allow_nan=False)
     atomic_write_text(folder / RESULTS, text + "\n")
     tables = {REPORT: result.to_frame(), STRESSES: result.stresses}
-    lines = ["The tables behind report.csv. Do not report the intervals in this folder.", ""]
+    lines = ["The tables behind report.csv.", ""]
     for name, (file, sentence) in TABLES.items():
         tables[f"{EVIDENCE}/{file}"] = getattr(result, name)
         if not getattr(result, name).empty:
@@ -292,7 +291,7 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
     try:
         plain = {name: str(record[name]) for name in TEXT_FIELDS}
         tables = {name: _table(record["evidence"][name]) for name in TABLES}
-        reported = tuple(_reported(r, quantities, plain["state"]) for r in record["reported"])
+        reported = tuple(_reported(r, quantities) for r in record["reported"])
         values: dict[str, Any] = {**plain, **tables}
         result = RunResult(
             reported=reported,
@@ -312,25 +311,30 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
             raise ValueError("another law")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(
-            f"{path}: is not the result of this run ({error}); delete it, and it is computed again"
+            f"{path}: is not the result of this run ({error}); copy the folder again, or sample "
+            "again"
         ) from None
     return result
 
 
-def _reported(record: Mapping[str, Any], quantities: Quantities, state: str) -> Reported:
-    low, high = (math.nan if record[k] is None else float(record[k]) for k in ("low", "high"))
-    verdict = str(record["verdict"])
-    if state != "converged":
-        verdict = NO_VERDICT  # runs of earlier versions have "not identified" here
+def _reported(record: Mapping[str, Any], quantities: Quantities) -> Reported:
+    median, low, high = (
+        math.nan if record[k] is None else float(record[k]) for k in ("median", "low", "high")
+    )
+    verdict, bound = str(record["verdict"]), str(record["bound"])
+    if bound not in ("", "low", "high"):
+        raise ValueError(f"unknown bound {bound:.40}")
     if verdict not in (*VERDICTS, NO_VERDICT):
         raise ValueError(f"unknown verdict {verdict:.40}")
     return Reported(
         quantities[str(record["name"])].name,
         str(record["unit"]),
+        median,
         low,
         high,
         verdict,
         str(record["reason"]),
+        bound,
         tuple(str(p) for p in record["partners"]),
     )
 

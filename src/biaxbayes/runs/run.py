@@ -14,10 +14,11 @@ import pandas as pd
 
 from biaxbayes.errors import RunError
 from biaxbayes.file_lock import folder_lock
+from biaxbayes.fitting.result import FitResult, fit_from_record
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
-from biaxbayes.parameters import Quantities
+from biaxbayes.parameters import NOISE_SD, Quantities
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import quantity_name, read_archive
 from biaxbayes.runs.folder import (
@@ -33,7 +34,8 @@ from biaxbayes.sampling.convergence import Convergence, assess
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.text_files import one_line
+from biaxbayes.tasks import kept_warning_filters
+from biaxbayes.text_files import as_path, one_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,11 +44,10 @@ if TYPE_CHECKING:
     from biaxbayes.runs.result import RunResult
 
 
-# --- summary.csv: ArviZ's summary of the draws within the law -------------------------------------
+# --- summary.csv: ArviZ's summary of the draws ---------------------------------------------------
 
 SUMMARY_COLUMNS = (
     *("parameter", "unit", "mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat"),
-    "posterior_within",
 )
 
 
@@ -55,9 +56,8 @@ def summarise(
     names: tuple[str, ...],
     known: Quantities,
     convergence: Convergence,
-    law: str,
 ) -> pd.DataFrame:
-    """ArviZ's summary of the draws within the law; ``report.csv`` has what to report.
+    """ArviZ's summary of the draws; ``report.csv`` has the same quantiles with their verdicts.
 
     ``quantities`` are arrays (ensembles, steps, walkers) by name, ``names`` the rows. Where the
     chains are ``tentative`` the effective sample sizes are left empty, where they are ``unusable``
@@ -68,7 +68,7 @@ def summarise(
     for name in names:
         draws = quantities[name]
         row: dict[str, object] = dict.fromkeys(SUMMARY_COLUMNS, np.nan)
-        row |= {"parameter": name, "unit": known[name].unit, "posterior_within": law}
+        row |= {"parameter": name, "unit": known[name].unit}
         i = position.get(name)
         if convergence.state != "unusable" and draws.size:
             q05, q50, q95 = np.quantile(draws, [0.05, 0.5, 0.95])
@@ -114,8 +114,8 @@ class Run:
     def tree(self) -> xr.DataTree:
         """posterior.nc in memory."""
         path = trusted_path(self.path, "posterior.nc", self.provenance)
-        errors = (parameter.name for parameter in self.settings.error_model.parameters)
-        return read_archive(path, [*self.law.names, *errors])
+        noise = () if self.settings.has_misfit else (NOISE_SD.name,)
+        return read_archive(path, [*self.law.names, *noise])
 
     @property
     def arviz(self) -> Any:
@@ -123,7 +123,14 @@ class Run:
         import arviz
 
         _ = self.tree  # the file passes its checks
-        return arviz.from_netcdf(self.path / "posterior.nc")
+        with kept_warning_filters():
+            opened = arviz.from_netcdf(self.path / "posterior.nc")
+            read = opened.load()
+        # closed, as others may want to replace the file
+        names = opened.groups() if callable(opened.groups) else opened.groups  # ArviZ 0.2x or 1
+        for name in names:
+            opened[name].close()
+        return read
 
     def with_draws(self, draws: pd.DataFrame) -> Run:
         """The same run with its :attr:`draws` at hand, which are not read then."""
@@ -133,10 +140,10 @@ class Run:
 
     @cached_property
     def draws(self) -> pd.DataFrame:
-        """One row per draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""
+        """One row per draw: natural quantities, ``log_likelihood`` and ``lp``."""
         quantities, stats = self.tree["posterior"].data_vars, self.tree["sample_stats"]
         columns = {quantity_name(k): v.to_numpy().ravel() for k, v in quantities.items()}
-        columns["log_likelihood"] = stats["tempered_log_likelihood"].to_numpy().ravel()
+        columns["log_likelihood"] = stats["log_likelihood"].to_numpy().ravel()
         columns["lp"] = stats["lp"].to_numpy().ravel()
         return pd.DataFrame(columns)
 
@@ -152,15 +159,12 @@ class Run:
 
     @cached_property
     def result(self) -> RunResult:
-        """Result: ``results.json``, or computed again in a folder of an earlier version."""
+        """The result, from ``results.json``."""
         from biaxbayes.runs.result import RESULTS, result_from_record
 
-        path = self.path / RESULTS
-        if os.path.lexists(path):
-            trusted_path(self.path, RESULTS, self.provenance)
-            record = read_json(self.path, RESULTS)
-            return result_from_record(record, self.law, self.quantities, path)
-        return self.analyse()[0]
+        path = trusted_path(self.path, RESULTS, self.provenance)
+        record = read_json(self.path, RESULTS)
+        return result_from_record(record, self.law, self.quantities, path)
 
     def analyse(self) -> tuple[RunResult, Identifiability]:
         """The result, and the verdicts with their densities, computed from the draws."""
@@ -175,7 +179,7 @@ class Run:
         chains = {name: np.ascontiguousarray(v) for name, v in self.chains.items()}
         names = tuple(n for n in posterior.parameter_names if n in chains)
         convergence = replace(assess(chains, target_ess=0.0), state=self.state)
-        summary = summarise(chains, names, self.quantities, convergence, self.law.short_name)
+        summary = summarise(chains, names, self.quantities, convergence)
         verdicts = identify_run(posterior, self.draws, self.state)
         return run_result(
             verdicts, posterior, self.draws, summary, self.provenance["convergence"], self.findings
@@ -183,7 +187,7 @@ class Run:
 
     @property
     def summary(self) -> pd.DataFrame:
-        """The posterior within the law, as in summary.csv: ``run.summary.loc["C1", "q50"]``."""
+        """Quantiles of every quantity, as in summary.csv: ``run.summary.loc["C1", "q50"]``."""
         table = self.result.summary
         return table.set_axis(table["parameter"].to_list(), axis="index")
 
@@ -208,11 +212,6 @@ class Run:
         """``converged``, ``tentative`` or ``unusable``."""
         return str(self.provenance["convergence"]["state"])
 
-    @property
-    def beta(self) -> float:
-        """Weight n_eff / n of the log likelihood."""
-        return float(self.provenance["noise"]["beta"])
-
     @cached_property
     def settings(self) -> Settings:
         """The settings of the statistical model."""
@@ -234,8 +233,20 @@ class Run:
     def posterior(self) -> Posterior:
         """The posterior that was sampled, rebuilt from the stored settings."""
         return Posterior(
-            self.specimen, **parse_options(self.provenance["settings"]), beta=self.beta
+            self.specimen,
+            **parse_options(self.provenance["settings"]),
+            misfit_fit=self._stored_fit(),
         )
+
+    def _stored_fit(self) -> FitResult:
+        """The fit whose loads the smooth misfit of the run is relative to."""
+        try:
+            (record,) = self.fit
+            return fit_from_record(record, self.law, len(self.quantities.states))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise RunError(
+                f"{self.path / 'fit.json'}: is not the fit of this run ({error})"
+            ) from None
 
     def _repr_html_(self) -> str:
         """State and reported table for notebooks."""
@@ -251,7 +262,7 @@ def open_run(path: str | Path) -> Run:
     RunError
         If the folder is not a finished run.
     """
-    path = Path(path)
+    path = as_path(path, "run")
     try:
         if not os.path.lexists(path):
             raise RunError(f"{path}: does not exist; {MAKE_RUN}")

@@ -18,7 +18,12 @@ from biaxbayes.sampling.target import LogDensity
 MAX_NEWTON_STEPS = 40
 STEP_FACTORS = np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 1e-3])
 MAX_CURVATURE = 1e14  # curvature in units of scale; beyond it differences are noise
-MIN_RISE = 1e-2  # rise of the log density below which a start is good enough
+BOUND_MARGIN = 1e-3
+"""Distance from the bounds that a climb keeps."""
+DIFFERENCE = 0.3
+"""Step of finite differences, in conditional sds of a coordinate."""
+MIN_RISE = 1e-2
+"""Rise of the log density below which a start is good enough."""
 
 
 def local_mode(
@@ -26,21 +31,25 @@ def local_mode(
     start: np.ndarray,
     scale: np.ndarray,
     bounds: np.ndarray,
+    *,
+    least_rise: float = MIN_RISE,
+    step: float = DIFFERENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Climb to a mode (d,) by damped Newton steps on finite differences, inside the bounds.
 
-    Many points at once cost microseconds, so finite differences suffice. Also returns a square
-    root (d, d) of the covariance of the local Gaussian approximation, its widths
-    limited to ``scale``: beyond it a direction counts as not determined.
+    Many points at once cost microseconds, so finite differences suffice. The climb ends where a
+    step raises the log density by less than ``least_rise``; differences are over ``step``
+    conditional sds. Also returns a square root (d, d) of the covariance of the local Gaussian
+    approximation, its widths limited to ``scale``: beyond it a direction counts as not determined.
     """
-    low = np.where(np.isfinite(bounds[:, 0]), bounds[:, 0] + 1e-3, -np.inf)
-    high = np.where(np.isfinite(bounds[:, 1]), bounds[:, 1] - 1e-3, np.inf)
+    low = np.where(np.isfinite(bounds[:, 0]), bounds[:, 0] + BOUND_MARGIN, -np.inf)
+    high = np.where(np.isfinite(bounds[:, 1]), bounds[:, 1] - BOUND_MARGIN, np.inf)
     x = np.clip(start, low, high)
     value = float(log_density(x[None])[0])
-    step = 0.02 * scale
+    over = 0.02 * scale
     factor = np.diag(scale)
     for _ in range(MAX_NEWTON_STEPS):
-        gradient, hessian = _differences(log_density, x, value, step, low, high)
+        gradient, hessian = _differences(log_density, x, value, over, low, high)
         # Directions in units of scale, so that the eigenvalues compare with one.
         h = -hessian * np.outer(scale, scale)
         if not (np.isfinite(h).all() and np.isfinite(gradient).all()):
@@ -58,9 +67,9 @@ def local_mode(
         rise = float(values[best]) - value
         if rise > 0.0:
             x, value = candidates[best], float(values[best])
-        # A fraction of the conditional sd of each coordinate, from the diagonal of the precision.
-        step = 0.3 * scale / np.sqrt((directions**2 * curvature).sum(axis=1))
-        if rise < MIN_RISE:
+        # The conditional sd of each coordinate is from the diagonal of the precision.
+        over = step * scale / np.sqrt((directions**2 * curvature).sum(axis=1))
+        if rise < least_rise:
             break
     return x, factor
 
@@ -118,7 +127,7 @@ def find_modes(
 ) -> list[Mode]:
     """Climb from every start (n, d); the different modes that matter, the heaviest first."""
     # A start on a bound has its density, if any, next to it.
-    inner = np.clip(starts, bounds[:, 0] + 1e-3, bounds[:, 1] - 1e-3)
+    inner = np.clip(starts, bounds[:, 0] + BOUND_MARGIN, bounds[:, 1] - BOUND_MARGIN)
     modes = []
     for start in inner[np.isfinite(log_density(inner))]:
         location, factor = local_mode(log_density, start, scale, bounds)

@@ -25,7 +25,7 @@ from biaxbayes.specimens.protocol import AUTO_REST_ROWS, CURVES, Protocol, Readi
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.table import STRETCHES, SpecimenTable, read_table
 from biaxbayes.tables.units import likely_name
-from biaxbayes.text_files import atomic_write_text, cells_of, one_line, read_lines
+from biaxbayes.text_files import as_path, atomic_write_text, cells_of, one_line, read_lines
 
 MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
 """Measured stretch of the mounted state, in a record with one common reference."""
@@ -94,7 +94,7 @@ def read_specimen(path: str | os.PathLike) -> Specimen:
     InputError
         With file, row, column and remedy.
     """
-    path = Path(path)
+    path = as_path(path, "specimen")
     return parse_specimen(read_lines(path), path)
 
 

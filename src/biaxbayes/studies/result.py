@@ -16,7 +16,6 @@ import pandas as pd
 
 from biaxbayes.comparison.distance import contractions, prior_material
 from biaxbayes.identifiability.determined import derived_quantities, thin_draws
-from biaxbayes.identifiability.reported import MAX_RATIO
 from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED, Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.runs.run import Run
@@ -28,9 +27,9 @@ PARAMETER, CURVE = "parameter", "curve"
 """Kinds of row: an unknown of the run, or a derived quantity that shapes the curve."""
 STUDY_COLUMNS = (
     *("specimen", "donor", "layer", "file", "folder", "state", "reason", "kind", "quantity"),
-    *("unit", "verdict", "reported_low", "reported_high", "reported", "reported_reason"),
+    *("unit", "verdict", "reported", "reported_reason"),
     *("mean", "sd", "q05", "q50", "q95", "scale", "scale_sd", "ess_bulk", "ess_tail", "rhat"),
-    *("readings", "effective_readings", "beta"),
+    *("readings", "misfit"),
 )
 LOG, LINEAR = "log", "linear"
 SUMMARY_NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
@@ -81,8 +80,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
         "state": run.state,
         "reason": convergence["reason"] if run.state != "converged" else "",
         "readings": noise["readings"],
-        "effective_readings": noise["effective_readings"] or noise["readings"],
-        "beta": noise["beta"],
+        "misfit": noise["misfit"],
     }
     result = run.result
     reported = {row["parameter"]: row for row in result.to_frame().to_dict("records")}
@@ -101,8 +99,6 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
                 "quantity": name,
                 "unit": record["unit"],
                 "verdict": row.get("verdict", FIXED if record["q05"] == record["q95"] else ""),
-                "reported_low": row.get("low", math.nan),
-                "reported_high": row.get("high", math.nan),
                 "reported": row.get("interval", ""),
                 "reported_reason": row.get("reason", ""),
                 "scale": scale,
@@ -124,7 +120,7 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     for quantity, share in zip(after, contractions(before, after), strict=True):
         scale = LOG if quantity.unit else LINEAR
         q05, q50, q95 = np.quantile(quantity.values, [0.05, 0.5, 0.95])
-        narrow = scale == LINEAR or q95 <= MAX_RATIO * q05
+        narrow = scale == LINEAR or q95 <= Thresholds().max_ratio * q05
         known = run.state == "converged" and share >= Thresholds().contraction and narrow
         rows.append(
             {

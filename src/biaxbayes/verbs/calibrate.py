@@ -29,7 +29,7 @@ from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import stored_identity
-from biaxbayes.runs.provenance import STATES_OF_EARLIER_VERSIONS, specimen_digest
+from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
@@ -53,7 +53,6 @@ RANK_COLUMNS = (
     "reason",
     "worst_ess",
     "worst_rhat",
-    "beta",
     "rejected_draws",
     "seconds",
 )
@@ -222,7 +221,6 @@ def rows_of(replication: Replication, known: Quantities) -> list[dict[str, Any]]
             "reason": r.reason,
             "worst_ess": r.worst_ess,
             "worst_rhat": r.worst_rhat,
-            "beta": r.beta,
             "rejected_draws": r.rejected,
             "seconds": round(r.seconds, 3),
         }
@@ -240,7 +238,6 @@ def read_ranks(path: Path) -> pd.DataFrame:
             if name not in TEXT_COLUMNS:
                 # Python's parser reads back exactly what was written.
                 table[name] = [float(v) if v else math.nan for v in table[name]]
-        table["state"] = table["state"].replace(STATES_OF_EARLIER_VERSIONS)
         return table.astype({"replication": int, "rejected_draws": int})
     except (OSError, ValueError):
         raise RunError(
@@ -311,22 +308,20 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     """Simulation-based calibration on the protocols, dimensions and load noise of SPECIMEN.
 
     True values are drawn, readings simulated and sampled as a measured specimen's are, and
-    the true values ranked among the draws. Writes ranks.csv, calibration.csv, a figure and the
-    priors used. With independent noise the ranks must be uniform; with effective noise, whose
-    weight is estimated from each record, the coverage is reported. Exit code 3 when the ranks
-    are not uniform.
+    the true values ranked among the draws. A misfit of the law is drawn as well, relative to the
+    loads that fit SPECIMEN. Writes ranks.csv, calibration.csv, a figure and the priors used. Exit
+    code 3 when the ranks are not uniform.
     """
     given = opt.with_priors(**given)
     folder = out or Path(f"{specimen.stem}-calibration")
     with opt.progress_and_stop(quiet) as work:
         outcome = calibrate(specimen, out=folder, **work, **given)
-    tested = given["noise"] == "independent"
     if not quiet:
-        click.echo(closing_message(folder, outcome, tested))
-    return opt.NOT_CONVERGED if tested and not outcome.calibrated else 0
+        click.echo(closing_message(folder, outcome))
+    return 0 if outcome.calibrated else opt.NOT_CONVERGED
 
 
-def closing_message(folder: Path, outcome: CalibrationResult, tested: bool) -> str:
+def closing_message(folder: Path, outcome: CalibrationResult) -> str:
     """Uniformity and coverage of each quantity, and the conclusion."""
     from biaxbayes.calibration.ranks import MIN_REPLICATIONS
 
@@ -342,18 +337,13 @@ def closing_message(folder: Path, outcome: CalibrationResult, tested: bool) -> s
         f"{total} replications, "
         + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all converged")
     )
-    if total < MIN_REPLICATIONS and (outcome.calibrated or not tested):
+    if total < MIN_REPLICATIONS and outcome.calibrated:
         lines.append(
             f"{total} replications are too few: wrong intervals would look the same; run "
             f"{MIN_REPLICATIONS} or more (--replications, with --resume)"
         )
-    elif tested:
+    else:
         verdict = "uniform" if outcome.calibrated else "NOT uniform"
         lines.append(f"the ranks of all quantities together are {verdict} (p = {outcome.p:.3g})")
-    else:
-        lines.append(
-            "the weight of the likelihood is estimated from each record, so the ranks need not be "
-            "uniform: look at the coverage"
-        )
     lines.append(f"written to {folder}")
     return "\n".join(lines)

@@ -160,13 +160,13 @@ def _print_comparison(result: Comparison, out: Path) -> None:
     from biaxbayes.identifiability.reported import report_rows, row_lines
 
     for member, reported in zip(result.members, result.reported, strict=True):
-        click.echo(f"{printable(member.label)}: 90 % intervals and 95 % bounds")
+        click.echo(f"{printable(member.label)}: medians, 90 % intervals and 95 % bounds")
         for line in row_lines(report_rows(reported, member.posterior.quantities)):
             click.echo(f"  {line}")
     identified = result.distances[result.distances["identified_in_both"]]
     if len(identified):
         click.echo(
-            "\nlargest differences, within the law, of quantities that both runs identify or bound "
+            "\nlargest differences of quantities that both runs identify or bound "
             "(90 % intervals; in common sd):"
         )
     for (a, b), rows in identified.groupby(["run_a", "run_b"], sort=False):

@@ -55,7 +55,7 @@ def design(
     executor = executor_for(workers, scheduler)
     opened = inputs.usable_run(run)
     posterior = opened.posterior()
-    tried = standard_candidates(posterior, **candidates)
+    tried = standard_candidates(posterior, opened.draws, **candidates)
     result = rank(posterior, opened.draws, tried, executor=executor, progress=progress, **ranking)
     if out is not None:
         from biaxbayes.figures.simulations import design_figure
@@ -118,7 +118,7 @@ def print_design(result: Design, unit: str) -> None:
     for name in result.skipped:
         click.echo(f"note: {name} is left out, because its loads overflow for some draws")
     click.echo(
-        "note: new protocols are assumed to have independent errors of the same size and "
-        "correlation as the run;\na misfit that recurs in every repeat does not average out"
+        "note: readings of a new protocol have the errors of the run's: the noise of the load cell "
+        "and the misfit of the law,\nwhich recurs in a repeat and does not average out"
     )
     click.echo(f"\n{result.conclusion}")

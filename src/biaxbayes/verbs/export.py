@@ -11,6 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
+from biaxbayes.text_files import as_path
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
 from biaxbayes.verbs.options import (
     argument,
@@ -91,7 +92,7 @@ def export(
 
     if to not in CARD_PROGRAMS:
         raise InputError(
-            f"unknown program {to[:40]!r}", remedy=f"one of {', '.join(CARD_PROGRAMS)}"
+            f"unknown program {str(to)[:40]!r}", remedy=f"one of {', '.join(CARD_PROGRAMS)}"
         )
     chosen = CardOptions.from_values(options)
     if chosen.draws is not None and chosen.at is not None:
@@ -99,8 +100,9 @@ def export(
     if population is not None:
         if chosen.at is not None or isinstance(run, Run):
             raise InputError("`population` takes a population's folder, and no `at`")
-        folder = _folder(Path(run), to, chosen.units, out)
-        return _export_population(Path(run), population, to, chosen, folder, anyway)
+        source = as_path(run, "run")
+        folder = _folder(source, to, chosen.units, out)
+        return _export_population(source, population, to, chosen, folder, anyway)
     opened = usable_run(run, anyway=anyway)
     rows, origin = chosen_draws(
         opened.draws,
@@ -120,14 +122,20 @@ def export(
         units=chosen.units,
         bulk_ratio=chosen.bulk_ratio,
         origin=origin,
+        warnings=law_warnings(opened.result.better_law),
         overwrite=chosen.overwrite,
     )
+
+
+def law_warnings(better_law: str) -> tuple[str, ...]:
+    """The warning of a card whose law another one beats; none if ``better_law`` is empty."""
+    return (f"WARNING: {better_law}.",) if better_law else ()
 
 
 def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
     from biaxbayes.runs.folder import CARDS
 
-    return run / f"{CARDS}-{to}-{units}" if out is None else Path(out)
+    return run / f"{CARDS}-{to}-{units}" if out is None else as_path(out, "out")
 
 
 # --- cards of a population: new specimens of a group, and its mean curve -------------------------
@@ -137,7 +145,7 @@ def _export_population(
     folder: Path, group: str, program: str, chosen: CardOptions, out: Path, anyway: bool
 ) -> pd.DataFrame:
     """Write cards of new specimens of a group; ``mean-curve`` has the one nearest the median."""
-    from biaxbayes.cards.export import export_cards
+    from biaxbayes.cards.export import made_cards, write_cards
     from biaxbayes.laws import law_named
     from biaxbayes.parameters import mounting_names
     from biaxbayes.prediction.draws import chosen_draws
@@ -171,9 +179,11 @@ def _export_population(
         "overwrite": chosen.overwrite,
     }
     origin = f"new specimen of {group}"
-    manifest = export_cards(table, specimen, law, rows, out, origin=origin, **how)
+    manifest, files = made_cards(table, specimen, law, rows, out, origin=origin, **how)
     origin += " with the curves nearest the median curves"
-    export_cards(table, specimen, law, mean, out / MEAN_CURVE, origin=origin, **how)
+    curve = out / MEAN_CURVE
+    _, of_the_mean = made_cards(table, specimen, law, mean, curve, origin=origin, **how)
+    write_cards(files | of_the_mean)
     return manifest
 
 
@@ -218,6 +228,9 @@ def command(run: Path, out: Path | None, **given: Any) -> None:
         "stress of the written cards agrees with the draws to "
         f"{manifest['check_relative_deviation'].max():.1e}"
     )
+    better = "" if given["population"] is not None else opened.result.better_law
+    if better:
+        click.echo(f"warning: {better}", err=True)
     changed = manifest[manifest["switch_changes_stress_kPa"] > 0.0]
     if len(changed):
         click.echo(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.parameters import STRETCH
+from biaxbayes.parameters import NOISE_SD, STRETCH
 from biaxbayes.progress_bar import OnProgress as OnProgress
 from biaxbayes.progress_bar import Progress
 from biaxbayes.specimens.check import with_force
@@ -18,6 +18,7 @@ from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.tasks import no_stop as no_stop
+from biaxbayes.text_files import as_path
 
 if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
@@ -42,8 +43,8 @@ def open_specimen(
         file = specimen.name
         check_readings(specimen)
     else:
-        file = Path(specimen)
-        specimen = read_specimen(specimen)
+        file = as_path(specimen, "specimen")
+        specimen = read_specimen(file)
     return specimen if mounting_force is None else with_force(specimen, mounting_force, file)
 
 
@@ -51,14 +52,20 @@ def as_run(run: RunLike) -> Run:
     """A run, or the folder to open it from."""
     from biaxbayes.runs.run import open_run
 
-    return open_run(run) if isinstance(run, str | Path) else run
+    if isinstance(run, str | Path):
+        return open_run(run)
+    if not hasattr(run, "provenance"):
+        raise InputError(f"`run` must be a run or its folder, not {type(run).__name__}")
+    return run
 
 
 def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
     """A run whose draws can be computed with: converged, and none missing or out of range."""
     opened = as_run(run)
     # A run folder is untrusted input.
-    needed = {p.name: p for p in (*opened.law.parameters, *opened.settings.error_model.parameters)}
+    needed = {p.name: p for p in opened.law.parameters}
+    if not opened.settings.has_misfit:
+        needed[NOISE_SD.name] = NOISE_SD
     stretches = opened.quantities.of_kind(STRETCH)
     known = needed | {q.name: q.parameter for q in stretches if q.name in opened.draws}
     for name, p in known.items():
@@ -74,6 +81,24 @@ def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
     return opened
 
 
+def check_switches(**given: Any) -> None:
+    """Refuse what is neither True nor False."""
+    for name, value in given.items():
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"`{name}` must be True or False, not {type(value).__name__}")
+
+
+def as_numbers(values: Any, name: str, count: int | None = None) -> np.ndarray:
+    """Numbers of an argument, ``count`` of them if that is given; refuses anything else."""
+    try:
+        numbers = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"`{name}` must be numbers") from None
+    if count is not None and numbers.shape != (count,):
+        raise InputError(f"`{name}` must be {count} numbers")
+    return numbers
+
+
 def is_run(source: RunLike | SpecimenLike) -> bool:
     """True for a run or its folder, False for a specimen."""
     if isinstance(source, str | Path):
@@ -85,7 +110,7 @@ def is_run(source: RunLike | SpecimenLike) -> bool:
 
 def make_folder(path: PathLike) -> Path:
     """Make a folder to write into, where it does not exist."""
-    folder = Path(path)
+    folder = as_path(path, "out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -142,7 +167,9 @@ def as_style(style: Any) -> dict[str, Any] | None:
     """Settings of matplotlib, read from a file if it is a path."""
     from biaxbayes.figures.style import read_style
 
-    return read_style(style) if isinstance(style, str | Path) else style
+    if style is None or isinstance(style, Mapping):
+        return None if style is None else dict(style)
+    return read_style(as_path(style, "style"))
 
 
 def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:

@@ -16,6 +16,7 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.comparison.law_comparison import (
     WHOLE,
+    PredictedReadings,
     Prediction,
     Task,
     left_out_parts,
@@ -34,12 +35,11 @@ from biaxbayes.options import (
     takes_options,
 )
 from biaxbayes.parallel import executor_for
-from biaxbayes.parameters import Quantities
+from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.checkpoint import DamagedCheckpoint, pack_record, unpack_record
 from biaxbayes.runs.folder import stored_identity
 from biaxbayes.runs.provenance import specimen_digest
-from biaxbayes.runs.result import REPORT
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
 from biaxbayes.text_files import (
@@ -104,8 +104,8 @@ def compare_laws(
     ----------
     specimen : Specimen or path-like
     out : path-like, optional
-        Folder for laws.csv, report.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the
-        figures and laws.html.
+        Folder for laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the figures and
+        laws.html.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, added back.
     resume : bool
@@ -152,13 +152,13 @@ def compare_laws(
             tasks.append(Task(law, specimen, part, common, seed, plan.ess, plan.max_steps))
     if out is None:
         predictions = _sample_parts(tasks, None, executor, progress, stop)
-        return weigh_laws(specimen, common, predictions, laws)
+        return weigh_laws(specimen, predictions, laws)
     folder = Path(out)
     with inputs.claim_folder(folder, {RECORD}, "a comparison of laws"):
         _record(folder, specimen, common, laws, plan, resume=resume)
         predictions = _sample_parts(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
-        result = weigh_laws(specimen, common, predictions, laws)
+        result = weigh_laws(specimen, predictions, laws)
         _write(result, specimen, folder)
     return result
 
@@ -231,8 +231,9 @@ def _sample_parts(
 
 def _store(path: Path, prediction: Prediction) -> None:
     draws = {"draws": prediction.draws.to_numpy(), "columns": list(prediction.draws.columns)}
+    readings = {} if prediction.readings is None else vars(prediction.readings)
     path.parent.mkdir(exist_ok=True)
-    atomic_write_bytes(path, pack_record(vars(prediction) | draws))
+    atomic_write_bytes(path, pack_record(vars(prediction) | draws | {"readings": readings}))
 
 
 def _read(path: Path) -> Prediction | None:
@@ -240,7 +241,8 @@ def _read(path: Path) -> Prediction | None:
     try:
         record = unpack_record(read_bytes(path))
         draws = pd.DataFrame(record["draws"], columns=record.pop("columns"))
-        return Prediction(**record | {"residuals": tuple(record["residuals"]), "draws": draws})
+        readings = PredictedReadings(**record["readings"]) if record["readings"] else None
+        return Prediction(**record | {"readings": readings, "draws": draws})
     except (InputError, DamagedCheckpoint, ValueError, KeyError, TypeError):
         return None
 
@@ -253,12 +255,10 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
         law_mounting_figure,
     )
     from biaxbayes.figures.style import save_pictures
-    from biaxbayes.identifiability.reported import report_frame
     from biaxbayes.reports.comparison import laws_page
 
     tables = {
         "laws.csv": compared.table,
-        REPORT: report_frame(compared.reported, Quantities(())),
         "left-out.csv": compared.parts,
         "stacked-draws.csv": compared.draws,
         "stacked-bands.csv": compared.bands,
@@ -295,8 +295,8 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     r"""Fit and sample every material law on SPECIMEN, and compare their predictions.
 
     Each protocol is left out in turn, or each quarter of the only one, and predicted from the rest.
-    Writes laws.csv, report.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures
-    and laws.html. Exit code 3 when a law has not converged on some part of the record.
+    Writes laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures and
+    laws.html. Exit code 3 when a law has not converged on some part of the record.
 
     \b
     biaxbayes laws media.csv --laws goh,fung
@@ -312,16 +312,14 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 
 def _print_laws(result: LawComparison, folder: Path) -> None:
-    """Print the table, largest weight first, and the reported mounting stretches."""
-    from biaxbayes.identifiability.reported import report_rows, row_lines
+    """Print the table, largest weight first, with the mounting stretches."""
+    from biaxbayes.reports.comparison import stretch_texts
 
-    stretches = any(str(c).startswith("mounting_stretch_x") for c in result.table)
+    stretches = [q for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in result.table]
     lines = [
-        ["", "rms_kPa", "left out", "density", "weight", "(range)"],
-        ["", "kPa", "kPa", "nats", "", ""],
+        ["", "rms_kPa", "left out", "density", "weight", "(range)", *(q.name for q in stretches)],
+        ["", "kPa", "kPa", "nats", "", "", *(["median, 90 %"] * len(stretches))],
     ]
-    if stretches:
-        lines[0].append("mounting stretch x, 90 %")
     table = result.table.sort_values("weight", ascending=False, kind="stable", na_position="last")
     for row in (*table.iloc[1:].to_dict("records"), table.iloc[0].to_dict()):
         if pd.isna(row["left_out_rms_kPa"]):
@@ -332,17 +330,14 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
         spread = "" if pd.isna(low) else f"({low:.2f}-{high:.2f})"
         left_out = f"{row['left_out_rms_kPa']:.3g}", f"{row['left_out_density_nats']:.1f}"
         lines.append([row["law"], rms, *left_out, f"{row['weight']:.2f}", spread])
-        if stretches:
-            low, high = row["mounting_stretch_x_q05"], row["mounting_stretch_x_q95"]
-            lines[-1].append(f"{low:.4f} to {high:.4f}")
+        lines[-1] += [f"{m}, {low} to {high}" for m, low, high in stretch_texts(row)]
     for line in aligned(lines, right=range(1, 6)):
         click.echo(line)
     click.echo(
         "\nrms: error of the fit to all rows; left out: error of predicting the parts left out;\n"
         "density: log predictive density of these, larger is better (2.3 nats more: ten times as\n"
         "probable); weights: shares of the mixture that predicts best (stacking). The mixture\n"
-        "predicts stresses; it is not a posterior of the mounting stretch."
+        "predicts stresses; below the tested stretches, and so for the mounting stretch, its\n"
+        "weights are untested."
     )
-    for line in row_lines(report_rows(result.reported, Quantities(()))):
-        click.echo(line)
     click.echo(f"\nopen {folder / 'laws.html'}; tables and figures are beside it")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,11 @@ from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profiles
 from biaxbayes.laws import all_parameters
-from biaxbayes.options import FIGURE_FORMATS, PLOTS
+from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
-from biaxbayes.tasks import process_lock
-from biaxbayes.text_files import read_text
+from biaxbayes.tasks import process_lock, usual_numpy_errors
+from biaxbayes.text_files import as_path, read_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
 
@@ -39,6 +39,8 @@ PLOT_TAKES = {
 """Options of some figures only."""
 FIGURES_OF_UNCONVERGED_RUNS = ("trace", "profile")
 """Figures of runs that have not converged: traces show why, and a profile uses no draws."""
+WIDTH = Option(kind=float, minimum=50.0, maximum=400.0)
+"""Width of a figure in print, mm."""
 MAX_PROFILES_IN_COLUMN = 3
 """Profiles that fit one column of a page."""
 
@@ -92,7 +94,7 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
         case "corner":
             return corner_figure(run.draws, known=run.quantities, law=run.law.short_name, **how)
         case "bands":
-            return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
+            return bands_figure(run.posterior(), run.draws, **how)
         case "mounting":
             return mounting_figure(run.specimen, run.draws, **how)
         case "trace":
@@ -112,12 +114,13 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
                     "`width_mm=180`",
                 )
             return profile_figure(profiles(posterior, names), **how)
-    raise InputError(f"unknown figure {kind[:40]!r}", remedy=f"one of {', '.join(PLOTS)}")
+    raise InputError(f"unknown figure {str(kind)[:40]!r}", remedy=f"one of {', '.join(PLOTS)}")
 
 
 # --- a figure in the style of a paper ------------------------------------------------------------
 
 
+@usual_numpy_errors
 def plot(
     run: RunLike,
     figure: str = "corner",
@@ -161,6 +164,8 @@ def plot(
                 f"`{name}` does not go with `figure={figure}`",
                 remedy=f"it goes with {' and '.join(figures)}",
             )
+    if "width_mm" in how and not WIDTH.allows(how["width_mm"]):
+        raise InputError(f"`width_mm` must be {WIDTH.allowed}")
     target = None if out is None else picture_file(out, suffix)
     with process_lock:
         how["style"] = as_style(style)
@@ -178,8 +183,9 @@ def plot(
             key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
             how[key] = tuple(dict.fromkeys(parameters))
         if truth is not None:
-            in_file = isinstance(truth, str | Path)
-            how["truth"] = read_truth(truth, opened.specimen.name) if in_file else truth
+            if not isinstance(truth, Mapping):
+                truth = read_truth(as_path(truth, "truth"), opened.specimen.name)
+            how["truth"] = truth
         if isinstance(compare, pd.DataFrame):
             how["compare"] = compare
         elif compare is not None:
@@ -196,7 +202,7 @@ def plot(
 
 def picture_file(out: PathLike, suffix: str | None = None) -> Path:
     """The file of a figure: ``out``, with the suffix of its format if it has none."""
-    path = Path(out)
+    path = as_path(out, "out")
     if not path.suffix:
         return path.with_name(f"{path.name}.{suffix or FIGURE_FORMATS[0]}")
     if suffix not in (None, picture_suffix(path)):

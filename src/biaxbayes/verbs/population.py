@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 import pandas as pd
 
 import biaxbayes
@@ -219,7 +218,6 @@ def _identity(
             "donor": donor,
             "specimen": specimen_digest(source.run.specimen)[:16],
             "settings": hashlib.sha256(settings.encode()).hexdigest()[:16],
-            "beta": source.run.beta,
             "draws": str(files.get("posterior.nc", ""))[:16],
         }
     return {
@@ -236,8 +234,6 @@ def _identity(
 
 # --- groups, donors and notes on them ------------------------------------------------------------
 
-MISFIT_WEIGHT = 0.5
-"""Median weight n_eff / n of the runs below which a note names the systematic misfit."""
 MAX_STRAIN_RATIO = 1.25
 """Ratio of the largest strains of two specimens from which a note says so."""
 
@@ -290,9 +286,9 @@ def group_sources(members: list[Member], sources: list[Source]) -> tuple[Groupin
 
 
 def _notes_on_runs(sources: list[Source]) -> list[str]:
-    """Notes on specimens that were tested or sampled differently, and on systematic misfit."""
+    """Notes on specimens that were tested or sampled differently."""
     out = []
-    for key in ("mounting", "noise", "mounting_stretch", "error_model"):
+    for key in ("mounting", "noise", "toe", "mounting_stretch"):
         values = {str(getattr(s.posterior.settings, key)) for s in sources}
         if len(values) > 1:
             out.append(f"the runs differ in {key}: {', '.join(sorted(values))}")
@@ -311,14 +307,6 @@ def _notes_on_runs(sources: list[Source]) -> list[str]:
             f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
             f"{_names_text(fewest)}): stress and stiffness are given up to {low:.3f}, and above it "
             "the band of a new specimen does not rest on all specimens"
-        )
-    weights = np.array([s.run.beta for s in sources])
-    if np.median(weights) < MISFIT_WEIGHT:
-        out.append(
-            f"the readings of the specimens are weighted by {weights.min():.2g} to "
-            f"{weights.max():.2g} because of systematic misfit of the law: this misfit is part of "
-            "the widths of single specimens, so the sd between specimens comes out too small, and "
-            "an error of the law that all specimens share does not average out"
         )
     return out
 

@@ -37,6 +37,7 @@ from biaxbayes.runs.folder import (
     manifest,
 )
 from biaxbayes.runs.result import json_values
+from biaxbayes.tasks import kept_warning_filters
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
@@ -302,7 +303,7 @@ def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any
     path = folder / "population.nc"
     try:
         check_archive(path)
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
+        with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as tree:
             materials = tree["new_specimens"]["material"].load()
             attributes = {str(k): v for k, v in tree.attrs.items()}
         groups = [str(g) for g in materials["group"].to_numpy()]

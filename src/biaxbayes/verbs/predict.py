@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, listed
+from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.options import FIGURE_FORMATS, Options, PredictionOptions, option, takes_options
+from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
-from biaxbayes.text_files import write_csv
+from biaxbayes.text_files import atomic_write_all, csv_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike
@@ -50,9 +52,10 @@ class PathOptions(Options):
         None, "Share of the stretch that x and y take  [default: 1:1]", metavar="X:Y"
     )
     reference: str = option(
-        "total",
-        "Stretches from the unloaded or from the mounted state.",
-        choices=("total", "measured"),
+        "measured",
+        "Stretches from the mounted state, or from the unloaded one where the mounting stretch is "
+        "known.",
+        choices=("measured", "total"),
     )
     protocol: str | None = option(None, "Whose mounted state, if each has its own.", metavar="NAME")
     stress: str = option(
@@ -101,17 +104,20 @@ def predict(
     names = [p.name for p in specimen.protocols]
     if chosen.protocol is not None and chosen.protocol not in names:
         raise InputError(
-            f"unknown protocol {chosen.protocol[:60]!r}", remedy=f"the run has {', '.join(names)}"
+            f"unknown protocol {str(chosen.protocol)[:60]!r}",
+            remedy=f"the run has {', '.join(names)}",
         )
+    if chosen.reference == "total" and not anyway:
+        _refuse_unknown_total(opened)
     if path is None:
         states = _straight_path(opened, chosen, bands.points)
     elif isinstance(path, str | Path):
         states = read_stretches(Path(path))
     else:
-        states = np.asarray(path, float)
+        states = inputs.as_numbers(path, "path")
     where = {name: getattr(chosen, name) for name in ("reference", "protocol", "stress")}
     table = predict_stress(
-        opened.draws, specimen, opened.settings, states, **where, probability=bands.probability
+        opened.posterior(), opened.draws, states, **where, probability=bands.probability
     )
     if out is not None:
         recorded = specimen.zeroed() if opened.settings.mounting == "zeroed" else specimen
@@ -127,6 +133,22 @@ def predict(
         )
         _write(inputs.make_folder(out) / "prediction", table, figure, picture.suffix, style)
     return table
+
+
+def _refuse_unknown_total(run: Run) -> None:
+    """Refuse total stretches where a mounting stretch is neither identified nor measured."""
+    unknown = [
+        r.name
+        for r in run.result.reported
+        if run.quantities[r.name].parameter.kind == STRETCH and r.verdict != IDENTIFIED
+    ]
+    if unknown:
+        raise InputError(
+            f"{listed(unknown)} of this run {'is' if len(unknown) == 1 else 'are'} not identified, "
+            "so a total stretch of the tissue is not known",
+            remedy="predict with `reference=measured`, or add `anyway=True` to rest on the law's "
+            "extrapolation to the unloaded state",
+        )
 
 
 def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
@@ -152,10 +174,14 @@ def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
 
 
 def _write(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: Any) -> None:
-    from biaxbayes.figures.style import save_figure
+    """Write table and figure together: a new one never stands beside an old one."""
+    from biaxbayes.figures.style import figure_bytes
 
-    write_csv(stem.with_suffix(".csv"), table)
-    save_figure(figure, stem.with_suffix(f".{suffix}"), style)
+    picture = figure_bytes(figure, suffix, style)
+    table_text = csv_text(table).encode("utf-8")
+    atomic_write_all(
+        {stem.with_suffix(".csv"): table_text, stem.with_suffix(f".{suffix}"): picture}
+    )
 
 
 # --- inflation of a tube -------------------------------------------------------------------------
@@ -217,17 +243,19 @@ def inflate(
             remedy="give one of them",
         )
     opened = inputs.usable_run(run, anyway=anyway)
+    if not anyway:
+        _refuse_unknown_total(opened)
     try:
         tube = Tube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
     except ValueError as error:
         raise InputError(str(error)) from None
-    data = (opened.draws, opened.specimen, opened.settings, tube)
+    data = (opened.posterior(), opened.draws, tube)
     if circumferential_stretch is not None:
-        states = np.asarray(circumferential_stretch, dtype=float)
+        states = inputs.as_numbers(circumferential_stretch, "circumferential_stretch")
         table = predict_pressure(*data, states, probability=bands.probability)
     else:
         pressure = np.linspace(0.0, 16.0, bands.points) if pressure_kPa is None else pressure_kPa
-        pressure = np.asarray(pressure, dtype=float)
+        pressure = inputs.as_numbers(pressure, "pressure_kPa")
         table = predict_diameter(*data, pressure, probability=bands.probability, seed=bands.seed)
     if out is not None:
         figure = inflation_figure(
@@ -330,8 +358,8 @@ def command(
     stem = folder / ("inflation" if inflated else "prediction")
     click.echo(f"{stem.with_suffix('.csv')}, {stem.with_suffix('.' + given['suffix'])}")
     click.echo(
-        "the predictive band is the interval of the tissue's response and includes the inferred "
-        "error; the credible band is that of the model"
+        "the credible band is that of the tissue's own response, the law and its misfit; the "
+        "predictive band that of a new reading of it"
     )
     outside = int((table["extrapolation"] != INSIDE).sum())
     if outside:

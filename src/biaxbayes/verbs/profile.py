@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.errors import InputError
 from biaxbayes.options import MOUNTING_MODES, ModelOptions, option, takes_options
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
@@ -73,8 +72,6 @@ def profile(
         posterior = inputs.as_run(source).posterior()  # type: ignore[arg-type]
     else:
         model = ProfileOptions.from_values(options)
-        if "noise_sd" in model.priors:
-            raise InputError("noise_sd is profiled out and cannot be fixed here")
         data = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
         posterior = prepare(data, **model.keywords())
     settings = posterior.settings
@@ -85,7 +82,6 @@ def profile(
         about = f"profile likelihood of {posterior.specimen.name}: mounting {settings.mounting}, "
         about += f"noise {settings.noise}"
         about += "".join(f", {name}={value:g}" for name, value in settings.fixed.items())
-        about += f"; {result[0].note}" if result[0].note else ""
         write_profiles(result, folder, about)
         save_figure(profile_figure(result), folder / "profile.pdf")
     return result
@@ -126,9 +122,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
 
     record = {
         "about": about,
-        "deviance": "n_eff ln RSS plus squared errors of the mounting readings, above its minimum; "
-        "error sd profiled out, no prior",
-        "n_eff_share": profiles[0].beta,
+        "deviance": "-2 ln L above its minimum, everything else at its best; no prior",
         "deviance_of_90_percent": THRESHOLD,
         "deviance_of_flat": FLAT_DEVIANCE,
         "kinds": "structural: flat; practical: open on a side; finite: crossed on both sides (an "
@@ -192,6 +186,4 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
         return
     for curve in result:
         click.echo(curve.in_words())
-    if result[0].note:
-        click.echo(f"biaxbayes: {result[0].note}", err=True)
     click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")

@@ -9,11 +9,13 @@ import click
 from biaxbayes.errors import InputError
 from biaxbayes.options import REPORTS
 from biaxbayes.runs.run import Run
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.text_files import as_path, atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
 
 
+@usual_numpy_errors
 def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> Path:
     """Write the report of a run again, and return its path.
 
@@ -21,25 +23,24 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     ----------
     run : Run or path-like
     kind : {"html", "latex", "explore"}
-        ``html`` in the run itself renews the page to explore beside it, too.
+        ``explore`` in the run itself adds a link to the report.
     out : path-like, optional
         Default report.html, report.tex or explore.html in the run.
     """
-    from biaxbayes.reports.explore import can_be_explored
     from biaxbayes.reports.page import write_report
 
     opened = as_run(run)
+    _check_kind(kind)
     if kind == "html" and out is None:
-        # The two pages in a run point to each other.
-        if opened.state != "unusable" and can_be_explored(opened.quantities, opened.draws):
-            atomic_write_text(opened.path / REPORTS["explore"], _explore_text(opened, linked=True))
         return write_report(opened.path, opened)
     linked = kind == "explore" and out is None
     text = _explore_text(opened, linked=True) if linked else report_text(opened, kind)
-    path = opened.path / REPORTS[kind] if out is None else Path(out)
+    path = opened.path / REPORTS[kind] if out is None else as_path(out, "out")
     if path.is_dir():
         raise InputError("is a folder", file=path, remedy="give a file name with `out`")
     atomic_write_text(path, text)
+    if linked:
+        write_report(opened.path, opened)
     return path
 
 
@@ -48,23 +49,26 @@ def report_text(run: RunLike, kind: str = "html") -> str:
     from biaxbayes.reports.methods import latex_table
     from biaxbayes.reports.page import report_page
 
-    if kind not in REPORTS:
-        raise InputError(
-            f"unknown report {str(kind)[:40]!r}", remedy=f"one of {', '.join(REPORTS)}"
-        )
+    _check_kind(kind)
     opened = as_run(run)
     if kind == "explore":
         return _explore_text(opened, linked=False)
     return latex_table(opened) if kind == "latex" else report_page(opened)
 
 
+def _check_kind(kind: object) -> None:
+    if not (isinstance(kind, str) and kind in REPORTS):
+        raise InputError(
+            f"unknown report {str(kind)[:40]!r}", remedy=f"one of {', '.join(REPORTS)}"
+        )
+
+
 def _explore_text(run: Run, *, linked: bool) -> str:
     """The page to explore, with a link to the report if both are in the run folder."""
     from biaxbayes.reports.explore import explore_page
 
-    rows = run.result.rows
     report = REPORTS["html"] if linked else ""
-    return explore_page(run.posterior(), run.draws, run.state, rows=rows, report=report)
+    return explore_page(run.posterior(), run.draws, run.state, report=report)
 
 
 @click.command("report")
@@ -80,11 +84,12 @@ def _explore_text(run: Run, *, linked: bool) -> str:
 def command(run: Path, kind: str, out: Path | None) -> int:
     r"""Report RUN: one self-contained HTML page, tables for a paper, or a page to explore.
 
-    explore.html, beside the report, holds draws to brush in any pair of parameters, with their
-    curves, and sliders for other priors; it needs no network.
+    The page to explore holds draws to brush in any pair of parameters, with their curves, and
+    sliders for other priors; it needs no network.
 
     \b
     biaxbayes report media-run
+    biaxbayes report media-run --format explore
     biaxbayes report media-run --format latex --out table2.tex
 
     Exit code 3 if the chains did not converge, as the report says, too.

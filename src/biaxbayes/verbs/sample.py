@@ -35,7 +35,13 @@ from biaxbayes.model.prior_checks import (
     radian_findings,
     unused_prior_findings,
 )
-from biaxbayes.options import INFERRING_MODES, ModelOptions, SamplingPlan, takes_options
+from biaxbayes.options import (
+    INDEPENDENT,
+    INFERRING_MODES,
+    ModelOptions,
+    SamplingPlan,
+    takes_options,
+)
 from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs import checkpoint
@@ -53,7 +59,7 @@ from biaxbayes.specimens.check import Finding, check_round_trip, refuse_no_loadi
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.tasks import process_lock
-from biaxbayes.text_files import atomic_write_text, write_csv
+from biaxbayes.text_files import as_path, atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
@@ -95,8 +101,8 @@ class SampleJob:
             source, stem = specimen.name, safe.strip(".-")[:60] or "specimen"
             check_round_trip(specimen, file)
         else:
-            file = Path(specimen)
-            source, stem = Path(specimen).name, Path(specimen).stem
+            file = as_path(specimen, "specimen")
+            source, stem = file.name, file.stem
         specimen = inputs.open_specimen(specimen, mounting_force)
         options = ModelOptions.from_values(options).keywords()
         findings = refuse_no_loading_curve(specimen, None if anyway else file)
@@ -113,14 +119,15 @@ class SampleJob:
             refuse_other_law(law, file)
             stated_hooks(specimen)
         # raises before a folder is made
-        Posterior(mark_grip_corrected(specimen), **options, beta=1.0)
+        Posterior(mark_grip_corrected(specimen), **options)
         plan = Plan(
             ess=amount.ess,
             max_steps=amount.max_steps,
             seed=amount.seed,
             workers=amount.processors,
         )
-        return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
+        folder = Path(f"{stem}-posterior") if out is None or out == "" else as_path(out, "out")
+        return cls(specimen, source, folder, options, plan, findings)
 
     def run(
         self,
@@ -209,7 +216,7 @@ class SampleJob:
         progress(Progress("correcting for the grips"))
 
         def fit_specimen(specimen: Specimen) -> FitResult:
-            posterior = Posterior(specimen, **self.options, beta=1.0)
+            posterior = Posterior(specimen, **self.options)
             return posterior.least_squares(self.plan.seed)
 
         correction = correct_for_grips(self.specimen, fit_specimen)
@@ -248,7 +255,6 @@ class SampleJob:
             "specimen": specimen.name,
             "settings": json.dumps(record["settings"], sort_keys=True),
             "convergence": status,
-            "beta": posterior.beta,
             "sampling_seed": self.plan.seed,
         }
         write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
@@ -257,7 +263,6 @@ class SampleJob:
             posterior.parameter_names,
             posterior.quantities,
             draws.convergence,
-            posterior.law.short_name,
         )
         atomic_write_text(folder / "fit.json", record_text([posterior.fit.record()]))
         write_csv(folder / "summary.csv", summary, digits=8)
@@ -283,14 +288,12 @@ def write_figures(
     verdicts: Identifiability,
     result: RunResult,
 ) -> None:
-    """Write figures and the page to explore; of unusable draws only the traces."""
+    """Write the figures; of unusable draws only the traces."""
     from biaxbayes.figures.bands import bands_figure
     from biaxbayes.figures.corner import corner_figure
     from biaxbayes.figures.identifiability import identifiability_figure
     from biaxbayes.figures.style import save_pictures
     from biaxbayes.figures.trace import trace_figure
-    from biaxbayes.reports.explore import can_be_explored, explore_page
-    from biaxbayes.reports.page import EXPLORE, PAGE
 
     specimen, known = posterior.specimen, posterior.quantities
     if result.state != "converged":
@@ -298,13 +301,10 @@ def write_figures(
         save_pictures(trace, folder, "trace")
     if result.state == "unusable":
         return
-    bands = bands_figure(specimen, table, settings=posterior.settings)
+    bands = bands_figure(posterior, table)
     save_pictures(corner_figure(table, known=known, law=posterior.law.short_name), folder, "corner")
     save_pictures(bands, folder, "stress-bands")
     save_pictures(identifiability_figure(verdicts, result.rows), folder, "identifiability")
-    if can_be_explored(known, table):
-        page = explore_page(posterior, table, result.state, rows=result.rows, report=PAGE)
-        atomic_write_text(folder / EXPLORE, page)
 
 
 def _show(findings: Sequence[Finding], progress: OnProgress, phase: str = "fitting") -> None:
@@ -323,7 +323,7 @@ def _warn(progress: Progress) -> None:
 def _resolve_mounting(
     specimen: Specimen, options: dict[str, Any], file: object
 ) -> tuple[Specimen, dict[str, Any]]:
-    """Refuse a tared specimen; without load noise replace ``noisy`` by ``exact``, with a note."""
+    """Refuse a tared specimen; independent errors without load noise have an exact force."""
     if options["mounting"] in INFERRING_MODES and specimen.is_tared:
         raise TaredSpecimen(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
@@ -332,7 +332,7 @@ def _resolve_mounting(
             remedy="state the force before taring with `mounting_force=(X, Y)`, or take the "
             "mounted state as unloaded with `mounting=zeroed`",
         )
-    if options["mounting"] == "noisy":
+    if options["mounting"] == "noisy" and options["noise"] == INDEPENDENT:
         shared = options["mounting_stretch"] == "shared"
         _, sd = specimen.mounting_readings(shared=shared)
         if (sd <= 0.0).any():
@@ -397,6 +397,7 @@ def sample(
         something else.
     """
     amount, model = SamplingPlan.split(options)
+    inputs.check_switches(anyway=anyway, resume=resume, overwrite=overwrite)
     checked: dict[str, Any] = {"mounting_force": mounting_force, "anyway": anyway}
     with process_lock:
         job = SampleJob.prepare(specimen, out=out, options=model, amount=amount, **checked)

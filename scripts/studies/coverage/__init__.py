@@ -1,0 +1,1 @@
+"""Whether what is reported holds, on specimens that share no code with the package."""

@@ -1,0 +1,115 @@
+"""Loads of the tissue, draw by draw: those of the law, and its misfit given the readings.
+
+On the path of a protocol the readings there determine the misfit; on another path it is what those
+structures of the misfit carry there that reach beyond a path, else its prior. With independent
+errors the tissue follows the law exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.model.misfit import CurvePoints
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.parameters import NOISE_SD
+from biaxbayes.prediction.percentiles import percentiles
+
+
+@dataclass(frozen=True, eq=False)
+class TissueLoads:
+    """Loads at m states of stretch, in the unit of the specimen; shapes (draws, m, 2) or broadcast.
+
+    For each draw the tissue's load is normal about ``mean`` with ``sd``, and a reading of it has
+    the noise of the load cell besides.
+    """
+
+    law: np.ndarray
+    mean: np.ndarray
+    sd: np.ndarray
+    noise_sd: np.ndarray
+
+    @property
+    def reading_sd(self) -> np.ndarray:
+        """Sd of a reading about the mean."""
+        return np.hypot(self.sd, self.noise_sd)
+
+    def percentiles(self, levels: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Percentiles (levels, m, 2) of the tissue's load, and of a new reading of it."""
+        shape = self.mean.shape
+        flat = self.mean.reshape(shape[0], -1)
+
+        def over_draws(sd: np.ndarray) -> np.ndarray:
+            spread = np.broadcast_to(sd, shape).reshape(flat.shape)
+            return percentiles(flat, spread, levels).reshape(-1, *shape[1:])
+
+        return over_draws(self.sd), over_draws(self.reading_sd)
+
+
+@dataclass(frozen=True, eq=False)
+class Tissue:
+    """The tissue of a specimen by the draws of its posterior (natural values by name)."""
+
+    posterior: Posterior
+    draws: pd.DataFrame
+    seed: int = 0
+
+    @cached_property
+    def _residual(self) -> np.ndarray:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.nan_to_num(self.posterior.residuals(self.draws))
+
+    @cached_property
+    def _chosen(self) -> np.ndarray:
+        rng = np.random.default_rng(self.seed)
+        return self.posterior.misfit.choose(self._residual, rng)
+
+    @property
+    def noise_sd(self) -> np.ndarray:
+        """Noise of a reading, (draws, 1, 1)."""
+        if self.posterior.settings.has_misfit:
+            factors = self.posterior.misfit.noise_factors(self._chosen)
+            return self.posterior.specimen.noise_sd * factors[:, None, None]
+        return self.draws[NOISE_SD.name].to_numpy(dtype=float)[:, None, None]
+
+    def tested(
+        self, protocol: int, stretch: np.ndarray, rows: np.ndarray | None = None
+    ) -> TissueLoads:
+        """At states of a protocol (its index): at some ``rows`` of its ``stretch`` (m, 2).
+
+        The offset of the load cell is included, as in readings.
+        """
+        rows = np.arange(len(stretch)) if rows is None else rows
+        name = self.posterior.specimen.protocols[protocol].name
+        law = self.law(stretch[rows], name) + self.posterior.forward.offset(self.draws)
+        mean, sd = np.zeros((1, 1, 1)), np.zeros((1, 1, 1))
+        if self.posterior.settings.has_misfit:
+            points = self.posterior.paths.tested(protocol, stretch)
+            mean, sd = self._misfit(points.take(np.r_[rows, len(stretch) + rows]))
+        return TissueLoads(law, law + mean, sd, self.noise_sd)
+
+    def law(self, stretch: np.ndarray, protocol: str = "") -> np.ndarray:
+        """Loads of the law at measured stretches (m, 2), without the offset of the cell."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.posterior.forward.load(self.draws, stretch, protocol)
+
+    def misfit(
+        self, stretch: np.ndarray, protocol: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and sd of the misfit on a path of measured stretches, (draws, m, 2).
+
+        The path is known to run along a ``protocol`` (its index), or may turn out to.
+        """
+        if not self.posterior.settings.has_misfit:
+            nothing = np.zeros((len(self.draws), len(stretch), 2))
+            return nothing, nothing
+        return self._misfit(self.posterior.paths.path(stretch, protocol))
+
+    def _misfit(self, points: CurvePoints) -> tuple[np.ndarray, np.ndarray]:
+        mean, sd = self.posterior.misfit.given(self._residual, self._chosen, points)
+        by_axis = (len(self.draws), 2, len(points.path) // 2)
+        return tuple(v.reshape(by_axis).transpose(0, 2, 1) for v in (mean, sd))  # type: ignore[return-value]

@@ -1,0 +1,213 @@
+"""What a caller's settings, closed streams and arguments of a wrong kind may not do."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import biaxbayes
+from biaxbayes.cards import export as cards
+from biaxbayes.errors import InputError
+from biaxbayes.text_files import atomic_write_all, read_csv, write_csv
+
+DATA = Path(__file__).parents[1] / "data" / "donor2-media.csv"
+
+
+@pytest.fixture
+def run(small_run, copied):
+    """A copy of a run of few draws."""
+    return biaxbayes.open_run(copied(small_run.path))
+
+
+# --- the process of the caller ---
+
+
+def test_numpy_that_raises_in_the_caller_raises_nowhere_here(tmp_path):
+    with np.errstate(all="raise"):
+        run = biaxbayes.sample(DATA, out=tmp_path / "run", ess=50, max_steps=128)
+        biaxbayes.predict(run, stretch=1.1, anyway=True)
+        biaxbayes.report(run)
+        assert np.geterr()["under"] == "raise"
+
+
+HOST = """
+import os, sys, warnings
+environment, filters = dict(os.environ), list(warnings.filters)
+import biaxbayes
+from biaxbayes.tasks import one_blas_thread
+with one_blas_thread():
+    pass
+run = biaxbayes.open_run(sys.argv[1])
+run.draws
+print({k: v for k, v in os.environ.items() if environment.get(k) != v})
+print([f for f in warnings.filters if f[1] and "decode" in f[1].pattern])
+"""
+
+
+def test_libraries_leave_no_variable_and_no_filter(run):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("KMP_")}
+    command = [sys.executable, "-c", HOST, run.path]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.splitlines() == ["{}", "[]"]
+
+
+def test_arviz_reads_into_memory_and_closes_the_file(run):
+    before = list(warnings.filters)
+    tree = run.arviz
+    (run.path / "posterior.nc").unlink()
+    assert np.isfinite(tree["posterior"]["C1"].to_numpy()).all()
+    assert not [f for f in warnings.filters if f not in before and "decode" in str(f[1])]
+    handles = Path("/proc/self/fd")
+    if handles.is_dir():
+        names = [os.fspath(h.readlink()) for h in handles.iterdir() if h.is_symlink()]
+        assert not [n for n in names if "posterior.nc" in n]
+
+
+@pytest.mark.parametrize(
+    "words", [("simulate", "--material", "list"), ("check", DATA), ("--help",)], ids=lambda w: w[0]
+)
+def test_a_closed_pipe_ends_as_other_programs_do(words):
+    command = [sys.executable, "-m", "biaxbayes", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.close()
+    said = process.stderr.read()
+    process.stderr.close()
+    assert process.wait() == 141 and not said
+
+
+def test_a_run_without_an_inferred_mounted_state_warns_of_nothing(tmp_path):
+    """pytest makes an error of the warning that the mean of no mounting reading gave."""
+    biaxbayes.sample(DATA, out=tmp_path / "run", mounting="zeroed", ess=50, max_steps=128)
+
+
+# --- tables and files ---
+
+
+def test_a_dash_is_no_formula(tmp_path):
+    table = pd.DataFrame({"unit": ["kPa", "-", "-1+1", "'-"]})
+    write_csv(tmp_path / "t.csv", table)
+    lines = (tmp_path / "t.csv").read_text().splitlines()
+    assert lines == ["unit", "kPa", "-", "'-1+1", "''-"]
+    assert read_csv(tmp_path / "t.csv").equals(table)
+
+
+def test_files_that_belong_together_are_written_together(tmp_path):
+    names = [tmp_path / "a", tmp_path / "b"]
+    atomic_write_all(dict.fromkeys(names, b"old"))
+    names[1].unlink()
+    names[1].mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        atomic_write_all(dict.fromkeys(names, b"new"))
+    assert names[0].read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_prediction_whose_figure_fails_leaves_the_old_pair(run, monkeypatch):
+    first = biaxbayes.predict(run, stretch=1.1, out=run.path, anyway=True)
+    before = {n: (run.path / n).read_bytes() for n in ("prediction.csv", "prediction.pdf")}
+
+    def failing(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("biaxbayes.figures.style.figure_bytes", failing)
+    with pytest.raises(MemoryError):
+        biaxbayes.predict(run, stretch=1.15, out=run.path, anyway=True)
+    assert {n: (run.path / n).read_bytes() for n in before} == before
+    assert len(first)
+
+
+def test_an_export_that_fails_leaves_the_earlier_one(run, tmp_path, monkeypatch):
+    out = tmp_path / "cards"
+    biaxbayes.export(run, "abaqus", draws=3, out=out, anyway=True)
+    before = {p.name: p.read_bytes() for p in out.iterdir()}
+    write, read, suffix = cards.PROGRAMS["abaqus"]
+    left = iter([write, write])
+
+    def fails(card, version):
+        make = next(left, None)
+        if make is None:
+            raise MemoryError
+        return make(card, version)
+
+    monkeypatch.setitem(cards.PROGRAMS, "abaqus", (fails, read, suffix))
+    with pytest.raises(MemoryError):
+        biaxbayes.export(run, "abaqus", draws=3, seed=5, out=out, overwrite=True, anyway=True)
+    assert {p.name: p.read_bytes() for p in out.iterdir()} == before
+    monkeypatch.setitem(cards.PROGRAMS, "abaqus", (write, read, suffix))
+    again = biaxbayes.export(run, "abaqus", draws=2, seed=5, out=out, overwrite=True, anyway=True)
+    assert {p.name for p in out.iterdir()} == {cards.MANIFEST, *again["file"]}
+
+
+# --- arguments of a wrong kind ---
+
+
+def of_a_run(verb, *values, **given):
+    return lambda run: getattr(biaxbayes, verb)(run, *values, **given)
+
+
+def without_run(verb, *values, **given):
+    return lambda run: getattr(biaxbayes, verb)(*values, **given)
+
+
+MEDIA = {"material": "donor2-media"}
+WRONG = {
+    "`run` must be a run or its folder, not int": without_run("report", 3),
+    "`run` must be a run or its folder, not ndarray": without_run("export", np.ones(3), "abaqus"),
+    "unknown report '3'": of_a_run("report", 3),
+    r"unknown report '\[\]'": of_a_run("report", []),
+    "`out` must be a path, not int": of_a_run("report", out=3),
+    "`width_mm` must be a number from 50 to 400": of_a_run("plot", width_mm=-1),
+    "`width_mm` must be a number": of_a_run("plot", width_mm="wide"),
+    r"unknown figure '3'": of_a_run("plot", 3),
+    "`truth` must be a path": of_a_run("plot", truth=3),
+    "`style` must be a path": of_a_run("plot", style=3),
+    "unknown program 'True'": of_a_run("export", True),
+    "`path` must be numbers": of_a_run("predict", [["a", "b"]], anyway=True),
+    "unknown protocol '3'": of_a_run("predict", stretch=1.1, protocol=3, anyway=True),
+    "`ratios` must be pairs of numbers": without_run("simulate", **MEDIA, ratios=(1, 2)),
+    "`ratios` must be numbers": without_run("simulate", **MEDIA, ratios="1:2"),
+    "`edge` must be 2 numbers": without_run("simulate", **MEDIA, edge=20),
+    "`prestretch` must be 2 numbers": without_run("simulate", **MEDIA, prestretch=1.01),
+    "unknown material": without_run("simulate", material=[1]),
+    "`resume` must be True or False": without_run("sample", DATA, resume=np.ones(3)),
+    "`overwrite` must be True or False": without_run("sample", DATA, overwrite="yes"),
+    "`specimen` must be a path, not ndarray": without_run("sample", np.ones(3)),
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_a_wrong_argument_is_named(message, small_run):
+    with pytest.raises(InputError, match=message):
+        WRONG[message](small_run)
+
+
+# --- measured tissue, from tables of curves that were read off ---
+
+
+def test_curves_are_paired_at_equal_shares_of_their_loads(tmp_path, monkeypatch):
+    import make_measured
+
+    folder = tmp_path / "test_data"
+    folder.mkdir()
+    # nominal stresses up to 100 and 50 kPa; the third point of x falls, and a row of commas ends
+    strain = {"E11": [0.01, 0.02, 0.021, 0.04], "E22": [0.03, 0.06]}
+    nominal = {"E11": [10.0, 40.0, 30.0, 100.0], "E22": [25.0, 50.0]}
+    for axis, values in strain.items():
+        cauchy = np.array(nominal[axis]) * np.exp(values)
+        lines = [f"{e},{s},," for e, s in zip(values, cauchy, strict=True)]
+        (folder / f"Li_{axis}_05_1.csv").write_text("\n".join(["Strain,Stress,,", *lines, ",,,"]))
+    monkeypatch.setattr(make_measured, "HERE", tmp_path)
+    specimen = biaxbayes.read_specimen(make_measured.write(folder, "li"))
+    (protocol,) = specimen.protocols
+    assert protocol.name == "1:0.5" and specimen.is_tared
+    np.testing.assert_allclose(protocol.stretch_x, np.exp([0.0, 0.01, 0.02, 0.04]), rtol=1e-5)
+    share = np.array([0.0, 0.1, 0.4, 1.0])
+    stretch_y = np.interp(share, [0.0, 0.5, 1.0], np.exp([0.0, 0.03, 0.06]))
+    np.testing.assert_allclose(protocol.stretch_y, stretch_y, rtol=1e-5)
+    np.testing.assert_allclose(protocol.load_y / protocol.stretch_y, 50.0 * share, rtol=1e-4)
