@@ -21,6 +21,7 @@ from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.laws import LAWS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.bands import bands
+from biaxbayes.prediction.percentiles import evenly_spaced
 from biaxbayes.reports.explore import LEAST_EFFECTIVE, explore_page, thinned_draws
 from biaxbayes.verbs.report import report_text
 
@@ -162,22 +163,21 @@ def test_the_report_points_to_it_where_it_is(copied, small_run, tmp_path):
 MEDIANS = "explore.curves.map(c => [[...c.data.median], [...c.data.low], [...c.data.high]])"
 
 
-def ready(chromium, run):
-    page, *_ = browser.opened(
-        chromium, run.path / "explore.html", viewport={"width": 1280, "height": 1400}
-    )
+def ready(chromium, run, folder):
+    explored = biaxbayes.report(run, "explore", out=folder / "explore.html")
+    page, *_ = browser.opened(chromium, explored, viewport={"width": 1280, "height": 1400})
     page.wait_for_function("Boolean(window.explore?.ready)")
     return page
 
 
 @pytest.fixture(scope="module")
-def media(chromium, media_run):
-    return ready(chromium, media_run)
+def media(chromium, media_run, tmp_path_factory):
+    return ready(chromium, media_run, tmp_path_factory.mktemp("media"))
 
 
 @pytest.fixture(scope="module")
-def hostile(chromium, hostile_run):
-    return ready(chromium, hostile_run)
+def hostile(chromium, hostile_run, tmp_path_factory):
+    return ready(chromium, hostile_run, tmp_path_factory.mktemp("hostile"))
 
 
 @pytest.fixture(autouse=True)
@@ -233,24 +233,23 @@ def test_a_box_selects_its_draws_everywhere(media, media_run):
 
 
 @pytest.mark.parametrize("which", ["media", "hostile"])
-def test_curves_of_selected_draws_are_those_of_bands(which, request):
+def test_curves_of_selected_draws_are_percentiles_of_the_law(which, request):
     page, run = request.getfixturevalue(which), request.getfixturevalue(f"{which}_run")
     move(page, "value", 10)
     few = thinned_draws(run.draws).iloc[sorted(selected(page))].reset_index(drop=True)
     assert len(few) == max(50, round(0.1 * len(thinned_draws(run.draws))))
     assert few["C1"].max() < run.draws["C1"].median()
-    curves = page.evaluate(MEDIANS)
-    most = len(curves[0][0])
-    table = bands(run.specimen, few, settings=run.posterior().settings, max_rows=most,
-                  max_draws=len(few))  # fmt: skip
+    shown = page.evaluate(MEDIANS)
+    posterior = run.posterior()
     for number, protocol in enumerate(run.specimen.protocols):
-        for k, axis in enumerate("xy"):
-            part = table[(table["protocol"] == protocol.name) & (table["direction"] == axis)]
-            large = part["credible_q50"].abs().max()
-            for values, level in zip(curves[2 * number + k], ("q50", "q05", "q95"), strict=True):
-                np.testing.assert_allclose(
-                    np.sort(values), np.sort(part[f"credible_{level}"]), atol=1e-6 * large
-                )
+        rows = evenly_spaced(protocol.rows, len(shown[2 * number][0]))
+        load = posterior.forward.load(few, protocol.stretch[rows], protocol.name)
+        load += posterior.forward.offset(few)
+        for k in range(2):
+            expected = np.quantile(load[:, :, k], (0.5, 0.05, 0.95), axis=0)
+            for values, level in zip(shown[2 * number + k], expected, strict=True):
+                large = np.abs(expected[0]).max()
+                np.testing.assert_allclose(np.sort(values), np.sort(level), atol=1e-6 * large)
 
 
 def test_other_priors_weigh_the_draws(media, media_run):
