@@ -134,7 +134,7 @@ def test_tension_that_counts_negative(axes, wrong, tmp_path):
 def test_a_strip_is_no_specimen(tmp_path):
     stretch, load = record([(0.2, 0.0)])
     load[:, 1] = 0.0
-    with pytest.raises(InputError, match="niaxial strips"):
+    with pytest.raises(InputError, match="niaxial strip is stated"):
         read(tmp_path, stretch, load)
 
 

@@ -25,7 +25,7 @@ from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.parameters import Quantities
+from biaxbayes.parameters import PieceLabels, Quantities
 from biaxbayes.prediction.bands import bands
 from biaxbayes.prediction.percentiles import BANDS
 from biaxbayes.prediction.stress import BEYOND, INSIDE
@@ -216,7 +216,7 @@ def test_truth_and_comparison_are_drawn_and_named():
 
 def test_separate_mounted_states_appear_as_their_mean():
     draws = draws_of(1000, states=("1:1", "1:0.5"))
-    known = Quantities(GOH_LAW.parameters, ("1:1", "1:0.5"))
+    known = Quantities(GOH_LAW.parameters, [PieceLabels(states=("1:1", "1:0.5"))])
     figure = corner_figure(draws, width_mm=85.0, known=known)
     assert len(figure.axes) == 7 * 8 // 2
     assert sum(r"\bar" in ax.get_xlabel() for ax in figure.axes) == 2
@@ -440,7 +440,7 @@ def test_hostile_names_do_not_break_a_figure(tmp_path):
         save_figure(figure, tmp_path / f"figure.{kind}")
         assert (tmp_path / f"figure.{kind}").stat().st_size > 1000
     chains = {f"mounting_stretch_x[{HOSTILE}]": chains_of()["C1"]}
-    known = Quantities(GOH_LAW.parameters, (HOSTILE,))
+    known = Quantities(GOH_LAW.parameters, [PieceLabels(states=(HOSTILE,))])
     figure_bytes(trace_figure(chains, known=known), "pdf")
 
 

@@ -13,7 +13,7 @@ from biaxbayes.laws import LAWS, law_named
 from biaxbayes.laws.law import ABSENT_STRESS_FRACTION, TransformInputs
 from biaxbayes.laws.materials import Material
 from biaxbayes.laws.screening import MIN_MATRIX_FRACTION, Screening, screen
-from biaxbayes.mechanics.mounting import load_per_stress
+from biaxbayes.mechanics.mounting import section_per_stress
 from biaxbayes.model.assembly import to_slot
 from test_laws import RECOVERED, TYPICAL, random_materials, stress_at_point
 
@@ -163,19 +163,19 @@ def test_sampling_coordinates_are_what_the_law_says_of_its_reference_state(name)
 
 
 def readings(name: str, *, with_mounting: bool, fixed: tuple[int, ...] = ()) -> Screening:
-    """Exact loads of a typical material, mounted at 1, 1; some of its coordinates fixed."""
+    """Exact nominal stresses of a typical material, mounted at 1, 1; some coordinates fixed."""
     law = law_named(name)
     up = np.linspace(1.02, 1.2, 8)
     stretch = np.array([np.concatenate([up, up, 0.5 * (1 + up)]), np.concatenate([up, 0.5 * (1 + up), up])])  # fmt: skip  # noqa: E501
-    area = np.array([2.0, 3.0])
     point = law.to_fit_coordinates(RECOVERED[name])
 
     def load_factor(total):
-        return load_per_stress(area[:, None], 1.0, total, mounted=False)
+        return section_per_stress(1.0, total, mounted=False)
 
-    load = np.array(stress_at_point(law, point, *stretch)) * load_factor(stretch)
+    stress = np.array(stress_at_point(law, point, *stretch)) * load_factor(stretch)
     free = np.setdiff1d(np.arange(point.size), fixed)
-    return Screening(stretch, load, area, with_mounting, point, free, 400, load_factor)
+    no_strip = np.full(stretch.shape[1], -1)
+    return Screening(stretch, stress, no_strip, with_mounting, point, free, 400, load_factor)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -188,18 +188,16 @@ def test_screened_points_have_the_cost_they_say_and_the_best_amplitudes(name, wi
     assert np.all((law.lower <= points) & (points <= law.upper))
     assert np.all(mounting == 1.0) or with_mounting
     assert np.all(mounting >= 1.0)
-    floor = (
-        MIN_MATRIX_FRACTION * np.abs(data.load / data.area[:, None]).max() if with_mounting else 0.0
-    )
+    floor = MIN_MATRIX_FRACTION * np.abs(data.stress).max() if with_mounting else 0.0
 
     def cost(point, lm):
         total = data.stretch * lm[:, None]
         with np.errstate(over="ignore", invalid="ignore"):
-            load = np.array(stress_at_point(law, point, *total)) * data.load_factor(total)
-        return float(np.sum((load - data.load) ** 2))
+            load = np.array(stress_at_point(law, point, *total)) * data.factor(total)
+        return float(np.sum((load - data.stress) ** 2))
 
     amplitudes = [law.names.index(n) for n in law.amplitudes]
-    size = float(np.sum(data.load**2))
+    size = float(np.sum(data.stress**2))
     compared = 0
     for point, lm, message in zip(points, mounting, costs, strict=True):
         # a matrix raised to the least, or an amplitude cut at its limit, has another cost
@@ -236,8 +234,8 @@ def test_screened_points_with_fixed_amplitudes_have_the_cost_they_report(name):
         np.testing.assert_array_equal(point[list(fixed)], data.point[list(fixed)])
         if np.isfinite(message):
             load = np.array(stress_at_point(law, point, *data.stretch))
-            load *= data.load_factor(data.stretch[None])[0]
-            assert np.sum((load - data.load) ** 2) == pytest.approx(message, rel=1e-9)
+            load *= data.factor(data.stretch[None])[0]
+            assert np.sum((load - data.stress) ** 2) == pytest.approx(message, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -246,7 +244,7 @@ def test_some_screened_points_describe_what_the_law_made(name):
     data = readings(name, with_mounting=False)
     law = law_named(name)
     _, _, costs, _ = screen(law, data, np.random.default_rng(5))
-    miss = np.sqrt(np.sort(costs) / np.sum(data.load**2))
+    miss = np.sqrt(np.sort(costs) / np.sum(data.stress**2))
     assert miss[len(miss) // 100] < 0.2
 
 

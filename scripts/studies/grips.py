@@ -181,9 +181,6 @@ def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.
     tests = correction.specimen.protocols
     later = np.concatenate([np.arange(p.rows) >= p.rest_rows for p in tests])
     load = np.concatenate([np.column_stack([p.load_x, p.load_y]) for p in tests])[later]
-    if not np.array_equal(load[:, 0], problem.fx):
-        raise ValueError("rows of the likelihood are not those of the specimen")
-
     readings = posterior.readings
 
     def log_prob(u: np.ndarray, follow: bool) -> np.ndarray:
@@ -195,9 +192,9 @@ def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.
             # loads are f / r(fit) in the run, f / r(theta, lm) here
             more = np.exp(at_fit - surface(*theta, *mounting)) - 1.0
             at.residual[i] += readings.means(more[later, None] * load)
-            at.residual[i, : readings.mounted] += more[0] * problem.mounting.ravel()
+            at.residual[i, : readings.mounted] += more[0] * posterior.pieces[0].mounting[0].ravel()
         out = np.full(len(u), -np.inf)
-        noise_sd = at.values[inside, problem.size]
+        noise_sd = at.values[inside, problem.size][:, None]
         out[inside] = at.log_prior[inside]
         out[inside] += posterior.log_likelihood(at.residual[inside], noise_sd)
         return out

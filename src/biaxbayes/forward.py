@@ -1,38 +1,43 @@
-r"""The forward model: from material, mounted state and dimensions to loads.
+r"""The forward model: from material, mounted state and dimensions to the readings of a piece.
 
-    q_k = A_k s_k(theta, l lm) / (l_k lm_k)      dimensions of the unloaded state
-    q_k = A_k s_k(theta, l lm) / l_k             dimensions of the mounted state
-    f_k = q_k + z_k + error,  k = x, y
+    q_i = sum_p sum_k  w_pik g_k s_k(theta, l_p lm)          (.mechanics.experiments)
+    g_k = c A_k / lm_k      dimensions of the unloaded state
+    g_k = c A_k             dimensions of the mounted state
+    f_i = q_i + z_i + error,  i = x, y
 
 with the Cauchy stress s at the measured stretch l times the mounting stretch lm, the section A
-(that of the file times factors near one for the errors of its dimensions), and the offset z of the
-load cell. The compiled density has the same equations, from the same functions.
+(that of the file times factors near one for the errors of its dimensions), the stiffness c of the
+piece over that of the first, and the offset z of the load cell. For a planar biaxial test that is
+f_k = A_k s_k / (l_k lm_k). The compiled density has the same equations, from the same functions.
 
 *Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``: a dictionary or a
 table of draws. Missing quantities default to lm = 1, factors of one, z = 0.
-Results have the shape (draws, rows, 2), x and y last.
+Results have the shape (draws, rows, 2), x and y last; a reading that a test does not have is zero.
 
 Least squares use the fit coordinates of the law (:meth:`.Law.to_fit_coordinates`) and need
 derivatives: :meth:`ForwardModel.response` and :meth:`ForwardModel.solve_mounting` take those of one
-material and arrays of shape (2, n), one column per state of deformation.
+material and arrays of shape (2, n), one column per row.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from biaxbayes.laws.law import Law, StressResponse
+from biaxbayes.laws.law import Law
+from biaxbayes.laws.materials import cauchy_stress, squared_stretches
+from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, with_free_side
 from biaxbayes.mechanics.mounting import (
-    load_per_stress,
+    section_per_stress,
     sections,
     solve_balance,
     unloaded_section,
 )
 from biaxbayes.options import Settings
-from biaxbayes.parameters import DIMENSION_PARAMETERS, mounting_names
+from biaxbayes.parameters import DIMENSION_PARAMETERS, STIFFNESS, mounting_names, name_of
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen
 
@@ -69,62 +74,93 @@ class MeasuredRows:
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
-    """Loads of one material at n states of deformation, and their derivatives."""
+    """Readings of one material at n rows, and their derivatives."""
 
-    stress: StressResponse
-    per_stress: np.ndarray  # load per Cauchy stress, (2, n)
-    mounted_dimensions: bool  # whether the dimensions are those of the mounted state
-
-    @property
-    def load(self) -> np.ndarray:
-        """Loads, shape (2, n)."""
-        return self.per_stress * self.stress.stress
+    load: np.ndarray  # (2, n)
+    by_fit_coordinate: np.ndarray  # (2, p, n)
+    by_log_mounting: np.ndarray  # (load, stretch, n), with respect to the log mounting stretches
+    # load per Cauchy stress (2, n), with which a residual is a stress; 1 where nothing is read
+    per_stress: np.ndarray
 
     @property
-    def by_fit_coordinate(self) -> np.ndarray:
-        """Derivatives with respect to the fit coordinates, shape (2, p, n)."""
-        return self.per_stress[:, None] * self.stress.by_fit_coordinate
-
-    @property
-    def by_log_mounting(self) -> np.ndarray:
-        """Derivatives with respect to the log mounting stretches, shape (load, stretch, n)."""
-        slope = self.stress.by_log_stretch.copy()
-        if not self.mounted_dimensions:  # f = A0 s / (l lm)
-            slope[0, 0] -= self.stress.stress[0]
-            slope[1, 1] -= self.stress.stress[1]
-        return self.per_stress[:, None] * slope
+    def stress(self) -> np.ndarray:
+        """The Cauchy stress that a load stands for, (2, n)."""
+        return self.load / self.per_stress
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ForwardModel:
-    """Loads of a law on a specimen."""
+    """Readings of a law in the test of one piece."""
 
     law: Law
     area: np.ndarray  # load per kPa from the dimensions of the file, (2,)
     mounted_dimensions: bool  # whether the dimensions are those of the mounted state
+    experiment: Experiment = BIAXIAL
+    piece: str = ""  # label of the piece, empty for the first
+    states: Mapping[str, str] = field(default_factory=dict)  # mounted state of each protocol
 
     @classmethod
-    def from_specimen(cls, specimen: Specimen, settings: Settings) -> ForwardModel:
-        """The forward model of a specimen in a run with these settings."""
+    def from_specimen(cls, specimen: Specimen, settings: Settings, piece: str = "") -> ForwardModel:
+        """The forward model of a piece in a run with these settings."""
         mounted = specimen.geometry == "mounted"
-        return cls(settings.material_law, specimen.area, mounted)
+        prefix = f"{piece}: " if piece else ""
+        states = {p.name: piece if settings.shared else prefix + p.name for p in specimen.protocols}
+        law, experiment = settings.material_law, specimen.experiment
+        return cls(law, specimen.area, mounted, experiment, piece, states)
 
-    # --- one material in fit coordinates, one column per state of deformation ---
+    # --- one material in fit coordinates, one column per row ---
 
     def per_stress(self, stretch: Any, mounting: Any) -> np.ndarray:
         """Load per Cauchy stress at measured and mounting stretches, shape (..., 2, n)."""
-        factor = load_per_stress(self.area[:, None], stretch, mounting, self.mounted_dimensions)
-        return np.asarray(factor)
+        factor = section_per_stress(self.area[:, None], mounting, self.mounted_dimensions)
+        return np.asarray(factor / stretch)
 
     def response(self, point: np.ndarray, stretch: Any, mounting: np.ndarray) -> LoadResponse:
-        """Loads at measured and mounting stretches of shape (2, n), with derivatives."""
-        stress = self.law.response(point, stretch * mounting)
-        return LoadResponse(stress, self.per_stress(stretch, mounting), self.mounted_dimensions)
+        """Readings at measured and mounting stretches of shape (2, n), with derivatives.
+
+        The mounting stretch of a free side has no influence: its stretch is the root at every row.
+        """
+        measured = np.broadcast_to(np.asarray(stretch, dtype=float), mounting.shape)
+        points = self.experiment.points(measured.T)
+        lm, free = mounting[:, points.row], self.experiment.free_side
+        total = points.stretch.T * lm
+        solved = free is not None and bool(np.isnan(total[free]).any())
+        if free is not None and solved:
+            constants = self.law.constants_from_fit(*point)
+
+            def cauchy(x: Any, y: Any) -> Any:
+                return cauchy_stress(constants, *squared_stretches(x, y))
+
+            total = with_free_side(cauchy, total.T, free).T
+        at = self.law.response(point, total)
+        stress, by_point, by_log = at.stress, at.by_fit_coordinate, at.by_log_stretch
+        if free is not None and solved:
+            by_point, by_log = _at_free_side(by_point, by_log, free)
+        if not self.mounted_dimensions:  # g = A0 / lm
+            by_log = by_log.copy()
+            by_log[0, 0] -= stress[0]
+            by_log[1, 1] -= stress[1]
+        per_lm = section_per_stress(self.area[:, None], lm, self.mounted_dimensions)
+        section = np.broadcast_to(per_lm, lm.shape)
+
+        def readings(values: np.ndarray) -> np.ndarray:
+            """Sums over the points of stresses (2, ..., n), by row."""
+            moved = np.moveaxis(values * section.reshape(2, *(1,) * (values.ndim - 2), -1), 0, -1)
+            return np.moveaxis(points.sums(moved), -1, 0)
+
+        first = np.searchsorted(points.row, np.arange(measured.shape[1]))
+        weight = np.abs(np.add.reduceat(points.weight[:, [0, 1], [0, 1]], first, axis=0)).T
+        scale = weight * section[:, first]
+        return LoadResponse(
+            readings(stress), readings(by_point), readings(by_log), np.where(scale > 0, scale, 1.0)
+        )
 
     def solve_mounting(
         self, point: np.ndarray, load: np.ndarray, *, compiled: bool = True
     ) -> np.ndarray:
         """Mounting stretches that balance mounting loads, both (2, m); NaN without a root."""
+        if not self.experiment.is_mounted:
+            return np.ones(load.shape)
         # for a law that is fitted once, running in Python is faster than compiling
         solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
         constants = self.law.constants_from_fit(*point)
@@ -139,14 +175,31 @@ class ForwardModel:
 
     def mounting_stretch(self, values: Any, protocol: str = "") -> np.ndarray:
         """Mounting stretches of a protocol: its own, the shared ones, or 1."""
-        own = mounting_names("stretch", protocol)
-        x, y = own if own[0] in values else mounting_names("stretch")
-        return _pair(_column(values, x, 1.0), _column(values, y, 1.0))
+        names = mounting_names("stretch", self.states.get(protocol, protocol))
+        if not any(name in values for name in names):
+            names = mounting_names("stretch", self.piece)
+        lm = [values.get(name) for name in names]
+        free = self.experiment.free_side
+        if free is not None and lm[1 - free] is not None:
+            lm[free] = np.nan
+        pair = _pair(*(np.atleast_1d(np.asarray(1.0 if v is None else v))[:, None] for v in lm))
+        return pair if free is None else self._with_free_side(values, pair)
+
+    def _with_free_side(self, values: Any, total: np.ndarray) -> np.ndarray:
+        side = self.experiment.free_side
+        assert side is not None
+        return with_free_side(self.law.material(values).cauchy, total, side)
 
     def section(self, values: Any) -> np.ndarray:
-        """Load per kPa in the state that the dimensions refer to."""
-        factors = (_column(values, name, 1.0) for name in (EDGE_X, EDGE_Y, THICKNESS))
-        return _pair(*sections(self.area, *factors))
+        """Load per kPa in the state that the dimensions refer to, times the stiffness."""
+        factors = (self._column(values, name, 1.0) for name in (EDGE_X, EDGE_Y, THICKNESS))
+        stiffness = self._column(values, STIFFNESS.name, 1.0)[..., None]
+        return stiffness * _pair(*sections(self.area, *factors))
+
+    def _column(self, values: Any, name: str, default: float) -> np.ndarray:
+        """A quantity of the piece of shape (draws, 1), or its default of shape (1, 1)."""
+        value = values.get(name_of(name, self.piece), default)
+        return np.atleast_1d(np.asarray(value, dtype=float))[:, None]
 
     def unloaded_section(self, values: Any, mounting: np.ndarray) -> np.ndarray:
         """Load per first Piola-Kirchhoff stress at mounting stretches of that shape."""
@@ -154,33 +207,47 @@ class ForwardModel:
 
     def offset(self, values: Any) -> np.ndarray:
         """Load offsets z, the readings of the cell without load."""
-        return _pair(_column(values, OFFSET_X, 0.0), _column(values, OFFSET_Y, 0.0))
+        return _pair(*(self._column(values, name, 0.0) for name in (OFFSET_X, OFFSET_Y)))
 
     def load_per_stress(self, values: Any, stretch: Any, protocol: str = "") -> np.ndarray:
         """Load per Cauchy stress at measured stretches (rows, 2); (draws, rows, 2)."""
         lm = self.mounting_stretch(values, protocol)
-        return load_per_stress(
-            self.section(values), np.asarray(stretch)[None], lm, self.mounted_dimensions
-        )
+        return section_per_stress(self.section(values), lm, self.mounted_dimensions) / stretch
 
     # --- loads and readings ---
 
     def load(self, values: Any, stretch: Any, protocol: str = "") -> np.ndarray:
         """Loads that the material carries at measured stretches (rows, 2)."""
         with np.errstate(over="ignore", invalid="ignore"):
-            total = np.asarray(stretch)[None] * self.mounting_stretch(values, protocol)
+            points = self.experiment.points(np.asarray(stretch, dtype=float))
+            lm = self.mounting_stretch(values, protocol)
+            total = points.stretch[None] * lm
+            if self.experiment.free_side is not None:
+                total = self._with_free_side(values, total)
             stress = self.law.material(values).cauchy(total[..., 0], total[..., 1])
-            factor = self.load_per_stress(values, stretch, protocol)
-            return factor * np.stack(stress, axis=-1)
+            section = section_per_stress(self.section(values), lm, self.mounted_dimensions)
+            return points.sums(np.stack(stress, axis=-1) * section)
 
     def mounting_load(self, values: Any, protocol: str = "") -> np.ndarray:
         """Loads of the mounted state, (draws, 2)."""
         return self.load(values, np.ones((1, 2)), protocol)[:, 0]
 
 
-def _column(values: Any, name: str, default: float) -> np.ndarray:
-    """A quantity of shape (draws, 1), or its default of shape (1, 1)."""
-    return np.atleast_1d(np.asarray(values.get(name, default), dtype=float))[:, None]
+def _at_free_side(
+    by_point: np.ndarray, by_log: np.ndarray, side: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the stresses where the stretch of a side follows from its stress of zero.
+
+    By the implicit function theorem, with f the free side and k the other direction:
+
+        d s_k = (ds_k/dp - ds_k/dl_f (ds_f/dl_f)^-1 ds_f/dp) dp
+    """
+    k = 1 - side
+    ratio = by_log[k, side] / by_log[side, side]
+    of_point, of_log = np.zeros_like(by_point), np.zeros_like(by_log)
+    of_point[k] = by_point[k] - ratio * by_point[side]
+    of_log[k, k] = by_log[k, k] - ratio * by_log[side, k]
+    return of_point, of_log
 
 
 def _pair(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -247,6 +247,13 @@ class Settings(Options):
         maximum=10.0,
         open_ends=True,
     )
+    piece_sd: float = option(
+        0.1,
+        "Sd (of its log) of the stiffness of a further piece of the tissue over that of the first.",
+        minimum=0.0,
+        maximum=3.0,
+        open_ends=True,
+    )
     thin: int = 0
     """Largest number of rows per protocol; longer ones are averaged down to it. 0 keeps all."""
     fibre_switch: bool = option(
@@ -361,6 +368,7 @@ class FitOptions(Options):
     mounting_stretch: str = option("shared", **MODEL_OPTIONS["mounting_stretch"]._asdict())
     law: str = option(DEFAULT_LAW, **MODEL_OPTIONS["law"]._asdict())
     fibre_switch: bool = option(False, **MODEL_OPTIONS["fibre_switch"]._asdict())
+    piece_sd: float = option(0.1, **MODEL_OPTIONS["piece_sd"]._asdict())
     initial: Any = field(
         default=None,
         metadata={"help": "A Material as a further start; with it ``starts`` may be 0."},

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,7 @@ _WORDS_UNIT = {DEGREE: "degrees"}
 
 Kind = str
 MATERIAL, STRETCH, FORCE, ERROR, DIMENSION = "material", "stretch", "force", "error", "dimension"
+PIECE, FREE_SIDE = "piece", "free side"
 
 
 def unit_words(unit: str) -> str:
@@ -271,15 +272,28 @@ DIMENSION_PARAMETERS = (
     *_pair("load_offset", "", "load offset in {}", unit=LOAD, kind=DIMENSION),
 )
 """True over stated dimensions, and the load offset, the reading of the cell without load."""
+STIFFNESS = Parameter(
+    "stiffness",
+    "s",
+    words="stiffness of the piece over that of the first",
+    low=0.0,
+    logarithmic=True,
+    positive=True,
+    kind=PIECE,
+)
+"""Factor of all stresses of a further piece of the tissue."""
+OF_PIECE = (NOISE_SD, *DIMENSION_PARAMETERS, STIFFNESS)
+"""Parameters that every piece has for itself, besides its mounted states."""
 
 
-def _name(parameter: str, state: str) -> str:
+def name_of(parameter: str, state: str) -> str:
+    """Name of a parameter of a mounted state or a piece."""
     return f"{parameter}[{state}]" if state else parameter
 
 
 def mounting_names(what: str, state: str = "") -> tuple[str, str]:
     """Names, in x and y, of the mounting ``stretch`` or ``force`` of one mounted state."""
-    return _name(f"mounting_{what}_x", state), _name(f"mounting_{what}_y", state)
+    return name_of(f"mounting_{what}_x", state), name_of(f"mounting_{what}_y", state)
 
 
 @dataclass(frozen=True)
@@ -289,8 +303,8 @@ class Quantity:
     Attributes
     ----------
     state : str
-        Mounted state it belongs to: the name of a protocol; empty where all protocols share one,
-        and for parameters that do not depend on the mounted state.
+        Mounted state or further piece it belongs to: the name of a protocol or piece; empty where
+        all protocols share one state, for the first piece, and for parameters of the material.
     load_unit : str
         Unit of the loads of the run.
     """
@@ -302,7 +316,7 @@ class Quantity:
     @property
     def name(self) -> str:
         """As in ``summary.csv``."""
-        return _name(self.parameter.name, self.state)
+        return name_of(self.parameter.name, self.state)
 
     @property
     def axis(self) -> int:
@@ -318,6 +332,29 @@ class Quantity:
         return self.parameter.unit_in(self.load_unit)
 
 
+@dataclass(frozen=True)
+class PieceLabels:
+    """What the quantities of a piece are called.
+
+    Attributes
+    ----------
+    label : str
+        Empty for the first piece.
+    states : tuple of str
+        Labels of its mounted states: its own where all protocols share one; empty where no mounting
+        stretch is inferred.
+    axes : tuple of int
+        Directions in which it has a mounting stretch and a mounting force.
+    load_unit : str
+        Unit of its loads, N or kPa.
+    """
+
+    label: str = ""
+    states: tuple[str, ...] = ("",)
+    axes: tuple[int, ...] = (0, 1)
+    load_unit: str = ""
+
+
 class Quantities(Mapping[str, Quantity]):
     """Quantities of a run by name, in the order of its columns.
 
@@ -325,27 +362,41 @@ class Quantities(Mapping[str, Quantity]):
     ----------
     material : sequence of Parameter
         Parameters of the law.
-    states : sequence of str
-        Labels of the mounted states: one empty label where all protocols share one; empty where
-        no mounting stretch is inferred.
-    load_unit : str
-        Unit of the loads, N or kPa.
+    pieces : sequence of PieceLabels
+        The pieces of the tissue.
     """
 
     def __init__(
-        self, material: Sequence[Parameter], states: Sequence[str] = ("",), load_unit: str = ""
+        self, material: Sequence[Parameter], pieces: Sequence[PieceLabels] = (PieceLabels(),)
     ) -> None:
         self.material = tuple(material)
-        self.states = tuple(states)
-        self.load_unit = load_unit
-        quantities = [Quantity(p, "", load_unit) for p in self.material]
+        self.pieces = tuple(pieces)
+        self.load_unit = pieces[0].load_unit
+        quantities = [Quantity(p, "", self.load_unit) for p in self.material]
         for what in (STRETCH, FORCE):
-            for state in self.states:
-                quantities += [
-                    Quantity(p, state, load_unit) for p in MOUNTING_PARAMETERS if p.kind == what
-                ]
-        quantities += [Quantity(p, "", load_unit) for p in (NOISE_SD, *DIMENSION_PARAMETERS)]
+            for piece in self.pieces:
+                for state in piece.states:
+                    of_state = [p for p in MOUNTING_PARAMETERS if p.kind == what]
+                    quantities += [
+                        Quantity(p, state, piece.load_unit)
+                        for p in of_state
+                        if p.axis in piece.axes
+                    ]
+                    if what == STRETCH and len(piece.axes) == 1:  # follows from the other
+                        quantities += [
+                            Quantity(replace(p, kind=FREE_SIDE), state)
+                            for p in of_state
+                            if p.axis not in piece.axes
+                        ]
+        for piece in self.pieces:
+            known = [p for p in OF_PIECE if piece.label or p is not STIFFNESS]
+            quantities += [Quantity(p, piece.label, piece.load_unit) for p in known]
         self._quantities = {q.name: q for q in quantities}
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Labels of the mounted states of all pieces."""
+        return tuple(state for piece in self.pieces for state in piece.states)
 
     def __getitem__(self, name: str) -> Quantity:
         return self._quantities[name]
@@ -378,7 +429,7 @@ class Quantities(Mapping[str, Quantity]):
 
     def in_same_state(self, name: str, parameter: str) -> str:
         """Name of another parameter in the mounted state of a quantity."""
-        return _name(parameter, self._quantities[name].state)
+        return name_of(parameter, self._quantities[name].state)
 
     def of_parameter(self, name: str) -> tuple[Quantity, ...]:
         """One parameter in every mounted state."""

@@ -59,8 +59,7 @@ class Study:
     def quantities(self) -> Quantities:
         """Symbol, unit and range by name."""
         shared = self.options.get("mounting_stretch") != "per-protocol"
-        states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)
-        return Quantities(self.law.parameters, states, self.specimen.unit)
+        return self.specimen.quantities(self.law.parameters, shared=shared)
 
     @property
     def law(self) -> Law:

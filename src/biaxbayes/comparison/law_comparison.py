@@ -201,7 +201,7 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
     source = specimen.zeroed() if settings.mounting == "zeroed" else specimen
     thinned = thinned_specimen(only(source, part), settings.thin)
     rows = MeasuredRows.from_thinned(thinned)
-    readings = ReadingVector.from_rows(rows, thinned, 0, average=settings.has_misfit)
+    readings = ReadingVector.from_rows(rows, thinned, states=0, average=settings.has_misfit)
     count = len(readings.weight) // 2
     average = np.zeros((count, len(rows.load)))
     average[readings.index[:, 0], np.arange(len(rows.load))] = readings.share

@@ -57,16 +57,18 @@ def bands_figure(
     posterior: Posterior,
     draws: pd.DataFrame,
     *,
+    piece: int = 0,
     truth: Mapping[str, float] | None = None,
     probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Style = None,
 ) -> Figure:
     """Draw load against measured stretch with both bands, and residuals, for up to 12 protocols."""
-    specimen = posterior.specimen
+    specimen = posterior.pieces[piece].specimen
     table = bands(
         posterior,
         draws,
+        piece=piece,
         probability=probability,
         max_rows=DRAWN_READINGS,
         max_draws=BAND_DRAWS,
@@ -144,21 +146,25 @@ def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes
     across = math.ceil(count / down)
     load_mm = min((width_mm - LEFT_MM) / across - 3.0, 66.0 if across == 1 else 50.0)
     legend_mm = 5.0 if width_mm >= SIDE_BY_SIDE_MM else 13.0
-    figure = blank_figure(width_mm, legend_mm + down * (load_mm + 2.0 * RESIDUAL_MM + 18.0))
-    grid = figure.add_gridspec(
-        3 * down, across, height_ratios=[load_mm, RESIDUAL_MM, RESIDUAL_MM] * down
-    )
+    directions = len(specimen.experiment.axes)
+    height = load_mm + directions * RESIDUAL_MM + 18.0
+    figure = blank_figure(width_mm, legend_mm + down * height)
+    ratios = [load_mm, *[RESIDUAL_MM] * directions]
+    grid = figure.add_gridspec(len(ratios) * down, across, height_ratios=ratios * down)
     panels: list[list[Axes]] = []
     for k in range(count):
-        row, column = 3 * (k // across), k % across
-        first: list[Any] = panels[0] if panels else [None] * 3
-        load = figure.add_subplot(grid[row, column], sharey=first[0])
-        x = figure.add_subplot(grid[row + 1, column], sharex=load, sharey=first[1])
-        y = figure.add_subplot(grid[row + 2, column], sharex=load, sharey=first[1] or x)
-        for ax in (load, x, y):
-            limit_ticks(ax.yaxis, 5 if ax is load else 3)
-            ax.tick_params(labelbottom=ax is y, labelleft=column == 0)
-        panels.append([load, x, y])
+        row, column = len(ratios) * (k // across), k % across
+        first: list[Any] = panels[0] if panels else [None, None]
+        own = [figure.add_subplot(grid[row, column], sharey=first[0])]
+        for i in range(directions):
+            residual = first[1] or (own[1] if i else None)
+            own.append(
+                figure.add_subplot(grid[row + 1 + i, column], sharex=own[0], sharey=residual)
+            )
+        for ax in own:
+            limit_ticks(ax.yaxis, 5 if ax is own[0] else 3)
+            ax.tick_params(labelbottom=ax is own[-1], labelleft=column == 0)
+        panels.append(own)
     return figure, panels
 
 
@@ -226,7 +232,11 @@ def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
     if count < len(specimen.protocols):
         notes.append(f"the first {count} of {len(specimen.protocols)} protocols")
     rows = {p.name: p.rows for p in specimen.protocols}
-    drawn = table[table["direction"] == "x"].groupby("protocol", sort=False).size()
+    drawn = (
+        table[table["direction"] == table["direction"].iloc[0]]
+        .groupby("protocol", sort=False)
+        .size()
+    )
     step = max(-(-(rows[str(name)] - 1) // max(int(n) - 1, 1)) for name, n in drawn.items())
     if step > 1:
         notes.append(f"one reading in {step} is drawn")
@@ -236,7 +246,9 @@ def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
 def _handles(specimen: Specimen, probability: float, *, law: bool, truth: bool) -> list[Any]:
     """Entries of the legend."""
     handles: list[Any] = []
-    for axis, direction in (("x", specimen.axis_x), ("y", specimen.axis_y)):
+    names = {"x": specimen.axis_x, "y": specimen.axis_y}
+    for axis in ("xy"[k] for k in specimen.experiment.axes):
+        direction = names[axis]
         label = f"{axis}: {plain(direction, 16)}" if direction else axis
         look = {"color": colour(axis), "linewidth": 0.8, **_marker(axis, 1)}
         handles.append(Line2D([], [], label=label, **look))

@@ -13,7 +13,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.bounded_density import Span, span
 from biaxbayes.laws import all_parameters
-from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
+from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, PieceLabels, Quantities, Quantity
 from biaxbayes.text_files import one_line
 
 MEAN = r"\bar{\lambda}"
@@ -50,7 +50,7 @@ def plain(text: object, length: int = 40) -> str:
 
 def known_or_default(known: Quantities | None, unit: str = "") -> Quantities:
     """The quantities of a run; those of all laws with one mounted state if not given."""
-    return known or Quantities(all_parameters(), load_unit=unit)
+    return known or Quantities(all_parameters(), [PieceLabels(load_unit=unit)])
 
 
 def axis_text(q: Quantity) -> AxisText:

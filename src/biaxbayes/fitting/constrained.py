@@ -1,12 +1,13 @@
 """Least-squares fit of theta with the mounting stretch implicit in the force balance.
 
 With z the mounting force less its reading in sds s0 of the load cell, r the residuals of the rows
-after those at rest and w their sd (profiled: their root mean square), it minimises
+after those at rest, w their sd in each piece (profiled: their root mean square) and c the stiffness
+of a further piece over that of the first, with sd s, it minimises
 
-    sum z^2 + sum r^2 / w^2
+    sum z^2 + sum r^2 / w^2 + sum (ln c)^2 / s^2
 
-by reweighted least squares: the mode of independent errors, without priors. Its minimum is what is
-reported as a fit, where a sampler starts, and how other laws are fitted.
+by reweighted least squares: the mode of independent errors, without other priors. Its minimum is
+what is reported as a fit, where a sampler starts, and how other laws are fitted.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ def constrained_fit(
     initial: MaterialResponse | None = None,
     law: str = FitOptions.law,
     fibre_switch: bool = False,
+    piece_sd: float = FitOptions.piece_sd,
     compiled: bool = True,
 ) -> FitResult:
     """Least-squares fit of the measured load, with the mounting stretch solved for at every step.
@@ -65,16 +67,23 @@ def constrained_fit(
     - ignored, zeroed: the mounted state is taken as unloaded, with unchanged loads, or loads
       less their first reading
 
-    ``initial`` is a further starting point,
-    with which ``starts`` may be 0. ``compiled`` solves for the mounted state in compiled code; for
-    a single fit, uncompiled code is faster than loading the cache.
+    ``piece_sd`` is the sd of the logs of the stiffnesses of further pieces over that of the first.
+    ``initial`` is a further starting point, with which ``starts`` may be 0. ``compiled`` solves for
+    the mounted state in compiled code; for a single fit, uncompiled code is faster than loading the
+    cache.
 
     The result has not converged when no start could be evaluated (no mounting stretch balances the
     reading). Raises TaredSpecimen if a tared file has no mounting force to infer from, and
     InputError for an unknown option or fixed parameter.
     """
     setup = FitSetup.from_options(
-        specimen, mounting, mounting_stretch, fixed, law, fibre_switch=fibre_switch
+        specimen,
+        mounting,
+        mounting_stretch,
+        fixed,
+        law,
+        fibre_switch=fibre_switch,
+        piece_sd=piece_sd,
     )
     points, _ = setup.starting_points(starts, seed, initial)
     problem, descent = minimum(setup, points, compiled=compiled)
@@ -91,6 +100,7 @@ class FitSetup:
     data: Readings
     point: np.ndarray  # fit coordinates with the fixed values
     free: np.ndarray  # indices of the others
+    piece_sd: float = 0.0  # of the logs of the stiffnesses of further pieces
 
     @classmethod
     def from_options(
@@ -102,6 +112,7 @@ class FitSetup:
         law: str,
         *,
         fibre_switch: bool,
+        piece_sd: float = FitOptions.piece_sd,
     ) -> FitSetup:
         """Inputs of a fit with checked options and fixed values."""
         chosen = law_named(law, fibre_switch=fibre_switch)
@@ -121,7 +132,8 @@ class FitSetup:
         data = Readings.from_specimen(
             specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed"
         )
-        return cls(specimen, chosen, mounting, data, *fixed_and_free(fixed, chosen))
+        sd = piece_sd if specimen.further else 0.0
+        return cls(specimen, chosen, mounting, data, *fixed_and_free(fixed, chosen), sd)
 
     @property
     def balanced(self) -> bool:
@@ -162,6 +174,7 @@ class FitSetup:
             problem.fit_coordinates(descent.unknowns),
             problem.mounting(descent.unknowns),
             descent,
+            problem.stiffness(descent.unknowns),
         )
 
     def result(
@@ -170,6 +183,7 @@ class FitSetup:
         point: np.ndarray,
         mounting_stretch: np.ndarray,
         descent: Descent,
+        stiffness: np.ndarray | None = None,
     ) -> FitResult:
         """Result of fit coordinates and mounting stretches (2, m), compared with the data.
 
@@ -178,27 +192,31 @@ class FitSetup:
         """
         data, law = self.data, self.law
         lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
-        forward = data.forward(law)
+        one = np.ones(len(data.pieces))
+        stiffness = one if stiffness is None else stiffness
+        model = LoadResiduals(data, "load", point, self.free, 1.0, lm, law)
         with np.errstate(all="ignore"):
-            response = forward.response(point, data.stretch, lm[:, data.group])
-            mounting_load = forward.response(point, 1.0, lm).load
+            response = model.response(point, lm, stiffness)
+            mounting_load = model.mounted(point, lm).load * stiffness[data.piece_of_state]
+            mounting_load[~data.is_mounted] = 0.0
             # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
-            measured = data.load / response.per_stress
-            residual = measured - response.stress.stress
+            measured = (data.load / response.per_stress)[data.is_read]
+            residual = measured - response.stress[data.is_read]
             total = float(((measured - measured.mean()) ** 2).sum())
             r2 = 1.0 - float((residual**2).sum()) / total if total > 0.0 else math.nan
             rmse = float(np.sqrt((residual**2).mean()))
             converged = descent.converged
             if not converged and np.isfinite(mounting_stretch).all():
-                converged = rmse <= rounding_bound(self.specimen, data, response)
+                converged = rmse <= rounding_bound(data, response)
             load_residual = data.load - response.load
-            if np.sqrt((load_residual**2).mean()) < self.specimen.load_resolution:
+            if np.sqrt((load_residual[data.is_read] ** 2).mean()) < self.specimen.load_resolution:
                 load_residual = np.zeros_like(load_residual)
         return FitResult(
             method=method,
             material=law.material_at(law.from_fit_coordinates(point)),
             mounting_stretch=lm.T.copy(),
             mounting_load=mounting_load.T.copy(),
+            stiffness=stiffness,
             r2=r2,
             rmse_kPa=rmse,
             mae_kPa=float(np.abs(residual).mean()),
@@ -239,38 +257,50 @@ def minimum(
     forces follow, until w is stable.
     """
     data, rows_in_fit, free = setup.data, setup.data.loaded_rows(), setup.free
-    peak, one = data.peak, np.ones_like(data.mounting_load)
+    peaks, one = data.peaks, np.ones_like(data.mounting_load)
 
-    def problem_at(scale: float, reading_sd: np.ndarray | None) -> LoadResiduals:
+    def problem_at(
+        scale: np.ndarray, reading_sd: np.ndarray | None, piece_sd: float = 0.0
+    ) -> LoadResiduals:
         common = (rows_in_fit, "load", setup.point, free, scale, one, setup.law)
         if not setup.balanced:
             return LoadResiduals(*common)
-        return BalancedMounting(*common, reading_sd=reading_sd, compiled=compiled)
+        return BalancedMounting(*common, reading_sd, compiled, piece_sd)
 
-    problem = problem_at(peak, None)
+    problem = problem_at(peaks, None)
     lower, upper = setup.bounds
     limits: dict[str, Any] = {"steps": steps, "tolerance": tolerance}
     starts = [p[free] for p in points]
     descent = best_descent(problem, starts, lower, upper, finalists=finalists, **limits)
-    exact = setup.mounting != "noisy" or data.mounting_sd.max() <= MIN_RELATIVE_SD * peak
-    if exact or not np.isfinite(descent.cost):
+    floor = MIN_RELATIVE_SD * peaks
+    least = floor[data.piece_of_state]
+    exact = setup.mounting != "noisy" or (data.mounting_sd <= least).all()
+    if not (setup.balanced and np.isfinite(descent.cost)) or (exact and not setup.piece_sd):
         return problem, descent
 
-    sd, offsets = np.maximum(data.mounting_sd, MIN_RELATIVE_SD * peak), data.mounting_load.size
-    unknowns = np.concatenate([descent.unknowns, np.zeros(offsets)])
-    lower = np.concatenate([lower, np.full(offsets, -np.inf)])
-    upper = np.concatenate([upper, np.full(offsets, np.inf)])
+    sd = None if exact else np.where(data.is_mounted, np.maximum(data.mounting_sd, least), 0.0)
+    others = 0 if sd is None else int((sd > 0.0).sum())
+    others += len(data.pieces) - 1 if setup.piece_sd else 0
+    unknowns = np.concatenate([descent.unknowns, np.zeros(others)])
+    lower = np.concatenate([lower, np.full(others, -np.inf)])
+    upper = np.concatenate([upper, np.full(others, np.inf)])
     limits["tolerance"] = max(tolerance, REWEIGHTED_TOLERANCE)
-    rows, floor = 2 * rows_in_fit.group.size, MIN_RELATIVE_SD * peak
-    rms = max(np.sqrt(descent.cost / rows) * peak, floor)
+    piece = np.tile(rows_in_fit.piece, 2)
+    count = np.bincount(piece, rows_in_fit.is_read.ravel(), minlength=len(peaks))
+
+    def rms_of_pieces(problem: LoadResiduals, unknowns: np.ndarray) -> np.ndarray:
+        residual = problem.residual(unknowns)[: piece.size] * problem.scale[piece]  # type: ignore[index]
+        square = np.bincount(piece, residual**2, minlength=len(peaks)) / count
+        return np.asarray(np.maximum(np.sqrt(square), floor))
+
+    rms = rms_of_pieces(problem, descent.unknowns)
     iterations, stable = descent.iterations, False
     for _ in range(MAX_REWEIGHTINGS):
-        problem = problem_at(rms, sd)
+        problem = problem_at(rms, sd, setup.piece_sd)
         descent = descend(problem, unknowns, lower, upper, **limits)
         unknowns, iterations = descent.unknowns, iterations + descent.iterations
-        residual = problem.residual(unknowns)[:rows] * rms
-        new_rms = max(float(np.sqrt(residual @ residual / rows)), floor)
-        stable = abs(new_rms - rms) <= 1e-4 * rms
+        new_rms = rms_of_pieces(problem, unknowns)
+        stable = bool((np.abs(new_rms - rms) <= 1e-4 * rms).all())
         rms = new_rms
         if stable:
             break

@@ -63,7 +63,7 @@ def alternate(
     lm = np.ones_like(data.mounting_load) if first is None else first
     cost, converged, count = np.inf, False, 0
     for count in range(1, max_alternations + 1):  # noqa: B007 - reported
-        root = data.forward(law).solve_mounting(point, data.mounting_load)
+        root = data.forwards(law)[0].solve_mounting(point, data.mounting_load)
         has_root = bool(np.isfinite(root).all())
         new_lm = root if has_root else lm
         problem = LoadResiduals(data, "cauchy", point, free, scale, new_lm, law)
@@ -95,6 +95,7 @@ def fit(
     mounting_stretch: str = FitOptions.mounting_stretch,
     law: str = FitOptions.law,
     fibre_switch: bool = False,
+    piece_sd: float = FitOptions.piece_sd,
     initial: MaterialResponse | None = None,
 ) -> FitResult:
     """Fit a material, and the mounting stretch where the method has one.
@@ -121,6 +122,8 @@ def fit(
         Name of the material law.
     fibre_switch : bool
         Fibres carry no compression, for laws that leave it open.
+    piece_sd : float
+        Sd of the log of the stiffness of each further piece over that of the first.
     initial : Material, optional
         A further starting point.
 
@@ -145,12 +148,15 @@ def fit(
         fixed,
         law,
         fibre_switch=fibre_switch,
+        piece_sd=piece_sd,
     )
     points, stretches = setup.starting_points(starts, seed, initial)
     if method == "constrained":
         return setup.constrained_result(*minimum(setup, points, compiled=True))
     data, free = setup.data, setup.free
-    scale = max(float(np.abs(data.load * data.stretch / data.area[:, None]).max()), 1e-300)
+    refuse_other_tests(specimen, method)
+    area = specimen.area[:, None]
+    scale = max(float(np.abs(data.load * data.stretch / area).max()), 1e-300)
     if method == "fip":
         known = np.setdiff1d(np.arange(setup.point.size), free)
         points[:, known] = setup.point[known]
@@ -170,10 +176,22 @@ def fit(
     return setup.result(method, theta, lm, end)
 
 
+def refuse_other_tests(specimen: Specimen, method: str) -> None:
+    """Refuse a method that is for one planar biaxial test alone."""
+    if specimen.further or specimen.test != "biaxial":
+        raise InputError(
+            f"the fit {method} is for one planar biaxial test",
+            file=specimen.name,
+            remedy="use `method=constrained`",
+        )
+
+
 def fit_all(specimen: Specimen, **options: Any) -> list[FitResult]:
     """Every method that the specimen allows; a tared one allows the two without prestretch.
 
     Options as in :func:`fit`.
     """
+    if specimen.further or specimen.test != "biaxial":
+        return [fit(specimen, "constrained", **options)]
     methods = [m for m in METHODS if not (specimen.is_tared and m in PRESTRETCH_METHODS)]
     return [fit(specimen, method, **options) for method in methods]

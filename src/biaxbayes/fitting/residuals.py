@@ -1,17 +1,19 @@
-r"""Rows of a specimen in flat arrays, and the residuals of the deterministic fits on them.
+r"""Rows of all pieces of a tissue in flat arrays, and the residuals of the fits on them.
 
-What is compared (``quantity``):
+What is compared (``quantity``), with the readings q of :mod:`biaxbayes.forward`:
 
-    "cauchy"   s_k(theta, l lm)  with the data updated to the mounting stretch,
-               f_k l_k lm_k / A0_k  (unloaded dimensions)  or  f_k l_k / Am_k  (mounted)
-    "load"     A0_k P_k(theta, l lm)  or  Am_k lm_k P_k(theta, l lm)  with f_k
+    "load"     q_k(theta, l lm)  with f_k
+    "cauchy"   the same over the load per Cauchy stress: for a biaxial test s_k(theta, l lm)  with
+               the data updated to the mounting stretch, f_k l_k lm_k / A0_k  (unloaded dimensions)
+               or  f_k l_k / Am_k  (mounted)
 
 Mounting stretch: given (:class:`LoadResiduals`), two more unknowns
 (:class:`FreeMounting`), or the root of the force balance at the mounted state, with the
 mounting load either given or unknown and measured (:class:`BalancedMounting`).
 
-All residuals are model minus data over one scale, shape (rows,); parameters are the free ones
-among the law's coordinates, followed by those of the mounting state.
+All residuals are model minus data over one scale per piece, shape (2 n,); parameters are the free
+ones among the law's coordinates, followed by those of the mounting state and the stiffnesses of
+further pieces.
 """
 
 from __future__ import annotations
@@ -22,17 +24,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from biaxbayes.forward import ForwardModel
+from biaxbayes.forward import ForwardModel, LoadResponse
 from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.experiments import BIAXIAL
 from biaxbayes.specimens.specimen import Specimen
 
-# --- all rows of a specimen in flat arrays, as a fit needs them ----------------------------------
+# --- all rows of a tissue in flat arrays, as a fit needs them ------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Rows of all protocols, one below the other."""
+    """Rows of all protocols of all pieces, one below the other; m mounted states."""
 
+    pieces: tuple[Specimen, ...]
     stretch: np.ndarray  # (2, n), measured: relative to the mounted state
     # (2, n): force (N) or first Piola-Kirchhoff stress (kPa) in the file's geometry
     load: np.ndarray
@@ -40,40 +44,73 @@ class Readings:
     at_rest: np.ndarray  # (n,): recorded at the mounted state, before the test starts
     mounting_load: np.ndarray  # (2, m)
     mounting_sd: np.ndarray  # (2, m)
-    area: np.ndarray  # (2,): load per kPa
-    mounted: bool  # dimensions refer to the mounted state
+    piece_of_state: np.ndarray  # (m,)
     rows: tuple[slice, ...]  # of each protocol
 
     @classmethod
     def from_specimen(cls, specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readings:
-        """Rows of a specimen with one mounted state for all protocols, or one each."""
-        source = specimen.zeroed() if zeroed else specimen
-        loads = [source.load(p) for p in source.protocols]
-        reading, sd = source.mounting_readings(shared=shared)
-        sizes = [p.rows for p in source.protocols]
-        ends = np.cumsum([0, *sizes])
+        """Rows of a tissue with one mounted state for all protocols of a piece, or one each."""
+        pieces = tuple(piece.zeroed() if zeroed else piece for piece in specimen.pieces)
+        loads, stretches, at_rest, group, readings, sds = ([] for _ in range(6))
+        of_state: list[int] = []
+        for i, piece in enumerate(pieces):
+            reading, sd = piece.mounting_readings(shared=shared)
+            for j, p in enumerate(piece.protocols):
+                loads.append(piece.load(p))
+                stretches.append(p.stretch)
+                at_rest.append(np.arange(p.rows) < p.rest_rows)
+                group.append(np.full(p.rows, len(of_state) + (0 if shared else j)))
+            readings.append(reading)
+            sds.append(sd)
+            of_state += [i] * len(reading)
+        ends = np.cumsum([0, *(len(part) for part in loads)])
         return cls(
-            stretch=np.concatenate([[p.stretch_x, p.stretch_y] for p in source.protocols], axis=1),
+            pieces,
+            stretch=np.concatenate(stretches).T.copy(),
             load=np.concatenate(loads).T.copy(),
-            group=np.zeros(ends[-1], dtype=int)
-            if shared
-            else np.repeat(np.arange(len(sizes)), sizes),
-            at_rest=np.concatenate([np.arange(p.rows) < p.rest_rows for p in source.protocols]),
-            mounting_load=reading.T.copy(),
-            mounting_sd=sd.T.copy(),
-            area=specimen.area,
-            mounted=specimen.geometry == "mounted",
+            group=np.concatenate(group),
+            at_rest=np.concatenate(at_rest),
+            mounting_load=np.concatenate(readings).T.copy(),
+            mounting_sd=np.concatenate(sds).T.copy(),
+            piece_of_state=np.array(of_state),
             rows=tuple(slice(a, b) for a, b in pairwise(ends)),
         )
 
-    def forward(self, law: Law) -> ForwardModel:
-        """The forward model of a law on the specimen."""
-        return ForwardModel(law, self.area, self.mounted)
+    def forwards(self, law: Law) -> list[ForwardModel]:
+        """The forward model of a law on each piece."""
+        return [
+            ForwardModel(law, p.area, p.geometry == "mounted", p.experiment) for p in self.pieces
+        ]
+
+    @property
+    def piece(self) -> np.ndarray:
+        """Index of the piece of each row, (n,)."""
+        return np.asarray(self.piece_of_state[self.group])
+
+    @property
+    def is_read(self) -> np.ndarray:
+        """Whether a direction has readings, (2, n)."""
+        axes = np.array([np.isin([0, 1], p.experiment.axes) for p in self.pieces])
+        return np.asarray(axes[self.piece].T)
+
+    @property
+    def is_mounted(self) -> np.ndarray:
+        """Whether a mounted state has a mounting load in a direction, (2, m)."""
+        axes = [np.isin([0, 1], p.experiment.axes) & p.experiment.is_mounted for p in self.pieces]
+        return np.asarray(np.array(axes)[self.piece_of_state].T)
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """Largest absolute load of each piece, at least the smallest normal number."""
+        largest = np.abs(self.load).max(axis=0)
+        return np.maximum(
+            [largest[self.piece == i].max(initial=0.0) for i in range(len(self.pieces))], 1e-300
+        )
 
     @property
     def peak(self) -> float:
-        """Largest absolute load, at least the smallest normal number."""
-        return max(float(np.abs(self.load).max()), 1e-300)
+        """Largest absolute load of the first piece."""
+        return float(self.peaks[0])
 
     def thinned(self, per_protocol: int) -> Readings:
         """Evenly chosen rows of each protocol after those at rest, with the last one."""
@@ -98,11 +135,6 @@ class Readings:
         """The rows after those at rest, which enter a posterior as the mounting reading instead."""
         return self.thinned(self.at_rest.size)
 
-    def by_protocol(self, residual: np.ndarray) -> list[np.ndarray]:
-        """Residuals (2 n,) of the rows as one array (n_p, 2) per protocol."""
-        pairs = residual.reshape(2, -1).T
-        return [pairs[rows] for rows in self.rows]
-
 
 MAX_SIGN_CHANGE_Z = 3.0
 """Standard deviations by which the sign changes of independent errors may fall short."""
@@ -114,9 +146,10 @@ def has_smooth_misfit(residuals: Sequence[np.ndarray]) -> bool:
     for part in residuals:
         if not part.any():
             continue
-        above = part > 0.0
+        read = part[:, part.any(axis=0)]
+        above = read > 0.0
         changes += int(np.count_nonzero(above[1:] != above[:-1]))
-        steps += 2 * max(len(part) - 1, 0)
+        steps += read.shape[1] * max(len(read) - 1, 0)
     # Signs of independent errors change at every step with probability 1/2.
     return changes - 0.5 * steps < -MAX_SIGN_CHANGE_Z * 0.5 * np.sqrt(steps)
 
@@ -132,7 +165,7 @@ class LoadResiduals:
     quantity: str
     point: np.ndarray
     free: np.ndarray
-    scale: float
+    scale: float | np.ndarray  # one, or (pieces,)
     mounting_stretch: np.ndarray
     law: Law
 
@@ -143,13 +176,13 @@ class LoadResiduals:
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative; the caller suppresses NumPy's warnings."""
-        r, by_point, _ = self._rows(self.fit_coordinates(unknowns), self.mounting_stretch)
+        r, by_point, _, _ = self._rows(self.fit_coordinates(unknowns), self.mounting_stretch)
         return r, by_point[self.free].T
 
     @property
-    def forward(self) -> ForwardModel:
-        """The forward model of the law."""
-        return self.data.forward(self.law)
+    def forwards(self) -> list[ForwardModel]:
+        """The forward model of the law on each piece."""
+        return self.data.forwards(self.law)
 
     def fit_coordinates(self, unknowns: np.ndarray) -> np.ndarray:
         """Fit coordinates of the material, fixed ones filled in."""
@@ -161,30 +194,66 @@ class LoadResiduals:
         """Mounting stretches, shape (2, m)."""
         return self.mounting_stretch
 
-    def _rows(self, point: np.ndarray, lm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals (2n,), and their derivatives with respect to fit coordinates and ln lm.
+    def stiffness(self, unknowns: np.ndarray) -> np.ndarray:
+        """Stiffness of each piece over that of the first, (pieces,)."""
+        return np.ones(len(self.data.pieces))
 
-        Shapes (p, 2n) and (2n, 2m).
+    def response(
+        self, point: np.ndarray, lm: np.ndarray, stiffness: np.ndarray | None = None
+    ) -> LoadResponse:
+        """Readings of all rows at mounting stretches (2, m) and stiffnesses (pieces,)."""
+        data, parts = self.data, []
+        for i, forward in enumerate(self.forwards):
+            at = data.piece == i
+            part = forward.response(point, data.stretch[:, at], lm[:, data.group[at]])
+            factor = 1.0 if stiffness is None else stiffness[i]
+            parts.append([factor * v for v in (vars(part)[name] for name in RESPONSE)])
+        return LoadResponse(*(np.concatenate(v, axis=-1) for v in zip(*parts, strict=True)))
+
+    def _rows(
+        self, point: np.ndarray, lm: np.ndarray, stiffness: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (2n,), and their derivatives with respect to fit coordinates, ln lm and ln c.
+
+        Shapes (p, 2n), (2n, 2m) and (2n, pieces).
         """
-        data = self.data
-        rows = self.forward.response(point, data.stretch, lm[:, data.group])
-        residual, by_point, by_lm = (
-            rows.load - data.load,
-            rows.by_fit_coordinate,
-            rows.by_log_mounting,
-        )
+        data, piece = self.data, self.data.piece
+        rows = self.response(point, lm, stiffness)
+        scale = np.broadcast_to(self.scale, len(data.pieces))[piece]
+        residual, by_point = rows.load - data.load, rows.by_fit_coordinate
+        by_lm = rows.by_log_mounting
         if self.quantity == "cauchy":
             # s - f l lm / A0 (unloaded), s - f l / Am (mounted)
             residual, by_point = residual / rows.per_stress, by_point / rows.per_stress[:, None]
             by_lm = by_lm / rows.per_stress[:, None]
-            if not data.mounted:
-                by_lm[0, 0] += residual[0]
-                by_lm[1, 1] += residual[1]
-        by_point = by_point.transpose(1, 0, 2).reshape(point.size, -1) / self.scale
+            unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[piece]
+            by_lm[0, 0] += unloaded * residual[0]
+            by_lm[1, 1] += unloaded * residual[1]
+        by_point = (by_point / scale).transpose(1, 0, 2).reshape(point.size, -1)
         # a row depends on the mounting stretches of its own group, columns ordered (k, group)
         member = data.group[:, None] == np.arange(lm.shape[1])
-        by_all = (by_lm / self.scale).transpose(0, 2, 1)[..., None] * member[:, None, :]
-        return residual.ravel() / self.scale, by_point, by_all.reshape(-1, lm.size)
+        by_all = (by_lm / scale).transpose(0, 2, 1)[..., None] * member[:, None, :]
+        own = piece[:, None] == np.arange(len(data.pieces))
+        by_stiffness = (rows.load / scale)[..., None] * own
+        return (
+            (residual / scale).ravel(),
+            by_point,
+            by_all.reshape(-1, lm.size),
+            by_stiffness.reshape(-1, len(data.pieces)),
+        )
+
+    def mounted(self, point: np.ndarray, lm: np.ndarray) -> LoadResponse:
+        """Loads of the mounted states at stretches (2, m), in both directions."""
+        parts = []
+        for m, i in enumerate(self.data.piece_of_state):
+            balanced = replace(self.forwards[i], experiment=BIAXIAL)
+            parts.append(balanced.response(point, 1.0, lm[:, m : m + 1]))
+        return LoadResponse(
+            *(np.concatenate([vars(p)[name] for p in parts], axis=-1) for name in RESPONSE)
+        )
+
+
+RESPONSE = ("load", "by_fit_coordinate", "by_log_mounting", "per_stress")
 
 
 @dataclass(eq=False)
@@ -207,12 +276,12 @@ class FreeMounting(LoadResiduals):
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative."""
         point, lm = self.fit_coordinates(unknowns), self.mounting(unknowns)
-        r, by_point, by_lm = self._rows(point, lm)
+        r, by_point, by_lm, _ = self._rows(point, lm)
         by_lm = (by_lm / lm.ravel())[:, self.free_mounting]
         if self.reading_sd is None:
             return r, np.hstack([by_point[self.free].T, by_lm])
         sd, groups = self.reading_sd, lm.shape[1]
-        state = self.forward.response(point, 1.0, lm)
+        state = self.mounted(point, lm)
         z = (state.load - self.data.mounting_load) / sd
         z_by_point = (
             (state.by_fit_coordinate / sd[:, None]).transpose(0, 2, 1).reshape(2 * groups, -1)
@@ -228,44 +297,73 @@ class BalancedMounting(LoadResiduals):
     """The mounting stretch is the root of the force balance at the mounted state.
 
     With ``reading_sd`` (2, m) the mounting loads are unknowns too, as deviations z from
-    their readings in units of the sd, which are residuals as well.
+    their readings in units of the sd, which are residuals as well. With ``piece_sd`` so are the
+    logs of the stiffnesses of further pieces, in units of that sd.
     """
 
     reading_sd: np.ndarray | None = None
     compiled: bool = True
+    piece_sd: float = 0.0
+
+    @property
+    def read(self) -> np.ndarray:
+        """Mounting loads that are unknown, as indices into the flat (2, m)."""
+        if self.reading_sd is None:
+            return np.empty(0, dtype=int)
+        return np.flatnonzero(self.data.is_mounted & (self.reading_sd > 0.0))
 
     def mounting_load(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting loads, shape (2, m), in the unit of the readings."""
-        reading = self.data.mounting_load
-        if self.reading_sd is None:
-            return reading
-        z = unknowns[self.free.size :].reshape(reading.shape)
-        # f0 = reading + z s0
-        return reading + z * self.reading_sd
+        load, read = self.data.mounting_load.copy(), self.read
+        if read.size:
+            assert self.reading_sd is not None
+            z = unknowns[self.free.size : self.free.size + read.size]
+            # f0 = reading + z s0
+            load.flat[read] += z * self.reading_sd.flat[read]
+        return load
+
+    def stiffness(self, unknowns: np.ndarray) -> np.ndarray:
+        """Stiffness of each piece over that of the first, (pieces,)."""
+        out = np.ones(len(self.data.pieces))
+        if self.piece_sd:
+            out[1:] = np.exp(self.piece_sd * unknowns[self.free.size + self.read.size :])
+        return out
 
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m); NaN where no root exists."""
-        load = self.mounting_load(unknowns)
-        return self.forward.solve_mounting(
-            self.fit_coordinates(unknowns), load, compiled=self.compiled
-        )
+        data, point = self.data, self.fit_coordinates(unknowns)
+        load = self.mounting_load(unknowns) / self.stiffness(unknowns)[data.piece_of_state]
+        lm = np.empty_like(load)
+        for i, forward in enumerate(self.forwards):
+            own = data.piece_of_state == i
+            lm[:, own] = forward.solve_mounting(point, load[:, own], compiled=self.compiled)
+        return lm
 
     def log_stretch_jacobian(self, unknowns: np.ndarray, lm: np.ndarray) -> np.ndarray:
         """Derivative (2m, unknowns) of all ln lm, at stretches lm, with respect to the unknowns.
 
-        By the implicit function theorem: with the mounting load f0 = q(theta, lm),
+        By the implicit function theorem: with the mounting load f0 = c q(theta, lm),
 
-            dq/d(ln lm) d(ln lm) = d f0 - dq/d(theta) d(theta)
+            c dq/d(ln lm) d(ln lm) = d f0 - c dq/d(theta) d(theta) - f0 d(ln c)
         """
-        state = self.forward.response(self.fit_coordinates(unknowns), 1.0, lm)
+        data, groups = self.data, lm.shape[1]
+        state = self.mounted(self.fit_coordinates(unknowns), lm)
+        is_mounted = np.array([p.experiment.is_mounted for p in data.pieces])[data.piece_of_state]
         inverse = np.linalg.inv(state.by_log_mounting.transpose(2, 0, 1))
+        inverse[~is_mounted] = 0.0
         by_point = -np.einsum("gij,jpg->igp", inverse, state.by_fit_coordinate)
-        groups = len(inverse)
-        by_point = by_point[..., self.free].reshape(2 * groups, -1)
-        if self.reading_sd is None:
-            return by_point
-        by_z = inverse * self.reading_sd.T[:, None]
-        return np.hstack([by_point, _block_diagonal(by_z.transpose(1, 2, 0))])
+        parts = [by_point[..., self.free].reshape(2 * groups, -1)]
+        inverse = inverse / self.stiffness(unknowns)[data.piece_of_state, None, None]
+        if self.read.size:
+            assert self.reading_sd is not None
+            by_z = inverse * self.reading_sd.T[:, None]
+            parts.append(_block_diagonal(by_z.transpose(1, 2, 0))[:, self.read])
+        if self.piece_sd:
+            # d(ln lm) / d(ln c) = -inverse f0, each state by its own piece
+            by_c = -np.einsum("gij,jg->ig", inverse, self.mounting_load(unknowns))
+            own = data.piece_of_state[:, None] == np.arange(1, len(data.pieces))
+            parts.append(self.piece_sd * (by_c[..., None] * own).reshape(2 * groups, -1))
+        return np.hstack(parts)
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative."""
@@ -274,10 +372,13 @@ class BalancedMounting(LoadResiduals):
         if not np.isfinite(lm).all():
             rows = 2 * self.data.group.size + z.size
             return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
-        r, by_point, by_lm = self._rows(self.fit_coordinates(unknowns), lm)
+        stiffness = self.stiffness(unknowns)
+        r, by_point, by_lm, by_c = self._rows(self.fit_coordinates(unknowns), lm, stiffness)
         jacobian = by_lm @ self.log_stretch_jacobian(unknowns, lm)
         jacobian[:, : self.free.size] += by_point[self.free].T
-        # the residual of z is z itself
+        if self.piece_sd:
+            jacobian[:, self.free.size + self.read.size :] += self.piece_sd * by_c[:, 1:]
+        # the residual of z, or of ln c, is z itself
         by_z = np.eye(z.size, unknowns.size, self.free.size)
         return np.concatenate([r, z]), np.vstack([jacobian, by_z])
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
@@ -18,7 +18,6 @@ import numpy as np
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.forward import LoadResponse
 from biaxbayes.laws.law import Law
-from biaxbayes.specimens.specimen import Specimen
 
 EXPLAINED = 1.5
 """Misfit over noise up to which the noise explains the misfit."""
@@ -45,8 +44,11 @@ class FitResult:
     at_bound : tuple of str
         Unknowns that ended on a bound.
     residuals : tuple of ndarray, shape (n_p, 2)
-        Measured minus model load in the specimen's unit, without the rows at rest. All zero where
-        their root mean square is below :attr:`Specimen.load_resolution`, which is rounding.
+        Measured minus model load in the specimen's unit, without the rows at rest, of all pieces.
+        All zero where their root mean square is below :attr:`Specimen.load_resolution`, which is
+        rounding.
+    stiffness : ndarray, shape (pieces,)
+        Of each piece over that of the first.
     """
 
     method: str
@@ -60,6 +62,7 @@ class FitResult:
     converged: bool
     at_bound: tuple[str, ...]
     residuals: tuple[np.ndarray, ...]
+    stiffness: np.ndarray = field(default_factory=lambda: np.ones(1))
 
     def __repr__(self) -> str:
         values = ", ".join(
@@ -95,7 +98,7 @@ class FitResult:
             "iterations": self.iterations,
             "converged": self.converged,
             "at_bound": list(self.at_bound),
-        }
+        } | ({"stiffness": self.stiffness.tolist()} if len(self.stiffness) > 1 else {})
 
     def parameter_error(self, truth: Mapping[str, float]) -> float:
         """Mean relative error of the material parameters, the MAE of the method paper (Eq. 8).
@@ -137,6 +140,7 @@ def fit_from_record(record: Mapping[str, Any], law: Law, states: int) -> FitResu
     if not (inside and positive and stretch.shape == (states, 2)):
         raise ValueError("its values are out of range")
     nothing = np.full_like(stretch, math.nan)
+    stiffness = np.asarray(record.get("stiffness", [1.0]), dtype=float)
     return FitResult(
         str(record["method"]),
         law.material_at(tuple(values)),
@@ -149,12 +153,15 @@ def fit_from_record(record: Mapping[str, Any], law: Law, states: int) -> FitResu
         bool(record["converged"]),
         (),
         (),
+        stiffness,
     )
 
 
 def root_mean_square(residuals: Sequence[np.ndarray]) -> float:
     """Root mean square of the residuals of all protocols."""
-    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+    # across a strip nothing is read
+    read = [column for part in residuals for column in part.T if column.any()]
+    return float(np.sqrt(np.mean(np.concatenate(read) ** 2))) if read else 0.0
 
 
 # --- how far the written digits leave a fit open -------------------------------------------------
@@ -181,28 +188,35 @@ def half_digits(values: np.ndarray) -> np.ndarray:
     return 0.5 * 10.0 ** np.maximum(-decimals, by_significance)
 
 
-def rounding_bound(specimen: Specimen, data: Readings, response: LoadResponse) -> float:
+def rounding_bound(data: Readings, response: LoadResponse) -> float:
     """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa."""
     # half digits of the columns; the reader divides stretches, and Cauchy stresses with them, by
     # the stretch at rest
     written = []
     for name in ("stretch_x", "stretch_y", "load_x", "load_y"):
-        divided = name.startswith("stretch") or specimen.stress_pair == "cauchy"
-        by = np.concatenate(
-            [
-                np.full(p.rows, p.reference["xy".index(name[-1])] if divided else 1.0)
-                for p in specimen.protocols
-            ]
-        )
-        column = np.concatenate([getattr(p, name) for p in specimen.protocols])
-        written.append(half_digits(column * by) / by)
+        parts = []
+        for piece in data.pieces:
+            divided = name.startswith("stretch") or piece.stress_pair == "cauchy"
+            by = np.concatenate(
+                [
+                    np.full(p.rows, p.reference["xy".index(name[-1])] if divided else 1.0)
+                    for p in piece.protocols
+                ]
+            )
+            column = np.concatenate([getattr(p, name) for p in piece.protocols])
+            parts.append(half_digits(np.nan_to_num(column, nan=1.0) * by) / by)
+        written.append(np.concatenate(parts))
     stretch, load = np.array(written[:2]), np.array(written[2:])
     # data: f l lm / A0 (unloaded), f l / Am (mounted); model: s(l lm). Their difference moves by
     #   df / factor + s dl / l - sum_j ds/d(ln l_j) dl_j / l_j
-    stress = response.stress
-    slope = np.abs(stress.by_log_stretch) + np.eye(2)[:, :, None] * np.abs(stress.stress)
-    bound = load / response.per_stress + np.einsum("kjn,jn->kn", slope, stretch / data.stretch)
-    return float(np.sqrt((bound**2).mean()))
+    unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[data.piece]
+    stress = np.eye(2)[:, :, None] * response.stress[:, None]
+    # d(load / section) / d ln lm = ds/d(ln l) - s with unloaded dimensions
+    by_log = response.by_log_mounting / response.per_stress[:, None] + unloaded * stress
+    slope = np.abs(by_log) + np.abs(stress)
+    moved = stretch / np.nan_to_num(data.stretch, nan=1.0)
+    bound = load / response.per_stress + np.einsum("kjn,jn->kn", slope, moved)
+    return float(np.sqrt((bound[data.is_read] ** 2).mean()))
 
 
 def misfit_sentence(law_name: str, rms: float, noise: float, peak: float, unit: str) -> str:

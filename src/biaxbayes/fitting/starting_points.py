@@ -35,16 +35,27 @@ def screened_points(
     ``point`` (p,) holds fixed values, ``free`` are the indices of the others. ``with_mounting``
     draws mounting stretches and counts the mounting reading; else they are one.
     """
-    thinned = data.thinned(SCREENING_ROWS)
-    stretch, load = thinned.stretch, thinned.load
-    if with_mounting:
-        stretch = np.hstack([np.ones_like(data.mounting_load), stretch])
-        load = np.hstack([data.mounting_load, load])
+    # mounting readings first
+    thinned, states = data.thinned(SCREENING_ROWS), len(data.piece_of_state) * with_mounting
+    stretch = np.hstack([np.ones_like(data.mounting_load)[:, :states], thinned.stretch])
+    load = np.hstack([data.mounting_load[:, :states], thinned.load])
+    piece = np.concatenate([data.piece_of_state[:states], thinned.piece])
+    for i, of_piece in enumerate(data.pieces):
+        own = piece == i
+        stresses = of_piece.experiment.stresses(stretch[:, own].T, load[:, own].T)
+        if stresses is None:  # in kPa of the unloaded or mounted section
+            load[:, own] /= of_piece.area[:, None]
+        else:  # P = s / l
+            load[:, own] = stresses.T / stretch[:, own]
+    side = np.array([-1 if p.experiment.free_side is None else p.experiment.free_side
+                     for p in data.pieces])[piece]  # fmt: skip
+    unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[piece]
 
     def factor(total: np.ndarray) -> np.ndarray:
-        return data.forward(law).per_stress(stretch, total / stretch)
+        # per kPa of Cauchy stress, P = s / (l lm) of the unloaded section, s / l of the mounted one
+        return 1.0 / np.where(unloaded, total, np.nan_to_num(stretch, nan=1.0))
 
-    readings = Screening(stretch, load, data.area, with_mounting, point, free, CANDIDATES, factor)
+    readings = Screening(stretch, load, side, with_mounting, point, free, CANDIDATES, factor)
     with np.errstate(all="ignore"):
         points, mounting, cost, features = screen(law, readings, rng)
     chosen = _distinct_points(cost, features, count)

@@ -15,7 +15,7 @@ import pandas as pd
 from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
+from biaxbayes.prediction.draws import mounting_labels, protocol_mounting, with_free_sides
 from biaxbayes.prediction.percentiles import percentiles
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.protocol import Protocol
@@ -114,9 +114,13 @@ def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
 
 def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
     """Largest total stretch that the test reached in both directions, at the median mounting."""
-    lm = median_mounting(draws, specimen)
-    largest = [p.stretch.max(axis=0) * m for p, m in zip(specimen.protocols, lm, strict=True)]
-    return float(np.max(largest, axis=0).min())
+    # a strip is stretched along itself
+    largest = [
+        float((p.stretch * m).max(axis=0)[k])
+        for p, m in zip(specimen.protocols, median_mounting(draws, specimen), strict=True)
+        for k in specimen.experiment.axes
+    ]
+    return float(np.reshape(largest, (len(specimen.protocols), -1)).max(axis=0).min())
 
 
 # --- the table: determined.csv ------------------------------------------------------------------
@@ -164,8 +168,9 @@ def determined(
         d s_y / d ln l_y (yy) and d s_x / d ln l_y (xy).
         The exponent is k2 E^2 at the largest stretch of the tests.
     """
-    specimen = posterior.specimen
+    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
     states = list(stretches or ())
+    axes = specimen.experiment.axes if stretches is None else (0, 1)
     if stretches is None and total:
         for protocol in specimen.protocols:
             lm = np.median(protocol_mounting(draws, protocol), axis=0)
@@ -173,9 +178,9 @@ def determined(
             states += [(float(x), float(y)) for x, y in x_and_y]
         states = list(dict.fromkeys(states))
     with np.errstate(over="ignore", invalid="ignore"):
-        rows = list(_rows(posterior, thin_draws(draws), states))
+        rows = list(_rows(posterior, thin_draws(draws), states, axes))
         if stretches is None:
-            rows += _measured_rows(posterior, thin_draws(draws, STRESS_DRAWS))
+            rows += _measured_rows(posterior, specimen, thin_draws(draws, STRESS_DRAWS))
     return pd.DataFrame(rows)
 
 
@@ -211,9 +216,12 @@ def _row(
 
 
 def _rows(
-    posterior: Posterior, draws: pd.DataFrame, states: list[tuple[float, float]]
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    states: list[tuple[float, float]],
+    axes: Sequence[int],
 ) -> Iterator[dict[str, object]]:
-    """Quantities of the law, and those at total stretches."""
+    """Quantities of the law, and those at total stretches; stresses in the directions of axes."""
     law, material = posterior.law, posterior.law.material(draws)
     nowhere = (np.nan, np.nan)
     for name, values in law.derived_quantities(material).items():
@@ -222,14 +230,17 @@ def _rows(
     for name, i, j in TANGENTS:
         yield _row(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0])
     if states:
-        yield from _total_rows(posterior, draws, states)
+        yield from _total_rows(posterior, draws, states, axes)
     stretches = [np.tile(state, (len(draws), 1)) for state in states]
     for name, values in law.derived_at(material, stretches).items() if states else ():
         yield _row(name, "", nowhere, values)
 
 
 def _total_rows(
-    posterior: Posterior, draws: pd.DataFrame, states: list[tuple[float, float]]
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    states: list[tuple[float, float]],
+    axes: Sequence[int],
 ) -> Iterator[dict[str, object]]:
     """Stresses of the tissue, stiffnesses and energy of the law at total stretches."""
     few = thin_draws(draws, STRESS_DRAWS)
@@ -242,9 +253,10 @@ def _total_rows(
         measured = np.array([state]) / np.median(lm, axis=0)
         misfit, sd = (part / section for part in tissue.misfit(measured))
         at = [np.array([v]) for v in state]
-        for axis, stress in enumerate(material.cauchy(*at)):
+        stresses = material.cauchy(*at)
+        for axis in axes:
             # s_k = l_k P_k
-            scale = state[axis]
+            stress, scale = stresses[axis], state[axis]
             values = stress[:, 0] + scale * misfit[:, 0, axis]
             yield _row(f"Cauchy stress {'xy'[axis]}", "kPa", state, values, scale * sd[:, 0, axis])
         tangent = all_draws.cauchy_by_log_stretch(*at)
@@ -256,9 +268,10 @@ def _total_rows(
 TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
 
 
-def _measured_rows(posterior: Posterior, draws: pd.DataFrame) -> Iterator[dict[str, object]]:
+def _measured_rows(
+    posterior: Posterior, specimen: Specimen, draws: pd.DataFrame
+) -> Iterator[dict[str, object]]:
     """Nominal stresses half-way and at the end of every protocol, from its own mounted state."""
-    specimen = posterior.specimen
     if not mounting_labels(draws, specimen):
         return
     tissue = Tissue(posterior, draws)
@@ -279,7 +292,8 @@ def _measured_rows(posterior: Posterior, draws: pd.DataFrame) -> Iterator[dict[s
         nominal = (tissue.law(states, protocol.name) + misfit) / section
         sd = np.broadcast_to(loads.sd, nominal.shape) / section
         for j, (x, y) in enumerate(states):
-            for axis, name in enumerate("xy"):
+            for axis in specimen.experiment.axes:
+                name = "xy"[axis]
                 yield _row(
                     f"nominal stress {name}{ending}",
                     "kPa",

@@ -80,9 +80,11 @@ def swapped_columns(
     best: FitResult | None = None,
 ) -> Finding | None:
     """A finding if a fit with `residuals` is poor and exchanging x and y of the load helps."""
-    peak = specimen.peak_load
+    if specimen.test != "biaxial":
+        return None
+    specimen, peak = replace(specimen, further=()), specimen.peak_load
     bad = max(NOTICEABLE_MISFIT * peak, BEYOND_NOISE * specimen.noise_sd)
-    if not root_mean_square(residuals) > bad:
+    if not root_mean_square(residuals[: len(specimen.protocols)]) > bad:
         return None
     other = replace(
         specimen,

@@ -40,7 +40,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.prior_checks import prior_conflicts
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH, mounting_names
-from biaxbayes.prediction.draws import protocol_mounting
+from biaxbayes.prediction.draws import protocol_mounting, with_free_sides
 
 MAX_DIAGNOSTIC_DRAWS = 20_000
 """Draws, evenly chosen, that the diagnostics are computed from; medians and intervals are those of
@@ -196,7 +196,8 @@ def identify_draws(
     scales = parameter_scales(priors or posterior.priors, posterior.quantities, thinned)
     free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
     diagnostics: dict[str, Diagnostics] = {}
-    law, protocols = posterior.law, posterior.specimen.protocols
+    law = posterior.law
+    protocols = with_free_sides(thinned, posterior.specimen, law).protocols
     if state != "unusable":
         log_prior = power_scaling.log_prior(free, thinned)
         logs = (log_prior, thinned["log_likelihood"].to_numpy(dtype=float))

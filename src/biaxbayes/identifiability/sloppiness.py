@@ -30,8 +30,8 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.options import Settings
-from biaxbayes.parameters import MATERIAL, mounting_names
-from biaxbayes.prediction.draws import median_draw, mounting_labels
+from biaxbayes.parameters import MATERIAL, STIFFNESS, mounting_names, name_of
+from biaxbayes.prediction.draws import median_draw
 from biaxbayes.specimens.specimen import Specimen
 
 # --- materials that give the same curves: one parameter is moved, the others follow --------------
@@ -72,21 +72,27 @@ def same_curves(
     """Move one parameter of a draw between two natural values; those in `free` follow."""
     law, balanced = settings.material_law, settings.infers_mounting
     data = Readings.from_specimen(specimen, shared=settings.shared)
+    quantities = specimen.quantities(law.parameters, shared=settings.shared)
     mounting_load = np.zeros_like(data.mounting_load)
     if balanced:
-        labels = mounting_labels(draw.to_frame().T, specimen)
-        pairs = [mounting_names("force", label) for label in labels]
-        mounting_load = np.array([[float(draw[pair[k]]) for pair in pairs] for k in range(2)])
+        # zero across a strip, which has no such force; of a piece as stiff as the first
+        pairs = [mounting_names("force", state) for state in quantities.states]
+        stiff = [
+            float(draw.get(name_of(STIFFNESS.name, piece.label), 1.0))
+            for piece in quantities.pieces
+            for _ in piece.states
+        ]
+        forces = [[float(draw.get(pair[k], 0.0)) for pair in pairs] for k in range(2)]
+        mounting_load = np.array(forces) / stiff
     data = replace(data, mounting_load=mounting_load)
-    forward = data.forward(law)
+    one = np.ones_like(mounting_load)
 
     def curves(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Loads (2, n) of every row and mounting stretches (2, m)."""
-        lm = np.ones_like(mounting_load)
-        if balanced:
-            lm = forward.solve_mounting(point, mounting_load)
-        load = forward.response(point, data.stretch, lm[:, data.group]).load
-        return load, lm
+        kind = BalancedMounting if balanced else LoadResiduals
+        problem = kind(data, "load", point, np.arange(point.size), 1.0, one, law)
+        lm = problem.mounting(point)
+        return problem.response(point, lm).load, lm
 
     values_of_draw = [float(draw[n]) for n in law.names]
     origin, index = law.to_fit_coordinates(values_of_draw), law.names.index(moved)
@@ -104,7 +110,8 @@ def same_curves(
 
     points = [*reversed(path(low)), origin, *path(high)]
     loads, stretches = zip(*map(curves, points), strict=True)
-    stress = np.array(loads) / data.area[:, None]
+    area = np.array([piece.area for piece in data.pieces])[data.piece].T
+    stress = np.array(loads) / area
     return SameCurves(
         moved,
         pd.DataFrame([law.from_fit_coordinates(p) for p in points], columns=list(law.names)),

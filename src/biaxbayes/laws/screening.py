@@ -14,20 +14,22 @@ from biaxbayes.laws.materials import cauchy_stress, squared_stretches
 MIN_MATRIX_FRACTION = 0.01
 """Smallest stiffness of the matrix to start from, over the peak stress, if prestretch is inferred.
 Without a matrix the mounting stretch is almost unbounded, and a descent does not return."""
+NARROWING = (0.2, 0.9)
+"""Range of -d ln(width) / d ln(length) of a strip, 0.5 for an isotropic one."""
 
 
 class Screening(NamedTuple):
     """Readings on which starting points are ranked, and the random materials."""
 
     stretch: np.ndarray  # (2, n), measured
-    load: np.ndarray  # (2, n)
-    area: np.ndarray  # (2,), load per kPa
+    stress: np.ndarray  # (2, n), kPa, of the section that the dimensions refer to
+    free_side: np.ndarray  # (n,), the direction that carries no load and may be unmeasured, or -1
     with_mounting: bool  # draw mounting stretches; else they are one
     point: np.ndarray  # (p,), fit coordinates, used where they are not free
     free: np.ndarray  # indices of the free fit coordinates
     size: int  # number of materials
-    # load per Cauchy stress at total stretches (S, 2, n)
-    load_factor: Callable[[np.ndarray], np.ndarray]
+    # the same per Cauchy stress, at total stretches (S, 2, n)
+    factor: Callable[[np.ndarray], np.ndarray]
 
 
 def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
@@ -42,10 +44,16 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
         moved = rng.random((data.size, 1)) > 0.2
         mounting += np.abs(rng.normal(0.0, 0.03, mounting.shape)) * moved
     total = data.stretch * mounting[:, :, None]  # (S, 2, n)
+    for side in np.unique(data.free_side[data.free_side >= 0]):
+        # a guess of how a strip narrows, which its stress across it has to confirm
+        own = data.free_side == side
+        narrowing = rng.uniform(*NARROWING, (data.size, 1))
+        guess = total[:, 1 - side, own] ** -narrowing
+        total[:, side, own] = np.where(np.isnan(total[:, side, own]), guess, total[:, side, own])
     points, features = law.random_materials(data.size, total.max(axis=2), rng)
     others = np.setdiff1d(np.arange(points.shape[1]), data.free)
     points[:, others] = data.point[others]
-    factor = data.load_factor(total)
+    factor = data.factor(total)
 
     def load_at(points: np.ndarray) -> np.ndarray:
         constants = law.constants_from_fit(*points.T[:, :, None])
@@ -58,7 +66,7 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
     base = points.copy()
     base[:, free_amplitudes] = 0.0
     # loads are linear in the amplitudes k: load = base + sum_i k_i load(k_i = 1, others 0)
-    target = np.broadcast_to(data.load, total.shape).reshape(data.size, -1) - load_at(base)
+    target = np.broadcast_to(data.stress, total.shape).reshape(data.size, -1) - load_at(base)
     columns = np.empty((*target.shape, len(free_amplitudes)))
     for k, i in enumerate(free_amplitudes):
         alone = points.copy()
@@ -76,6 +84,6 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
     else:  # nnls refuses a matrix without columns
         cost[finite] = (target[finite] ** 2).sum(axis=1)
     if data.with_mounting and linear[0] in data.free:
-        peak = float(np.abs(data.load / data.area[:, None]).max())
+        peak = float(np.abs(data.stress).max())
         points[:, linear[0]] = np.maximum(points[:, linear[0]], MIN_MATRIX_FRACTION * peak)
     return points, mounting, np.where(np.isfinite(points).all(axis=1), cost, np.inf), features

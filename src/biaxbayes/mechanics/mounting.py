@@ -26,29 +26,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.compilation import compiled, inlined
-from biaxbayes.laws.materials import MaterialResponse, stress_and_slope
+from biaxbayes.laws.materials import STEP, MaterialResponse, cauchy_stress, stress_and_slope
 
 # --- what the load cell reads of a stress: the load law and the sections of a specimen -----------
 
 
 @inlined
-def load_per_stress(section, stretch, mounting, mounted):
-    """Load per Cauchy stress, f / s, in a direction; arguments broadcast.
+def section_per_stress(section, mounting, mounted):
+    """Section per Cauchy stress, g = f l / s, in a direction; arguments broadcast.
 
     Parameters
     ----------
     section : float or ndarray
         Load per kPa in the state that the dimensions refer to.
-    stretch, mounting : float or ndarray
-        Measured stretch (1 at the mounted state), and mounting stretch.
+    mounting : float or ndarray
+        Mounting stretch.
     mounted : bool
         Whether the dimensions refer to the mounted state.
     """
     if mounted:
         # f = Am s / l
-        return section / stretch
+        return section
     # f = A0 s / (l lm)
-    return section / (stretch * mounting)
+    return section / mounting
 
 
 @inlined
@@ -74,6 +74,7 @@ wide priors are not truncated."""
 LOG_LOW, LOG_HIGH = float(np.log(BRACKET[0])), float(np.log(BRACKET[1]))
 MAX_NEWTON_STEPS = 40
 MAX_STEP = 0.1  # in log stretch; keeps the exponential from overflowing on the way
+FREE_SIDE_TOLERANCE = 1e-9  # of the step of the log stretch, whose error is its square
 TOLERANCE = 1e-13  # of the log stretch; Newton's last step is quadratically smaller still
 
 
@@ -212,3 +213,56 @@ def log_change_of_variables(x, y, jxx, jxy, jyy, mounted):
     # unloaded: dP_i/dlm_j = J_ij / (lm_i lm_j);  mounted: ds_i/dlm_j = J_ij / lm_j
     power = 1.0 if mounted else 2.0
     return np.log(jxx * jyy - jxy * jxy) - power * (x + y)
+
+
+# --- strips: a side without load -----------------------------------------------------------------
+
+
+@compiled(error_model="numpy", nogil=True)
+def solve_free_side(constants, x, y, side):
+    """Newton's method for the log stretch of a free side, where its stress is zero.
+
+    Parameters
+    ----------
+    x, y : float
+        Log stretches; that of the free side is where the search starts.
+    side : int
+        The free side: 0 for x, 1 for y.
+
+    Returns
+    -------
+    ok : bool
+        True if the root is stable.
+    x, y : float
+        Log stretches.
+    """
+    for _ in range(MAX_NEWTON_STEPS):
+        # one complex step gives stress and slope
+        if side == 1:
+            X, Y = np.exp(2.0 * (x + 0j)), np.exp(2.0 * (y + 1j * STEP))
+        else:
+            X, Y = np.exp(2.0 * (x + 1j * STEP)), np.exp(2.0 * (y + 0j))
+        sx, sy = cauchy_stress(constants, X, Y, 1.0 / (X * Y))
+        stress = sy.real if side == 1 else sx.real
+        slope = (sy.imag if side == 1 else sx.imag) / STEP
+        if not (np.isfinite(stress) and np.isfinite(slope)):
+            return False, x, y
+        # downhill where the energy is not convex
+        step = -stress / slope if slope > 0.0 else -np.sign(stress) * MAX_STEP
+        step = min(max(step, -MAX_STEP), MAX_STEP)
+        if side == 1:
+            y += step
+        else:
+            x += step
+        if abs(step) < FREE_SIDE_TOLERANCE:
+            return slope > 0.0, x, y
+    return False, x, y
+
+
+@inlined
+def log_change_at_free_side(x, y, jxx, jxy, jyy, mounted, side):
+    """Log derivative ln |d p0 / d lm| along a strip, from the Jacobian of the balance."""
+    # J along the strip with the free side following: det J / J_ff
+    free, along = (jyy, x) if side == 1 else (jxx, y)
+    power = 1.0 if mounted else 2.0
+    return np.log((jxx * jyy - jxy * jxy) / free) - power * along

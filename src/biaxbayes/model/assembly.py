@@ -1,7 +1,8 @@
 """From a specimen and settings to the arrays of the compiled density, and back from its draws.
 
-A slot is one number of the density, sampled, fixed or tied: the parameters of the law, the noise
-sd, the factors of measured dimensions, the offsets of the load cell, and two per mounted state.
+A slot is one number of the density, sampled, fixed or tied: the parameters of the law; of each
+piece the noise sd, the factors of measured dimensions, the offsets of the load cell and the
+stiffness over that of the first; and two per mounted state.
 Natural values are in the units of the parameter table; a slot holds the log of a positive scale,
 and angles in radians.
 """
@@ -16,31 +17,39 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.forward import ForwardModel, MeasuredRows
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, TransformInputs
 from biaxbayes.model.density import (
-    DIMENSION_SLOTS,
     MODE_FORCE,
     MODE_STRETCH,
     MODE_UNSTRETCHED,
-    NOISE_SLOTS,
+    OFFSET_X,
+    PIECE_SLOTS,
     Problem,
 )
+from biaxbayes.model.piece import Piece
 from biaxbayes.model.priors import Prior, Tie, default_priors
-from biaxbayes.model.readings import ReadingVector
+from biaxbayes.model.readings import known
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
     DEGREE,
     DIMENSION,
-    DIMENSION_PARAMETERS,
+    ERROR,
+    FORCE,
+    FREE_SIDE,
+    MOUNTING_PARAMETERS,
     NOISE_SD,
+    OF_PIECE,
+    PIECE,
+    STIFFNESS,
+    STRETCH,
     Parameter,
     Quantities,
     mounting_names,
+    name_of,
 )
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import thinned_specimen
 
 
 @dataclass(frozen=True)
@@ -65,13 +74,16 @@ class Assembly:
     """Input of the compiled density, with names."""
 
     problem: Problem
-    forward: ForwardModel
-    rows: MeasuredRows
-    readings: ReadingVector
+    pieces: tuple[Piece, ...]
     slots: tuple[str, ...]  # names
     free: tuple[str, ...]  # names of the sampled slots, in the order of a walker's coordinates
     priors: dict[str, Prior | float | Tie]  # by slot; a number where fixed
     quantities: Quantities
+
+    @property
+    def forward(self) -> ForwardModel:
+        """The forward model of the first piece."""
+        return self.pieces[0].forward
 
     @property
     def law(self) -> Law:
@@ -80,18 +92,18 @@ class Assembly:
 
     @property
     def mounts(self) -> tuple[str, ...]:
-        """Label of each mounted state: one empty label when shared, else the protocols' names."""
+        """Label of each mounted state of all pieces."""
         return self.quantities.states
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
-        mounted = (
-            () if self.problem.mounting_mode == MODE_UNSTRETCHED else self.quantities.mounting()
-        )
-        noise = (NOISE_SD.name,) if NOISE_SD.name in self.priors else ()
-        measured = (n for n in self.free if self.quantities[n].parameter.kind == DIMENSION)
-        return (*self.law.names, *(q.name for q in mounted), *noise, *measured)
+        inferred = (self.problem.mounting_mode != MODE_UNSTRETCHED).any()
+        mounted = self.quantities.of_kind(STRETCH, FREE_SIDE, FORCE) if inferred else ()
+        of_errors = [q.name for q in self.quantities.of_kind(ERROR) if q.name in self.priors]
+        others = (DIMENSION, PIECE)
+        measured = (n for n in self.free if self.quantities[n].parameter.kind in others)
+        return (*self.law.names, *(q.name for q in mounted), *of_errors, *measured)
 
 
 def assemble(
@@ -104,30 +116,25 @@ def assemble(
 ) -> Assembly:
     """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots."""
     law = settings.material_law
-    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
-    thinned = thinned_specimen(data, settings.thin)
-    shared = settings.shared
-    states = ("",) if shared else tuple(p.name for p in specimen.protocols)
-    quantities = Quantities(law.parameters, states, specimen.unit)
-    reading, _ = specimen.mounting_readings(shared=shared)
-    priors = _priors(specimen, settings, states)
-    slots = (
-        *law.names,
-        *(p.name for p in (NOISE_SD, *DIMENSION_PARAMETERS)),
-        *(n for state in states for n in mounting_names("stretch", state)),
-    )
-    of_slot = [quantities[name].parameter for name in slots]
-    first = len(law.names) + NOISE_SLOTS + DIMENSION_SLOTS
+    pieces = Piece.of_tissue(specimen, settings)
+    quantities = specimen.quantities(law.parameters, shared=settings.shared)
+    priors = _priors(pieces, settings, quantities)
+    # (parameter, state or piece)
+    of_slot: list[tuple[Parameter, str]] = [(p, "") for p in law.parameters]
+    of_slot += [(p, piece.labels.label) for piece in pieces for p in OF_PIECE]
+    of_slot += [(p, state) for state in quantities.states for p in STRETCHES]
+    slots = tuple(name_of(p.name, label) for p, label in of_slot)
+    first = len(law.names) + PIECE_SLOTS * len(pieces)
     fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
     if settings.mounting == "exact":
-        fixed[first:] = reading.ravel()
-    for i, p in enumerate(of_slot):
+        fixed[first:] = np.concatenate([piece.mounting[0].ravel() for piece in pieces])
+    for i, (p, _) in enumerate(of_slot):
         if p.kind == DIMENSION and not p.unit_symbol("N"):
             fixed[i] = 1.0
     slot = np.full(len(slots), -1)
     kinds, table = np.zeros(len(slots), dtype=np.int64), np.zeros((len(slots), 5))
     free: list[str] = []
-    for i, (name, p) in enumerate(zip(slots, of_slot, strict=True)):
+    for i, (name, (p, _)) in enumerate(zip(slots, of_slot, strict=True)):
         prior = priors.get(name)
         if isinstance(prior, Prior):
             kinds[i], table[i] = prior.encode(log_scale=p.logarithmic)
@@ -144,9 +151,7 @@ def assemble(
         elif prior is not None:
             fixed[i] = to_slot(p, np.array(float(prior)))
     reference, max_I1_state = _references(specimen, constants.reference_stretch)
-    peak_kPa = float(
-        max(np.abs(specimen.load(p) / specimen.area).max() for p in specimen.protocols)
-    )
+    peak_kPa = _peak_stress(specimen)
     transform = law.sampling_transform(
         TransformInputs(
             free=tuple(n for n in law.names if n in free),
@@ -157,10 +162,6 @@ def assemble(
             peak_kPa=max(peak_kPa, 1e-9),
         )
     )
-    rows = MeasuredRows.from_thinned(thinned)
-    readings = ReadingVector.from_rows(
-        rows, thinned, reading.size if settings.reads_force else 0, average=settings.has_misfit
-    )
     problem = Problem(
         slot=slot,
         fixed=fixed,
@@ -168,23 +169,17 @@ def assemble(
         tie_log_factor=factor,
         transform=transform,
         size=len(law.names),
-        logarithmic=np.array([p.logarithmic for p in of_slot]),
-        per_unit=np.array([_per_unit(p) for p in of_slot]),
+        logarithmic=np.array([p.logarithmic for p, _ in of_slot]),
+        per_unit=np.array([_per_unit(p) for p, _ in of_slot]),
         prior_kind=kinds,
         prior=table,
-        mounting_mode=_MODES[settings.mounting],
-        mounted=specimen.geometry == "mounted",
         determinant=determinant,
-        mounting=reading,
-        reads=settings.reads_force,
-        area=specimen.area,
-        reading_of=readings.index,
-        share=readings.share,
-        readings=len(readings.weight),
-        **_rows(rows, shared),
+        **_arrays(pieces, settings, len(law.names)),
     )
-    forward = ForwardModel.from_specimen(specimen, settings)
-    return Assembly(problem, forward, rows, readings, slots, tuple(free), priors, quantities)
+    return Assembly(problem, pieces, slots, tuple(free), priors, quantities)
+
+
+STRETCHES = MOUNTING_PARAMETERS[:2]
 
 
 _MODES = {
@@ -204,9 +199,15 @@ def check_settings(specimen: Specimen, settings: Settings) -> None:
             "mounting stretches can be tied only where they are sampled themselves, not the forces",
             remedy="use `mounting=free`",
         )
+    for piece in specimen.pieces:
+        _check_piece(piece, settings)
+
+
+def _check_piece(specimen: Specimen, settings: Settings) -> None:
+    """Refuse settings that do not suit a piece."""
     if settings.reads_force and not settings.has_misfit:
         _, sd = specimen.mounting_readings(shared=settings.shared)
-        if np.any(sd <= 0.0):
+        if np.any(sd[:, list(specimen.experiment.axes)] <= 0.0):
             raise InputError(
                 f"`mounting={settings.mounting}` needs an error of the mounting force, and the "
                 "file has no load noise",
@@ -233,18 +234,34 @@ def _per_unit(parameter: Parameter) -> float:
 
 
 def _priors(
-    specimen: Specimen, settings: Settings, labels: tuple[str, ...]
+    pieces: tuple[Piece, ...], settings: Settings, quantities: Quantities
 ) -> dict[str, Prior | float | Tie]:
     """Priors by slot name: the defaults, the user's, and those of measured dimensions."""
     given = dict(settings.priors)
     if settings.has_misfit:
         given.pop(NOISE_SD.name, None)
-    chosen = default_priors(specimen, settings) | given
-    of_all = {name: chosen.pop(name) for name in mounting_names("stretch")}
-    out = dict(chosen)
-    if settings.infers_mounting:
-        for label in labels:
-            out.update(zip(mounting_names("stretch", label), of_all.values(), strict=True))
+    out: dict[str, Prior | float | Tie] = {}
+    for piece in pieces:
+        label = piece.labels.label
+        chosen = default_priors(piece.specimen, settings) | given
+        of_states = {name: chosen.pop(name) for name in mounting_names("stretch")}
+        for name, prior in chosen.items():
+            out[name if name in settings.material_law.names else name_of(name, label)] = prior
+        if settings.infers_mounting and piece.specimen.experiment.is_mounted:
+            for state in piece.labels.states:
+                named = zip(mounting_names("stretch", state), of_states.values(), strict=True)
+                free = {q.name for q in quantities.of_kind(STRETCH)}
+                out.update((name, prior) for name, prior in named if name in free)
+        of_dimensions = _dimension_priors(piece.specimen)
+        out.update((name_of(name, label), prior) for name, prior in of_dimensions.items())
+        if label:
+            out[name_of(STIFFNESS.name, label)] = Prior("lognormal", 1.0, settings.piece_sd)
+    return out
+
+
+def _dimension_priors(specimen: Specimen) -> dict[str, Prior]:
+    """Priors of the dimensions and offsets of a piece that the header states an error of."""
+    out: dict[str, Prior] = {}
     known = specimen.metadata
     if "edge_sd_mm" in known:
         for axis in "xy":
@@ -256,16 +273,28 @@ def _priors(
         out["thickness"] = Prior("normal", 1.0, sd, low=0.0)
     offset = known.get(f"load_offset_sd_{specimen.unit}")
     if offset is not None:
-        for axis in "xy":
-            out[f"load_offset_{axis}"] = Prior("normal", 0.0, float(offset))
+        for k in specimen.experiment.axes:
+            out[f"load_offset_{'xy'[k]}"] = Prior("normal", 0.0, float(offset))
     return out
+
+
+def _peak_stress(specimen: Specimen) -> float:
+    """Largest stress of all pieces in kPa, a scale of stiffnesses."""
+    peaks = []
+    for piece in specimen.pieces:
+        for p in piece.protocols:
+            load = piece.load(p)
+            stress = piece.experiment.stresses(p.stretch, load)
+            peaks.append(np.abs(load / piece.area if stress is None else stress).max())
+    return float(max(peaks))
 
 
 def _references(
     specimen: Specimen, stretch: tuple[float, float] | None
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """The squared reference stretch, and the same of the row of largest I1."""
-    measured = np.vstack([np.column_stack([p.stretch_x, p.stretch_y]) for p in specimen.protocols])
+    pieces = specimen.pieces
+    measured = np.vstack([p.known_stretch for piece in pieces for p in piece.protocols])
     top = measured.max(axis=0)
     stretch = (float(top[0]), float(top[1])) if stretch is None else stretch
     squared = measured**2
@@ -283,21 +312,56 @@ def _above_one(stretch: tuple[float, float]) -> tuple[float, float, float]:
     return lx * lx, ly * ly, 1.0 / (lx * ly) ** 2
 
 
-def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
-    """The arrays of the kernel that hold the readings."""
-    lx, ly = rows.stretch.T.copy()
-    fx, fy = rows.load.T.copy()
-    protocols = np.arange(len(rows.names))
+def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[str, Any]:
+    """The arrays of the kernel that hold tests and readings of all pieces."""
+    by_protocol: dict[str, list[Any]] = {"start": [0], "mount": [], "solved": []}
+    by_state: dict[str, list[Any]] = {"mounting_mode": [], "piece": [], "free_side": []}
+    points: dict[str, list[np.ndarray]] = {"stretch": [], "weight": [], "reading_of": []}
+    measured: list[np.ndarray] = []
+    offset_of, mounting_reading = [], []
+    for i, piece in enumerate(pieces):
+        experiment, rows, readings = piece.specimen.experiment, piece.rows, piece.readings
+        side, shift = experiment.free_side, sum(len(part) for part in measured)
+        of_point = experiment.points(rows.stretch)
+        weight = of_point.weight * readings.share[of_point.row, None, None]
+        unmeasured = side is not None and bool(np.isnan(of_point.stretch[:, side]).any())
+        states = len(by_state["piece"])
+        for p in range(len(rows.names)):
+            count = int((rows.protocol[of_point.row] == p).sum())
+            by_protocol["start"].append(by_protocol["start"][-1] + count)
+            by_protocol["mount"].append(states + piece.mount[p])
+            by_protocol["solved"].append(unmeasured)
+        mode = _MODES[settings.mounting] if experiment.is_mounted else MODE_UNSTRETCHED
+        for _ in piece.labels.states:
+            by_state["mounting_mode"].append(mode)
+            by_state["piece"].append(i)
+            by_state["free_side"].append(-1 if side is None else side)
+        points["stretch"].append(known(of_point.stretch))
+        points["weight"].append(weight)
+        index = readings.index[of_point.row]
+        points["reading_of"].append(np.where(index < 0, -1, index + shift))
+        index = np.full((len(piece.labels.states), 2), -1)
+        if piece.reads_force:
+            index = np.where(readings.mounting_index < 0, -1, readings.mounting_index + shift)
+        mounting_reading.append(index)
+        measured.append(piece.measured)
+        offset_of.append(size + PIECE_SLOTS * i + OFFSET_X + readings.axis)
+    lx, ly = np.concatenate(points.pop("stretch")).T.copy()
+    integers = {name: np.array(v, dtype=np.int64) for name, v in by_state.items()}
     return {
-        "start": np.searchsorted(rows.protocol, np.arange(len(rows.names) + 1)),
-        "mount": np.zeros_like(protocols) if shared else protocols,
-        "ilx": 1.0 / lx,
-        "ily": 1.0 / ly,
+        **{name: np.array(v) for name, v in by_protocol.items()},
+        **integers,
+        **{name: np.concatenate(v) for name, v in points.items()},
+        "mounted": np.array([p.specimen.geometry == "mounted" for p in pieces]),
+        "area": np.array([p.specimen.area for p in pieces]),
+        "mounting_reading": np.concatenate(mounting_reading),
+        "measured": np.concatenate(measured),
+        "offset_of": np.concatenate(offset_of),
+        "lx": lx,
+        "ly": ly,
         "X": lx * lx,
         "Y": ly * ly,
         "Z": 1.0 / (lx * ly) ** 2,
-        "fx": fx,
-        "fy": fy,
     }
 
 
@@ -308,20 +372,24 @@ def natural_values(assembly: Assembly, values: np.ndarray, u: np.ndarray) -> dic
     """Natural values of slots and mounting forces by name, from an ``Evaluation`` at ``u``."""
     problem = assembly.problem
     out = {name: values[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
-    if problem.mounting_mode == MODE_UNSTRETCHED:
-        return out
-    forward = assembly.forward
+    first = problem.size + PIECE_SLOTS * len(assembly.pieces)
     for m, state in enumerate(assembly.mounts):
-        names = mounting_names("force", state)
-        if problem.mounting_mode != MODE_FORCE:
-            out.update(zip(names, forward.mounting_load(out, state).T, strict=True))
+        piece = assembly.pieces[problem.piece[m]]
+        if problem.mounting_mode[m] == MODE_UNSTRETCHED:
             continue
-        for k, name in enumerate(names):
+        forces = piece.forward.mounting_load(out, state)
+        for k, name in enumerate(mounting_names("force", state)):
             # sampled, or read from the file: not computed from the mounting stretch
-            place = problem.size + NOISE_SLOTS + DIMENSION_SLOTS + 2 * m + k
-            i = problem.slot[place]
-            reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
-            out[name] = u[:, i].copy() if i >= 0 else reading
+            i = problem.slot[first + 2 * m + k]
+            if k not in piece.labels.axes:
+                continue
+            if problem.mounting_mode[m] != MODE_FORCE:
+                out[name] = forces[:, k]
+            elif i >= 0:
+                out[name] = u[:, i].copy()
+            else:
+                offset = out[name_of(f"load_offset_{'xy'[k]}", piece.labels.label)]
+                out[name] = problem.fixed[first + 2 * m + k] - offset
     return out
 
 

@@ -22,18 +22,20 @@ from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,
     balance,
-    load_per_stress,
+    log_change_at_free_side,
     log_change_of_variables,
+    section_per_stress,
     sections,
     solve_balance,
+    solve_free_side,
 )
 from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, UNIFORM
-from biaxbayes.parameters import DIMENSION_PARAMETERS
+from biaxbayes.parameters import OF_PIECE
 
-# Slots after those of the law: noise sd and dimensions, then two per mounted state.
-NOISE_SLOTS = 1
-DIMENSION_SLOTS = len(DIMENSION_PARAMETERS)
-EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(DIMENSION_SLOTS)
+# Slots after those of the law: noise sd, dimensions and stiffness of each piece, then two per
+# mounted state.
+PIECE_SLOTS = len(OF_PIECE)
+NOISE, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y, STIFFNESS = range(PIECE_SLOTS)
 
 # What the slots of a mounted state hold: nothing (lm = 1), forces p0 (lm is their root), or lm.
 MODE_UNSTRETCHED, MODE_FORCE, MODE_STRETCH = 0, 1, 2
@@ -69,21 +71,26 @@ class Problem(NamedTuple):
     determinant : bool
         Whether the change of variables from mounting force to mounting stretch is included
         (always, except in tests).
-    mounting : ndarray, shape (m, 2)
-        Mounting loads that were read.
-    reads : bool
-        Whether they are readings with an error, the first of the vector of readings.
-    area : ndarray, shape (2,)
+    mounting_mode : int64 ndarray, shape (m,)
+        What the slots of each mounted state hold.
+    piece : int64 ndarray, shape (m,); free_side : int64 ndarray, shape (m,)
+        Piece of each mounted state; its direction without load (a strip), or -1.
+    mounted : bool ndarray, shape (pieces,); area : ndarray, shape (pieces, 2)
+        Whether the dimensions of a piece are those of the mounted state; its sections.
+    mounting_reading : int64 ndarray, shape (m, 2)
+        The reading of each mounting load, or -1.
     start : int64 ndarray, shape (p + 1,); mount : int64 ndarray, shape (p,)
-        First row of each protocol; the mounted state it belongs to.
-    ilx, ily, X, Y, Z : ndarray, shape (n,)
-        Reciprocals of the measured stretches, and their squares.
-    fx, fy : ndarray, shape (n,)
-        Loads after the mounted state, in the unit of the file.
-    reading_of : int64 ndarray, shape (n, 2); share : ndarray, shape (n,)
-        The reading that a row belongs to, in x and y, and its weight in the mean.
-    readings : int
-        Length of the vector of readings.
+        First point of each protocol; the mounted state it belongs to.
+    solved : bool ndarray, shape (p,)
+        Whether the stretch of the free side was not measured.
+    lx, ly, X, Y, Z : ndarray, shape (n,)
+        Measured stretches of the points, and their squares.
+    weight : ndarray, shape (n, 2, 2); reading_of : int64 ndarray, shape (n, 2)
+        Weight of stress k in reading i of a point, and which reading that is, or -1.
+    measured : ndarray, shape (r,)
+        All readings, those of the mounted states first in each piece.
+    offset_of : int64 ndarray, shape (r,)
+        Slot of the offset of each reading.
     """
 
     slot: np.ndarray
@@ -96,24 +103,25 @@ class Problem(NamedTuple):
     per_unit: np.ndarray
     prior_kind: np.ndarray
     prior: np.ndarray
-    mounting_mode: int
-    mounted: bool
     determinant: bool
-    mounting: np.ndarray
-    reads: bool
+    mounting_mode: np.ndarray
+    piece: np.ndarray
+    free_side: np.ndarray
+    mounted: np.ndarray
     area: np.ndarray
+    mounting_reading: np.ndarray
     start: np.ndarray
     mount: np.ndarray
-    ilx: np.ndarray
-    ily: np.ndarray
+    solved: np.ndarray
+    lx: np.ndarray
+    ly: np.ndarray
     X: np.ndarray
     Y: np.ndarray
     Z: np.ndarray
-    fx: np.ndarray
-    fy: np.ndarray
+    weight: np.ndarray
     reading_of: np.ndarray
-    share: np.ndarray
-    readings: int
+    measured: np.ndarray
+    offset_of: np.ndarray
 
 
 # In the decorators below ``error_model`` is numba's: x / 0 is infinite, as in NumPy.
@@ -147,78 +155,98 @@ def _mounted_state(problem, value, constants, m, area_x, area_y, residual):
 
     The two slots of a mounted state hold its forces in mode ``MODE_FORCE`` and its stretches in
     mode ``MODE_STRETCH``; their prior is that of the stretches in both, and they end as stretches.
-    Residuals of the mounting readings are written.
+    A free side carries no force, and its stretch follows. Residuals of the mounting readings are
+    written.
     """
-    if problem.mounting_mode == MODE_UNSTRETCHED:
+    if problem.mounting_mode[m] == MODE_UNSTRETCHED:
         return 0.0, 0.0, 0.0, INSIDE
-    o = problem.size + NOISE_SLOTS
-    i = o + DIMENSION_SLOTS + 2 * m
-    if problem.mounting_mode == MODE_FORCE:
+    piece, side = problem.piece[m], problem.free_side[m]
+    o = problem.size + PIECE_SLOTS * piece
+    i = problem.size + PIECE_SLOTS * problem.mounted.size + 2 * m
+    mounted, logp = problem.mounted[piece], 0.0
+    if problem.mounting_mode[m] == MODE_FORCE:
         px, py = value[i], value[i + 1]
-        if problem.slot[i] < 0:  # exact: the reading less the offset of the cell
+        if problem.slot[i + (side == 0)] < 0:  # exact: the reading less the offset of the cell
             px, py = px - value[o + OFFSET_X], py - value[o + OFFSET_Y]
-        ok, x, y, jxx, jxy, jyy = solve_balance(
-            constants, px / area_x, py / area_y, problem.mounted
-        )
+        if side == 0:
+            px = 0.0
+        elif side == 1:
+            py = 0.0
+        ok, x, y, jxx, jxy, jyy = solve_balance(constants, px / area_x, py / area_y, mounted)
         if not ok:
             return x, y, -np.inf, NO_ROOT
-        logp = 0.0
-        if problem.determinant:
+        if problem.determinant and side < 0:
             # ln |det d p0 / d lm|, p0 in the unit of the file
-            change = log_change_of_variables(x, y, jxx, jxy, jyy, problem.mounted)
+            change = log_change_of_variables(x, y, jxx, jxy, jyy, mounted)
             logp -= change + np.log(area_x * area_y)
+        elif problem.determinant:
+            # ln |d p0 / d lm| along the strip
+            change = log_change_at_free_side(x, y, jxx, jxy, jyy, mounted, side)
+            logp -= change + np.log(area_x if side == 1 else area_y)
     else:
-        if not (value[i] > 0.0 and value[i + 1] > 0.0):
+        x = np.log(value[i]) if value[i] > 0.0 and side != 0 else 0.0
+        y = np.log(value[i + 1]) if value[i + 1] > 0.0 and side != 1 else 0.0
+        if (side != 0 and not value[i] > 0.0) or (side != 1 and not value[i + 1] > 0.0):
             return 0.0, 0.0, -np.inf, OUT_OF_RANGE
-        x, y = np.log(value[i]), np.log(value[i + 1])
+        if side >= 0:
+            ok, x, y = solve_free_side(constants, x, y, side)
+            if not ok:
+                return x, y, -np.inf, NO_ROOT
         if not (LOG_LOW < x < LOG_HIGH and LOG_LOW < y < LOG_HIGH):
             return x, y, -np.inf, NO_ROOT
-        rx, ry, jxx, jxy, jyy = balance(constants, 0.0, 0.0, problem.mounted, x, y)
-        px = rx * load_per_stress(area_x, 1.0, np.exp(x), problem.mounted)
-        py = ry * load_per_stress(area_y, 1.0, np.exp(y), problem.mounted)
-        if not problem.mounted:
+        rx, ry, jxx, jxy, jyy = balance(constants, 0.0, 0.0, mounted, x, y)
+        px = rx * section_per_stress(area_x, np.exp(x), mounted)
+        py = ry * section_per_stress(area_y, np.exp(y), mounted)
+        if not mounted:
             # d(s - p0 lm) / d ln lm at fixed p0 = s / lm: the dead load takes s off the diagonal
             jxx, jyy = jxx - rx, jyy - ry
         if not (jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0):
             return x, y, -np.inf, NO_ROOT
-        logp = 0.0
     lx, ly = np.exp(x), np.exp(y)
     logp += log_prior(problem.prior_kind[i], problem.prior[i], lx)
     logp += log_prior(problem.prior_kind[i + 1], problem.prior[i + 1], ly)
-    if problem.reads:
-        residual[2 * m] = problem.mounting[m, 0] - px - value[o + OFFSET_X]
-        residual[2 * m + 1] = problem.mounting[m, 1] - py - value[o + OFFSET_Y]
+    if problem.mounting_reading[m, 0] >= 0:
+        residual[problem.mounting_reading[m, 0]] -= px
+    if problem.mounting_reading[m, 1] >= 0:
+        residual[problem.mounting_reading[m, 1]] -= py
     value[i], value[i + 1] = lx, ly
     return x, y, logp, INSIDE
 
 
-@njit(
-    error_model="numpy",
-    nogil=True,
-    fastmath={"reassoc", "contract", "arcp", "nsz"},
-    **WITHIN,
-)
-def _curves(problem, value, constants, p, x, y, area_x, area_y, residual):
-    """Add the residuals of protocol p, given its mounted state; their sum, to see an overflow."""
-    first, last = problem.start[p], problem.start[p + 1]
-    o = problem.size + NOISE_SLOTS
-    mx, my = np.exp(2.0 * x), np.exp(2.0 * y)
-    mz = 1.0 / (mx * my)
-    per_stress_x = load_per_stress(area_x, 1.0, np.exp(x), problem.mounted)
-    per_stress_y = load_per_stress(area_y, 1.0, np.exp(y), problem.mounted)
-    ox, oy = value[o + OFFSET_X], value[o + OFFSET_Y]
+@inlined
+def _curves(problem, constants, p, x, y, area_x, area_y, residual):
+    """Take the model's readings of protocol p from the residuals; False if one is not finite."""
+    m = problem.mount[p]
+    side, mounted = problem.free_side[m], problem.mounted[problem.piece[m]]
+    lm_x, lm_y = np.exp(x), np.exp(y)
+    gx, gy = section_per_stress(area_x, lm_x, mounted), section_per_stress(area_y, lm_y, mounted)
+    X_lm, Y_lm = lm_x * lm_x, lm_y * lm_y
+    Z_lm = 1.0 / (X_lm * Y_lm)
     total = 0.0
-    # q = A s / (l lm) or A s / l, as in biaxbayes.forward; l lm squared is m X
-    for j in range(first, last):
-        stress_x, stress_y = cauchy_stress(
-            constants, mx * problem.X[j], my * problem.Y[j], mz * problem.Z[j]
-        )
-        rx = problem.fx[j] - ox - per_stress_x * problem.ilx[j] * stress_x
-        ry = problem.fy[j] - oy - per_stress_y * problem.ily[j] * stress_y
-        residual[problem.reading_of[j, 0]] += problem.share[j] * rx
-        residual[problem.reading_of[j, 1]] += problem.share[j] * ry
-        total += rx * rx + ry * ry
-    return total
+    for j in range(problem.start[p], problem.start[p + 1]):
+        X, Y, Z = problem.X[j] * X_lm, problem.Y[j] * Y_lm, problem.Z[j] * Z_lm
+        if problem.solved[p]:
+            # across the strip s = 0; the root of the row before is near
+            loaded = np.log((problem.lx[j] * lm_x) if side == 1 else (problem.ly[j] * lm_y))
+            if side == 1:
+                ok, _, y = solve_free_side(constants, loaded, y, side)
+                X, Y = np.exp(2.0 * loaded), np.exp(2.0 * y)
+            else:
+                ok, x, _ = solve_free_side(constants, x, loaded, side)
+                X, Y = np.exp(2.0 * x), np.exp(2.0 * loaded)
+            if not ok:
+                return False
+            Z = 1.0 / (X * Y)
+        sx, sy = cauchy_stress(constants, X, Y, Z)
+        sx, sy = gx * sx, gy * sy
+        # q_i = sum_p sum_k w_pik g_k s_k
+        for i in range(2):
+            r = problem.reading_of[j, i]
+            if r >= 0:
+                q = problem.weight[j, i, 0] * sx + problem.weight[j, i, 1] * sy
+                residual[r] -= q
+                total += q
+    return np.isfinite(total)
 
 
 @njit(error_model="numpy", nogil=True, **WITHIN)
@@ -227,8 +255,8 @@ def _walker(problem, u, value, residual):
 
     The values and residuals of :class:`Evaluation` are written into ``value`` and ``residual``.
     """
-    size = problem.size
-    o = size + NOISE_SLOTS
+    size, pieces = problem.size, problem.mounted.size
+    first_state = size + PIECE_SLOTS * pieces
     for i in range(problem.slot.size):
         value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]
     total = jacobian = to_slots(problem.transform, value)
@@ -237,37 +265,43 @@ def _walker(problem, u, value, residual):
             value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]
     if not np.isfinite(total):
         return -np.inf, jacobian, OUT_OF_RANGE
-    for i in range(o + DIMENSION_SLOTS):
+    for i in range(first_state):
         x = value[i] * problem.per_unit[i]
         total += log_prior(problem.prior_kind[i], problem.prior[i], x)
     if not np.isfinite(total):
         return -np.inf, jacobian, OUT_OF_RANGE
-    for i in range(o + DIMENSION_SLOTS):
+    for i in range(first_state):
         if problem.logarithmic[i]:
             value[i] = np.exp(value[i])
     for i in range(size):
         if not np.isfinite(value[i]):
             return -np.inf, jacobian, OVERFLOW
     constants = constants_from_theta(problem.transform, value)
-    area_x, area_y = sections(
-        problem.area, value[o + EDGE_X], value[o + EDGE_Y], value[o + THICKNESS]
-    )
-    if not (area_x > 0.0 and area_y > 0.0):
-        return -np.inf, jacobian, OUT_OF_RANGE
-    residual[:] = 0.0
+    for r in range(residual.size):
+        residual[r] = problem.measured[r] - value[problem.offset_of[r]]
     done = -1
-    x = y = 0.0
+    x = y = area_x = area_y = 0.0
     for p in range(problem.mount.size):
         if problem.mount[p] != done:
             done = problem.mount[p]
+            o = size + PIECE_SLOTS * problem.piece[done]
+            area_x, area_y = sections(
+                problem.area[problem.piece[done]],
+                value[o + EDGE_X],
+                value[o + EDGE_Y],
+                value[o + THICKNESS],
+            )
+            # all stresses are c times those of the material
+            area_x, area_y = area_x * value[o + STIFFNESS], area_y * value[o + STIFFNESS]
+            if not (area_x > 0.0 and area_y > 0.0):
+                return -np.inf, jacobian, OUT_OF_RANGE
             x, y, logp, reason = _mounted_state(
                 problem, value, constants, done, area_x, area_y, residual
             )
             total += logp
             if not np.isfinite(total):
                 return -np.inf, jacobian, reason if reason != INSIDE else OUT_OF_RANGE
-        squares = _curves(problem, value, constants, p, x, y, area_x, area_y, residual)
-        if not np.isfinite(squares):
+        if not _curves(problem, constants, p, x, y, area_x, area_y, residual):
             return -np.inf, jacobian, OVERFLOW
     return total, jacobian, INSIDE
 
@@ -278,7 +312,7 @@ def _walkers(problem, u, counts):
     n = u.shape[0]
     total, jacobian = np.empty(n), np.empty(n)
     values = np.empty((n, problem.slot.size))
-    residual = np.zeros((n, problem.readings))
+    residual = np.zeros((n, problem.measured.size))
     for i in range(n):
         total[i], jacobian[i], reason = _walker(problem, u[i], values[i], residual[i])
         counts[reason] += 1

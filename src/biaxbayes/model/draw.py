@@ -20,7 +20,7 @@ from biaxbayes.model.preparation import (
     with_sampling_constants,
 )
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import DIMENSION, FORCE, STRETCH
+from biaxbayes.parameters import DIMENSION, ERROR, FORCE, PIECE, STRETCH
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     SEARCH_COMPONENTS,
@@ -155,10 +155,11 @@ def _extra_starts(
     for material, lm in zip(materials, stretches, strict=True):
         inner = law.clip_inside(law.from_fit_coordinates(material))
         start = base | dict(zip(law.names, inner, strict=True))
-        start["noise_sd"] = EXTRA_NOISE * base["noise_sd"]
         for q in posterior.sampled:
             if q.parameter.kind == STRETCH:
                 start[q.name] = float(lm[q.axis])
+            elif q.parameter.kind == ERROR:
+                start[q.name] = EXTRA_NOISE * base[q.name]
         starts.append(posterior.coordinates(inside_priors(posterior, start))[0])
     return np.array(starts)
 
@@ -171,8 +172,8 @@ def _start_widths(posterior: Posterior) -> np.ndarray:
     for q in posterior.sampled:
         p = q.parameter
         if p.kind == FORCE:
-            out.append(float(mounting[q.axis]))
-        elif p.kind == DIMENSION:
+            out.append(mounting[q.name])
+        elif p.kind in (DIMENSION, PIECE):
             prior = posterior.priors[q.name]
             assert isinstance(prior, Prior)
             out.append(0.5 * prior.scale)

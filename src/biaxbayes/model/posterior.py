@@ -30,15 +30,16 @@ from biaxbayes.model.assembly import (
     sampling_coordinates,
     to_slot,
 )
-from biaxbayes.model.density import REASONS, Evaluation, Problem
+from biaxbayes.model.density import PIECE_SLOTS, REASONS, Evaluation, Problem
 from biaxbayes.model.misfit import SmoothMisfit
+from biaxbayes.model.piece import Piece
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
-from biaxbayes.model.readings import IndependentErrors, ReadingVector, TestedPaths, smooth_misfit
+from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
 from biaxbayes.options import ModelOptions, Settings, takes_options
-from biaxbayes.parameters import Quantities, Quantity, mounting_names
+from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
+from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep
 
 
 class Posterior:
@@ -117,6 +118,7 @@ class Posterior:
             seed=seed,
             law=self.settings.law,
             fibre_switch=self.settings.fibre_switch,
+            piece_sd=self.settings.piece_sd,
         )
 
     # --- layout ---
@@ -132,26 +134,34 @@ class Posterior:
         )
 
     @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The pieces of the tissue, with their rows, readings and forward models."""
+        return self.assembly.pieces
+
+    @property
     def thinned(self) -> ThinnedSpecimen:
-        """The rows that enter the likelihood: zeroed and thinned according to the settings."""
-        zeroed = self.settings.mounting == "zeroed"
-        source = self.specimen.zeroed() if zeroed else self.specimen
-        return thinned_specimen(source, self.settings.thin)
+        """The first piece, zeroed and thinned according to the settings."""
+        return self.pieces[0].thinned
 
     @property
     def rows(self) -> MeasuredRows:
-        """The rows that enter the likelihood."""
-        return self.assembly.rows
+        """The rows of the first piece that enter the likelihood."""
+        return self.pieces[0].rows
 
     @property
     def readings(self) -> ReadingVector:
-        """How the rows make up the vector of readings."""
-        return self.assembly.readings
+        """How the rows of the first piece make up its readings."""
+        return self.pieces[0].readings
 
     @property
     def forward(self) -> ForwardModel:
-        """The forward model, from quantities of draws to loads."""
-        return self.assembly.forward
+        """The forward model of the first piece, from quantities of draws to loads."""
+        return self.pieces[0].forward
+
+    def of_piece(self, piece: int) -> slice:
+        """The readings of a piece among all."""
+        ends = np.cumsum([0, *(len(p.readings.weight) for p in self.pieces)])
+        return slice(int(ends[piece]), int(ends[piece + 1]))
 
     @cached_property
     def natural_assembly(self) -> Assembly:
@@ -194,7 +204,7 @@ class Posterior:
 
     @property
     def mounts(self) -> tuple[str, ...]:
-        """Label of each mounted state: one empty label when shared, else the protocols' names."""
+        """Label of each mounted state of all pieces; that of the first is empty when shared."""
         return self.assembly.mounts
 
     @property
@@ -237,53 +247,62 @@ class Posterior:
         return self.fit
 
     @cached_property
-    def paths(self) -> TestedPaths:
-        """Paths of the protocols, with the smooth loads of the fit."""
+    def _fitted(self) -> dict[str, Any]:
+        """Natural values of the fit whose loads a smooth misfit is relative to."""
         law, fit = self.law, self.misfit_fit
         fitted: dict[str, Any] = dict(zip(law.names, fit.material.values, strict=True))
         if self.settings.infers_mounting:
             for state, stretch in zip(self.mounts, fit.mounting_stretch, strict=True):
                 fitted |= dict(zip(mounting_names("stretch", state), stretch, strict=True))
-        return TestedPaths(self.specimen, self.forward, fitted)
+        for piece, stiffness in zip(self.pieces, fit.stiffness, strict=True):
+            fitted[name_of(STIFFNESS.name, piece.labels.label)] = float(stiffness)
+        return fitted
 
     @cached_property
-    def _mounting_sd(self) -> np.ndarray:
-        """Noise of the mounting readings; empty where there are none."""
-        _, sd = self.specimen.mounting_readings(shared=self.settings.shared)
-        return sd.ravel() if self.settings.reads_force else np.empty(0)
+    def paths_of_pieces(self) -> tuple[TestedPaths, ...]:
+        """Paths of the protocols of each piece, with the smooth loads of the fit."""
+        return tuple(TestedPaths(p.specimen, p.forward, self._fitted) for p in self.pieces)
 
     @cached_property
+    def misfits(self) -> tuple[SmoothMisfit, ...]:
+        """The smooth misfit of the law in each piece, independent of one another."""
+        return tuple(
+            smooth_misfit(paths, p.rows, p.readings, p.mount, p.mounting_sd, self.settings.toe)
+            for paths, p in zip(self.paths_of_pieces, self.pieces, strict=True)
+        )
+
+    @property
+    def paths(self) -> TestedPaths:
+        """Paths of the protocols of the first piece."""
+        return self.paths_of_pieces[0]
+
+    @property
     def misfit(self) -> SmoothMisfit:
-        """The smooth misfit of the law in the likelihood."""
-        mount = self.assembly.problem.mount
-        toe = self.settings.toe
-        return smooth_misfit(self.paths, self.rows, self.readings, mount, self._mounting_sd, toe)
-
-    @cached_property
-    def independent_errors(self) -> IndependentErrors:
-        """Independent errors of the readings."""
-        return IndependentErrors(self.readings, self._mounting_sd)
+        """The smooth misfit of the law in the first piece."""
+        return self.misfits[0]
 
     def log_likelihood(self, residual: np.ndarray, noise_sd: np.ndarray) -> np.ndarray:
-        """Log likelihood of residuals (draws, n); the sds (draws,) are of independent errors."""
-        if self.settings.has_misfit:
-            return self.misfit.log_likelihood(residual)
-        return self.independent_errors.log_likelihood(residual, noise_sd)
+        """Log likelihood of residuals (draws, n).
 
-    def residuals(self, values: Any) -> np.ndarray:
-        """Readings less model loads of draws, (draws, n), from natural values by name."""
-        forward, rows, problem = self.forward, self.rows, self.assembly.problem
-        offset = forward.offset(values)
-        parts = []
-        for i, name in enumerate(rows.names):
-            at = rows.protocol == i
-            parts.append(rows.load[at] - offset - forward.load(values, rows.stretch[at], name))
-        out = np.array([self.readings.means(draw) for draw in np.concatenate(parts, axis=1)])
-        if problem.reads:
-            for m, state in enumerate(self.mounts):
-                load = forward.mounting_load(values, state) + offset[:, 0]
-                out[:, 2 * m : 2 * m + 2] = problem.mounting[m] - load
+        The sds (draws, pieces) are those of independent errors. The misfits of the pieces are
+        independent of one another.
+        """
+        out = np.zeros(len(residual))
+        for i, piece in enumerate(self.pieces):
+            own = residual[:, self.of_piece(i)]
+            if self.settings.has_misfit:
+                out += self.misfits[i].log_likelihood(own)
+            else:
+                out += piece.independent_errors.log_likelihood(own, noise_sd[:, i])
         return out
+
+    def residuals(self, values: Any, piece: int | None = None) -> np.ndarray:
+        """Readings less model loads of draws, (draws, n), from natural values by name.
+
+        Of all pieces, or of one.
+        """
+        chosen = self.pieces if piece is None else self.pieces[piece : piece + 1]
+        return np.concatenate([p.residuals(values) for p in chosen], axis=1)
 
     # --- densities ---
 
@@ -295,7 +314,8 @@ class Posterior:
         likelihood = np.full(len(u), -np.inf)
         inside = np.isfinite(at.log_prior)
         if inside.any():
-            noise_sd = at.values[inside, problem.size]
+            first = problem.size + PIECE_SLOTS * np.arange(len(self.pieces))
+            noise_sd = at.values[np.ix_(inside, first)]
             with np.errstate(over="ignore", invalid="ignore"):
                 found = self.log_likelihood(at.residual[inside], noise_sd)
             likelihood[inside] = np.where(np.isfinite(found), found, -np.inf)

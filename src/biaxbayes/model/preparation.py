@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from biaxbayes.fitting.result import root_mean_square
 from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import DIMENSION, FORCE, NOISE_SD, STRETCH, mounting_names
+from biaxbayes.parameters import (
+    DIMENSION,
+    FORCE,
+    NOISE_SD,
+    STIFFNESS,
+    STRETCH,
+    mounting_names,
+    name_of,
+)
 from biaxbayes.sampling.modes import find_modes
 from biaxbayes.specimens.specimen import Specimen
 
@@ -53,7 +63,8 @@ def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
     if not posterior.settings.infers_mounting:
         return None
     lm = np.clip(np.max(posterior.fit.mounting_stretch, axis=0), 1.0, 1.5)
-    tops = [(p.stretch_x.max(), p.stretch_y.max()) for p in posterior.specimen.protocols]
+    pieces = posterior.specimen.pieces
+    tops = [p.known_stretch.max(axis=0) for piece in pieces for p in piece.protocols]
     x, y = np.max(tops, axis=0) * lm
     return x, y
 
@@ -63,12 +74,15 @@ def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
 
 def start_parameters(posterior: Posterior) -> dict[str, float]:
     """Natural parameters of the least-squares fit, moved off the bounds of their ranges."""
-    fit, specimen = posterior.fit, posterior.specimen
-    law = posterior.law
+    fit, law = posterior.fit, posterior.law
     out: dict[str, float] = {
         **dict(zip(law.names, law.clip_inside(fit.material.values), strict=True)),
-        NOISE_SD.name: max(fit.rms, 2.0 * specimen.load_resolution),
     }
+    for residuals, piece in zip(_by_piece(fit.residuals, posterior), posterior.pieces, strict=True):
+        rms, label = root_mean_square(residuals), piece.labels.label
+        out[name_of(NOISE_SD.name, label)] = max(rms, 2.0 * piece.specimen.load_resolution)
+    for piece, stiffness in zip(posterior.pieces, fit.stiffness, strict=True):
+        out[name_of(STIFFNESS.name, piece.labels.label)] = float(stiffness)
     for q in posterior.sampled:
         p = q.parameter
         if p.kind in (STRETCH, FORCE):
@@ -77,6 +91,15 @@ def start_parameters(posterior: Posterior) -> dict[str, float]:
         elif p.kind == DIMENSION:
             out[q.name] = 0.0 if p.unit_symbol("N") else 1.0
     return inside_priors(posterior, out)
+
+
+def _by_piece(
+    residuals: Sequence[np.ndarray], posterior: Posterior
+) -> Iterator[Sequence[np.ndarray]]:
+    """Residuals of protocols, piece by piece."""
+    rest = iter(residuals)
+    for piece in posterior.pieces:
+        yield [next(rest) for _ in piece.specimen.protocols]
 
 
 def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[str, float]:
@@ -111,18 +134,22 @@ def mode(posterior: Posterior) -> dict[str, np.ndarray]:
     scale = np.ones(posterior.dimension)
     for i, q in enumerate(posterior.sampled):
         if q.parameter.kind == FORCE:
-            scale[i] = mounting_force_width(posterior)[q.axis]
+            scale[i] = mounting_force_width(posterior)[q.name]
         elif q.parameter.kind == STRETCH:
             scale[i] = 0.02
     modes = find_modes(posterior.log_prob, points, scale, posterior.bounds)
     return posterior.natural(modes[0].location if modes else points[0])
 
 
-def mounting_force_width(posterior: Posterior) -> np.ndarray:
-    """Error (sd) of the mounting readings in x and y, the misfit of the law included."""
-    _, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
-    count = posterior.readings.mounted
-    if not (posterior.settings.has_misfit and count):  # none without an inferred mounted state
-        return np.asarray(sd.mean(axis=0))
-    variance = np.diag(posterior.misfit.toe_and_noise[0])[:count]
-    return np.asarray(np.sqrt(variance.reshape(-1, 2).mean(axis=0)))
+def mounting_force_width(posterior: Posterior) -> dict[str, float]:
+    """Error (sd) of each mounting force by name, the misfit of the law included."""
+    out: dict[str, float] = {}
+    for i, piece in enumerate(posterior.pieces):
+        sd, readings = piece.mounting[1].copy(), piece.readings
+        if posterior.settings.has_misfit and readings.mounted:
+            variance = np.diag(posterior.misfits[i].toe_and_noise[0])
+            known = readings.mounting_index >= 0
+            sd[known] = np.sqrt(variance[readings.mounting_index[known]])
+        for state, of_state in zip(piece.labels.states, sd, strict=True):
+            out |= dict(zip(mounting_names("force", state), of_state.tolist(), strict=True))
+    return out

@@ -9,9 +9,9 @@ import numpy as np
 
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import mode, user_priors
+from biaxbayes.model.preparation import mode, start_parameters, user_priors
 from biaxbayes.model.priors import Prior, prior_text
-from biaxbayes.parameters import DEGREE, NOISE_SD
+from biaxbayes.parameters import DEGREE, NOISE_SD, name_of
 from biaxbayes.specimens.check import Finding
 
 NEAR_EDGE = 0.05
@@ -101,14 +101,18 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     specimen = posterior.specimen
     fit = posterior.fit
     fitted = dict(zip(posterior.law.names, fit.material.values, strict=True))
+    own = len(posterior.pieces[0].labels.states)
     for axis in (0, 1):
-        fitted[f"mounting_stretch_{'xy'[axis]}"] = float(np.mean(fit.mounting_stretch[:, axis]))
+        of_states = fit.mounting_stretch[:own, axis]
+        fitted[f"mounting_stretch_{'xy'[axis]}"] = float(np.mean(of_states))
     residual, at_mode = posterior.residuals(posterior.paths.fitted), mode(posterior)
-    noise_sd = max(fit.rms, specimen.load_resolution)
-    at_fit = float(posterior.log_likelihood(residual, np.array([noise_sd]))[0])
+    start = start_parameters(posterior)
+    labels = [piece.labels.label for piece in posterior.pieces]
+    noise_sd = np.array([[start[name_of(NOISE_SD.name, label)] for label in labels]])
+    at_fit = float(posterior.log_likelihood(residual, noise_sd)[0])
     if not at_fit - float(at_mode["log_likelihood"][0]) > LOST:
         return {}
-    best, missed = (_rms(posterior, r) for r in (residual, posterior.residuals(at_mode)))
+    best, missed = (_rms(posterior, r) for r in (residual, posterior.residuals(at_mode, 0)))
     noise = specimen.noise_sd
     beside = ""
     if noise > 0.0:
@@ -124,8 +128,10 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
 
 
 def _rms(posterior: Posterior, residual: np.ndarray) -> float:
-    """Root mean square of the residuals (1, n) after the mounted state."""
-    return float(np.sqrt(np.mean(residual[0, posterior.readings.mounted :] ** 2)))
+    """Root mean square of the residuals (1, n) of the first piece after the mounted state."""
+    return float(
+        np.sqrt(np.mean(residual[0, posterior.of_piece(0)][posterior.readings.mounted :] ** 2))
+    )
 
 
 def is_far(prior: Prior, value: float) -> bool:

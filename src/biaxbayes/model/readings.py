@@ -1,8 +1,9 @@
-"""The readings that a likelihood compares, as one vector, and their places on the paths.
+"""The readings of a piece that a likelihood compares, as one vector, and their places on the paths.
 
 First the mounting readings, x and y of each mounted state; then, protocol by protocol, the rows in
-x and those in y. Neighbouring rows may be averaged into one reading: the model's loads are computed
-at every row and averaged in the same way, so that nothing is lost of a curve.
+x and those in y; of a strip, those along it alone. Neighbouring rows may be averaged into one
+reading: the model's loads are computed at every row and averaged in the same way, so that nothing
+is lost of a curve.
 """
 
 from __future__ import annotations
@@ -34,32 +35,54 @@ class ReadingVector:
     Attributes
     ----------
     index : int64 ndarray, shape (rows, 2)
-        The reading that the load of a row belongs to, in x and y.
+        The reading that the load of a row belongs to, in x and y, or -1.
+    mounting_index : int64 ndarray, shape (m, 2)
+        The reading of each mounting load, or -1.
     share : ndarray, shape (rows,)
         Weight of a row in the mean.
     weight : ndarray, shape (n,)
         Number of recorded loads that a reading is the mean of; one for a mounting reading.
     scatter : ndarray, shape (n,)
         Mean square scatter of those loads about their mean, where the record was averaged.
-    mounted : int
-        Number of mounting readings, which come first.
+    axis : int64 ndarray, shape (n,)
+        The direction of a reading.
     """
 
     index: np.ndarray
+    mounting_index: np.ndarray
     share: np.ndarray
     weight: np.ndarray
     scatter: np.ndarray
-    mounted: int
+    axis: np.ndarray
+
+    @property
+    def mounted(self) -> int:
+        """Number of mounting readings, which come first."""
+        return int((self.mounting_index >= 0).sum())
 
     @classmethod
     def from_rows(
-        cls, rows: MeasuredRows, thinned: ThinnedSpecimen, mounted: int, *, average: bool
+        cls,
+        rows: MeasuredRows,
+        thinned: ThinnedSpecimen,
+        *,
+        states: int,
+        axes: tuple[int, ...] = (0, 1),
+        average: bool,
     ) -> ReadingVector:
-        """Of the rows of a specimen; ``average`` them to what a smooth misfit needs."""
+        """Of the rows of a piece; ``average`` them to what a smooth misfit needs.
+
+        ``states`` is the number of mounted states whose loads are readings, ``axes`` are the
+        directions that are read.
+        """
+        mounted = states * len(axes)
+        mounting_index = np.full((states, 2), -1)
+        mounting_index[:, axes] = np.arange(mounted).reshape(states, len(axes))
         protocols = len(rows.names)
         most = int(np.clip(CURVE_READINGS // protocols, FEWEST_READINGS, MOST_READINGS))
-        index, share = np.zeros(rows.load.shape, dtype=np.int64), np.zeros(len(rows.load))
+        index, share = np.full(rows.load.shape, -1), np.zeros(len(rows.load))
         weight, scatter = [np.ones(mounted)], [np.zeros(mounted)]
+        axis = [np.tile(axes, states)]
         first = mounted
         for p in range(protocols):
             at = np.flatnonzero(rows.protocol == p)
@@ -67,18 +90,26 @@ class ReadingVector:
             # as many rows in each group as in every other, to one
             group = np.arange(len(at)) * groups // max(len(at), 1)
             size = np.bincount(group, minlength=groups)
-            index[at] = first + group[:, None] + np.array([0, groups])
+            for k, a in enumerate(axes):
+                index[at, a] = first + group + k * groups
+            axis.append(np.repeat(axes, groups))
             share[at] = 1.0 / size[group]
-            weight.append(np.tile(thinned.weight[p] * size, 2))
-            of_group = np.stack([np.bincount(group, column) for column in rows.scatter[at].T])
+            weight.append(np.tile(thinned.weight[p] * size, len(axes)))
+            of_group = np.stack([np.bincount(group, rows.scatter[at, a]) for a in axes])
             scatter.append((of_group / size).ravel())
-            first += 2 * groups
-        return cls(index, share, np.concatenate(weight), np.concatenate(scatter), mounted)
+            first += groups * len(axes)
+        return cls(
+            index,
+            mounting_index,
+            share,
+            *(np.concatenate(part) for part in (weight, scatter, axis)),
+        )
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Values (rows, 2) averaged to the readings after the mounting ones, (n,); those are 0."""
         out = np.zeros(len(self.weight))
-        np.add.at(out, self.index, self.share[:, None] * values)
+        read = self.index >= 0
+        np.add.at(out, self.index[read], (self.share[:, None] * values)[read])
         return out
 
 
@@ -104,7 +135,8 @@ class IndependentErrors:
         curves = -0.5 * square / w**2 - np.log(w) - HALF_LOG_2PI
         z = residual[:, :count] / self.mounting_sd
         mounting = -0.5 * z**2 - np.log(self.mounting_sd) - HALF_LOG_2PI
-        return np.asarray(curves @ weight + mounting.sum(axis=1))
+        # a sum row by row, which does not depend on the number of draws as a product does
+        return np.asarray((curves * weight).sum(axis=1) + mounting.sum(axis=1))
 
 
 # --- places of readings on the paths of the test -------------------------------------------------
@@ -124,13 +156,15 @@ class TestedPaths:
     @cached_property
     def span(self) -> np.ndarray:
         """Largest log stretch in x and y."""
-        logs = [np.abs(np.log(p.stretch)).max(axis=0) for p in self.specimen.protocols]
+        logs = [np.abs(np.log(known(p.stretch))).max(axis=0) for p in self.specimen.protocols]
         return np.maximum(np.max(logs, axis=0), 1e-6)
 
     @cached_property
     def reach(self) -> np.ndarray:
         """Largest distance from the mounted state of each protocol, (protocols,)."""
-        far = [np.linalg.norm(p.stretch - 1.0, axis=1).max() for p in self.specimen.protocols]
+        far = [
+            np.linalg.norm(known(p.stretch) - 1.0, axis=1).max() for p in self.specimen.protocols
+        ]
         return np.maximum(far, 1e-6)
 
     def load(self, stretch: np.ndarray, protocol: int | None) -> np.ndarray:
@@ -145,7 +179,7 @@ class TestedPaths:
 
     def tested(self, protocol: int, stretch: np.ndarray) -> CurvePoints:
         """Points of a protocol at its measured stretches (m, 2), all in the order of the test."""
-        steps = np.diff(np.vstack([np.ones(2), stretch]), axis=0)
+        steps = np.diff(np.vstack([np.ones(2), known(stretch)]), axis=0)
         along = np.cumsum(np.linalg.norm(steps, axis=1))
         return self._points(stretch, along / max(float(along[-1]), 1e-12), protocol)
 
@@ -153,7 +187,7 @@ class TestedPaths:
         """Points of any path of measured stretches (m, 2), which may run along a protocol."""
         protocol = self._protocol_along(stretch) if protocol is None else protocol
         reach = self.reach.mean() if protocol is None else self.reach[protocol]
-        position = np.linalg.norm(stretch - 1.0, axis=1) / reach
+        position = np.linalg.norm(known(stretch) - 1.0, axis=1) / reach
         return self._points(stretch, position, protocol)
 
     def _points(
@@ -165,7 +199,7 @@ class TestedPaths:
             protocol=np.full(2 * m, -1 if protocol is None else protocol),
             axis=np.repeat([0, 1], m),
             path=np.tile(position, 2),
-            plane=np.tile(np.log(stretch) / self.span, (2, 1)),
+            plane=np.tile(np.log(known(stretch)) / self.span, (2, 1)),
             load=load.T.ravel(),
             peak=np.repeat(peak, m),
         )
@@ -192,6 +226,11 @@ class TestedPaths:
         return best
 
 
+def known(stretch: np.ndarray) -> np.ndarray:
+    """Stretches with 1 in place of those across a strip that were not measured."""
+    return np.nan_to_num(stretch, nan=1.0)
+
+
 def smooth_misfit(
     paths: TestedPaths,
     rows: MeasuredRows,
@@ -200,7 +239,7 @@ def smooth_misfit(
     mounting_sd: np.ndarray,
     toe: float,
 ) -> SmoothMisfit:
-    """The smooth misfit of a specimen's readings.
+    """The smooth misfit of the readings of a piece.
 
     Parameters
     ----------
@@ -209,20 +248,24 @@ def smooth_misfit(
     mounting_sd : ndarray, shape (mounting readings,)
         Noise of the mounting readings.
     """
-    n, specimen = len(readings.weight), paths.specimen
+    n, specimen, axes = len(readings.weight), paths.specimen, paths.specimen.experiment.axes
     parts, observed, first = [], np.zeros((n, 0)), readings.mounted
     for i in range(len(rows.names)):
         at = rows.protocol == i
-        index = readings.index[at]
+        index = readings.index[at][:, axes]
         own = np.unique(index)  # readings of x, then of y
-        curve = paths.tested(i, rows.stretch[at])
-        averaged = _averaged(curve, index.T.ravel() - first, np.tile(readings.share[at], 2))
-        parts += [paths.start(i), averaged]
-        of_start = np.zeros((n, 2))
+        curve, start = (
+            points.take(np.flatnonzero(np.isin(points.axis, axes)))
+            for points in (paths.tested(i, rows.stretch[at]), paths.start(i))
+        )
+        share = np.tile(readings.share[at], len(axes))
+        averaged = _averaged(curve, index.T.ravel() - first, share)
+        parts += [start, averaged]
+        of_start = np.zeros((n, len(axes)))
         if readings.mounted:
             state = mount[i]
             pooled = int((mount == state).sum())
-            of_start[[2 * state, 2 * state + 1], [0, 1]] = 1.0 / pooled
+            of_start[readings.mounting_index[state, axes], range(len(axes))] = 1.0 / pooled
         of_rows = np.zeros((n, len(own)))
         of_rows[own, np.arange(len(own))] = 1.0
         observed = np.hstack([observed, of_start, of_rows])

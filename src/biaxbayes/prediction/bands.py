@@ -24,6 +24,7 @@ def bands(
     posterior: Posterior,
     draws: pd.DataFrame,
     *,
+    piece: int = 0,
     probability: float = CONTENT,
     max_rows: int | None = None,
     max_draws: int = 1000,
@@ -37,6 +38,8 @@ def bands(
     ----------
     draws : DataFrame
         One row per draw, columns as in ``summary.csv``.
+    piece : int
+        Index of the piece of the tissue.
     probability : float
         Content of each band.
     max_rows : int, optional
@@ -55,8 +58,8 @@ def bands(
         file's as Cauchy stress.
     """
     low, high = tails(probability)
-    tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)])
-    specimen, levels = posterior.specimen, (low, 0.5, high)
+    tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
+    specimen, levels = posterior.pieces[piece].specimen, (low, 0.5, high)
     names = [
         f"{kind}_q{100 * level:04.1f}".removesuffix(".0")
         for kind in ("credible", "predictive")
@@ -69,7 +72,8 @@ def bands(
         scale = _scale(specimen, stretch)
         tested = tissue.tested(i, protocol.stretch, rows)
         quantiles = np.concatenate([*tested.percentiles(levels), [np.median(tested.law, axis=0)]])
-        for axis, direction in enumerate("xy"):
+        for axis in specimen.experiment.axes:
+            direction = "xy"[axis]
             table = {
                 "protocol": protocol.name,
                 "direction": direction,
@@ -148,11 +152,11 @@ class DrawnCurves:
 
 
 def curves_of_draws(
-    posterior: Posterior, draws: pd.DataFrame, *, max_rows: int | None = None
+    posterior: Posterior, draws: pd.DataFrame, *, piece: int = 0, max_rows: int | None = None
 ) -> list[DrawnCurves]:
     """The law's curves, one per draw; arguments as of :func:`bands`."""
-    out, specimen = [], posterior.specimen
-    forward = posterior.forward
+    out, specimen = [], posterior.pieces[piece].specimen
+    forward = posterior.pieces[piece].forward
     for protocol in compared_protocols(specimen, posterior.settings):
         rows = evenly_spaced(protocol.rows, max_rows)
         stretch = protocol.stretch[rows]

@@ -6,11 +6,14 @@ correlated its curves may lie outside every band. A draw is one.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.experiments import with_free_side
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.protocol import Protocol
@@ -37,6 +40,21 @@ def protocol_mounting(draws: pd.DataFrame, protocol: Protocol) -> np.ndarray:
     return mounting_stretch(draws, protocol.name if per_protocol else "")
 
 
+def with_free_sides(draws: pd.DataFrame, specimen: Specimen, law: Law) -> Specimen:
+    """The same piece, with unmeasured stretches across a strip as the median draw gives them."""
+    side = specimen.experiment.free_side
+    if side is None:
+        return specimen
+    medians = {name: float(draws[name].median()) for name in law.names}
+    cauchy, protocols = law.material(medians).cauchy, []
+    for p in specimen.protocols:
+        lm = np.median(protocol_mounting(draws, p), axis=0)
+        total = with_free_side(cauchy, p.stretch * lm, side)
+        across = {f"stretch_{'xy'[side]}": total[:, side] / lm[side]}
+        protocols.append(replace(p, **across))
+    return replace(specimen, protocols=tuple(protocols))
+
+
 # --- single draws that stand for a posterior: the median draw, the most probable one, a sample ---
 
 
@@ -60,7 +78,7 @@ def median_draw(draws: pd.DataFrame, specimen: Specimen, law: Law) -> int:
     """Row of the draw whose stress curves, scaled to their peaks, lie nearest the median curves."""
     material = law.material(draws)
     distance = np.zeros(len(draws))
-    for states in common_states(draws, specimen):
+    for states in common_states(draws, with_free_sides(draws, specimen, law)):
         for curve in material.piola(*states.T):
             median = np.median(curve, axis=0)
             scale = max(float(np.abs(median).max()), 1e-300)

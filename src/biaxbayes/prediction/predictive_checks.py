@@ -27,7 +27,7 @@ MIN_BAND_COVERAGE = 0.8
 
 
 def predictive_checks(
-    posterior: Posterior, draws: pd.DataFrame, *, max_draws: int = 200
+    posterior: Posterior, draws: pd.DataFrame, *, piece: int = 0, max_draws: int = 200
 ) -> pd.DataFrame:
     """Compare every curve with the median of the law, and with the predictive band of the tissue.
 
@@ -35,6 +35,8 @@ def predictive_checks(
     ----------
     draws : DataFrame
         One row per draw, columns as in ``summary.csv``.
+    piece : int
+        Index of the piece of the tissue.
     max_draws : int
         Largest number of draws, evenly chosen.
 
@@ -51,8 +53,8 @@ def predictive_checks(
         and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
         the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
-    tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)])
-    specimen, rows = posterior.specimen, []
+    tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
+    specimen, rows = posterior.pieces[piece].specimen, []
     for i, protocol in enumerate(compared_protocols(specimen, posterior.settings)):
         stretch = protocol.stretch[protocol.rest_rows :]
         measured = specimen.load(protocol)[protocol.rest_rows :]
@@ -65,7 +67,8 @@ def predictive_checks(
             below = standard_cdf(z).mean(axis=0)
         inside = ((below >= BAND_TAILS[0]) & (below <= BAND_TAILS[1])).mean(axis=0)
         residuals = measured - np.median(loads.law, axis=0)
-        for axis, direction in enumerate("xy"):
+        for axis in specimen.experiment.axes:
+            direction = "xy"[axis]
             residual = residuals[:, axis]
             worst, n = int(np.argmax(np.abs(residual))), len(residual)
             centred = residual - residual.mean()

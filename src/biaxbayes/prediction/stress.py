@@ -17,7 +17,12 @@ from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PredictionOptions, Settings
-from biaxbayes.prediction.draws import mounting_labels, mounting_stretch, protocol_mounting
+from biaxbayes.prediction.draws import (
+    mounting_labels,
+    mounting_stretch,
+    protocol_mounting,
+    with_free_sides,
+)
 from biaxbayes.prediction.percentiles import band_columns, evenly_chosen, evenly_spaced, tails
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.specimen import Specimen
@@ -210,7 +215,8 @@ def predict_stress(
         raise InputError("reference is total or measured, stress is cauchy or piola")
     tails(probability)
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
-    specimen, forward = posterior.specimen, posterior.forward
+    forward = posterior.forward
+    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
     lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
     factor = lm if reference == "measured" else np.ones_like(lm)
     material = forward.law.material(draws)

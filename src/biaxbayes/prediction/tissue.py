@@ -14,9 +14,10 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from biaxbayes.model.misfit import CurvePoints
+from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
+from biaxbayes.model.piece import Piece
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.parameters import NOISE_SD
+from biaxbayes.parameters import NOISE_SD, name_of
 from biaxbayes.prediction.percentiles import percentiles
 
 
@@ -52,29 +53,39 @@ class TissueLoads:
 
 @dataclass(frozen=True, eq=False)
 class Tissue:
-    """The tissue of a specimen by the draws of its posterior (natural values by name)."""
+    """A piece of the tissue by the draws of its posterior (natural values by name)."""
 
     posterior: Posterior
     draws: pd.DataFrame
     seed: int = 0
+    piece: int = 0  # the first, or which of the others
+
+    @property
+    def _model(self) -> Piece:
+        return self.posterior.pieces[self.piece]
+
+    @property
+    def _smooth(self) -> SmoothMisfit:
+        return self.posterior.misfits[self.piece]
 
     @cached_property
     def _residual(self) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.nan_to_num(self.posterior.residuals(self.draws))
+            return np.nan_to_num(self.posterior.residuals(self.draws, self.piece))
 
     @cached_property
     def _chosen(self) -> np.ndarray:
         rng = np.random.default_rng(self.seed)
-        return self.posterior.misfit.choose(self._residual, rng)
+        return self._smooth.choose(self._residual, rng)
 
     @property
     def noise_sd(self) -> np.ndarray:
         """Noise of a reading, (draws, 1, 1)."""
         if self.posterior.settings.has_misfit:
-            factors = self.posterior.misfit.noise_factors(self._chosen)
-            return self.posterior.specimen.noise_sd * factors[:, None, None]
-        return self.draws[NOISE_SD.name].to_numpy(dtype=float)[:, None, None]
+            factors = self._smooth.noise_factors(self._chosen)
+            return self._model.specimen.noise_sd * factors[:, None, None]
+        name = name_of(NOISE_SD.name, self._model.labels.label)
+        return self.draws[name].to_numpy(dtype=float)[:, None, None]
 
     def tested(
         self, protocol: int, stretch: np.ndarray, rows: np.ndarray | None = None
@@ -84,18 +95,18 @@ class Tissue:
         The offset of the load cell is included, as in readings.
         """
         rows = np.arange(len(stretch)) if rows is None else rows
-        name = self.posterior.specimen.protocols[protocol].name
-        law = self.law(stretch[rows], name) + self.posterior.forward.offset(self.draws)
+        name = self._model.specimen.protocols[protocol].name
+        law = self.law(stretch[rows], name) + self._model.forward.offset(self.draws)
         mean, sd = np.zeros((1, 1, 1)), np.zeros((1, 1, 1))
         if self.posterior.settings.has_misfit:
-            points = self.posterior.paths.tested(protocol, stretch)
+            points = self.posterior.paths_of_pieces[self.piece].tested(protocol, stretch)
             mean, sd = self._misfit(points.take(np.r_[rows, len(stretch) + rows]))
         return TissueLoads(law, law + mean, sd, self.noise_sd)
 
     def law(self, stretch: np.ndarray, protocol: str = "") -> np.ndarray:
         """Loads of the law at measured stretches (m, 2), without the offset of the cell."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return self.posterior.forward.load(self.draws, stretch, protocol)
+            return self._model.forward.load(self.draws, stretch, protocol)
 
     def misfit(
         self, stretch: np.ndarray, protocol: int | None = None
@@ -107,9 +118,9 @@ class Tissue:
         if not self.posterior.settings.has_misfit:
             nothing = np.zeros((len(self.draws), len(stretch), 2))
             return nothing, nothing
-        return self._misfit(self.posterior.paths.path(stretch, protocol))
+        return self._misfit(self.posterior.paths_of_pieces[self.piece].path(stretch, protocol))
 
     def _misfit(self, points: CurvePoints) -> tuple[np.ndarray, np.ndarray]:
-        mean, sd = self.posterior.misfit.given(self._residual, self._chosen, points)
+        mean, sd = self._smooth.given(self._residual, self._chosen, points)
         by_axis = (len(self.draws), 2, len(points.path) // 2)
         return tuple(v.reshape(by_axis).transpose(0, 2, 1) for v in (mean, sd))  # type: ignore[return-value]

@@ -290,6 +290,11 @@ def _inside(folder: Path, name: str) -> Path:
     return path
 
 
+def piece_files(count: int) -> list[str]:
+    """Files of the pieces of a tissue in a run folder."""
+    return ["specimen.csv", *(f"piece-{i}.csv" for i in range(2, count + 1))]
+
+
 def other_kind(folder: Path) -> str:
     """Message for the folder of a population or study given as a run; empty for others."""
     if (folder / PROVENANCE).exists():

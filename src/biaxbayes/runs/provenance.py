@@ -37,6 +37,7 @@ def specimen_digest(specimen: Specimen) -> str:
     """SHA-256 of everything the posterior depends on in a specimen."""
     digest = hashlib.sha256()
     for value in (
+        specimen.test,
         specimen.stress_pair,
         specimen.geometry,
         specimen.edge_x_mm,
@@ -50,6 +51,8 @@ def specimen_digest(specimen: Specimen) -> str:
         digest.update(repr((p.name, p.rest_rows)).encode())
         for column in (p.stretch_x, p.stretch_y, p.load_x, p.load_y):
             digest.update(column.tobytes())
+    for further in specimen.further:
+        digest.update(specimen_digest(further).encode())
     return digest.hexdigest()
 
 
@@ -101,6 +104,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         "layer": specimen.layer,
         "source": source,
         "specimen_sha256": specimen_digest(specimen),
+        "pieces": [piece.name for piece in specimen.pieces],
         "unit": specimen.unit,
         "notes": list(specimen.notes),
         "settings": settings_table(posterior),
@@ -148,7 +152,7 @@ def _misfit_amplitude(posterior: Posterior, draws: Draws) -> float | None:
     flat = {name: v.ravel() for name, v in draws.quantities.items()}
     count = len(flat["lp"])
     rows = np.linspace(0, count - 1, min(count, AMPLITUDE_DRAWS)).round().astype(int)
-    residual = posterior.residuals({name: v[rows] for name, v in flat.items()})
+    residual = posterior.residuals({name: v[rows] for name, v in flat.items()}, piece=0)
     return posterior.misfit.amplitude(residual)
 
 
@@ -169,6 +173,7 @@ REQUIRED_ENTRIES: dict[str, Any] = {
     "specimen": str,
     "unit": str,
     "notes": list,
+    "pieces": list,
     "settings": dict,
     "seed": int,
     "noise": {"readings": NUMBER, "load_noise": NUMBER, "misfit": (*NUMBER, type(None))},

@@ -26,6 +26,7 @@ from biaxbayes.runs.folder import (
     READY,
     finish_moving,
     other_kind,
+    piece_files,
     read_json,
     trusted_path,
 )
@@ -108,7 +109,10 @@ class Run:
     @cached_property
     def specimen(self) -> Specimen:
         """The specimen as it was sampled."""
-        return read_specimen(trusted_path(self.path, "specimen.csv", self.provenance))
+        names = piece_files(len(self.provenance["pieces"]))
+        paths = (trusted_path(self.path, name, self.provenance) for name in names)
+        first, *others = (read_specimen(path) for path in paths)
+        return replace(first, further=tuple(others)) if others else first
 
     @cached_property
     def tree(self) -> xr.DataTree:
@@ -225,10 +229,7 @@ class Run:
     @cached_property
     def quantities(self) -> Quantities:
         """Symbol, unit and range by name."""
-        settings = self.provenance["settings"]
-        shared = settings.get("mounting_stretch") != "per-protocol"
-        states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)
-        return Quantities(self.law.parameters, states, self.specimen.unit)
+        return self.specimen.quantities(self.law.parameters, shared=self.settings.shared)
 
     def posterior(self) -> Posterior:
         """The posterior that was sampled, rebuilt from the stored settings."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
+from biaxbayes.specimens.table import STRETCHES
 
 SEVERITIES = ("error", "warning", "note")
 """An error cannot be a loading curve; a warning can change what a fit means; a note explains."""
@@ -105,13 +106,24 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     """
     if not isinstance(specimen, Specimen):
         specimen = read_specimen(specimen)
-    check_readings(specimen)
     checks = (
         _tared, _clipped, _weak_or_negative, _unequal, _references,
         _paths, _resampled, _stiff_start, _one_direction,
         _stress, _sign, _dimensions, _noise, _origin,
     )  # fmt: skip
-    return sorted_findings(finding for check in checks for finding in check(specimen))
+    findings = []
+    for piece in specimen.pieces:
+        check_readings(piece)
+        known = tuple(
+            replace(p, **dict(zip(STRETCHES, p.known_stretch.T, strict=True)))
+            for p in piece.protocols
+        )
+        for check in checks:
+            for finding in check(replace(piece, protocols=known)):
+                named = f"{piece.name}, {finding.protocol}" if finding.protocol else piece.name
+                several = len(specimen.pieces) > 1
+                findings.append(replace(finding, protocol=named) if several else finding)
+    return sorted_findings(findings)
 
 
 def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:

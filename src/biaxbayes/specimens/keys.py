@@ -6,6 +6,7 @@ import re
 from typing import NamedTuple
 
 from biaxbayes.errors import InputError
+from biaxbayes.mechanics.experiments import TESTS
 from biaxbayes.text_files import number_in, one_line
 
 REQUIRED = "required"
@@ -69,6 +70,12 @@ COLUMNS = {
 """Known columns by name."""
 KEYS = {
     "specimen": Key("Name of the specimen", "name of the file"),
+    "test": Key(
+        "Kind of test: `biaxial`; `strip x` or `strip y`, a strip pulled along x or y, whose file "
+        "has stretch and load of that direction, and the other stretch if the width was measured",
+        "biaxial",
+        choices=TESTS,
+    ),
     "donor": Key("Donor of the specimen, which `batch` groups by", NONE, extra=True),
     "layer": Key("Such as media", NONE),
     "axis_x": Key("What x is, such as circumferential", NONE),
@@ -177,6 +184,7 @@ CHOICE_REMEDIES = {
     "reference": "give the reference of the stretches: the first rows of each protocol, or one "
     "state for all",
     "missing_rows": "leave the line out to have such rows refused",
+    "test": "give the kind of test",
     "stretch_from": "leave the line out for markers",
     "grip_correction": "leave the line out for loads as measured",
 }

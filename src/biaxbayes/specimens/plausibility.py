@@ -21,24 +21,22 @@ NEGATIVE = 0.3
 
 
 STRIPS = (
-    "no load was recorded in this direction. Uniaxial strips cannot be used: the model needs a "
-    "planar biaxial test, with stretches and loads in both directions. A pair of strips, along x "
-    "and y, is one file of two protocols where the transverse stretches were measured, with 0 for "
-    "the transverse loads (sample it with --mounting-stretch per-protocol)"
+    "no load was recorded in this direction. A uniaxial strip is stated by a line '# test: strip "
+    "x' (or y) at the top; strips of one tissue are a file each, sampled together"
 )
 
 
 def check_readings(specimen: Specimen) -> None:
     """Refuse stretches that never change, impossible loads, and noise above every load."""
-    protocols = specimen.protocols
-    for key in ("stretch_x", "stretch_y"):
+    protocols, axes = specimen.protocols, specimen.experiment.axes
+    for key in (f"stretch_{'xy'[k]}" for k in axes):
         if all(np.ptp(getattr(p, key)) == 0.0 for p in protocols):
             name = protocols[0].name
             remedy = "at least one protocol has to stretch this direction"
             problem = "the stretch never changes"
             raise ReadingError(problem, argument=key, index=0, protocol=name, remedy=remedy)
     for p in protocols:
-        if np.ptp(p.stretch_x) == 0.0 and np.ptp(p.stretch_y) == 0.0:
+        if not np.ptp(p.stretch[:, axes], axis=0).any():
             raise ReadingError(
                 f"the stretch never changes in protocol {p.name[:40]!r}",
                 argument="stretch_x",
@@ -55,7 +53,7 @@ def check_readings(specimen: Specimen) -> None:
                 remedy="rest_rows counts the leading rows recorded before the test starts",
             )
     forces, limit = specimen.stress_pair == "force", specimen.metadata.get("stress_limit_kPa")
-    for key, area in zip(LOAD_ROWS, specimen.area.tolist(), strict=True):
+    for key, area in [(LOAD_ROWS[k], float(specimen.area[k])) for k in axes]:
         loads = [getattr(p, key) for p in protocols]
         # A protocol may carry no load in one direction, a specimen not.
         largest = max(range(len(loads)), key=lambda i: float(np.abs(loads[i]).max()))

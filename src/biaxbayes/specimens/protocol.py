@@ -81,9 +81,10 @@ class Protocol:
     name : str
     stretch_x, stretch_y : array_like, shape (n,)
         Measured stretches, relative to the mounted state. A :class:`Specimen` divides them by
-        their value at rest where that is not one (see its ``reference``).
+        their value at rest where that is not one (see its ``reference``). All NaN across a strip
+        whose width was not measured.
     load_x, load_y : array_like, shape (n,)
-        The stress pair: N, or kPa (Piola or Cauchy).
+        The stress pair: N, or kPa (Piola or Cauchy); zero across a strip.
     time_s : array_like, shape (n,), optional
     rest_rows : int, optional
         Leading rows recorded at the mounted state; by default from :func:`rest_rows`.
@@ -127,7 +128,8 @@ class Protocol:
             problem = f"a time of {time[index]:g} s is out of range"
             raise self._error(problem, "time_s", int(index), remedy)
         if self.rest_rows == AUTO_REST_ROWS:
-            rest = rest_rows(self.stretch_x, self.stretch_y, self.recorded_load)
+            x, y = self.known_stretch.T
+            rest = rest_rows(x, y, self.recorded_load)
             object.__setattr__(self, "rest_rows", rest)
         if not 0 <= self.rest_rows <= self.rows:
             raise self._error("must lie between 1 and the number of rows", "rest_rows")
@@ -160,7 +162,8 @@ class Protocol:
                 remedy="the columns of a protocol must be one-dimensional and equally long",
             )
         bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
+        unmeasured = key in ("stretch_x", "stretch_y") and bool(np.isnan(values).all())
+        if bad.size and not unmeasured:
             more = f", and {bad.size - 1} more of {values.size}" if bad.size > 1 else ""
             raise self._error(
                 f"is {values[bad[0]]:g}{more}",
@@ -175,6 +178,11 @@ class Protocol:
     def stretch(self) -> np.ndarray:
         """Measured stretches in x and y, shape (rows, 2)."""
         return np.column_stack([self.stretch_x, self.stretch_y])
+
+    @property
+    def known_stretch(self) -> np.ndarray:
+        """The same with 1 across a strip whose width was not measured."""
+        return np.nan_to_num(self.stretch, nan=1.0)
 
     @property
     def recorded_load(self) -> np.ndarray:
@@ -193,7 +201,9 @@ class Protocol:
             return False
         pairs = [(getattr(self, key), getattr(other, key)) for key in (*CURVES, "time_s")]
         return all(
-            mine is theirs if mine is None or theirs is None else np.array_equal(mine, theirs)
+            mine is theirs
+            if mine is None or theirs is None
+            else np.array_equal(mine, theirs, equal_nan=True)
             for mine, theirs in pairs
         )
 
@@ -209,7 +219,7 @@ class Protocol:
         A Cauchy stress is divided as well: the lab multiplied the nominal stress by its own
         stretch, and the nominal stress must stay what it was.
         """
-        x, y = (float(value) for value in reference)
+        x, y = (1.0 if np.isnan(value) else float(value) for value in reference)
         # Rounding leaves the mean of rows at rest within a few units in the last place of one;
         # dividing again would change what was written.
         if abs(x - 1.0) <= 1e-12 and abs(y - 1.0) <= 1e-12:
@@ -234,7 +244,7 @@ class Protocol:
         They lie there within a quarter of the mean increment of the path, or three times the
         scatter of the stretches.
         """
-        x, y = self.stretch_x, self.stretch_y
+        x, y = self.known_stretch.T
         for stretch, other in ((x, y), (y, x)):
             mean = stretch[: max(self.rest_rows, 1)].mean()
             if abs(mean - 1.0) > _tolerance(stretch, other):

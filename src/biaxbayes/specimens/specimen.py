@@ -1,4 +1,4 @@
-"""A specimen on a planar biaxial machine: its loading curves and their reference states."""
+"""A piece of tissue in a test: its loading curves, their reference states, and further pieces."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.mechanics.experiments import BIAXIAL, TESTS, Experiment, Strip
+from biaxbayes.parameters import Parameter, PieceLabels, Quantities
 from biaxbayes.specimens.keys import (
     DIMENSIONS,
     GEOMETRIES,
@@ -35,7 +37,7 @@ FINE_DIGITS = 0.1
 
 @dataclass(frozen=True)
 class Specimen:
-    """A planar biaxial specimen with its measured protocols.
+    """A piece of tissue with its measured protocols, and further pieces of the same tissue.
 
     Parameters
     ----------
@@ -43,10 +45,13 @@ class Specimen:
     protocols : sequence of Protocol
     stress_pair : {"force", "piola", "cauchy"}
         Quantity of ``load_x`` and ``load_y`` of the protocols.
+    test : {"biaxial", "strip x", "strip y"}, optional
+        Kind of test: a square pulled in both directions, or a strip pulled in one.
     geometry : {"unloaded", "mounted"}
         The state that dimensions, and any stress in the file, refer to.
     edge_x_mm, edge_y_mm, thickness_mm : float, optional
-        Required for forces. The force in x acts on ``edge_y_mm * thickness_mm``.
+        Required for forces, of a strip its width and thickness. The force in x acts on
+        ``edge_y_mm * thickness_mm``.
     load_noise : float, optional
         Standard deviation of one reading of the load cell, in :attr:`unit`.
     layer, axis_x, axis_y : str, optional
@@ -60,6 +65,8 @@ class Specimen:
         numbers or text.
     notes : tuple of str
         Changes made when reading, such as re-referenced stretches.
+    further : tuple of Specimen, optional
+        Other pieces of the same tissue, each tested on its own.
 
     Raises
     ------
@@ -81,12 +88,15 @@ class Specimen:
     reference: str | None = None
     metadata: Mapping[str, float | str] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), compare=False)
+    test: str = "biaxial"
+    further: tuple[Specimen, ...] = ()
 
     def __post_init__(self) -> None:
         for argument, choices in (
             ("stress_pair", tuple(STRESS_PAIRS)),
             ("geometry", GEOMETRIES),
             ("reference", (*REFERENCES, None)),
+            ("test", TESTS),
         ):
             value = getattr(self, argument)
             if value not in choices:
@@ -97,7 +107,7 @@ class Specimen:
             value = getattr(self, argument)
             if value is not None:
                 object.__setattr__(self, argument, _checked(argument, value))
-            elif self.stress_pair == "force":
+            elif self.stress_pair == "force" and argument != self.gauge_length:
                 raise ReadingError(
                     "is needed with forces", argument=argument, remedy="give it in mm"
                 )
@@ -119,6 +129,35 @@ class Specimen:
         metadata = {key: _checked(key, value) for key, value in self.metadata.items()}
         object.__setattr__(self, "metadata", metadata)
         object.__setattr__(self, "protocols", self._referenced_protocols())
+        self._check_directions()
+        names = [piece.name for piece in self.pieces]
+        for name in names:
+            if names.count(name) > 1:
+                raise ReadingError(
+                    f"two pieces are called {name[:40]!r}",
+                    argument="further",
+                    remedy="give each a name of its own (# specimen: ...)",
+                )
+
+    def _check_directions(self) -> None:
+        """Refuse stretches that are missing, or loads across a strip."""
+        side = self.experiment.free_side
+        for p in self.protocols:
+            for k, axis in enumerate("xy"):
+                if k == side and p.recorded_load[:, k].any():
+                    raise ReadingError(
+                        f"a strip carries no load across it, and load_{axis} is not zero",
+                        argument=f"load_{axis}",
+                        protocol=p.name,
+                        remedy="leave it out, or state '# test: biaxial'",
+                    )
+                if k != side and np.isnan(p.stretch[0, k]):
+                    raise ReadingError(
+                        "is missing",
+                        argument=f"stretch_{axis}",
+                        protocol=p.name,
+                        remedy="measure it, or state '# test: strip x' (or y) for a strip",
+                    )
 
     def _referenced_protocols(self) -> tuple[Protocol, ...]:
         """The protocols with stretches relative to the mounted state, and their rows there."""
@@ -162,6 +201,41 @@ class Specimen:
         protocols = "1 protocol" if count == 1 else f"{count} protocols"
         return f"Specimen({self.name!r}{layer}, {protocols}, {rows} rows of {self.stress_pair})"
 
+    # --- the test, and the pieces of the tissue ---
+
+    @property
+    def experiment(self) -> Experiment:
+        """The kind of test."""
+        kind, _, axis = self.test.partition(" ")
+        return Strip("xy".index(axis)) if kind == "strip" else BIAXIAL
+
+    @property
+    def gauge_length(self) -> str:
+        """The dimension of a strip along it, which no section depends on; else empty."""
+        return f"edge_{self.test[-1]}_mm" if self.test.startswith("strip") else ""
+
+    @property
+    def pieces(self) -> tuple[Specimen, ...]:
+        """All pieces of the tissue, this one first."""
+        return (replace(self, further=()) if self.further else self, *self.further)
+
+    def quantities(
+        self, material: Sequence[Parameter], *, shared: bool, inferred: bool = True
+    ) -> Quantities:
+        """Quantities of a run with all pieces, for a law of these parameters.
+
+        ``shared``: one mounted state for all protocols of a piece; ``inferred``: their stretches
+        are unknown.
+        """
+        labels = []
+        for i, piece in enumerate(self.pieces):
+            label = piece.name if i else ""
+            own = [f"{label}: {p.name}" if label else p.name for p in piece.protocols]
+            states = (label,) if shared else tuple(own)
+            axes = piece.experiment.axes if piece.experiment.is_mounted else ()
+            labels.append(PieceLabels(label, states if inferred else (), axes, piece.unit))
+        return Quantities(material, labels)
+
     @property
     def needs_grip_correction(self) -> bool:
         """True if the header describes hooks and the loads are still those measured on them."""
@@ -188,8 +262,9 @@ class Specimen:
         if self.stress_pair != "force":
             return np.ones(2)
         # f_x [N] = P_x [kPa] * edge_y [mm] * thickness [mm] * 1e-3
-        assert self.edge_x_mm and self.edge_y_mm and self.thickness_mm
-        return np.array([self.edge_y_mm, self.edge_x_mm]) * self.thickness_mm * 1e-3
+        assert self.thickness_mm
+        widths = [self.edge_y_mm or 1.0, self.edge_x_mm or 1.0]
+        return np.array(widths) * self.thickness_mm * 1e-3
 
     # --- readings ---
 
@@ -200,7 +275,7 @@ class Specimen:
         by the measured stretch.
         """
         if self.stress_pair == "cauchy":
-            return protocol.recorded_load / protocol.stretch
+            return protocol.recorded_load / protocol.known_stretch
         return protocol.recorded_load
 
     def mounting_reading(self, protocol: Protocol) -> np.ndarray:
@@ -227,7 +302,10 @@ class Specimen:
         whichever the tare subtracted.
         """
         for p in self.protocols:
-            for written, reading in zip(p.recorded_load.T, self.mounting_reading(p), strict=True):
+            readings = zip(p.recorded_load.T, self.mounting_reading(p), strict=True)
+            for k, (written, reading) in enumerate(readings):
+                if k not in self.experiment.axes:
+                    continue
                 if p.rest_rows == 0 or written[0] == 0.0:
                     continue
                 # Zero mean at rest; a Cauchy stress as it is written, or as a nominal stress
@@ -260,9 +338,9 @@ class Specimen:
         for protocol in self.protocols:
             if protocol.rows < 8:
                 continue
-            load, rows = self.load(protocol), np.arange(protocol.rows)
+            load, rows = self.load(protocol)[:, self.experiment.axes], np.arange(protocol.rows)
             even = third_difference_scatter(load, rows)
-            path = np.abs(protocol.stretch - protocol.stretch[0]).sum(axis=1)
+            path = np.nansum(np.abs(protocol.stretch - protocol.stretch[0]), axis=1)
             places = [path] if protocol.time_s is None else [path, protocol.time_s]
             uneven = np.min([third_difference_scatter(load, place) for place in places], axis=0)
             # where rows are missing, the curve itself looks like noise over the number of a row
@@ -292,6 +370,7 @@ class Specimen:
             sd = np.full(2, self.noise_sd)
             if p.rest_rows >= 5:
                 sd = np.maximum(sd, rest.std(axis=0, ddof=1))
+            sd = np.where(np.isin([0, 1], self.experiment.axes), sd, 0.0)
             readings.append(self.mounting_reading(p))
             sds.append(sd / np.sqrt(p.rest_rows) if p.rest_rows else np.full(2, np.nan))
         reading, sd = np.array(readings), np.array(sds)

@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import (
     ARGUMENT_KEYS,
@@ -101,10 +103,19 @@ def read_specimen(path: str | os.PathLike) -> Specimen:
 def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     """A specimen from the lines of its file; ``path`` serves messages and the default name."""
     values, rows, first = read_header(lines, path)
-    table = read_table(lines, first, path, drop_missing=values.get("missing_rows") == "drop")
-    stress_pair = _stress_pair(table, path)
+    test = values.get("test", "biaxial")
+    # the directions of the test: both, or that of a strip
+    directions = test[-1] if test.startswith("strip") else "xy"
+    table = read_table(
+        lines,
+        first,
+        path,
+        needed=tuple(f"stretch_{axis}" for axis in directions),
+        drop_missing=values.get("missing_rows") == "drop",
+    )
+    stress_pair = _stress_pair(table, directions, path)
     unit = "N" if stress_pair == "force" else "kPa"
-    _check_keys(values, rows, stress_pair, path)
+    _check_keys(values, rows, stress_pair, directions, path)
     arguments: dict[str, Any] = {key: values.get(key) for key in ARGUMENT_KEYS}
     try:
         specimen = Specimen(
@@ -112,6 +123,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
             protocols=_protocols(table, values, rows, stress_pair, path),
             stress_pair=stress_pair,
             geometry=values.get("geometry", "unloaded"),
+            test=test,
             load_noise=values.get(f"load_noise_{unit}"),
             metadata={key: values[key] for key in METADATA_KEYS if key in values},
             **arguments,
@@ -135,8 +147,8 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     return replace(specimen, notes=(*table.notes, *notes))
 
 
-def _stress_pair(table: SpecimenTable, path: Path) -> str:
-    """The one stress pair of a table, with both its columns."""
+def _stress_pair(table: SpecimenTable, directions: str, path: Path) -> str:
+    """The one stress pair of a table, with its columns in the directions of the test."""
     present = [
         pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
     ]
@@ -148,20 +160,27 @@ def _stress_pair(table: SpecimenTable, path: Path) -> str:
         problem = f"more than one stress pair ({', '.join(present)})"
         remedy = "keep the measured one"
     else:
-        column = next((c for c in STRESS_PAIRS[present[0]] if c not in table.columns), None)
+        pair = zip("xy", STRESS_PAIRS[present[0]], strict=True)
+        needed = [c for axis, c in pair if axis in directions]
+        column = next((c for c in needed if c not in table.columns), None)
         if column:
-            problem, remedy = "missing column", "give both directions"
+            remedy = "give both directions, or '# test: strip x' (or y) at the top for a strip"
+            problem = "missing column"
     if problem:
         raise InputError(problem, file=path, row=table.names_line, column=column, remedy=remedy)
     return present[0]
 
 
 def _check_keys(
-    values: Mapping[str, Any], rows: Mapping[str, int], stress_pair: str, path: Path
+    values: Mapping[str, Any],
+    rows: Mapping[str, int],
+    stress_pair: str,
+    directions: str,
+    path: Path,
 ) -> None:
     """Refuse keys that are missing with forces, or do not fit the others or the columns."""
     for key in (*DIMENSIONS, "geometry") if stress_pair == "force" else ():
-        if key not in values:
+        if key not in values and key != f"edge_{directions}_mm":
             line = f"'# {key}: ...' at the top"
             if key == "geometry":
                 line = f"'# {key}: unloaded|mounted' at the top, the state that dimensions refer to"
@@ -205,8 +224,13 @@ def _protocols(
             remedy = "rest_rows counts the leading rows recorded before the test starts"
             raise InputError(problem, file=path, row=lines["rest_rows"], remedy=remedy)
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
-        columns = (*STRETCHES, *STRESS_PAIRS[stress_pair])
-        x, y, load_x, load_y = (table.columns[column][rows] for column in columns)
+        # across a strip the stretch may be unknown, and the load is zero
+        missing = dict.fromkeys(STRETCHES, np.nan) | dict.fromkeys(STRESS_PAIRS[stress_pair], 0.0)
+        count = rows.stop - rows.start
+        x, y, load_x, load_y = (
+            table.columns[name][rows] if name in table.columns else np.full(count, value)
+            for name, value in missing.items()
+        )
         protocol = Protocol(name, x, y, load_x, load_y, time, at_rest)
         protocols.append(protocol.divided_by(mounted, stress_pair))
     return tuple(protocols)
@@ -249,6 +273,7 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
     protocols = specimen.protocols if recorded is None else recorded
     keys: dict[str, object] = {
         "specimen": specimen.name,
+        "test": specimen.test if specimen.test != "biaxial" else None,
         "layer": specimen.layer,
         "axis_x": specimen.axis_x,
         "axis_y": specimen.axis_y,
@@ -275,11 +300,21 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
             header += f"# {key}: {text}\n"
     named = len(protocols) > 1 or protocols[0].name != "1"
     timed = ["time_s"] if protocols[0].time_s is not None else []
-    columns = [*timed, *STRETCHES, *STRESS_PAIRS[specimen.stress_pair]]
+    # columns of a strip: those along it, and its other stretch where that was measured
+    axes, first = specimen.experiment.axes, protocols[0]
+    written = {
+        **{name: np.isfinite(first.stretch[0, k]) for k, name in enumerate(STRETCHES)},
+        **{name: k in axes for k, name in enumerate(STRESS_PAIRS[specimen.stress_pair])},
+    }
+    columns = [*timed, *(name for name, is_written in written.items() if is_written)]
     rows: list[Sequence] = [["protocol", *columns] if named else columns]
     for p in protocols:
-        curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
-        numbers = zip(*(curve.tolist() for curve in curves if curve is not None), strict=True)
+        curves = [p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y]
+        kept = [p.time_s is not None, *written.values()]
+        numbers = zip(
+            *(c.tolist() for c, k in zip(curves, kept, strict=True) if c is not None and k),
+            strict=True,
+        )
         rows += [[one_line(p.name), *row] for row in numbers] if named else numbers
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows(rows)

@@ -41,10 +41,15 @@ class SpecimenTable:
 
 
 def read_table(
-    lines: Sequence[str], first: int, path: Path, *, drop_missing: bool = False
+    lines: Sequence[str],
+    first: int,
+    path: Path,
+    *,
+    needed: tuple[str, ...] = STRETCHES,
+    drop_missing: bool = False,
 ) -> SpecimenTable:
     """Read the table with its column names in line `first`; an error names row and column."""
-    names = _column_names(lines[first], first + 1, path)
+    names = _column_names(lines[first], first + 1, needed, path)
     rows, numbers = [], []
     for number, cells in rows_of(lines, path, first=first + 1):
         if any(cell.strip() for cell in cells):
@@ -76,8 +81,8 @@ def read_table(
     )
 
 
-def _column_names(line: str, row: int, path: Path) -> list[str]:
-    """Names of the columns, all known, none twice, with both stretches."""
+def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> list[str]:
+    """Names of the columns, all known, none twice, with those needed."""
 
     def error(problem: str, remedy: str, column: str | None = None) -> InputError:
         return InputError(problem, file=path, row=row, column=column, remedy=remedy)
@@ -107,9 +112,10 @@ def _column_names(line: str, row: int, path: Path) -> list[str]:
             raise error(
                 "unknown column", f"{hint}known columns are {', '.join(COLUMNS)}", name[:60]
             )
-    for name in STRETCHES:
+    for name in needed:
         if name not in names:
-            raise error("missing column", "stretches are relative to the mounted state", name)
+            remedy = "stretches are relative to the mounted state; a uniaxial strip is stated by "
+            raise error("missing column", f"{remedy}'# test: strip x' (or y) at the top", name)
     return names
 
 

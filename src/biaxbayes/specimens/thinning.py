@@ -92,7 +92,8 @@ def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
 def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
     """Average rows, and keep the load noise, which averaged rows do not show."""
     averaged = thinned_specimen(specimen, rows).specimen
-    return replace(averaged, load_noise=specimen.noise_sd or None)
+    further = tuple(averaged_specimen(piece, rows) for piece in specimen.further)
+    return replace(averaged, load_noise=specimen.noise_sd or None, further=further)
 
 
 def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:

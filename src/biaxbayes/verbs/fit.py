@@ -167,7 +167,7 @@ def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, o
 @opt.mounting_force_option(
     "Force (N, or stress in kPa) at the mounted state of a tared file, known from elsewhere."
 )
-@opt.options(FitOptions, "starts", "seed", "law", "fibre_switch")
+@opt.options(FitOptions, "starts", "seed", "law", "fibre_switch", "piece_sd")
 @opt.file_option(
     "truth",
     "True values, as 'simulate' writes them: adds the mean relative error of the parameters "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
+PiecesLike = SpecimenLike | Sequence[SpecimenLike]
 
 Stop = Callable[[], int]
 
@@ -34,10 +36,19 @@ def no_progress(progress: Progress) -> None:
     """No progress is shown."""
 
 
-def open_specimen(
-    specimen: SpecimenLike, mounting_force: Sequence[float] | None = None
-) -> Specimen:
-    """A specimen, or the CSV to read it from; adds a mounting force to a tared one."""
+def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None = None) -> Specimen:
+    """A specimen, or the CSV to read it from, or several, which are pieces of one tissue.
+
+    Adds a mounting force to a tared one.
+    """
+    if isinstance(specimen, list | tuple):
+        if not specimen:
+            raise InputError("give at least one specimen")
+        first, *others = (open_specimen(piece) for piece in specimen)
+        if mounting_force is not None and others:
+            raise InputError("`mounting_force` is of one piece", remedy="state it in each file")
+        first = first if mounting_force is None else open_specimen(specimen[0], mounting_force)
+        return replace(first, further=(*first.further, *others))
     file: object
     if isinstance(specimen, Specimen):
         file = specimen.name

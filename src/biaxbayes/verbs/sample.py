@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.errors import Interrupted, TaredSpecimen
+from biaxbayes.errors import InputError, Interrupted, TaredSpecimen
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.grips.correction import (
     GripCorrection,
@@ -49,6 +49,7 @@ from biaxbayes.runs.archive import draw_table, write_archive
 from biaxbayes.runs.folder import (
     PROVENANCE,
     manifest,
+    piece_files,
     record_text,
     staged,
 )
@@ -62,7 +63,7 @@ from biaxbayes.tasks import process_lock
 from biaxbayes.text_files import as_path, atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
+from biaxbayes.verbs.inputs import OnProgress, PathLike, PiecesLike, Stop
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +87,7 @@ class SampleJob:
     @classmethod
     def prepare(
         cls,
-        specimen: SpecimenLike,
+        specimen: PiecesLike,
         *,
         out: PathLike | None,
         options: dict[str, Any],
@@ -95,13 +96,15 @@ class SampleJob:
         anyway: bool = False,
     ) -> SampleJob:
         """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
-        if isinstance(specimen, Specimen):
-            file: object = specimen.name
-            safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in specimen.name)
-            source, stem = specimen.name, safe.strip(".-")[:60] or "specimen"
-            check_round_trip(specimen, file)
+        first = specimen[0] if isinstance(specimen, list | tuple) and specimen else specimen
+        if isinstance(first, Specimen):
+            file: object = first.name
+            safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in first.name)
+            source, stem = first.name, safe.strip(".-")[:60] or "specimen"
+            for piece in first.pieces:
+                check_round_trip(piece, piece.name)
         else:
-            file = as_path(specimen, "specimen")
+            file = as_path(first, "specimen")
             source, stem = file.name, file.stem
         specimen = inputs.open_specimen(specimen, mounting_force)
         options = ModelOptions.from_values(options).keywords()
@@ -118,6 +121,13 @@ class SampleJob:
         if specimen.needs_grip_correction:
             refuse_other_law(law, file)
             stated_hooks(specimen)
+        hooked = [piece.name for piece in specimen.further if piece.needs_grip_correction]
+        if hooked:
+            raise InputError(
+                "the loads of a further piece are not corrected for its hooks",
+                file=hooked[0],
+                remedy="sample it alone, and give specimen.csv of that run, which is corrected",
+            )
         # raises before a folder is made
         Posterior(mark_grip_corrected(specimen), **options)
         plan = Plan(
@@ -241,7 +251,9 @@ class SampleJob:
 
         specimen, status = self.specimen, draws.convergence.state
         record = provenance(posterior, self.plan, draws, self.source)
-        write_specimen(specimen, folder / "specimen.csv")
+        names = piece_files(len(specimen.pieces))
+        for name, piece in zip(names, specimen.pieces, strict=True):
+            write_specimen(piece, folder / name)
         if self.correction is not None:
             sd_log_ratio = self.correction.sd_log_ratio(draws.quantities, posterior.forward)
             ratios = self.correction.table(sd_log_ratio)
@@ -301,9 +313,10 @@ def write_figures(
         save_pictures(trace, folder, "trace")
     if result.state == "unusable":
         return
-    bands = bands_figure(posterior, table)
     save_pictures(corner_figure(table, known=known, law=posterior.law.short_name), folder, "corner")
-    save_pictures(bands, folder, "stress-bands")
+    for i in range(len(posterior.pieces)):
+        stem = "stress-bands" if i == 0 else f"stress-bands-{i + 1}"
+        save_pictures(bands_figure(posterior, table, piece=i), folder, stem)
     save_pictures(identifiability_figure(verdicts, result.rows), folder, "identifiability")
 
 
@@ -324,18 +337,22 @@ def _resolve_mounting(
     specimen: Specimen, options: dict[str, Any], file: object
 ) -> tuple[Specimen, dict[str, Any]]:
     """Refuse a tared specimen; independent errors without load noise have an exact force."""
-    if options["mounting"] in INFERRING_MODES and specimen.is_tared:
+    tared = next((p.name for p in specimen.pieces if p.is_tared), None)
+    if options["mounting"] in INFERRING_MODES and tared is not None:
         raise TaredSpecimen(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
             "prestretch cannot be inferred from this file",
-            file=file,
+            file=tared if specimen.further else file,
             remedy="state the force before taring with `mounting_force=(X, Y)`, or take the "
             "mounted state as unloaded with `mounting=zeroed`",
         )
     if options["mounting"] == "noisy" and options["noise"] == INDEPENDENT:
         shared = options["mounting_stretch"] == "shared"
-        _, sd = specimen.mounting_readings(shared=shared)
-        if (sd <= 0.0).any():
+        sds = [
+            piece.mounting_readings(shared=shared)[1][:, list(piece.experiment.axes)]
+            for piece in specimen.pieces
+        ]
+        if any((sd <= 0.0).any() for sd in sds):
             note = "the file shows no load noise: the mounting force is taken as exact"
             specimen = replace(specimen, notes=(*specimen.notes, note))
             options = options | {"mounting": "exact"}
@@ -345,7 +362,7 @@ def _resolve_mounting(
 @with_progress
 @takes_options(SamplingPlan, ModelOptions)
 def sample(
-    specimen: SpecimenLike,
+    specimen: PiecesLike,
     *,
     out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
@@ -356,12 +373,13 @@ def sample(
     stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> Run:
-    """Sample the posterior of a specimen into a run folder.
+    """Sample the posterior of a tissue into a run folder.
 
     Parameters
     ----------
-    specimen : Specimen or path-like
-        A specimen, or the CSV to read it from.
+    specimen : Specimen, path-like or list of them
+        A specimen, or the CSV to read it from; several are pieces of one tissue, each with its own
+        mounted state, misfit and stiffness (see ``piece_sd``).
     out : path-like, optional
         The run folder; default ``<stem>-posterior`` in the current directory.
     mounting_force : (float, float), optional
@@ -408,7 +426,7 @@ def sample(
 
 
 @click.command("sample")
-@opt.argument("specimen")
+@opt.argument("specimen", metavar="CSV...", nargs=-1, required=True)
 @opt.file_option("out", "Run folder [<stem>-posterior].")
 @opt.options(SamplingPlan, "seed")
 @opt.model_options()
@@ -417,8 +435,10 @@ def sample(
 @opt.resume_option
 @opt.overwrite_option("run")
 @opt.quiet_option
-def command(specimen: Path, quiet: bool, **given: Any) -> int:
-    """Joint posterior of material parameters and mounting stretches of SPECIMEN (a CSV).
+def command(specimen: tuple[Path, ...], quiet: bool, **given: Any) -> int:
+    """Joint posterior of material parameters and mounting stretches of a specimen.
+
+    Several CSV are pieces of one tissue: a square and strips cut beside it, for example.
 
     Writes a run folder with the draws, tables, figures and verdicts. Exit code 0 when the
     posterior has converged, 3 when the chains did not converge, 2 when the input cannot be used.
@@ -427,7 +447,7 @@ def command(specimen: Path, quiet: bool, **given: Any) -> int:
 
     given = opt.with_priors(**given)
     with opt.progress_and_stop(quiet) as work:
-        run = sample(specimen, **work, **given)
+        run = sample(list(specimen), **work, **given)
     if not quiet:
         click.echo(closing_message(run))
     elif run.state != "converged":
