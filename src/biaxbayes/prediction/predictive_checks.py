@@ -80,7 +80,7 @@ def predictive_checks(
             expected, runs_sd = 0.5 * (n + 1), 0.5 * np.sqrt(max(n - 1, 1))
             rows.append(
                 {
-                    "protocol": protocol.name,
+                    "protocol": posterior.pieces[piece].title(protocol.name),
                     "direction": direction,
                     "readings": n,
                     "rms": float(np.sqrt(np.mean(residual**2))),

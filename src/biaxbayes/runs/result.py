@@ -17,6 +17,7 @@ import pandas as pd
 from biaxbayes.errors import RunError, listed
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability
+from biaxbayes.identifiability.piece_stiffness import disagreements, piece_stiffnesses
 from biaxbayes.identifiability.reported import (
     Reported,
     ReportRow,
@@ -82,7 +83,8 @@ class RunResult:
     reported: tuple[Reported, ...]
     fit: str  # quality of fit
     advice: str  # the most useful next measurement; empty if every parameter is identified
-    warnings: tuple[str, ...]  # sentences on protocols that the law misfits
+    warnings: tuple[str, ...]  # sentences on pieces that disagree, and protocols the law misfits
+    pieces: tuple[str, ...]  # sentences on how stiff the other pieces of the tissue are
     findings: tuple[str, ...]  # of the specimen, before sampling
     better_law: str  # a law that fits clearly better, or empty
     convergence: dict[str, Any]
@@ -100,7 +102,7 @@ class RunResult:
     quantities: Quantities
 
     def __repr__(self) -> str:
-        return "\n".join([*row_lines(self.rows), self.fit]).rstrip()
+        return "\n".join([*row_lines(self.rows), *self.pieces, self.fit]).rstrip()
 
     def __getitem__(self, name: str) -> Reported:
         """Reported row of a parameter."""
@@ -159,7 +161,11 @@ def run_result(
     specimen, law, settings = posterior.specimen, posterior.law, posterior.settings
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
-    checks = predictive_checks(posterior, draws) if usable else nothing
+    by_piece = [
+        predictive_checks(posterior, draws, piece=i) for i in range(len(posterior.pieces) * usable)
+    ]
+    checks = pd.concat(by_piece, ignore_index=True) if usable else nothing
+    pieces = piece_stiffnesses(posterior, draws) if usable else ()
     curves = sloppiness(posterior, draws) if converged else None
     directions = () if curves is None else curves.directions
     reported = verdicts.reported
@@ -175,9 +181,13 @@ def run_result(
         law=law.name,
         state=verdicts.state,
         reported=reported,
-        fit=fit_in_words(checks, specimen.unit, law.short_name) if usable else "",
+        fit=fit_in_words(by_piece[0], specimen.unit, law.short_name) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
-        warnings=tuple(path_warnings(checks, specimen.unit, law.name)) if usable else (),
+        warnings=(
+            *disagreements(pieces),
+            *(path_warnings(checks, specimen.unit, law.name) if usable else ()),
+        ),
+        pieces=tuple(str(piece) for piece in pieces if not piece.disagrees),
         findings=tuple(findings),
         better_law=verdicts.better_law,
         convergence=dict(convergence),
@@ -254,7 +264,7 @@ def write_result(result: RunResult, folder: Path) -> list[str]:
 
 
 TEXT_FIELDS = ("law", "state", "fit", "advice", "better_law", "same_curves_in_words")
-LIST_FIELDS = ("warnings", "findings", "directions")
+LIST_FIELDS = ("warnings", "findings", "pieces", "directions")
 DICT_FIELDS = ("convergence", "thresholds")
 
 
@@ -297,6 +307,7 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
             reported=reported,
             warnings=tuple(str(v) for v in record["warnings"]),
             findings=tuple(str(v) for v in record["findings"]),
+            pieces=tuple(str(v) for v in record["pieces"]),
             directions=tuple(dict(v) for v in record["directions"]),
             convergence=dict(record["convergence"]),
             thresholds={str(k): float(v) for k, v in record["thresholds"].items()},

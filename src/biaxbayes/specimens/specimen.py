@@ -219,6 +219,10 @@ class Specimen:
         """All pieces of the tissue, this one first."""
         return (replace(self, further=()) if self.further else self, *self.further)
 
+    def with_pieces(self, further: Iterable[Specimen]) -> Specimen:
+        """The same tissue with more pieces."""
+        return replace(self, further=(*self.further, *further))
+
     def quantities(
         self, material: Sequence[Parameter], *, shared: bool, inferred: bool = True
     ) -> Quantities:

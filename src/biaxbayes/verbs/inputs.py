@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -48,7 +47,7 @@ def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None =
         if mounting_force is not None and others:
             raise InputError("`mounting_force` is of one piece", remedy="state it in each file")
         first = first if mounting_force is None else open_specimen(specimen[0], mounting_force)
-        return replace(first, further=(*first.further, *others))
+        return first.with_pieces(others)
     file: object
     if isinstance(specimen, Specimen):
         file = specimen.name
