@@ -216,6 +216,12 @@ TESTS = ("biaxial", "strip x", "strip y")
 """Kinds of test as a specimen file names them."""
 
 
+def experiment_of(test: str) -> Experiment:
+    """The kind of test of a name in :data:`TESTS`."""
+    kind, _, axis = test.partition(" ")
+    return Strip("xy".index(axis)) if kind == "strip" else BIAXIAL
+
+
 # --- free sides ----------------------------------------------------------------------------------
 
 FREE_SIDE_STEPS, FREE_SIDE_TOLERANCE, LARGEST_STEP = 60, 1e-9, 0.1

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import BIAXIAL, TESTS, Experiment, Strip
+from biaxbayes.mechanics.experiments import TESTS, Experiment, experiment_of
 from biaxbayes.parameters import Parameter, PieceLabels, Quantities
 from biaxbayes.specimens.keys import (
     DIMENSIONS,
@@ -206,8 +206,7 @@ class Specimen:
     @property
     def experiment(self) -> Experiment:
         """The kind of test."""
-        kind, _, axis = self.test.partition(" ")
-        return Strip("xy".index(axis)) if kind == "strip" else BIAXIAL
+        return experiment_of(self.test)
 
     @property
     def gauge_length(self) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
+from biaxbayes.mechanics.experiments import TESTS
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import NO_GRIPS
@@ -34,13 +35,14 @@ DEFAULT_HOOKS = 5
 
 @dataclass(frozen=True)
 class VirtualTest(Options):
-    """A virtual biaxial test.
+    """A virtual test.
 
     ``material`` is the name of a published one, or one of your own: ``biaxbayes.law("fung", ...)``.
     """
 
     material: object = option(None, "A published material; 'list' prints them.", metavar="NAME")
     fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].help)
+    test: str = option("biaxial", "Kind of test.", choices=TESTS)
     prestretch: Sequence[float] | None = option(
         None, "Mounting stretches; the published ones by default.", metavar="X Y"
     )
@@ -144,6 +146,8 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
         as_numbers(test.prestretch, "prestretch", 2)
     if test.ratios and as_numbers(test.ratios, "ratios").shape[1:] != (2,):
         raise InputError("`ratios` must be pairs of numbers", remedy="as ((1, 1), (1, 0.5))")
+    if test.hooks and test.test != "biaxial":
+        raise InputError("`hooks` hold a square", remedy="leave `hooks` or `test` out")
     if test.hooks and not isinstance(material, GOH):
         raise InputError(
             f"`hooks` computes a sheet with shear, which the law {material.law.name} does not "
@@ -179,8 +183,8 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
                     "grip_width_mm": 2.0 * hooks.radius_mm,
                 }
             else:
-                specimen, truth = virtual_specimen(material, **common)
-                keys = {"grips": NO_GRIPS}
+                specimen, truth = virtual_specimen(material, **common, test=test.test)
+                keys = {"grips": NO_GRIPS} if test.test == "biaxial" else {}
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
     specimen = replace(specimen, metadata={**specimen.metadata, **keys})
