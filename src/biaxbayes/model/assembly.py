@@ -17,7 +17,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel, MeasuredRows
-from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
+from biaxbayes.laws.chart import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, TransformInputs
 from biaxbayes.model.density import (
     DIMENSION_SLOTS,
