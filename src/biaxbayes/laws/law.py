@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -136,6 +135,11 @@ class Law:
     """Parameters in the condition."""
 
     @property
+    def key(self) -> str:
+        """What :func:`.law_named` knows the law by: its name, or the text of its file."""
+        return self.name
+
+    @property
     def short_name(self) -> str:
         """The law as the subject of a sentence: its usual abbreviation, or its title."""
         return self.abbreviation or self.title
@@ -148,17 +152,18 @@ class Law:
 
     # --- materials ---
 
-    @classmethod
-    @cache
-    def constants_type(cls) -> Any:
-        """Type of the constants, with stresses and exponents from the energy."""
-        names, mirrored = zip(*((p.name, p.mirror) for p in cls.parameters), strict=True)
-        return constants_type(cls.energy, names, mirrored, switch=cls.has_switch)
+    _constants_type: ClassVar[Any]
+
+    def __init_subclass__(cls) -> None:
+        """Stresses and exponents from the energy, for a class that has one."""
+        if "energy" in vars(cls):
+            names, mirrored = zip(*((p.name, p.mirror) for p in cls.parameters), strict=True)
+            cls._constants_type = constants_type(cls.energy, names, mirrored, switch=cls.has_switch)
 
     def constants(self, *values: Any) -> Any:
         """Constants at the parameters in their order, cos^2 in place of angles."""
         switch = (float(self.fibre_switch),) if self.has_switch else ()
-        return type(self).constants_type()(*values, *switch)
+        return self._constants_type(*values, *switch)
 
     def constants_from_fit(self, *point: Any) -> Any:
         """Constants at fit coordinates.
@@ -395,10 +400,10 @@ class Law:
         """Random materials for fits to start from, with amplitudes of 1.
 
         Exponents q at total stretches ``max_stretch`` (size, 2) are log-uniform from 0.01 to 30
-        (each alone; half of it where two share an exponential), which makes curves more or less bent whatever the strain range; angles and
-        fractions are uniform, others as their priors. Some of them are zero, or at a bound. Returns
-        fit coordinates (size, p) and features (size, k) in which chosen points have to differ, the
-        exponents first.
+        (each alone; half of that where two share an exponential), which makes curves more or less
+        bent whatever the strain range; angles and fractions are uniform, others as their priors.
+        Some of them are zero, or at a bound. Returns fit coordinates (size, p) and features
+        (size, k) in which chosen points have to differ, the exponents first.
         """
         points, features = np.ones((size, len(self.parameters))), []
         for i, p in enumerate(self.parameters):

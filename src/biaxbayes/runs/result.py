@@ -177,7 +177,7 @@ def run_result(
         reported=reported,
         fit=fit_in_words(checks, specimen.unit, law.short_name) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
-        warnings=tuple(path_warnings(checks, specimen.unit, law.name)) if usable else (),
+        warnings=tuple(path_warnings(checks, specimen.unit, law.key)) if usable else (),
         findings=tuple(findings),
         better_law=verdicts.better_law,
         convergence=dict(convergence),
