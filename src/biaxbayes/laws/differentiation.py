@@ -32,8 +32,8 @@ class Expression(NDArrayOperatorsMixin):
         if ufunc in COMPOSED:
             return COMPOSED[ufunc](*operands)
         if ufunc not in OPERATIONS or method != "__call__" or others:
-            known = ", ".join(f"np.{o.__name__}" for o in (*COMPOSED, *OPERATIONS))
-            raise InputError(f"an energy cannot use np.{ufunc.__name__}", remedy=f"use {known}")
+            given = f"np.{ufunc.__name__}" + (f" with {', '.join(others)}" if others else "")
+            raise InputError(f"an energy cannot use {given}")
         return Expression(ufunc, *operands)
 
     def __bool__(self) -> bool:
