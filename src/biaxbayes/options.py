@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self, TypeVar
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
+from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.tasks import usual_numpy_errors
 
@@ -42,6 +42,7 @@ class Option(NamedTuple):
     reason: str = ""  # why there is a minimum
     metavar: str | None = None
     flag: str = ""
+    read: Callable[[Any], Any] | None = None  # the value as it is kept; InputError for a bad one
 
     @property
     def allowed(self) -> str:
@@ -91,8 +92,10 @@ class Options:
     """A table of options that checks itself; its subclasses are frozen dataclasses."""
 
     def __post_init__(self) -> None:
-        for name in options_of(type(self)):
+        for name, option in options_of(type(self)).items():
             self.check(name, getattr(self, name))
+            if option.read is not None:
+                object.__setattr__(self, name, option.read(getattr(self, name)))
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Self:
@@ -117,7 +120,13 @@ class Options:
         if value is None and getattr(cls, name) is None:
             return
         problem = ""
-        if option.choices:
+        if option.read is not None:
+            try:
+                option.read(value)
+            except InputError as error:
+                file, problem = file or error.file, where + error.problem
+                raise InputError(problem, file=file, remedy=error.remedy) from None
+        elif option.choices:
             if not (isinstance(value, str) and value in option.choices):
                 allowed = ", ".join(option.choices)
                 problem = f"{name} must be one of {allowed}, not {str(value)[:40]!r}"
@@ -221,7 +230,12 @@ REPORTS = {"html": "report.html", "latex": "report.tex", "explore": "explore.htm
 class Settings(Options):
     """Options of the statistical model."""
 
-    law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
+    law: str = option(
+        DEFAULT_LAW,
+        f"The material law: {', '.join(LAWS)}, or a file with your own.",
+        metavar="NAME|FILE.py",
+        read=law_key,
+    )
     mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING_MODES)
     noise: str = option(
         MISFIT,
@@ -375,9 +389,10 @@ class FitOptions(Options):
     )
 
     def __post_init__(self) -> None:
-        for name in options_of(type(self)):
-            if not (name == "starts" and self.initial is not None and self.starts == 0):
-                self.check(name, getattr(self, name))
+        if self.starts == 0 and self.initial is not None:
+            object.__setattr__(self, "law", law_key(self.law))
+        else:
+            super().__post_init__()
 
 
 SEED_HELP = "Random seed; the same seed gives the same files."

@@ -62,7 +62,7 @@ def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
     common = names[first.label]
     for source in sources[1:]:
         law, other = source.posterior.law, first.posterior.law
-        if (law.name, law.fibre_switch) != (other.name, other.fibre_switch):
+        if (law.key, law.fibre_switch) != (other.key, other.fibre_switch):
             raise InputError(
                 f"{first.label} and {source.label} were sampled with other laws",
                 remedy="sample all specimens of a population with the same law and fibre switch",

@@ -67,7 +67,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
     sentences: list[str] = []
     if len(checks):
-        sentences = checks_in_words(checks, run.specimen.unit, run.law.name)
+        sentences = checks_in_words(checks, run.specimen.unit, run.law.key)
         sentences += misfit_in_words(checks)
     version = truncate(record.get("biaxbayes", ""), 30)
     return page_template("report.html.jinja").render(

@@ -185,7 +185,7 @@ def run_result(
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
         warnings=(
             *disagreements(pieces),
-            *(path_warnings(checks, specimen.unit, law.name) if usable else ()),
+            *(path_warnings(checks, specimen.unit, law.key) if usable else ()),
         ),
         pieces=tuple(str(piece) for piece in pieces if not piece.disagrees),
         findings=tuple(findings),

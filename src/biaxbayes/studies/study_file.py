@@ -36,7 +36,7 @@ from typing import Any
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.laws import law_named
+from biaxbayes.laws import law_key, law_named
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.options import ModelOptions, SamplingPlan, options_of
 from biaxbayes.runs.folder import RUNS
@@ -241,6 +241,8 @@ def _options(table: object, common: Mapping[str, Any], where: str, path: Path) -
     if not isinstance(table, dict):
         raise InputError(f"{where} must be a table", file=path)
     _check_keys(table, tuple(DEFAULT_OPTIONS), where, path)
+    if "law" in table:  # a file beside that of the study
+        table = table | {"law": law_key(table["law"], path.parent)}
     for key, value in table.items():
         ModelOptions.check(key, value, where=f"{where}: ", file=path)
     return {**common, **table}

@@ -269,7 +269,7 @@ def archive(result: Population) -> bytes:
     law = result.law
     attributes = {
         "biaxbayes_version": biaxbayes.__version__,
-        "law": law.name,
+        "law": law.key,
         "fibre_switch": int(law.fibre_switch),
         "largest_stretch": result.largest_stretch,
         "convergence": result.state,

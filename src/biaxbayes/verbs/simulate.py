@@ -221,7 +221,7 @@ def _material(test: VirtualTest) -> tuple[Any, PublishedMaterial]:
     if test.fibre_switch and isinstance(material, GOH):
         material = replace(material, fibre_switch=True)
     elif test.fibre_switch:
-        switched = law_named(material.law.name, fibre_switch=True)
+        switched = law_named(material.law.key, fibre_switch=True)
         material = CheckedMaterial(switched, material.theta)
     return material, published
 
@@ -273,7 +273,7 @@ def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any
     metavar="C1 k1 k2 ALPHA KAPPA",
     help="Five numbers instead: kPa, kPa, 1, degrees, 1.",
 )
-@click.option("--law", type=click.Choice(list(LAWS)), help="Another law, with --values.")
+@click.option("--law", metavar="NAME|FILE.py", help="Another law, or your own, with --values.")
 @click.option(
     "--values",
     metavar="NAME=VALUE,...",
