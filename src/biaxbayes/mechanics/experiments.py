@@ -250,6 +250,7 @@ def with_free_side(cauchy: Any, total: np.ndarray, side: int) -> np.ndarray:
             done = (np.abs(step) < FREE_SIDE_TOLERANCE) & (slope > 0.0)
             if done.all():
                 break
-    out = total.copy()
+    # one state for many materials becomes one of each
+    out = np.broadcast_to(total, (*y.shape, 2)).copy()
     out[..., side] = np.where(unknown, np.where(done, np.exp(y), np.nan), total[..., side])
     return out
