@@ -19,7 +19,7 @@ from biaxbayes.cards.febio import MIXTURES
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
+from biaxbayes.prediction.draws import mounting_labels, protocol_mounting, with_free_sides
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_all, csv_text
@@ -104,7 +104,7 @@ def made_cards(
     records, files = [], {}
     for row in rows:
         draw = draws.iloc[[int(row)]]
-        states = _tested_states(draw, specimen)
+        states = _tested_states(draw, with_free_sides(draw, specimen, law))
         material = _exported(law, [float(draw.iloc[0][name]) for name in law.names], states)
         bulk_kPa = None
         if bulk_ratio is not None:
