@@ -56,7 +56,7 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
 
 # --- the cache of compiled code -------------------------------------------------------------------
 
-COMPILED = ("laws/*.py", "mechanics/*.py", "model/*.py", "populations/*.py")
+COMPILED = ("laws/*.py", "mechanics/*.py", "model/*.py")
 FREE_BYTES = 100_000_000
 """Least free space of the disk of the cache; all laws take some 20 MB."""
 

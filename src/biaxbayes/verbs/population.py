@@ -20,12 +20,12 @@ from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
     PopulationPriors,
-    make_design,
+    make_layout,
     pooled_values,
 )
-from biaxbayes.populations.result import Population, assessed_quantities
-from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan, draw_population
-from biaxbayes.populations.specimens import Source, make_individual, pooled_names
+from biaxbayes.populations.result import Population, draw_sources
+from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan
+from biaxbayes.populations.specimens import Source, check_stretches, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.text import plural
@@ -147,18 +147,21 @@ def sample_population(
             state, note = checkpoint.load(folder, identity, PopulationCheckpoint.from_record)
             if note:
                 progress(Progress("resuming", note=note))
-        individuals = [make_individual(s, values, plan.ensembles) for s in sources]
-        design = make_design(individuals, grouping, values, options, priors)
-        sampled = draw_population(
-            design,
+        for source in sources:
+            check_stretches(source, values)
+        layout = make_layout(grouping, values, options, priors)
+        sampled = draw_sources(
+            sources,
+            grouping,
+            values,
+            layout,
             plan,
-            lambda history: assessed_quantities(grouping, values, history),
             state=state,
-            on_block=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
+            on_step=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
             progress=progress,
             stop=stop,
         )
-        if sampled.interrupted:
+        if sampled is None:
             raise Interrupted(
                 f"interrupted, all saved in {folder}; the same command with `resume=True` "
                 "continues",
@@ -166,7 +169,7 @@ def sample_population(
             )
         progress(Progress("writing"))
         fixed = name, tuple(sources), grouping, tuple(values)
-        drawn = Population(*fixed, design, sampled, options.seed, left_out, notes)
+        drawn = Population(*fixed, layout, sampled, options.seed, left_out, notes)
         with staged(folder, inputs.removal_note(progress, POPULATION), POPULATION) as staging:
             written = write_population(staging, drawn, identity)
         return replace(written, folder=folder)
