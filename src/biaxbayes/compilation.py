@@ -17,8 +17,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import logging
-import os
-import shutil
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -57,8 +55,6 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
 # --- the cache of compiled code -------------------------------------------------------------------
 
 COMPILED = ("laws/*.py", "mechanics/*.py", "model/*.py")
-FREE_BYTES = 100_000_000
-"""Least free space of the disk of the cache; all laws take some 20 MB."""
 
 
 def _cache_folder() -> Path | None:
@@ -72,13 +68,8 @@ def _cache_folder() -> Path | None:
     folder = Path(base) / f"biaxbayes-{digest.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if any(_damaged(path) for path in folder.rglob("*.nb[ic]")):
-            shutil.rmtree(folder)
-            folder.mkdir()
         with tempfile.TemporaryFile(dir=folder):
             pass
-        if shutil.disk_usage(folder).free < FREE_BYTES:
-            raise OSError("the disk is full")
     except OSError as error:
         logger.warning(
             "biaxbayes: compiled code cannot be cached in %s (%s), so every start takes longer; "
@@ -88,18 +79,6 @@ def _cache_folder() -> Path | None:
         )
         return None
     return folder
-
-
-def _damaged(path: Path) -> bool:
-    """True if a file of numba's cache is truncated: complete pickles end with a dot."""
-    try:
-        with path.open("rb") as file:
-            file.seek(-1, os.SEEK_END)
-            return file.read(1) != b"."
-    except FileNotFoundError:  # replaced by another process
-        return False
-    except OSError:  # empty
-        return True
 
 
 CACHE = _cache_folder()
