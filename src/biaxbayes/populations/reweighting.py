@@ -1,4 +1,4 @@
-"""Draws of the single runs, reweighted to the population (Hogg, Myers and Bovy, ApJ 725, 2166).
+"""Draws of the single runs, reweighted to the population (Hogg, Myers and Bovy 2010).
 
 The draws theta_ij of specimen i's run are from its likelihood times the run's prior pi_i. Given
 what the specimens have in common, its likelihood is a sum over them:
@@ -30,22 +30,22 @@ class RunDraws:
     natural: dict[str, np.ndarray]  # (ensembles, N) each, by the names of ``summary.csv``
     theta: np.ndarray  # (ensembles, N, p): the pooled values, centred
     log_prior: np.ndarray  # (ensembles, N): of these values, in the run
-    squares: np.ndarray = field(init=False, repr=False)  # (ensembles, N, p (p + 1) / 2 + p)
+    terms: np.ndarray = field(init=False, repr=False)  # (ensembles, N, p (p + 1) / 2 + p)
 
     def __post_init__(self) -> None:
         i, j = np.triu_indices(self.theta.shape[2])
         products = self.theta[..., i] * self.theta[..., j]
-        object.__setattr__(self, "squares", np.concatenate([products, self.theta], axis=2))
+        object.__setattr__(self, "terms", np.concatenate([products, self.theta], axis=2))
 
     def log_weights(self, ensemble: int, m: np.ndarray, P: np.ndarray) -> np.ndarray:
-        """Log weights (N, C) up to a constant of each column, for locations (C, p) and precisions.
+        """Log weights (N, C) up to a constant of each column, of m (C, p) and P (C, p, p).
 
-        ln w_j = -1/2 theta_j' P theta_j + theta_j' P m - ln pi(theta_j)
+        ln w_j = -1/2 theta_j' P theta_j + theta_j' P m - ln pi(theta_j)    P = Sigma^-1
         """
         i, j = np.triu_indices(m.shape[1])
         quadratic = np.where(i == j, -0.5, -1.0) * P[:, i, j]
         linear = (P @ m[..., None])[..., 0]
-        of_theta = self.squares[ensemble] @ np.hstack([quadratic, linear]).T
+        of_theta = self.terms[ensemble] @ np.hstack([quadratic, linear]).T
         return np.asarray(of_theta - self.log_prior[ensemble][:, None])
 
 
@@ -73,7 +73,7 @@ class Chains:
         return np.stack([s.theta[self.ensemble][at] for s, at in pairs], axis=1)
 
     def sweep(self) -> None:
-        """Draw every specimen given the others, then move twice what they have in common."""
+        """Draw every specimen given the others, then move what they have in common."""
         m, P = self.common.m(), self.common.precisions()
         for i, specimen in enumerate(self.specimens):
             log = specimen.log_weights(self.ensemble, m[:, i], P[:, i])
@@ -81,7 +81,7 @@ class Chains:
             level = self.rng.random(len(m)) * cumulated[-1]
             self.index[:, i] = (cumulated < level).sum(axis=0)
         theta = self.theta
-        for _ in range(2):  # it costs less than the specimens
+        for _ in range(2 if self.common.b == 1 else 1):  # without correlations it costs little
             self.common.update(theta)
 
     def pareto_k(self) -> np.ndarray:

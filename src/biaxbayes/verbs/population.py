@@ -24,6 +24,7 @@ from biaxbayes.populations.model import (
     pooled_values,
 )
 from biaxbayes.populations.result import Population, draw_sources
+from biaxbayes.populations.reweighting import MAX_K
 from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan
 from biaxbayes.populations.specimens import Source, check_stretches, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
@@ -166,6 +167,12 @@ def sample_population(
                 f"interrupted, all saved in {folder}; the same command with `resume=True` "
                 "continues",
                 stop(),
+            )
+        few = [s.label for s, k in zip(sources, sampled.pareto_k, strict=True) if k > MAX_K]
+        if few:
+            notes.append(
+                f"few draws of {_names_text(few)} are where the population is (Pareto k above "
+                f"{MAX_K:g}): the numbers of these specimens are less certain"
             )
         progress(Progress("writing"))
         fixed = name, tuple(sources), grouping, tuple(values)
