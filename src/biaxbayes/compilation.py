@@ -1,7 +1,8 @@
 """Compilation by numba, and the cache of compiled code.
 
-Numba notices a change of the file of a compiled function, but not of the files that it calls. The
-name of the cache folder therefore has a digest of all compiled sources.
+Numba notices a change of the file of a compiled function, but not of the files that it calls: an
+edited law would go on with the stress of before. The name of the cache folder therefore has a
+digest of all compiled sources.
 
 Functions that compiled code calls are inlined. Numba links calls by name: a process that has
 compiled a function for another caller, with other rounding, runs that code, and a process that
