@@ -189,13 +189,19 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         if convergence["state"] == "converged"
         else f"The chains did not converge ({convergence['reason']})."
     )
+    names = record["sampled_again"]
+    again = (
+        f"; {listed(names)} {'was' if len(names) == 1 else 'were'} sampled again under the "
+        "population's prior, where the Pareto k of the weights was above 0.7"
+        if names
+        else ""
+    )
     left = f" Left out: {listed(list(record['left_out']))}." if record["left_out"] else ""
     return (
         f"A hierarchical model pooled the specimens ({members}). {values[:1].upper()}{values[1:]} "
         "of a specimen were normal around the mean of its group plus the effect of its donor, "
         "which was common to the donor's specimens; each specimen kept the likelihood of its "
         "single run, and the run's prior of the pooled parameters was divided out. Priors "
-        f"({'; '.join(families)}): {priors}. Draws of the single runs served as proposals (Lunn et "
-        "al. 2013), beside moves by the likelihoods of the specimens and joint moves of all "
-        f"specimens. {chains}{left}"
+        f"({'; '.join(families)}): {priors}. The draws of the single runs were reweighted (Hogg et "
+        f"al. 2010){again}. {chains}{left}"
     )

@@ -20,12 +20,13 @@ from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
     PopulationPriors,
-    make_design,
+    make_layout,
     pooled_values,
 )
-from biaxbayes.populations.result import Population, assessed_quantities
-from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan, draw_population
-from biaxbayes.populations.specimens import Source, make_individual, pooled_names
+from biaxbayes.populations.result import Population, draw_sources
+from biaxbayes.populations.reweighting import MAX_K
+from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan
+from biaxbayes.populations.specimens import Source, check_stretches, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.text import plural
@@ -147,26 +148,35 @@ def sample_population(
             state, note = checkpoint.load(folder, identity, PopulationCheckpoint.from_record)
             if note:
                 progress(Progress("resuming", note=note))
-        individuals = [make_individual(s, values, plan.ensembles) for s in sources]
-        design = make_design(individuals, grouping, values, options, priors)
-        sampled = draw_population(
-            design,
+        for source in sources:
+            check_stretches(source, values)
+        layout = make_layout(grouping, values, options, priors)
+        sampled = draw_sources(
+            sources,
+            grouping,
+            values,
+            layout,
             plan,
-            lambda history: assessed_quantities(grouping, values, history),
             state=state,
-            on_block=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
+            on_step=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
             progress=progress,
             stop=stop,
         )
-        if sampled.interrupted:
+        if sampled is None:
             raise Interrupted(
                 f"interrupted, all saved in {folder}; the same command with `resume=True` "
                 "continues",
                 stop(),
             )
+        few = [s.label for s, k in zip(sources, sampled.pareto_k, strict=True) if k > MAX_K]
+        if few:
+            notes.append(
+                f"few draws of {_names_text(few)} are where the population is (Pareto k above "
+                f"{MAX_K:g}): the numbers of these specimens are less certain"
+            )
         progress(Progress("writing"))
         fixed = name, tuple(sources), grouping, tuple(values)
-        drawn = Population(*fixed, design, sampled, options.seed, left_out, notes)
+        drawn = Population(*fixed, layout, sampled, options.seed, left_out, notes)
         with staged(folder, inputs.removal_note(progress, POPULATION), POPULATION) as staging:
             written = write_population(staging, drawn, identity)
         return replace(written, folder=folder)

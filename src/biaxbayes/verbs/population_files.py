@@ -165,7 +165,7 @@ def write_population(
     atomic_write_bytes(folder / "population.nc", archive(result))
     if result.state != "unusable":
         draw_figures(folder, result, tables)
-    convergence = result.sampled.convergence
+    convergence, labels = result.sampled.convergence, result.grouping.labels
     record = {
         "biaxbayes": biaxbayes.__version__,
         "python": platform.python_version(),
@@ -178,9 +178,8 @@ def write_population(
             "kept_sweeps": convergence.steps,
         },
         "law": result.law.name,
-        "acceptance": {
-            k: [round(float(x), 4) for x in v] for k, v in result.sampled.acceptance.items()
-        },
+        "pareto_k": dict(zip(labels, result.sampled.pareto_k.round(3).tolist(), strict=True)),
+        "sampled_again": [labels[i] for i in result.sampled.sampled_again],
         "pooled": {
             v.name: {
                 "scale": v.scale,
@@ -249,19 +248,18 @@ def archive(result: Population) -> bytes:
         moved = np.moveaxis(values, 2, 1)
         return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
 
-    centre = result.design.centre
     dims = ("chain", "draw")
-    sets = groups if history.sd.shape[3] > 1 else ["all"]
+    sets = groups if history.sd.shape[3] > 2 else ["all"]
     common = {
-        "mean": ((*dims, "group", "quantity"), flat(history.mu) + centre),
-        "sd_donors": ((*dims, "quantity"), flat(history.sd_donors)),
-        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd)),
+        "mean": ((*dims, "group", "quantity"), flat(history.mu) + result.centre),
+        "sd_donors": ((*dims, "quantity"), flat(history.sd[..., 0, :])),
+        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd[..., 1:, :])),
     }
     if history.partial.shape[-1]:
         common["partial_correlations_0"] = ((*dims, "of", "pair"), flat(history.partial))
     coords = {"group": groups, "quantity": names, "spread": sets, "of": ["donors", "specimens"]}
     own = {
-        "values": ((*dims, "specimen", "quantity"), flat(history.theta) + centre),
+        "values": ((*dims, "specimen", "quantity"), flat(result.sampled.theta) + result.centre),
         "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
     }
     new = result.new_specimens()
@@ -274,7 +272,6 @@ def archive(result: Population) -> bytes:
         "largest_stretch": result.largest_stretch,
         "convergence": result.state,
         "scale": json.dumps({v.name: v.scale for v in result.values}),
-        "every": history.every,
     }
     datasets = {
         "posterior": xr.Dataset(common, coords),
