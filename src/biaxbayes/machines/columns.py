@@ -31,7 +31,7 @@ from biaxbayes.tables.units import (
 )
 from biaxbayes.text_files import cells_of, is_number
 
-SHEAR = {"shear_xy": "f12", "shear_yx": "f21"}
+SHEAR = {"shear_xy": ("f12", "fxy"), "shear_yx": ("f21", "fyx")}
 TARGETS = {
     "stretch_x": "stretch",
     "stretch_y": "stretch",
@@ -59,6 +59,7 @@ STRESS_WORDS = {
     "piola": r"piola|pk1|p11|p22|pxx|pyy|first|1st|nominal|engineering|eng",
     "cauchy": r"cauchy|true|(sigma|σ)[xy12]{0,2}|t[xy12]{1,2}",
     "pk2": r"pk2|2pk|pkii|kirchhoffii|second|2nd|spk|s[xy12]{1,2}",
+    "kirchhoff": r"(tau|τ)[xy12]{0,2}",
     "tension": r"t[xy12]{1,2}",
 }
 """Words of a kind of stress; T11 may be two kinds."""
@@ -66,6 +67,7 @@ KINDS_OF_STRESS = {
     "piola": "a first Piola-Kirchhoff stress",
     "cauchy": "a Cauchy stress",
     "pk2": "a second Piola-Kirchhoff stress",
+    "kirchhoff": "a Kirchhoff (or shear) stress",
     "tension": "a membrane tension",
 }
 
@@ -193,7 +195,7 @@ def _by_name(table: Table, target: str) -> int | None:
     """The column that is named as a target, in any unit."""
     if target not in OPTIONAL:
         return table.by_stem(stem_of(target))
-    stems = (stem_of(target), SHEAR.get(target))
+    stems = (stem_of(target), *SHEAR.get(target, ()))
     same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
     return same[0] if len(same) == 1 and table.is_numeric(same[0]) else None
 
@@ -423,7 +425,8 @@ def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: froze
         numbers = all(map(is_number, counts))
         if numbers and not all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts):
             continue
-        changes = sum(a != b for a, b in pairwise(labels)) + 1
+        # numbers may be readings, such as a coarse temperature; words may alternate
+        changes = sum(a != b for a, b in pairwise(labels)) + 1 if numbers else len(counts)
         often = changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels))
         if often or _is_reading(table, index):
             continue
