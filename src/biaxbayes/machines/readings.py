@@ -257,8 +257,8 @@ def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
                 f"lines {in_lines(taken.lines[at])} while the stretch goes on: the load cell at "
                 "its limit, creep, or a grip that slips"
             )
-            late = cycle.hold if at[-1] == curve.size - 1 else []
-            _ask_for_rows(taken.record, problem, np.union1d(taken.rows[at], late).astype(int))
+            late = cycle.hold if at[-1] == curve.size - 1 else cycle.hold[:0]
+            _ask_for_rows(taken.record, problem, np.union1d(taken.rows[at], late))
 
 
 def _ask_about_delay(taken: Recording, cycle: Cycle) -> None:
