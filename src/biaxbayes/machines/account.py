@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from biaxbayes.machines.conversion import Conversion
-from biaxbayes.machines.lines import in_lines
 from biaxbayes.machines.record import Record
+from biaxbayes.tables.table import in_lines
 from biaxbayes.text_files import aligned
 
 

@@ -11,12 +11,13 @@ from scipy.ndimage import median_filter
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
-from biaxbayes.machines.lines import in_lines, ranges_without
+from biaxbayes.machines.lines import ranges_without
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.specimens.branches import JUMP, SIDES, STEEP, repeats, rows_apart
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
 from biaxbayes.tables.question import Question
+from biaxbayes.tables.table import in_lines
 
 LOST_LOAD = 0.1
 """Fall of the load, as a fraction of its range, that loading does not explain."""
