@@ -459,6 +459,7 @@ def test_a_displacement_that_does_not_start_at_zero_needs_its_origin(tmp_path, c
         ("cauchy", "T11 {} [kPa]", "or a membrane tension"),
         ("piola", "True stress {} (kPa)", "cauchy_x_kPa"),
         ("cauchy", "P11 {} kPa", "piola_x_kPa"),
+        ("piola", "tau_{} [kPa]", "a Kirchhoff (or shear) stress"),
         ("cauchy", "Engineering stress {} [kPa]", "piola_x_kPa"),
         ("piola", "PK2 {} [kPa]", "times the stretch"),
         ("piola", "2PK {} [kPa]", "second Piola-Kirchhoff"),
