@@ -96,10 +96,11 @@ ALONE = "0.62"
 NOTE = "grey: alone; coloured: pooled; diamond: group's median; thin: a new specimen; 90 %"
 PAIRS = "new specimens: filled 50 %, outline 90 %; points: tested specimens, pooled"
 BAND_NOTE = (
-    "band: 90 % of new specimens, up to ten times the median; thin lines: equibiaxial records"
+    "band: 90 % of new specimens, to the stretch that every specimen reached; thin lines: "
+    "equibiaxial records"
 )
 HIGHEST = 10.0
-"""Times the largest median at which the axis of a band ends."""
+"""Times the largest median at which a band that is higher than the records is cut."""
 
 
 def forest_figure(
@@ -186,7 +187,8 @@ def band_figure(
     groups = list(bands["group"].unique())
     with print_style():
         figure = blank_figure(PAGE_MM, 48.0 * len(groups) + 6.0)
-        axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True)
+        highest = max((float(stress.max()) for _, _, stress in records), default=0.0)
+        axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True, sharey=True)
         for (k, axis), ax in np.ndenumerate(axes):
             part, (hue, _) = bands[bands["group"] == groups[k]], group_look(k)
             stretch = part["total_stretch"]
@@ -196,11 +198,12 @@ def band_figure(
             for group, measured, stress in records:
                 if group == groups[k]:
                     ax.plot(measured[:, axis], stress[:, axis], color="0.25", linewidth=0.5)
-            ax.set_xlim(stretch.min(), stretch.max())
-            ax.set_ylim(0.0, min(ax.get_ylim()[1], HIGHEST * median.max()))
+            highest = max(highest, min(high.max(), HIGHEST * median.max()))
             limit_ticks(ax.xaxis)
             limit_ticks(ax.yaxis)
             ax.set_title(f"{plain(groups[k], LABEL_LENGTH)}, {plain(directions[axis], 20)}")
+        axes[0, 0].set_xlim(left=bands["total_stretch"].min())
+        axes[0, 0].set_ylim(0.0, 1.05 * highest)
         for ax in axes[-1]:
             ax.set_xlabel("total equibiaxial stretch")
         figure.supylabel("Cauchy stress (kPa)")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import RunError, listed
+from biaxbayes.fitting.result import misfit_sentence
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.reported import (
@@ -35,7 +36,7 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING_MODES
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
-from biaxbayes.prediction.predictive_checks import fit_in_words, path_warnings, predictive_checks
+from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
 from biaxbayes.runs.folder import EVIDENCE
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -175,7 +176,7 @@ def run_result(
         law=law.name,
         state=verdicts.state,
         reported=reported,
-        fit=fit_in_words(checks, specimen.unit, law.short_name) if usable else "",
+        fit=_fit_in_words(posterior) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
         warnings=tuple(path_warnings(checks, specimen.unit, law.name)) if usable else (),
         findings=tuple(findings),
@@ -194,6 +195,13 @@ def run_result(
         checks=checks,
         quantities=posterior.quantities,
     )
+
+
+def _fit_in_words(posterior: Posterior) -> str:
+    """One sentence on how well the law fits at its best, as ``check`` says it."""
+    specimen, rms = posterior.specimen, posterior.fit.rms
+    noise, peak = specimen.noise_sd, specimen.peak_load
+    return misfit_sentence(posterior.law.short_name, rms, noise, peak, specimen.unit)
 
 
 def _advice(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
+from biaxbayes.options import for_users
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
@@ -56,6 +57,7 @@ class Checked:
         return f"<p>{escape(self.specimen.name)}</p><table>{rows}</table>"
 
 
+@for_users
 def check(
     specimen: SpecimenLike,
     *,
