@@ -35,7 +35,7 @@ from biaxbayes.errors import (
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
-from biaxbayes.progress_bar import Progress, with_progress
+from biaxbayes.progress_bar import Progress, time_left, with_progress
 from biaxbayes.reports.study_page import group_differences, write_study
 from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, is_finished
 from biaxbayes.runs.run import Run, open_run
@@ -317,9 +317,7 @@ def _sample_all(
         text = f"{len(outcomes)} of {len(entries)} specimens"
         if failed := sum(t.state not in STATES for t in outcomes.values()):
             text += f", {failed} failed"
-        sampled, missing = len(outcomes) - before, len(entries) - len(outcomes)
-        if sampled > 0 and (left := (time.monotonic() - clock) * missing / sampled) >= 1.0:
-            text += f", about {f'{left:.0f} s' if left < 90.0 else f'{left / 60:.0f} min'} left"
+        text += time_left(clock, len(outcomes) - before, len(entries) - len(outcomes))
         progress(Progress(text, len(outcomes) / len(entries)))
     if len(outcomes) < len(entries):
         raise Interrupted(
