@@ -8,6 +8,7 @@ its file in :mod:`biaxbayes.verbs`.
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 import numbers
@@ -16,6 +17,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self, TypeVar
+
+import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
@@ -172,9 +175,45 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
         # In place of the entry ``**options`` of the docstring.
         doc = f"{inspect.getdoc(verb)}\n"
         verb.__doc__ = re.sub(r"(?m)^\*\*options.*\n( .*\n)*", lambda _: entries, doc).rstrip("\n")
-        return usual_numpy_errors(verb)
+        return for_users(verb)
 
     return with_signature
+
+
+KINDS: dict[str, tuple[tuple[type, ...], str]] = {
+    "bool": ((bool, np.bool_), "True or False"),
+    "str": ((str,), "a text"),
+    "PathLike": ((str, os.PathLike), "a path"),
+    "Path": ((str, os.PathLike), "a path"),
+    "Sequence": ((list, tuple, np.ndarray), "a list"),
+    "tuple": ((list, tuple, str), "a list"),
+    "Mapping": ((Mapping,), "a mapping"),
+}
+"""What arguments may be, by the names in annotations."""
+
+
+def for_users(verb: Verb) -> Verb:
+    """A function that users call: it refuses arguments that are not of the annotated kind."""
+    parameters = inspect.signature(verb).parameters
+    known: dict[str, list[tuple[tuple[type, ...], str]]] = {}
+    for name, p in parameters.items():
+        parts = set(re.sub(r"\[.*\]", "", str(p.annotation)).split(" | ")) - {"None"}
+        if parts <= KINDS.keys():
+            known[name] = [KINDS[part] for part in sorted(parts)]
+
+    @functools.wraps(verb)
+    def checked(*arguments: Any, **options: Any) -> Any:
+        given = dict(zip(parameters, arguments, strict=False)) | options
+        for name in known.keys() & given.keys():
+            kinds, value, p = known[name], given[name], parameters[name]
+            if value is None and (p.default is None or "None" in str(p.annotation)):
+                continue
+            if not any(isinstance(value, types) for types, _ in kinds):
+                allowed = " or ".join(words for _, words in kinds)
+                raise InputError(f"`{name}` must be {allowed}, not {type(value).__name__}")
+        return verb(*arguments, **options)
+
+    return usual_numpy_errors(checked)  # type: ignore[return-value]
 
 
 # --- choices of options -----------------------------------------------------------------
@@ -393,6 +432,8 @@ class FitOptions(Options):
             object.__setattr__(self, "law", law_key(self.law))
         else:
             super().__post_init__()
+        if self.initial is not None and not hasattr(self.initial, "theta"):
+            raise InputError("`initial` must be a material, as biaxbayes.law(...) makes it")
 
 
 SEED_HELP = "Random seed; the same seed gives the same files."

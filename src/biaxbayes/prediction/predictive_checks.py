@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.error_model import standard_cdf
-from biaxbayes.fitting.result import EXPLAINED, misfit_sentence
+from biaxbayes.fitting.result import EXPLAINED
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.bands import compared_protocols
@@ -164,18 +164,6 @@ def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> li
             f"{worst['at']:.3f}: do not use these parameters for that path where this matters."
         )
     return out
-
-
-def fit_in_words(checks: pd.DataFrame, unit: str, law_name: str) -> str:
-    """One sentence on how well a law fits: its misfit compared with the noise of a reading.
-
-    ``unit`` is of the loads (N or kPa), ``law_name`` the name of the law in a sentence.
-    """
-    if checks.empty:
-        return "there are no readings beyond the mounted state to check the law with"
-    rms = float(np.sqrt(np.average(checks["rms"] ** 2, weights=checks["readings"])))
-    noise, peak = float(checks["noise"].iloc[0]), float(checks["peak"].max())
-    return misfit_sentence(law_name, rms, noise, peak, unit)
 
 
 def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import RunError, listed
+from biaxbayes.fitting.result import misfit_sentence, root_mean_square
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.piece_stiffness import disagreements, piece_stiffnesses
@@ -36,7 +37,8 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING_MODES
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
-from biaxbayes.prediction.predictive_checks import fit_in_words, path_warnings, predictive_checks
+from biaxbayes.prediction.bands import compared_protocols
+from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
 from biaxbayes.runs.folder import EVIDENCE
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -181,7 +183,7 @@ def run_result(
         law=law.name,
         state=verdicts.state,
         reported=reported,
-        fit=fit_in_words(by_piece[0], specimen.unit, law.short_name) if usable else "",
+        fit=_fit_in_words(posterior) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
         warnings=(
             *disagreements(pieces),
@@ -204,6 +206,18 @@ def run_result(
         checks=checks,
         quantities=posterior.quantities,
     )
+
+
+def _fit_in_words(posterior: Posterior) -> str:
+    """One sentence on how well the law fits the first piece at its best, as ``check`` says it."""
+    specimen, paths = posterior.specimen, posterior.paths
+    residuals = [
+        (specimen.load(p) - paths.load(p.stretch, i))[p.rest_rows :]
+        for i, p in enumerate(compared_protocols(specimen, posterior.settings))
+    ]
+    rms = root_mean_square(residuals)
+    noise, peak = specimen.noise_sd, specimen.peak_load
+    return misfit_sentence(posterior.law.short_name, rms, noise, peak, specimen.unit)
 
 
 def _advice(

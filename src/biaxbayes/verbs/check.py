@@ -13,6 +13,7 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.options import for_users
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
@@ -57,6 +58,7 @@ class Checked:
         return f"<p>{escape(self.specimen.name)}</p><table>{rows}</table>"
 
 
+@for_users
 def check(
     specimen: SpecimenLike,
     *,

@@ -91,13 +91,6 @@ def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
     return opened
 
 
-def check_switches(**given: Any) -> None:
-    """Refuse what is neither True nor False."""
-    for name, value in given.items():
-        if not isinstance(value, bool | np.bool_):
-            raise InputError(f"`{name}` must be True or False, not {type(value).__name__}")
-
-
 def as_numbers(values: Any, name: str, count: int | None = None) -> np.ndarray:
     """Numbers of an argument, ``count`` of them if that is given; refuses anything else."""
     try:
@@ -175,9 +168,14 @@ def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
 
 def as_style(style: Any) -> dict[str, Any] | None:
     """Settings of matplotlib, read from a file if it is a path."""
+    import matplotlib as mpl
+
     from biaxbayes.figures.style import read_style
 
     if style is None or isinstance(style, Mapping):
+        for key in style or ():
+            if key not in mpl.rcParams:
+                raise InputError(f"`style`: {str(key)[:60]!r} is not a setting of matplotlib")
         return None if style is None else dict(style)
     return read_style(as_path(style, "style"))
 

@@ -330,10 +330,6 @@ def _names_text(names: list[str]) -> str:
 
 
 UNDETERMINED_MARK = "*"
-QUALIFIED = (", but loosely", "; sensitive to the prior")
-"""What the sentence on a verdict may add to it."""
-MAX_PAIRS = 3
-"""Pairs of groups whose differences are printed."""
 
 
 @click.command("population")
@@ -391,15 +387,12 @@ def closing_message(result: PopulationResult) -> str:
             "",
             f"{UNDETERMINED_MARK} {NOT_IDENTIFIED}: the specimens determine little of this sd",
         ]
-    pairs = list(result.contrasts.groupby(["group_a", "group_b"], sort=False))
-    for (a, b), part in pairs[:MAX_PAIRS]:
+    for (a, b), part in result.contrasts.groupby(["group_a", "group_b"], sort=False):
         first, second = printable(str(a)), printable(str(b))
         table = [["quantity", "", "median", "5 to 95 %", f"in {second}"]]
         for row in contrast_rows(part):
             table.append([row.quantity, row.kind, row.median, row.interval, row.direction])
         lines += ["", f"{second} compared with {first}", *aligned(table)]
-    if len(pairs) > MAX_PAIRS:
-        lines += ["", f"{len(pairs) - MAX_PAIRS} more pairs of groups are in contrasts.csv"]
     lines += ["", *(f"note: {printable(note)}" for note in result.notes)]
     lines += [f"all tables and draws are in {result.folder}"]
     return "\n".join(lines)
@@ -412,12 +405,11 @@ def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
     split = len(spread_parts(part)) > 1
     sds = ["sd donors", "sd specimens"] if split else ["sd total"]
     table = [["quantity", "unit", "median", "5 to 95 %", *sds, "new specimen", "verdict"]]
-    for row, r in zip(group_rows(part), part.to_dict("records"), strict=True):
+    for row in group_rows(part):
         spreads = [
             text + (UNDETERMINED_MARK if verdict == NOT_IDENTIFIED else "")
             for (text, _), verdict in zip(row.spreads, row.spread_verdicts, strict=True)
         ]
-        loosely = "".join(words for words in QUALIFIED if words in str(r["in_words"]))
         cells = [row.quantity, row.unit, row.median, row.reported, *spreads, row.new[0][1]]
-        table.append([*cells, row.verdict + loosely])
+        table.append([*cells, row.verdict])
     return [f"{printable(group)}: {members}", *aligned(table)]

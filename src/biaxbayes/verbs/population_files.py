@@ -25,7 +25,13 @@ from biaxbayes.populations.tables import (
     groups_table,
     specimens_table,
 )
-from biaxbayes.reports.population import FIGURE_TEXTS, PAGE, population_page
+from biaxbayes.reports.population import (
+    FIGURE_TEXTS,
+    LATEX,
+    PAGE,
+    population_latex,
+    population_page,
+)
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
 from biaxbayes.runs.folder import (
     POPULATION,
@@ -193,6 +199,7 @@ def write_population(
         "notes": result.notes,
         "identity": identity,
     }
+    atomic_write_text(folder / LATEX, population_latex(tables, record))
     atomic_write_text(folder / PAGE, population_page(folder, tables, record))
     record |= {name: json_values(table.to_dict("records")) for name, table in tables.items()}
     record["files"] = manifest(folder)

@@ -167,11 +167,11 @@ def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
         specimen = with_free_sides(run.draws, run.specimen, run.law)
         tested = prediction_range(run.draws, specimen, chosen.protocol, chosen.reference)
         stretch = float(tested.high.max())
-    elif isinstance(stretch, str) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
+    elif not isinstance(stretch, int | float) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
         remedy = STRETCH_REMEDY
-        if not isinstance(stretch, str) and 0.0 < stretch < 0.5:
+        if isinstance(stretch, int | float) and 0.0 < stretch < 0.5:
             remedy = f"for a strain of {stretch:g} write {1.0 + stretch:g}"
-        shown = stretch if isinstance(stretch, str) else f"{stretch:g}"
+        shown = f"{stretch:g}" if isinstance(stretch, int | float) else str(stretch)[:40]
         raise InputError(f"`stretch` {shown} is not a possible largest stretch", remedy=remedy)
     return stretch_path(stretch, ratio=chosen.ratio or (1.0, 1.0), points=points)
 

@@ -136,7 +136,7 @@ class SampleJob:
             seed=amount.seed,
             workers=amount.processors,
         )
-        folder = Path(f"{stem}-posterior") if out is None or out == "" else as_path(out, "out")
+        folder = Path(f"{stem}-posterior") if out is None or out == "" else Path(out)
         return cls(specimen, source, folder, options, plan, findings)
 
     def run(
@@ -415,7 +415,6 @@ def sample(
         something else.
     """
     amount, model = SamplingPlan.split(options)
-    inputs.check_switches(anyway=anyway, resume=resume, overwrite=overwrite)
     checked: dict[str, Any] = {"mounting_force": mounting_force, "anyway": anyway}
     with process_lock:
         job = SampleJob.prepare(specimen, out=out, options=model, amount=amount, **checked)

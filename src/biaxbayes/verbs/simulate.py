@@ -19,8 +19,7 @@ from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import NO_GRIPS
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.text_files import as_path
-from biaxbayes.verbs.inputs import as_numbers, check_new, check_switches
+from biaxbayes.verbs.inputs import as_numbers, check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
 
 if TYPE_CHECKING:
@@ -109,9 +108,7 @@ def simulate(
     from biaxbayes.specimens.virtual_specimen import write_truth
 
     test = VirtualTest.from_values(options)
-    check_switches(overwrite=overwrite)
     if out is not None:
-        out = as_path(out, "out")
         if not Path(out).parent.is_dir():
             raise InputError("no such folder", file=Path(out).parent, remedy="make it first")
         for path in (Path(out), truth_file(Path(out))):
@@ -143,8 +140,9 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     material, published = _material(test)
     edge = as_numbers(test.edge, "edge", 2)
     if test.prestretch is not None:
-        as_numbers(test.prestretch, "prestretch", 2)
-    if test.ratios and as_numbers(test.ratios, "ratios").shape[1:] != (2,):
+        test = replace(test, prestretch=tuple(as_numbers(test.prestretch, "prestretch", 2)))
+    ratios = as_numbers(test.ratios, "ratios") if len(test.ratios) else np.ones((1, 2))
+    if ratios.shape[1:] != (2,):
         raise InputError("`ratios` must be pairs of numbers", remedy="as ((1, 1), (1, 0.5))")
     if test.hooks and test.test != "biaxial":
         raise InputError("`hooks` hold a square", remedy="leave `hooks` or `test` out")
@@ -161,7 +159,7 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
         "name": name,
         "source": published.source,
         **_stretches(test, published),
-        "ratios": test.ratios or ((1.0, 1.0),),
+        "ratios": tuple(map(tuple, ratios.tolist())),
         "increments": test.increments,
         "dimensions": Dimensions(float(edge[0]), float(edge[1]), thickness),
         "machine": Machine(
