@@ -129,6 +129,7 @@ def test_fibres_that_are_compressed_carry_nothing(tmp_path):
         ),
         (('("lognormal", 10, 2),\n    "k1', '10,\n    "k1'), "parameter C1_kPa has no prior"),
         (('"C1_kPa"', '"C 1"'), "'C 1' is no name of a parameter"),
+        (('"C1_kPa"', '"thickness"'), "'thickness' is no name of a parameter"),
         (("np.exp(k2 * E**2) - 1", "np.exp(k2 * E**2)"), "kPa where unloaded, not 0"),
         (("C1 * (X", "C1**2 * (X"), "the energy is not proportional to C1"),
         (("k1 / k2 *", "-k1 / k2 *"), "the term of k1 has no tension under equal stretches"),

@@ -31,10 +31,17 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.laws.differentiation import COMPOSED, OPERATIONS
+from biaxbayes.laws.differentiation import COMPOSED, OPERATIONS, exponential
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse, exponents
-from biaxbayes.parameters import DEGREE, GREEK, Parameter, fibre_angle, positive_parameter
+from biaxbayes.parameters import (
+    DEGREE,
+    GREEK,
+    Parameter,
+    Quantities,
+    fibre_angle,
+    positive_parameter,
+)
 from biaxbayes.text_files import read_text
 
 FUNCTIONS = sorted(o.__name__ for o in (*COMPOSED, *OPERATIONS) if isinstance(o, np.ufunc))
@@ -44,6 +51,8 @@ ARITHMETIC = (
     *(ast.Dict, ast.operator, ast.unaryop, ast.cmpop, ast.expr_context),
 )
 """What a law can be written with, besides NumPy's functions of numbers."""
+TAKEN = {"np", exponential.__name__, *Quantities(()), "lp", "log_likelihood"}
+"""Names that a parameter cannot have: of other quantities, and of functions."""
 TEST_STRETCHES = np.array([1.02, 1.1, 1.2])
 
 
@@ -181,8 +190,11 @@ def _parameter(label: object, prior: object) -> Parameter:
     for known in ("kPa", DEGREE):
         if name.endswith(f"_{known}"):
             name, unit = name.removesuffix(f"_{known}"), known
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name):
-        raise InputError(f"{name[:40]!r} is no name of a parameter", remedy="write k1_kPa or k2")
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or name in TAKEN:
+        raise InputError(
+            f"{name[:40]!r} is no name of a parameter",
+            remedy="as k1_kPa, and not that of another quantity",
+        )
     base, below = re.fullmatch("([A-Za-z]+)_?(.*)", name).groups()  # type: ignore[union-attr]
     symbol = f"\\{base}" if f"\\{base}" in GREEK else base
     symbol += f"_{{{below}}}" if below else ""
