@@ -123,8 +123,8 @@ def test_a_population_has_a_results_paragraph_and_latex(page):
     said = re.search(r"% Results: (.*)", latex).group(1)
     assert latex.count(r" \\") == len(groups) + 1
     assert said[:60] in html.replace("&lt;", "<")
-    for name in re.findall(r"(\S+\.(?:csv|tex|nc)): ", html.partition('id="files"')[2]):
-        assert (folder / name).is_file()
+    for name in re.findall(r"([\w-]+\.(?:csv|tex|nc)): ", html.partition('id="files"')[2]):
+        assert (folder / name).is_file(), name
 
 
 # --- in a browser --------------------------------------------------------------------------------

@@ -263,7 +263,8 @@ def closing_message(run: Run) -> str:
     lines += [printable(truncate(f["message"], 400)) for f in serious[:1]]
     advice = "; ".join(filter(None, (result.low_information, result.advice)))
     rest = [printable(text) for text in (*result.pieces, result.fit, advice) if text]
-    rest += [printable(text) for text in result.warnings[:1]]
+    if not result.better_law:  # else no parameter is reported that could be used
+        rest += [printable(text) for text in result.warnings[:1]]
     rest.append(f"report: {run.path}/report.html")
     lines += row_lines(result.rows)
     return "\n".join([*lines, *rest])

@@ -226,6 +226,8 @@ def _advice(
     """The most useful next step: converge, another law, the mounting stretch, a further test."""
     if verdicts.state != "converged":
         return "the chains have not converged: continue with --resume and a larger --max-steps"
+    if verdicts.better_law:
+        return verdicts.better_law
     if mounting not in INFERRING_MODES:
         return (
             f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry "
@@ -233,8 +235,6 @@ def _advice(
         )
     if verdicts.contradicted_priors:
         return f"correct the prior of {listed(list(verdicts.contradicted_priors))}, or its unit"
-    if verdicts.better_law:
-        return verdicts.better_law
     undetermined = [r for r in reported if r.verdict != IDENTIFIED]
     axes = {
         quantities[r.name].axis
