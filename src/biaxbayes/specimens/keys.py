@@ -72,7 +72,8 @@ KEYS = {
     "specimen": Key("Name of the specimen", "name of the file"),
     "test": Key(
         "Kind of test: `biaxial`; `strip x` or `strip y`, a strip pulled along x or y, whose file "
-        "has stretch and load of that direction, and the other stretch if the width was measured",
+        "has stretch and load of that direction, and the other stretch if the width was measured. "
+        "A strip cut at another angle shears and cannot be stated",
         "biaxial",
         choices=TESTS,
     ),
