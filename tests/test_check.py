@@ -285,7 +285,7 @@ def test_check_and_a_run_say_the_same_of_a_misfit(small_run):
     drawn = draw_table(draw_posterior(prepare(made, noise="independent"), plan).quantities)
     for data, draws, noisy in ((small_run.specimen, small_run.draws, True), (made, drawn, False)):
         checks = predictive_checks(prepare(data, noise="independent"), draws)
-        run = fit_in_words(checks, data.unit, "GOH")
+        run = fit_in_words(checks, "GOH")
         checked = misfit_finding(data, quick_fit(data)).message.partition(";")[0]
         size = [float(text.split(" by ")[1].split()[0]) for text in (run, checked)]
         assert size[0] == pytest.approx(size[1], rel=0.2)

@@ -130,7 +130,7 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     """Groups of the archive by name."""
     import xarray as xr
 
-    unit = _units(posterior.specimen.unit)
+    unit = _units(", ".join(dict.fromkeys(posterior.specimen.units)))
     ensembles, steps, walkers, _ = draws.chain.shape
     count = steps * walkers
     coords = {
@@ -185,9 +185,11 @@ def _predictive(
         law.append(loads.law)
         readings.append(simulate(loads.mean, loads.reading_sd, rng))
 
+    of_loads = _units(", ".join(dict.fromkeys(posterior.specimen.units)))
+
     def variable(parts: list[np.ndarray]) -> tuple[Any, ...]:
         by_draw = np.concatenate(parts, axis=1).reshape(chains, draws, -1, 2).astype(np.float32)
-        return ("chain", "draw", "row", "direction"), by_draw, _units(posterior.specimen.unit)
+        return ("chain", "draw", "row", "direction"), by_draw, of_loads
 
     return {"load": variable(readings), "model_load": variable(law)}
 

@@ -156,7 +156,7 @@ def run_result(
     findings: Sequence[str] = (),
 ) -> RunResult:
     """Result of a run from its draws (natural quantities, one row per draw) and their verdicts."""
-    specimen, law, settings = posterior.specimen, posterior.law, posterior.settings
+    law, settings = posterior.law, posterior.settings
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
     checks = predictive_checks(posterior, draws) if usable else nothing
@@ -175,9 +175,9 @@ def run_result(
         law=law.name,
         state=verdicts.state,
         reported=reported,
-        fit=fit_in_words(checks, specimen.unit, law.short_name) if usable else "",
+        fit=fit_in_words(checks, law.short_name) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
-        warnings=tuple(path_warnings(checks, specimen.unit, law.name)) if usable else (),
+        warnings=tuple(path_warnings(checks, law.name)) if usable else (),
         findings=tuple(findings),
         better_law=verdicts.better_law,
         convergence=dict(convergence),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
+from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
@@ -84,7 +85,7 @@ def check(
 
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
-    if "grips" not in data.metadata:
+    if "grips" not in data.metadata and data.experiment.is_mounted:
         findings.append(Finding("grips", "note", GRIPS_NOT_STATED))
     if data.needs_grip_correction:
         from biaxbayes.grips.geometry import describe_hooks, stated_hooks
@@ -243,6 +244,8 @@ def _print_result(result: Checked) -> None:
     size = "not stated"
     if specimen.edge_x_mm is not None and specimen.edge_y_mm is not None:
         size = f"{specimen.edge_x_mm:g} x {specimen.edge_y_mm:g} mm"
+    elif isinstance(specimen.experiment, Tube):
+        size = f"outer diameter {2.0 * specimen.experiment.outer_radius_mm:g} mm"
     if specimen.thickness_mm is not None:
         size += f", {specimen.thickness_mm:g} mm thick"
     state = f"stresses and dimensions refer to the {specimen.geometry} state"
@@ -252,7 +255,12 @@ def _print_result(result: Checked) -> None:
             f"  sections   {about['section_x_mm2']:.4g} mm2 under the force in x, "
             f"{about['section_y_mm2']:.4g} mm2 in y"
         )
-    kind = {"force": "force", "piola": "first Piola-Kirchhoff stress", "cauchy": "Cauchy stress"}
+    kind = {
+        "force": "force",
+        "piola": "first Piola-Kirchhoff stress",
+        "cauchy": "Cauchy stress",
+        "tube": "pressure, and axial force in N," if 1 in specimen.experiment.axes else "pressure",
+    }
     rows = sum(p["rows"] for p in about["protocols"])
     count = len(about["protocols"])
     click.echo(
@@ -268,7 +276,7 @@ def _print_result(result: Checked) -> None:
     lines = [["protocol", "rows", "at rest", "stretch x", "stretch y", force]]
     for p in about["protocols"]:
         ranges = ["{:.4f}-{:.4f}".format(*p[f"stretch_{k}"]) for k in "xy"]
-        forces = "as the others"
+        forces = "as the others" if specimen.experiment.is_mounted else "none"
         if p["rest_rows"]:
             forces = ", ".join(
                 f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"
