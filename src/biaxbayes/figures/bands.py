@@ -270,9 +270,10 @@ def _handles(specimen: Specimen, probability: float, *, law: bool, truth: bool) 
     """Entries of the legend."""
     handles: list[Any] = []
     names = {"x": specimen.axis_x, "y": specimen.axis_y}
-    for axis in ("xy"[k] for k in specimen.experiment.axes):
+    for k in specimen.experiment.axes:
+        axis, label = "xy"[k], specimen.experiment.curves[k]
         direction = names[axis]
-        label = f"{axis}: {plain(direction, 16)}" if direction else axis
+        label += f": {plain(direction, 16)}" if direction else ""
         look = {"color": colour(axis), "linewidth": 0.8, **_marker(axis, 1)}
         handles.append(Line2D([], [], label=label, **look))
     for kind, opacity in reversed(BAND_KINDS):

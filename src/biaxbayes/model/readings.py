@@ -101,9 +101,16 @@ class ReadingVector:
             of_group = np.stack([np.bincount(group, rows.scatter[at, a]) for a in axes])
             scatter.append((of_group / size).ravel())
             first += groups * len(axes)
-        parts = [np.concatenate(part) for part in (weight, scatter, axis)]
-        scale = thinned.specimen.load_scale[parts[-1]]
-        return cls(index, mounting_index, share, *parts, scale)
+        direction = np.concatenate(axis)
+        return cls(
+            index,
+            mounting_index,
+            share,
+            np.concatenate(weight),
+            np.concatenate(scatter),
+            direction,
+            thinned.specimen.load_scale[direction],
+        )
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Values (rows, 2) averaged to the readings after the mounting ones, (n,); those are 0."""

@@ -96,7 +96,7 @@ def check_load(
     unit: str = "",
     protocol: str | None = None,
 ) -> None:
-    """Refuse loads (in ``unit``, by default N with a section, otherwise kPa) that are all equal, or impossible."""
+    """Refuse loads that are all equal, or impossible: N with a section, else kPa, or `unit`."""
     refusal = partial(ReadingError, argument=argument, protocol=protocol)
     unit = unit or ("kPa" if section_mm2 is None else "N")
     row = int(np.argmax(np.abs(values)))

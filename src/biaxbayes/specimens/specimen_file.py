@@ -161,7 +161,7 @@ def _without_tube_columns(
     def error(problem: str, remedy: str, column: str) -> InputError:
         return InputError(problem, file=path, row=table.names_line, column=column, remedy=remedy)
 
-    columns, written = dict(table.columns), {}
+    columns, written = dict(table.columns), dict[str, str]()
     of_tube = [name for name in (*TUBE_COLUMNS, *STRESS_PAIRS["tube"]) if name in columns]
     if not is_tube:
         if of_tube:
