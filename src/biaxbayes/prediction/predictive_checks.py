@@ -50,8 +50,8 @@ def predictive_checks(
         of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
         errors), ``inside`` (fraction of the readings inside their own 90 % predictive
         band), ``share`` (largest residual over the largest load of the protocol, both directions),
-        ``unit`` and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
-        the peak), ``misses``. A Cauchy file is compared as nominal stress.
+        ``unit`` and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but
+        below 5 % of the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
     tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
     specimen, rows = posterior.pieces[piece].specimen, []
