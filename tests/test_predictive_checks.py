@@ -46,7 +46,7 @@ def test_misfit_of_the_truth_is_the_noise():
     assert len(table) == 6
     # Standard error of an rms of 400 readings: 3.5 %.
     assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
-    assert set(table["verdict"]) == {"noise"} and path_warnings(table, "N") == []
+    assert set(table["verdict"]) == {"noise"} and path_warnings(table) == []
     assert (table["runs_z"].abs() < 3.5).all()
     assert (table["autocorrelation"].abs() < 0.2).all()
     share = float(table["inside"].mean())
@@ -54,7 +54,7 @@ def test_misfit_of_the_truth_is_the_noise():
     words = " ".join(misfit_in_words(table))
     assert "change as often as those of independent errors" in words
     assert "noise explains the misfit" in words
-    assert checks_in_words(table, "N") == [
+    assert checks_in_words(table) == [
         "No reading lies further from the median model than 4 times the load cell's noise."
     ]
 
@@ -88,15 +88,15 @@ def test_the_missed_protocol_is_named_with_its_number():
     name = clean.protocols[1].name
     data = bent(clean, name, 0.15)
     table = checks(data, true_draws(0.002))
-    message = path_warnings(table, "N")
+    message = path_warnings(table)
     assert len(message) == 1
     assert message[0].startswith(f"GOH misses the {name} protocol by ")
-    assert path_warnings(table, "N", "may-newman")[0].startswith(f"May-Newman misses the {name} ")
+    assert path_warnings(table, "may-newman")[0].startswith(f"May-Newman misses the {name} ")
     assert "do not use these parameters for that path" in message[0]
     row = table[(table.protocol == name) & (table.direction == "y")].iloc[0]
     peak = float(clean.protocols[1].load_y.max())
     assert row["largest"] == pytest.approx(0.15 * peak, abs=0.008)
-    assert any("too narrow" in text for text in checks_in_words(table, "N"))
+    assert any("too narrow" in text for text in checks_in_words(table))
 
 
 # --- missed paths, wherever a run is written about ---

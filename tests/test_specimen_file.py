@@ -16,7 +16,6 @@ from biaxbayes import Protocol, Specimen, read_specimen, write_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import measured_stretch
 from biaxbayes.specimens.protocol import rest_rows
-from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.specimens.specimen_file import specimen_text
 from biaxbayes.specimens.table import read_stretches
 from test_hostile_inputs import GOOD, protocols
@@ -41,7 +40,7 @@ def noisy_protocol(seed: int, name: str = "1", count: int = 40, rest: int = 5) -
 # --- round trips ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("pair", STRESS_PAIRS)
+@pytest.mark.parametrize("pair", ["force", "piola", "cauchy"])
 @pytest.mark.parametrize("seed", range(5))
 def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
     names = ("1:1, slow", 'the "second"', "drüben_3")

@@ -175,6 +175,8 @@ class ForwardModel:
 
     def mounting_stretch(self, values: Any, protocol: str = "") -> np.ndarray:
         """Mounting stretches of a protocol: its own, the shared ones, or 1."""
+        if not self.experiment.is_mounted:
+            return np.ones((1, 1, 2))
         names = mounting_names("stretch", self.states.get(protocol, protocol))
         if not any(name in values for name in names):
             names = mounting_names("stretch", self.piece)

@@ -101,16 +101,23 @@ def figure_from_bands(
         table, columns = table.assign(truth=truth), [*columns, "truth"]
     shown = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]
     table = table[table["protocol"].isin(shown)]
-    scale, unit = residual_unit(table, specimen.unit)
+    scales = {
+        axis: residual_unit(part, specimen.units["xy".index(str(axis))])
+        for axis, part in table.groupby("direction")
+    }
+    if not specimen.experiment.force_unit:
+        scales = dict.fromkeys(scales, residual_unit(table, specimen.unit))
     with print_style(style):
         figure, panels = _panels(specimen, width_mm)
         groups = table.groupby("protocol", sort=False)
-        for (load, *strips), (name, group) in zip(panels, groups, strict=True):
+        for (loads, strips), (name, group) in zip(panels, groups, strict=True):
+            load = loads[0]
             test = {str(axis): part for axis, part in group.groupby("direction")}
             abscissas, label = abscissa(test)
             first = load.get_subplotspec().is_first_col()  # type: ignore[union-attr]
-            for (axis, part), strip in zip(test.items(), strips, strict=True):
-                _draw(load, abscissas[axis], part, axis)
+            for k, ((axis, part), strip) in enumerate(zip(test.items(), strips, strict=True)):
+                _draw(loads[k % len(loads)], abscissas[axis], part, axis)
+                scale, unit = scales[axis]
                 missed = scale * part[columns].sub(part["credible_median"], axis=0)
                 _draw(strip, abscissas[axis], missed, axis)
                 if first:
@@ -120,7 +127,8 @@ def figure_from_bands(
             if len(specimen.protocols) > 1:
                 load.set_title(plain(name, int(width_mm / len(panels) ** 0.5 / 3.0)), pad=2.0)
             if first:
-                load.set_ylabel(LOAD_LABELS[specimen.stress_pair], linespacing=1.1)
+                for ax, label in zip(loads, load_labels(specimen), strict=True):
+                    ax.set_ylabel(label, linespacing=1.1)
         figure.align_ylabels()
         handles = _handles(specimen, probability, law="law" in table, truth=truth is not None)
         across = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
@@ -139,32 +147,47 @@ def _most_columns(specimen: Specimen, width_mm: float) -> int:
     return min(max_columns, 3 if len(specimen.protocols) <= 6 else 4)
 
 
-def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes]]]:
+def load_labels(specimen: Specimen) -> list[str]:
+    """Labels of the panels of loads: one, or one per reading where their units differ."""
+    test = specimen.experiment
+    if not test.force_unit:
+        return [LOAD_LABELS[specimen.stress_pair]]
+    return [f"{test.curves[k]} ({specimen.units[k]})" for k in test.axes]
+
+
+def _panels(
+    specimen: Specimen, width_mm: float
+) -> tuple[Figure, list[tuple[list[Axes], list[Axes]]]]:
     """Panels of the loads, and below them of the residuals in x and y, per protocol."""
     count = shown_protocols(specimen, width_mm)
     down = math.ceil(count / _most_columns(specimen, width_mm))
     across = math.ceil(count / down)
     load_mm = min((width_mm - LEFT_MM) / across - 3.0, 66.0 if across == 1 else 50.0)
     legend_mm = 5.0 if width_mm >= SIDE_BY_SIDE_MM else 13.0
-    directions = len(specimen.experiment.axes)
-    height = load_mm + directions * RESIDUAL_MM + 18.0
+    directions, of_loads = len(specimen.experiment.axes), len(load_labels(specimen))
+    height = of_loads * load_mm + directions * RESIDUAL_MM + 18.0
     figure = blank_figure(width_mm, legend_mm + down * height)
-    ratios = [load_mm, *[RESIDUAL_MM] * directions]
+    ratios = [*[load_mm] * of_loads, *[RESIDUAL_MM] * directions]
     grid = figure.add_gridspec(len(ratios) * down, across, height_ratios=ratios * down)
-    panels: list[list[Axes]] = []
+    panels: list[tuple[list[Axes], list[Axes]]] = []
     for k in range(count):
         row, column = len(ratios) * (k // across), k % across
-        first: list[Any] = panels[0] if panels else [None, None]
-        own = [figure.add_subplot(grid[row, column], sharey=first[0])]
-        for i in range(directions):
-            residual = first[1] or (own[1] if i else None)
+        own: list[Axes] = []
+        for i in range(len(ratios)):
+            # residuals of one unit have one scale
+            like = i if i < of_loads or of_loads > 1 else of_loads
+            of_first = [*panels[0][0], *panels[0][1]] if panels else own
             own.append(
-                figure.add_subplot(grid[row + 1 + i, column], sharex=own[0], sharey=residual)
+                figure.add_subplot(
+                    grid[row + i, column],
+                    sharex=own[0] if own else None,
+                    sharey=of_first[like] if like < len(of_first) else None,
+                )
             )
-        for ax in own:
-            limit_ticks(ax.yaxis, 5 if ax is own[0] else 3)
+        for i, ax in enumerate(own):
+            limit_ticks(ax.yaxis, 5 if i < of_loads else 3)
             ax.tick_params(labelbottom=ax is own[-1], labelleft=column == 0)
-        panels.append(own)
+        panels.append((own[:of_loads], own[of_loads:]))
     return figure, panels
 
 
@@ -247,9 +270,10 @@ def _handles(specimen: Specimen, probability: float, *, law: bool, truth: bool) 
     """Entries of the legend."""
     handles: list[Any] = []
     names = {"x": specimen.axis_x, "y": specimen.axis_y}
-    for axis in ("xy"[k] for k in specimen.experiment.axes):
+    for k in specimen.experiment.axes:
+        axis, label = "xy"[k], specimen.experiment.curves[k]
         direction = names[axis]
-        label = f"{axis}: {plain(direction, 16)}" if direction else axis
+        label += f": {plain(direction, 16)}" if direction else ""
         look = {"color": colour(axis), "linewidth": 0.8, **_marker(axis, 1)}
         handles.append(Line2D([], [], label=label, **look))
     for kind, opacity in reversed(BAND_KINDS):

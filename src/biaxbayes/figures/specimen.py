@@ -139,7 +139,7 @@ def _draw_fits(
             stretch = protocol.stretch_x
         upper.plot(stretch[points], load[points, axis], AXIS_MARKERS[name], **DATA)
         for fit in fits:
-            residual = fit.residuals[k][:, axis]
+            residual = fit.residuals[k][:, axis] * specimen.load_scale[axis]
             look = {"linestyle": AXIS_DASHES[name], **LOOKS[fit.method]}
             upper.plot(stretch[moving], load[moving, axis] - residual, **look)
             lower.plot(stretch[moving], residual, **look)

@@ -208,7 +208,7 @@ class FitSetup:
             converged = descent.converged
             if not converged and np.isfinite(mounting_stretch).all():
                 converged = rmse <= rounding_bound(data, response)
-            load_residual = data.load - response.load
+            load_residual = (data.load - response.load) / data.load_scale
             if np.sqrt((load_residual[data.is_read] ** 2).mean()) < self.specimen.load_resolution:
                 load_residual = np.zeros_like(load_residual)
         return FitResult(

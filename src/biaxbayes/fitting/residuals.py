@@ -94,6 +94,11 @@ class Readings:
         return np.asarray(axes[self.piece].T)
 
     @property
+    def load_scale(self) -> np.ndarray:
+        """Unit of the readings for sums over both directions, (2, n)."""
+        return np.array([p.load_scale for p in self.pieces])[self.piece].T
+
+    @property
     def is_mounted(self) -> np.ndarray:
         """Whether a mounted state has a mounting load in a direction, (2, m)."""
         axes = [np.isin([0, 1], p.experiment.axes) & p.experiment.is_mounted for p in self.pieces]
@@ -101,8 +106,8 @@ class Readings:
 
     @property
     def peaks(self) -> np.ndarray:
-        """Largest absolute load of each piece, at least the smallest normal number."""
-        largest = np.abs(self.load).max(axis=0)
+        """Largest absolute load of each piece over its scale, at least the smallest number."""
+        largest = np.abs(self.load / self.load_scale).max(axis=0)
         return np.maximum(
             [largest[self.piece == i].max(initial=0.0) for i in range(len(self.pieces))], 1e-300
         )
@@ -219,7 +224,9 @@ class LoadResiduals:
         """
         data, piece = self.data, self.data.piece
         rows = self.response(point, lm, stiffness)
+        # (2, n); stresses have one unit
         scale = np.broadcast_to(self.scale, len(data.pieces))[piece]
+        scale = scale * (1.0 if self.quantity == "cauchy" else data.load_scale)
         residual, by_point = rows.load - data.load, rows.by_fit_coordinate
         by_lm, by_log_stiffness = rows.by_log_mounting, rows.load
         if self.quantity == "cauchy":
@@ -230,10 +237,11 @@ class LoadResiduals:
             unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[piece]
             by_lm[0, 0] += unloaded * residual[0]
             by_lm[1, 1] += unloaded * residual[1]
-        by_point = (by_point / scale).transpose(1, 0, 2).reshape(point.size, -1)
+        scale = np.broadcast_to(scale, residual.shape)
+        by_point = (by_point / scale[:, None]).transpose(1, 0, 2).reshape(point.size, -1)
         # a row depends on the mounting stretches of its own group, columns ordered (k, group)
         member = data.group[:, None] == np.arange(lm.shape[1])
-        by_all = (by_lm / scale).transpose(0, 2, 1)[..., None] * member[:, None, :]
+        by_all = (by_lm / scale[:, None]).transpose(0, 2, 1)[..., None] * member[:, None, :]
         own = piece[:, None] == np.arange(len(data.pieces))
         by_stiffness = (by_log_stiffness / scale)[..., None] * own
         return (

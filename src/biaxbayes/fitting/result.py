@@ -44,7 +44,8 @@ class FitResult:
     at_bound : tuple of str
         Unknowns that ended on a bound.
     residuals : tuple of ndarray, shape (n_p, 2)
-        Measured minus model load in the specimen's unit, without the rows at rest, of all pieces.
+        Measured minus model load in the specimen's unit over :attr:`Specimen.load_scale`, without
+        the rows at rest, of all pieces.
         All zero where their root mean square is below :attr:`Specimen.load_resolution`, which is
         rounding.
     stiffness : ndarray, shape (pieces,)

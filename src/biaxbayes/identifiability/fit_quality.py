@@ -112,6 +112,4 @@ def thinned(specimen: Specimen) -> Specimen:
         index = np.concatenate([np.arange(p.rest_rows), moving[np.unique(at)]])
         time = None if p.time_s is None else p.time_s[index]
         protocols.append(replace(p.at_rows(index), time_s=time))
-    # The scatter of neighbouring rows is lost by thinning: state it.
-    noise = specimen.noise_sd or None
-    return replace(specimen, protocols=tuple(protocols), load_noise=noise)
+    return replace(specimen, protocols=tuple(protocols)).with_noise_of(specimen)

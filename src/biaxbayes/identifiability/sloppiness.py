@@ -111,7 +111,7 @@ def same_curves(
     points = [*reversed(path(low)), origin, *path(high)]
     loads, stretches = zip(*map(curves, points), strict=True)
     area = np.array([piece.area for piece in data.pieces])[data.piece].T
-    stress = np.array(loads) / area
+    stress = np.array(loads) / area / data.load_scale
     return SameCurves(
         moved,
         pd.DataFrame([law.from_fit_coordinates(p) for p in points], columns=list(law.names)),
@@ -215,7 +215,9 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
 
 def _reading_error(posterior: Posterior, draws: pd.DataFrame) -> float:
     """Root mean square of the residuals at the draws, in the unit of the loads."""
-    residual = posterior.residuals(thin_draws(draws, ERROR_DRAWS))[:, posterior.readings.mounted :]
+    residual = posterior.residuals(thin_draws(draws, ERROR_DRAWS))
+    residual = residual / np.concatenate([p.readings.scale for p in posterior.pieces])
+    residual = residual[:, posterior.readings.mounted :]
     return float(np.median(np.sqrt(np.mean(residual**2, axis=1))))
 
 

@@ -61,6 +61,8 @@ class Experiment(ABC):
     """Whether stretches are relative to a mounted state, whose stretch is unknown."""
     curves: tuple[str, ...] = ("x", "y")
     """What a reading is called, in the directions of the tissue."""
+    force_unit: str | None = None
+    """Unit of the reading in y where it is not that of the reading in x."""
 
     @abstractmethod
     def points(self, stretch: np.ndarray) -> Points:
@@ -72,7 +74,11 @@ class Experiment(ABC):
 
     def unit(self, axis: int, unit: str) -> str:
         """Unit of a reading; ``unit`` is that of the loads of the file."""
-        return unit
+        return self.force_unit if axis == 1 and self.force_unit else unit
+
+    def same_unit(self, axis: int) -> list[int]:
+        """Directions whose readings have the unit of one of them."""
+        return [k for k in self.axes if k == axis or not self.force_unit] or [axis]
 
 
 class Biaxial(Experiment):
@@ -115,6 +121,8 @@ class Strip(Experiment):
         return Points(stretch, weight, np.arange(len(stretch)))
 
 
+MMHG_PER_KPA = 7.500616827
+"""Millimetres of mercury per kPa (1 mmHg = 133.322 Pa)."""
 GAUSS_POINTS = 5
 """Points through the wall of a tube: for a wall as thick as its inner radius, pressures of GOH
 materials differ by less than 1e-4 from those of 40 points."""
@@ -125,8 +133,8 @@ class Tube(Experiment):
     r"""A pressurised tube: x runs around it, y along it; the radial stress is zero outside.
 
     Stretches are total: those of the outer surface around, relative to the unloaded tube, and along
-    it. With the stress-free sector of radii A < B and opening angle phi, c = pi / (pi - phi / 2),
-    and the axial stretch lz0 = 1 of the sector, incompressibility gives the inner radius
+    it. With the stress-free sector of radii A < B that lacks the angle phi of a circle,
+    c = pi / (pi - phi / 2), as long as the unloaded tube, incompressibility gives the inner radius
 
         (ro^2 - r^2) lz c = B^2 - R^2         stretch around lt = c r / R
 
@@ -140,13 +148,14 @@ class Tube(Experiment):
 
     outer_radius_mm: float
     thickness_mm: float
-    opening_angle_deg: float = 0.0
+    missing_sector_deg: float = 0.0
     reads_force: bool = True
     points_through_wall: int = GAUSS_POINTS
 
     name = "tube"
     is_mounted = False
     curves = ("pressure", "axial force")
+    force_unit = "N"
 
     @property
     def axes(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -159,7 +168,7 @@ class Tube(Experiment):
 
         The sector has the wall's thickness and its section.
         """
-        c = np.pi / (np.pi - 0.5 * np.deg2rad(self.opening_angle_deg))
+        c = np.pi / (np.pi - 0.5 * np.deg2rad(self.missing_sector_deg))
         mid = self.outer_radius_mm - 0.5 * self.thickness_mm
         # equal sections: (pi / c) (B^2 - A^2) = pi (b^2 - a^2), B - A = b - a
         mid_sector = c * mid
@@ -206,13 +215,9 @@ class Tube(Experiment):
             along = 0.5 * around
         return np.column_stack([around, along])
 
-    def unit(self, axis: int, unit: str) -> str:
-        """KPa of the pressure, N of the force."""
-        return "kPa" if axis == 0 else "N"
-
 
 BIAXIAL = Biaxial()
-TESTS = ("biaxial", "strip x", "strip y")
+TESTS = ("biaxial", "strip x", "strip y", "tube")
 """Kinds of test as a specimen file names them."""
 
 

@@ -205,7 +205,8 @@ def check_settings(specimen: Specimen, settings: Settings) -> None:
 
 def _check_piece(specimen: Specimen, settings: Settings) -> None:
     """Refuse settings that do not suit a piece."""
-    if settings.reads_force and not settings.has_misfit:
+    is_mounted = specimen.experiment.is_mounted
+    if settings.reads_force and is_mounted and not settings.has_misfit:
         _, sd = specimen.mounting_readings(shared=settings.shared)
         if np.any(sd[:, list(specimen.experiment.axes)] <= 0.0):
             raise InputError(
@@ -215,7 +216,7 @@ def _check_piece(specimen: Specimen, settings: Settings) -> None:
                 remedy="use `mounting=exact`, or state load_noise_N (or load_noise_kPa)",
             )
     away = [p.name for p in specimen.protocols if p.rest_rows == 0]
-    if away and not settings.shared:
+    if away and is_mounted and not settings.shared:
         raise InputError(
             f"protocol {away[0][:40]!r} does not start at the mounted state, so it has no mounting "
             "stretch of its own",

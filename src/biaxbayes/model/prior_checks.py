@@ -129,9 +129,8 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
 
 def _rms(posterior: Posterior, residual: np.ndarray) -> float:
     """Root mean square of the residuals (1, n) of the first piece after the mounted state."""
-    return float(
-        np.sqrt(np.mean(residual[0, posterior.of_piece(0)][posterior.readings.mounted :] ** 2))
-    )
+    scaled = residual[0, posterior.of_piece(0)] / posterior.readings.scale
+    return float(np.sqrt(np.mean(scaled[posterior.readings.mounted :] ** 2)))
 
 
 def is_far(prior: Prior, value: float) -> bool:

@@ -46,6 +46,8 @@ class ReadingVector:
         Mean square scatter of those loads about their mean, where the record was averaged.
     axis : int64 ndarray, shape (n,)
         The direction of a reading.
+    scale : ndarray, shape (n,)
+        Unit of a reading for sums over all of them: one, but of a tube's axial force.
     """
 
     index: np.ndarray
@@ -54,6 +56,7 @@ class ReadingVector:
     weight: np.ndarray
     scatter: np.ndarray
     axis: np.ndarray
+    scale: np.ndarray
 
     @property
     def mounted(self) -> int:
@@ -98,11 +101,15 @@ class ReadingVector:
             of_group = np.stack([np.bincount(group, rows.scatter[at, a]) for a in axes])
             scatter.append((of_group / size).ravel())
             first += groups * len(axes)
+        direction = np.concatenate(axis)
         return cls(
             index,
             mounting_index,
             share,
-            *(np.concatenate(part) for part in (weight, scatter, axis)),
+            np.concatenate(weight),
+            np.concatenate(scatter),
+            direction,
+            thinned.specimen.load_scale[direction],
         )
 
     def means(self, values: np.ndarray) -> np.ndarray:
@@ -120,7 +127,8 @@ class ReadingVector:
 class IndependentErrors:
     """Likelihood of readings with independent normal errors of one sd w, which is sampled.
 
-    The mounting readings have the load cell's own sd.
+    The errors of a tube's axial force are in proportion to those of the pressure, as the largest
+    readings are. The mounting readings have the load cell's own sd.
     """
 
     readings: ReadingVector
@@ -129,7 +137,8 @@ class IndependentErrors:
     def log_likelihood(self, residual: np.ndarray, noise_sd: np.ndarray) -> np.ndarray:
         """Log likelihood of residuals (draws, n) at noise sds (draws,)."""
         count = self.readings.mounted
-        weight, w = self.readings.weight[count:], noise_sd[:, None]
+        weight = self.readings.weight[count:]
+        w = noise_sd[:, None] * self.readings.scale[count:]
         # k readings of mean square scatter about their mean: k [ln N(mean) - scatter / (2 w^2)]
         square = residual[:, count:] ** 2 + self.readings.scatter[count:]
         curves = -0.5 * square / w**2 - np.log(w) - HALF_LOG_2PI
@@ -270,9 +279,11 @@ def smooth_misfit(
         of_rows[own, np.arange(len(own))] = 1.0
         observed = np.hstack([observed, of_start, of_rows])
         first += len(own)
-    noise = max(specimen.noise_sd, LEAST_NOISE * specimen.peak_load)
-    sd = noise / np.sqrt(readings.weight)
-    sd[: readings.mounted] = np.maximum(mounting_sd, LEAST_NOISE * specimen.peak_load)
+    least = LEAST_NOISE * specimen.peak_loads
+    noise = np.maximum(specimen.noise_sds, least)
+    sd = noise[readings.axis] / np.sqrt(readings.weight)
+    mounted = readings.axis[: readings.mounted]
+    sd[: readings.mounted] = np.maximum(mounting_sd, least[mounted])
     return SmoothMisfit(CurvePoints.joined(parts), observed, sd, toe, len(rows.names))
 
 

@@ -23,6 +23,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.mechanics.experiments import MMHG_PER_KPA
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PredictionOptions
@@ -38,9 +39,6 @@ from biaxbayes.prediction.stress import MAX_DRAWS, prediction_mounting, predicti
 from biaxbayes.prediction.tissue import Tissue
 
 # --- the tube ------------------------------------------------------------------------------------
-
-MMHG_PER_KPA = 7.500616827
-"""Millimetres of mercury per kPa (1 mmHg = 133.322 Pa)."""
 
 GRID = 750  # states at which a crossing is looked for, equally spaced in log stretch
 MAX_ROOT_STEPS = 80

@@ -44,14 +44,14 @@ def predictive_checks(
     -------
     DataFrame
         One row per protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
-        reading minus median model, in the unit of the file), ``largest`` (of the same, with its
+        reading minus median model, in ``unit``), ``largest`` (of the same, with its
         sign) and ``at`` (the measured stretch there), ``peak`` (largest absolute load),
         ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``
         of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
         errors), ``inside`` (fraction of the readings inside their own 90 % predictive
-        band), ``share`` (largest residual over the largest load of the protocol, both directions)
-        and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
-        the peak), ``misses``. A Cauchy file is compared as nominal stress.
+        band), ``share`` (largest residual over the largest load of the protocol, both directions),
+        ``unit`` and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but
+        below 5 % of the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
     tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
     specimen, rows = posterior.pieces[piece].specimen, []
@@ -87,7 +87,7 @@ def predictive_checks(
                     "largest": float(residual[worst]),
                     "at": float(stretch[worst, axis]),
                     "peak": float(np.abs(measured[:, axis]).max()),
-                    "noise": specimen.noise_sd,
+                    "noise": specimen.noise_sds[axis],
                     "autocorrelation": (
                         float(centred[:-1] @ centred[1:]) / square if square > 0.0 else np.nan
                     ),
@@ -95,12 +95,13 @@ def predictive_checks(
                     "expected_runs": expected,
                     "runs_z": (runs - expected) / runs_sd,
                     "inside": float(inside[axis]),
+                    "unit": specimen.units[axis],
                 }
             )
     table = pd.DataFrame(rows)
     if table.empty:
         return table.assign(share=[], verdict=[])
-    peak = table.groupby("protocol")["peak"].transform("max").clip(lower=1e-300)
+    peak = table.groupby(["protocol", "unit"])["peak"].transform("max").clip(lower=1e-300)
     relative = table["largest"].abs() / peak
     within = (table["largest"].abs() <= NOISE_SDS * table["noise"]) & (
         table["runs_z"] >= SMOOTH_RUNS_Z
@@ -120,9 +121,8 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
         f"{100 * share.max():.2g} % of the peak load of the curve (root mean square); the most "
         f"in direction {worst['direction']} of {worst['protocol']}."
     ]
-    noise = float(table["noise"].iloc[0])
-    if noise > 0.0:
-        ratio = table["rms"] / noise
+    if (table["noise"] > 0.0).all():
+        ratio = table["rms"] / table["noise"]
         words = (
             "the load cell's noise explains the misfit"
             if ratio.max() < EXPLAINED
@@ -151,12 +151,13 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
 # --- posterior predictive checks as text: for which tested paths the model must not be used ------
 
 
-def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
-    """One sentence for each protocol that the model misses; ``unit`` is of the loads."""
+def path_warnings(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
+    """One sentence for each protocol that the model misses."""
     missed = checks[checks["verdict"] == "misses"].to_dict("records")
     law_name, out = law_named(law).short_name, []
     for protocol in dict.fromkeys(row["protocol"] for row in missed):
         worst = max((r for r in missed if r["protocol"] == protocol), key=lambda r: r["share"])
+        unit = worst["unit"]
         largest = f"{abs(worst['largest']):.2g} {unit} ({100 * worst['share']:.0f} % of its peak)"
         out.append(
             f"{law_name} misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean "
@@ -166,11 +167,11 @@ def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> li
     return out
 
 
-def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
+def checks_in_words(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
     """The warnings, then sentences on the rest of the checks; see :func:`path_warnings`."""
     if checks.empty:
         return ["There are no readings beyond the mounted state to check the model with."]
-    out = path_warnings(checks, unit, law)
+    out = path_warnings(checks, law)
     by_noise = checks[checks["verdict"] == "noise"]
     if len(by_noise) == len(checks):
         out.append(
@@ -181,7 +182,8 @@ def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> 
         worst = max(checks.to_dict("records"), key=lambda r: r["share"])
         out.append(
             f"The model misses no protocol by more than {100 * worst['share']:.1f} % of its peak "
-            f"({worst['protocol']} in {worst['direction']}, {abs(worst['largest']):.2g} {unit})."
+            f"({worst['protocol']} in {worst['direction']}, {abs(worst['largest']):.2g} "
+            f"{worst['unit']})."
         )
     for row in checks[checks["inside"] < MIN_BAND_COVERAGE].to_dict("records"):
         out.append(

@@ -80,12 +80,13 @@ class Tissue:
 
     @property
     def noise_sd(self) -> np.ndarray:
-        """Noise of a reading, (draws, 1, 1)."""
+        """Noise of a reading, (draws, 1, 2)."""
         if self.posterior.settings.has_misfit:
             factors = self._smooth.noise_factors(self._chosen)
-            return self._model.specimen.noise_sd * factors[:, None, None]
+            return self._model.specimen.noise_sds * factors[:, None, None]
         name = name_of(NOISE_SD.name, self._model.labels.label)
-        return self.draws[name].to_numpy(dtype=float)[:, None, None]
+        noise = self.draws[name].to_numpy(dtype=float)[:, None, None]
+        return noise * self._model.specimen.load_scale
 
     def tested(
         self, protocol: int, stretch: np.ndarray, rows: np.ndarray | None = None

@@ -10,6 +10,7 @@ from biaxbayes.identifiability.verdict import (
     IDENTIFIED,
     NOT_IDENTIFIED,
 )
+from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.model.priors import prior_text
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, as_latex, latex_text, truncate
 from biaxbayes.runs.run import Run
@@ -18,11 +19,13 @@ LOAD_PHRASES = {
     "force": "the forces",
     "piola": "the first Piola-Kirchhoff stresses",
     "cauchy": "the nominal stresses (Cauchy stress over measured stretch)",
+    "tube": "pressure and axial force",
 }
 TEST_PHRASES = {
     "biaxial": "tested planar-biaxially",
     "strip x": "a strip pulled along x with free sides",
     "strip y": "a strip pulled along y with free sides",
+    "tube": "a pressurised tube",
 }
 MOUNTING_SENTENCES = {
     "noisy": (
@@ -54,9 +57,11 @@ def methods(run: Run) -> str:
         _test(run),
         _further_pieces(run),
         _grips(run),
-        f"It was described by {run.law.in_words}. Measured stretches refer to the mounted state; "
-        "the total stretch is the measured one times the mounting stretch.",
-        MOUNTING_SENTENCES[str(run.provenance["settings"]["mounting"])],
+        f"It was described by {run.law.in_words}.",
+        "Measured stretches refer to the mounted state; the total stretch is the measured one "
+        f"times the mounting stretch. {MOUNTING_SENTENCES[run.settings.mounting]}"
+        if any(p.experiment.is_mounted for p in run.specimen.pieces)
+        else "",
         _noise(run),
         f"Priors: {priors}." if priors else "",
         _sampling(run),
@@ -77,6 +82,17 @@ def _test(run: Run) -> str:
     paths = "one loading path" if count == 1 else f"{count} loading paths"
     thin = run.provenance["settings"].get("thin")
     averaged = f" Longer protocols were averaged to {thin} rows." if thin else ""
+    tube = s.experiment
+    if isinstance(tube, Tube):
+        sector = f", missing sector {tube.missing_sector_deg:g} degrees"
+        stress_free = sector if tube.missing_sector_deg else "; no residual stress"
+        read = "pressure and axial force were" if tube.reads_force else "the pressure was"
+        return (
+            f"A tube (unloaded outer diameter {2.0 * tube.outer_radius_mm:g} mm, wall "
+            f"{tube.thickness_mm:g} mm{stress_free}) was pressurised on {paths} ({rows:,} rows): "
+            f"at measured outer diameters and axial stretches {read} read. Stresses were "
+            f"integrated through the thick wall.{averaged}"
+        )
     return f"A specimen{size} was {TEST_PHRASES[s.test]} on {paths} ({rows:,} rows).{averaged}"
 
 
@@ -100,6 +116,8 @@ def _grips(run: Run) -> str:
     """Sentence on the correction of the loads for the grips, or empty."""
     record = run.provenance.get("grips")
     if not isinstance(record, dict):
+        if not run.specimen.experiment.is_mounted:
+            return ""
         if "grips" in run.specimen.metadata:
             return ""
         return "Loads were taken as those of a uniform test, whatever the grips."

@@ -11,6 +11,7 @@ import pandas as pd
 from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.determined import AT_MEASURED_STRETCH
 from biaxbayes.identifiability.reported import COARSE_RATIO, DASH
+from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
@@ -38,10 +39,12 @@ SOFTWARE = (
     "The biaxbayes developers. biaxbayes: Bayesian material parameters and mounting stretches "
     "from planar biaxial tests, version {}."
 )
+LOAD_WORDS = {"force": "force", "tube": "pressure and axial force"}
 LOAD_TEXTS = {
     "force": "forces (N)",
     "piola": "first Piola-Kirchhoff stress (kPa)",
     "cauchy": "Cauchy stress (kPa)",
+    "tube": "pressure (kPa) in x, and axial force (N) in y where it was read",
 }
 
 
@@ -67,7 +70,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
     sentences: list[str] = []
     if len(checks):
-        sentences = checks_in_words(checks, run.specimen.unit, run.law.key)
+        sentences = checks_in_words(checks, run.law.key)
         sentences += misfit_in_words(checks)
     version = truncate(record.get("biaxbayes", ""), 30)
     return page_template("report.html.jinja").render(
@@ -79,7 +82,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         reason=truncate(record["convergence"]["reason"], 400),
         facts=_specimen_facts(run),
         tests=_test_rows(run),
-        load="force" if run.specimen.stress_pair == "force" else "nominal stress",
+        load=LOAD_WORDS.get(run.specimen.stress_pair, "nominal stress"),
         rows=[
             (
                 r.quantity,
@@ -147,7 +150,11 @@ def _specimen_facts(run: Run) -> list[tuple[str, str]]:
     axes = [f"{a}: {truncate(n, 60)}" for a, n in (("x", s.axis_x), ("y", s.axis_y)) if n]
     if axes:
         facts.append(("Axes", ", ".join(axes)))
-    if s.edge_x_mm and s.edge_y_mm and s.thickness_mm:
+    if isinstance(s.experiment, Tube):
+        diameter = 2.0 * s.experiment.outer_radius_mm
+        size = f"outer diameter {diameter:g} mm, wall {s.thickness_mm:g} mm, unloaded"
+        facts.append(("Dimensions", size))
+    elif s.edge_x_mm and s.edge_y_mm and s.thickness_mm:
         size = f"{s.edge_x_mm:g} × {s.edge_y_mm:g} mm, {s.thickness_mm:g} mm thick"
         facts.append(("Dimensions", f"{size}, {s.geometry}"))
     else:
@@ -155,7 +162,9 @@ def _specimen_facts(run: Run) -> list[tuple[str, str]]:
     facts.append(("Measured", LOAD_TEXTS[s.stress_pair]))
     if s.noise_sd > 0.0:
         source = "given" if s.load_noise is not None else "estimated from the record"
-        facts.append(("Noise of one load reading", f"{s.noise_sd:.3g} {s.unit} ({source})"))
+        pairs = zip(s.noise_sds, s.units, strict=True)
+        values = dict.fromkeys(f"{sd:.3g} {unit}" for sd, unit in pairs if sd > 0.0)
+        facts.append(("Noise of one load reading", f"{', '.join(values)} ({source})"))
     facts.append(("File", truncate(run.provenance.get("source", ""))))
     return facts
 
@@ -212,6 +221,7 @@ def _test_rows(run: Run) -> list[Row]:
                 )
             )
             at_rest = ", ".join(mounted) if p.rest_rows else "as the others"
+            at_rest = at_rest if s.experiment.is_mounted else "none"
             rows.append((truncate(name, 60), f"{p.rows:,}", *stretches, *loads, at_rest))
     return rows
 

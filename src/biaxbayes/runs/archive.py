@@ -157,7 +157,10 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     predictive: dict[str, Any] = {}
     rows: dict[str, Any] = {"direction": ["x", "y"]}
     for i, piece in enumerate(posterior.pieces):
-        of_piece, unit = name_of_piece(piece), _units(piece.specimen.unit)
+        of_piece, unit = (
+            name_of_piece(piece),
+            _units(", ".join(dict.fromkeys(piece.specimen.units))),
+        )
         row, mount = of_piece("row"), of_piece("mount")
         rows[row] = np.arange(len(piece.rows.load))
         observed[of_piece("load")] = ((row, "direction"), piece.rows.load, unit)

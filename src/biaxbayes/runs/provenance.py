@@ -111,7 +111,8 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         "priors": {k: prior_value(v) for k, v in posterior.priors.items()},
         "noise": {
             "rows": int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
-            "readings": int(sum(2 * (p.rows - p.rest_rows) for p in specimen.protocols)),
+            "readings": len(specimen.experiment.axes)
+            * int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
             "readings_compared": len(posterior.readings.weight) - posterior.readings.mounted,
             "load_noise": specimen.noise_sd,
             "misfit": _misfit_amplitude(posterior, draws),

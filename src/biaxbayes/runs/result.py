@@ -160,7 +160,7 @@ def run_result(
     findings: Sequence[str] = (),
 ) -> RunResult:
     """Result of a run from its draws (natural quantities, one row per draw) and their verdicts."""
-    specimen, law, settings = posterior.specimen, posterior.law, posterior.settings
+    law, settings = posterior.law, posterior.settings
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
     by_piece = [
@@ -187,7 +187,7 @@ def run_result(
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
         warnings=(
             *disagreements(pieces),
-            *(path_warnings(checks, specimen.unit, law.key) if usable else ()),
+            *(path_warnings(checks, law.key) if usable else ()),
         ),
         pieces=tuple(str(piece) for piece in pieces if not piece.disagrees),
         findings=tuple(findings),
@@ -211,8 +211,9 @@ def run_result(
 def _fit_in_words(posterior: Posterior) -> str:
     """One sentence on how well the law fits the first piece at its best, as ``check`` says it."""
     specimen, paths = posterior.specimen, posterior.paths
+    axes = list(specimen.experiment.same_unit(0))
     residuals = [
-        (specimen.load(p) - paths.load(p.stretch, i))[p.rest_rows :]
+        (specimen.load(p) - paths.load(p.stretch, i))[p.rest_rows :, axes]
         for i, p in enumerate(compared_protocols(specimen, posterior.settings))
     ]
     rms = root_mean_square(residuals)

@@ -116,11 +116,12 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     findings = []
     for piece in specimen.pieces:
         check_readings(piece)
+        of_sheets = () if piece.experiment.is_mounted else SHEET_CHECKS
         known = tuple(
             replace(p, **dict(zip(STRETCHES, p.known_stretch.T, strict=True)))
             for p in piece.protocols
         )
-        for check in checks:
+        for check in (c for c in checks if c not in of_sheets):
             for finding in check(replace(piece, protocols=known)):
                 named = f"{piece.name}, {finding.protocol}" if finding.protocol else piece.name
                 several = len(specimen.pieces) > 1
@@ -220,13 +221,13 @@ def _clipped(specimen: Specimen) -> Iterator[Finding]:
         return int(same.sum()) if enough and fine and same[resting:].any() else 0
 
     for p in specimen.protocols:
-        for axis, curve in zip("xy", p.recorded_load.T, strict=True):
+        for axis, curve, unit in zip("xy", p.recorded_load.T, specimen.units, strict=True):
             zeros = repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
             if zeros:
                 yield Finding(
                     "clipped",
                     "error" if np.any(curve[: p.rest_rows] == 0.0) else "warning",
-                    f"{zeros} of {p.rows} loads in {axis} are exactly 0 {specimen.unit} and none "
+                    f"{zeros} of {p.rows} loads in {axis} are exactly 0 {unit} and none "
                     "is negative: forces below zero were clipped before export, and the start of "
                     "the curve is lost with them. Export the raw readings",
                     p.name,
@@ -235,7 +236,7 @@ def _clipped(specimen: Specimen) -> Iterator[Finding]:
             if tops:
                 message = (
                     f"{tops} of {p.rows} loads in {axis} are exactly {curve.max():g} "
-                    f"{specimen.unit}, the largest: the load cell or the amplifier was at its "
+                    f"{unit}, the largest: the load cell or the amplifier was at its "
                     "limit. Remove these rows"
                 )
                 yield warning("clipped", message, p.name)
@@ -349,7 +350,7 @@ def _paths(specimen: Specimen) -> Iterator[Finding]:
                 "the load cell, a coarse or a frozen stretch. Convert with --still first"
             )
             yield warning("repeats", message, p.name)
-        else:
+        elif specimen.experiment.is_mounted:
             yield from _camera_lag(p)
 
 
@@ -536,7 +537,9 @@ def _one_direction(specimen: Specimen) -> Iterator[Finding]:
 def _stress(specimen: Specimen) -> Iterator[Finding]:
     """Stresses that are large or small for soft tissue, or differ much between x and y."""
     load = np.concatenate([specimen.load(p) for p in specimen.protocols])
-    peaks = np.abs(load).max(axis=0) / specimen.area
+    stretch = np.concatenate([p.stretch for p in specimen.protocols])
+    stresses = specimen.experiment.stresses(stretch, load)
+    peaks = np.abs(load / specimen.area if stresses is None else stresses).max(axis=0)
     peak, forces = float(peaks.max()), specimen.stress_pair == "force"
     low, high = USUAL_PEAK_KPA
     if peak > high:
@@ -553,6 +556,8 @@ def _stress(specimen: Specimen) -> Iterator[Finding]:
 def _sign(specimen: Specimen) -> Iterator[Finding]:
     """Tension must be positive: the load at the largest stretch of each direction."""
     for k, (axis, name) in enumerate(zip("xy", STRESS_PAIRS[specimen.stress_pair], strict=True)):
+        if k not in specimen.experiment.same_unit(0):
+            continue  # a short tube pushes against its ends
         stretch, load = max(
             (float(p.stretch[row, k]), float(specimen.load(p)[row, k]))
             for p in specimen.protocols
@@ -641,3 +646,7 @@ def _origin(specimen: Specimen) -> Iterator[Finding]:
             yield Finding("branch", "note", message)
         else:
             yield warning("branch", f"{message}: parameters of unloading are not those of loading")
+
+
+SHEET_CHECKS = (_tared, _weak_or_negative, _unequal, _references, _stiff_start, _one_direction)
+"""Checks of a mounted state and of two stretches that are pulled alike, which a tube has not."""

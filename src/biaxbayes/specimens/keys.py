@@ -12,6 +12,7 @@ from biaxbayes.text_files import number_in, one_line
 REQUIRED = "required"
 ONE_PAIR = "required, or another pair"
 OF_FORCES = "required with forces"
+OF_TUBES = "required of a tube"
 NONE = "none"
 EXACT = "exact"
 ZERO = "no offset"
@@ -66,14 +67,33 @@ COLUMNS = {
         "Cauchy stress as the lab computes it: that stress times the measured stretch", ONE_PAIR
     ),
     "cauchy_y_kPa": Column("The same along y", ONE_PAIR),
+    "pressure_kPa": Column("Of a tube: pressure inside less that outside", OF_TUBES),
+    "pressure_mmHg": Column("The same in millimetres of mercury", "pressure_kPa"),
+    "axial_force_N": Column(
+        "Of a tube: force of the transducer at its closed end, that is the axial force of the wall "
+        "less pressure times lumen",
+        "not read",
+    ),
+    "outer_diameter_mm": Column(
+        "Of a tube: outer diameter under load; or `stretch_x`, the same over the unloaded one",
+        OF_TUBES,
+    ),
+    "length_mm": Column(
+        "Of a tube: length under load between the marks of `unloaded_length_mm`", "stretch_z"
+    ),
+    "stretch_z": Column(
+        "Of a tube: axial stretch, relative to the unloaded tube; `stretch_y` means the same",
+        OF_TUBES,
+    ),
 }
 """Known columns by name."""
 KEYS = {
     "specimen": Key("Name of the specimen", "name of the file"),
     "test": Key(
         "Kind of test: `biaxial`; `strip x` or `strip y`, a strip pulled along x or y, whose file "
-        "has stretch and load of that direction, and the other stretch if the width was measured. "
-        "A strip cut at another angle shears and cannot be stated",
+        "has stretch and load of that direction, and the other stretch if the width was measured "
+        "(a strip cut at another angle shears and cannot be stated); `tube`, a pressurised tube, "
+        "whose circumference is x and whose axis is y",
         "biaxial",
         choices=TESTS,
     ),
@@ -101,11 +121,39 @@ KEYS = {
     "mounted_state_y": Key("The same along y", "1", STRETCH_RANGE),
     "edge_x_mm": Key("Edge along x", OF_FORCES, EDGE_MM),
     "edge_y_mm": Key("Edge along y; the force in x acts on edge_y x thickness", OF_FORCES, EDGE_MM),
-    "thickness_mm": Key("Thickness", OF_FORCES, (1e-4, 1_000.0)),
+    "thickness_mm": Key("Thickness, of a tube unloaded", OF_FORCES, (1e-4, 1_000.0)),
+    "unloaded_outer_diameter_mm": Key(
+        "Outer diameter of a tube without pressure and force", OF_TUBES, EDGE_MM, extra=True
+    ),
+    "unloaded_length_mm": Key(
+        "Length of a tube without pressure and force between the same two marks",
+        "required with a column length_mm",
+        EDGE_MM,
+        extra=True,
+    ),
+    "opening_angle_fung_deg": Key(
+        "Opening angle of a ring of a tube cut open, as Fung defines it: between the lines from "
+        "the middle of its inner wall to the ends of the inner wall; half the missing sector",
+        "0, no residual stress",
+        (0.0, 175.0),
+        extra=True,
+    ),
+    "missing_sector_deg": Key(
+        "The same as the angle that the opened ring lacks of a full circle, at its centre",
+        "0, no residual stress",
+        (0.0, 350.0),
+        extra=True,
+    ),
+    "axial_force_noise_N": Key(
+        "Standard deviation of one reading of the axial force of a tube",
+        FROM_SCATTER,
+        LOAD_SD,
+        extra=True,
+    ),
     "edge_sd_mm": Key("Standard deviation of the edges", EXACT, SD_MM, extra=True),
     "thickness_sd_mm": Key("Standard deviation of the thickness", EXACT, SD_MM, extra=True),
     "load_noise_N": Key("Standard deviation of one force reading", FROM_SCATTER, LOAD_SD),
-    "load_noise_kPa": Key("The same of a stress", FROM_SCATTER, LOAD_SD),
+    "load_noise_kPa": Key("The same of a stress or a pressure", FROM_SCATTER, LOAD_SD),
     "load_offset_sd_N": Key(
         "Standard deviation of the zero of the load cells, an unknown of each direction",
         ZERO,
@@ -180,6 +228,28 @@ NO_GRIPS = "none"
 """Value of `grips` for loads of a uniform test."""
 GRIP_DETAILS = tuple(k for k in KEYS if k.startswith("grip_")) + ("stretch_from",)
 """Keys that need `grips`."""
+TUBE_KEYS = (
+    "unloaded_outer_diameter_mm",
+    "unloaded_length_mm",
+    "opening_angle_fung_deg",
+    "missing_sector_deg",
+    "axial_force_noise_N",
+)
+"""Keys of tubes alone."""
+TUBE_COLUMNS = {
+    "outer_diameter_mm": ("stretch_x", "unloaded_outer_diameter_mm"),
+    "length_mm": ("stretch_y", "unloaded_length_mm"),
+    "stretch_z": ("stretch_y", ""),
+    "pressure_mmHg": ("pressure_kPa", ""),
+}
+"""Columns of tubes alone: the column that they stand for, and the key they are divided by."""
+NOT_OF_TUBES = (
+    "edge_x_mm", "edge_y_mm", "edge_sd_mm", "thickness_sd_mm", "reference", "rest_rows",
+    "mounted_state_x", "mounted_state_y", "mounting_stretch_x", "mounting_stretch_y",
+    "load_noise_N", "load_offset_sd_N", "load_offset_sd_kPa", "grips", "grip_correction",
+    *GRIP_DETAILS,
+)  # fmt: skip
+"""Keys that a tube, whose stretches are total, does not have."""
 CHOICE_REMEDIES = {
     "geometry": "give the state in which the dimensions were measured",
     "reference": "give the reference of the stretches: the first rows of each protocol, or one "

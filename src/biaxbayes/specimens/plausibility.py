@@ -12,6 +12,7 @@ from biaxbayes.specimens.specimen import Specimen
 STRESS_LIMIT_KPA = 5_000.0
 """Soft tissue tears below this stress (``stress_limit_kPa`` overrides)."""
 STRESS_FLOOR_KPA = 1e-6
+FINER = {"N": "mN", "kPa": "Pa"}
 OUTLIER = 1e4
 """Multiple of the limit beyond which the unit is not the reason."""
 SMALL_SECTION_MM2 = 0.1
@@ -29,7 +30,8 @@ STRIPS = (
 def check_readings(specimen: Specimen) -> None:
     """Refuse stretches that never change, impossible loads, and noise above every load."""
     protocols, axes = specimen.protocols, specimen.experiment.axes
-    for key in (f"stretch_{'xy'[k]}" for k in axes):
+    # a tube may be inflated at one length, or stretched at one diameter
+    for key in (f"stretch_{'xy'[k]}" for k in axes if specimen.experiment.is_mounted):
         if all(np.ptp(getattr(p, key)) == 0.0 for p in protocols):
             name = protocols[0].name
             remedy = "at least one protocol has to stretch this direction"
@@ -53,21 +55,32 @@ def check_readings(specimen: Specimen) -> None:
                 remedy="rest_rows counts the leading rows recorded before the test starts",
             )
     forces, limit = specimen.stress_pair == "force", specimen.metadata.get("stress_limit_kPa")
-    for key, area in [(LOAD_ROWS[k], float(specimen.area[k])) for k in axes]:
+    for k in axes:
+        key, unit = LOAD_ROWS[k], specimen.units[k]
         loads = [getattr(p, key) for p in protocols]
         # A protocol may carry no load in one direction, a specimen not.
         largest = max(range(len(loads)), key=lambda i: float(np.abs(loads[i]).max()))
         if np.ptp(np.concatenate(loads)) > 0.0 and np.ptp(loads[largest]) == 0.0:
             continue
+        section = 1e3 * float(specimen.area[k]) if forces else None
+        p = protocols[largest]
+        stresses = specimen.experiment.stresses(p.stretch, specimen.load(p))
+        if stresses is not None and stresses[:, k].any():
+            # the section under which the largest load would be the largest stress
+            section = 1e3 * float(
+                np.abs(p.recorded_load).max(axis=0)[k] / np.abs(stresses[:, k]).max()
+            )
         check_load(
             loads[largest],
-            1e3 * area if forces else None,
+            section,
             None if limit is None else float(limit),
+            unit=unit,
             argument=key,
             protocol=protocols[largest].name,
         )
     noise, unit = specimen.load_noise, specimen.unit
-    peak = max(float(np.abs(p.recorded_load).max()) for p in protocols)
+    of_unit = specimen.experiment.same_unit(0)
+    peak = max(float(np.abs(p.recorded_load[:, of_unit]).max()) for p in protocols)
     if noise is not None and noise > peak:
         problem = f"load_noise_{unit} of {noise:g} exceeds every load of the record (at most "
         remedy = f"give the standard deviation of one reading in {unit}"
@@ -80,10 +93,12 @@ def check_load(
     limit_kPa: float | None = None,
     *,
     argument: str,
+    unit: str = "",
     protocol: str | None = None,
 ) -> None:
-    """Refuse loads (N with a section, otherwise kPa) that are all equal, or impossible."""
+    """Refuse loads that are all equal, or impossible: N with a section, else kPa, or `unit`."""
     refusal = partial(ReadingError, argument=argument, protocol=protocol)
+    unit = unit or ("kPa" if section_mm2 is None else "N")
     row = int(np.argmax(np.abs(values)))
     peak = abs(float(values[row]))
     if np.all(values == values[0]):
@@ -98,10 +113,10 @@ def check_load(
     if stress > limit:
         problem = f"{values[row]:g} means a stress of {stress / 1000:.3g} MPa, "
         remedy = (
-            f"if the values are in {'Pa' if section_mm2 is None else 'mN'}, divide them by 1000; "
+            f"if the values are in {FINER[unit]}, divide them by 1000; "
             f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
         )
-        if section_mm2 is not None and section_mm2 < SMALL_SECTION_MM2:
+        if unit == "N" and section_mm2 is not None and section_mm2 < SMALL_SECTION_MM2:
             remedy = f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are "
             remedy += "in metres, multiply them by 1000"
         elif stress > OUTLIER * limit:

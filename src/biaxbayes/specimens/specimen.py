@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import TESTS, Experiment, experiment_of
+from biaxbayes.mechanics.experiments import TESTS, Experiment, Tube, experiment_of
 from biaxbayes.parameters import Parameter, PieceLabels, Quantities
 from biaxbayes.specimens.keys import (
     DIMENSIONS,
     GEOMETRIES,
     METADATA_KEYS,
     NO_GRIPS,
+    NOT_OF_TUBES,
     REFERENCES,
+    TUBE_KEYS,
     checked_value,
 )
 from biaxbayes.specimens.protocol import CURVES, Protocol, ReadingError
@@ -26,6 +28,7 @@ STRESS_PAIRS = {
     "force": ("force_x_N", "force_y_N"),
     "piola": ("piola_x_kPa", "piola_y_kPa"),
     "cauchy": ("cauchy_x_kPa", "cauchy_y_kPa"),
+    "tube": ("pressure_kPa", "axial_force_N"),
 }
 """Load columns of a file by stress pair, the quantity that they hold."""
 ASSUMED_RESOLUTION = 1e-6
@@ -43,10 +46,13 @@ class Specimen:
     ----------
     name : str
     protocols : sequence of Protocol
-    stress_pair : {"force", "piola", "cauchy"}
-        Quantity of ``load_x`` and ``load_y`` of the protocols.
-    test : {"biaxial", "strip x", "strip y"}, optional
-        Kind of test: a square pulled in both directions, or a strip pulled in one.
+    stress_pair : {"force", "piola", "cauchy", "tube"}
+        Quantity of ``load_x`` and ``load_y`` of the protocols; of a tube the pressure (kPa) and the
+        axial force (N), all zero where it was not read.
+    test : {"biaxial", "strip x", "strip y", "tube"}, optional
+        Kind of test: a square pulled in both directions, a strip pulled in one, or a pressurised
+        tube, whose stretches are those of its outer diameter and of its length, relative to the
+        unloaded tube.
     geometry : {"unloaded", "mounted"}
         The state that dimensions, and any stress in the file, refer to.
     edge_x_mm, edge_y_mm, thickness_mm : float, optional
@@ -111,6 +117,7 @@ class Specimen:
                 raise ReadingError(
                     "is needed with forces", argument=argument, remedy="give it in mm"
                 )
+        self._check_keys_of_test()
         if self.load_noise is not None:
             try:
                 noise = float(self.load_noise)
@@ -130,6 +137,7 @@ class Specimen:
         object.__setattr__(self, "metadata", metadata)
         object.__setattr__(self, "protocols", self._referenced_protocols())
         self._check_directions()
+        self._check_wall()
         names = [piece.name for piece in self.pieces]
         for name in names:
             if names.count(name) > 1:
@@ -137,6 +145,64 @@ class Specimen:
                     f"two pieces are called {name[:40]!r}",
                     argument="further",
                     remedy="give each a name of its own (# specimen: ...)",
+                )
+
+    def _check_keys_of_test(self) -> None:
+        """Refuse what a tube does not have, and what only a tube has."""
+        is_tube = self.test == "tube"
+        if is_tube != (self.stress_pair == "tube"):
+            raise ReadingError(
+                f"a {self.test.split()[0]} test does not read {self.stress_pair}",
+                argument="stress_pair",
+                remedy="'tube', pressure and axial force, goes with the test 'tube'",
+            )
+        for key in NOT_OF_TUBES if is_tube else TUBE_KEYS:
+            if key in self.metadata or getattr(self, key, None) is not None:
+                raise ReadingError(
+                    f"{key} does not belong to a {self.test.split()[0]} test",
+                    argument=key,
+                    remedy="leave it out",
+                )
+        if not is_tube:
+            return
+        if self.geometry != "unloaded":
+            raise ReadingError(
+                "dimensions of a tube are those of the unloaded tube",
+                argument="geometry",
+                remedy="leave it out",
+            )
+        for key in ("unloaded_outer_diameter_mm", "thickness_mm"):
+            if getattr(self, key, self.metadata.get(key)) is None:
+                raise ReadingError(f"a tube needs {key}", argument=key, remedy="give it in mm")
+        if {"opening_angle_fung_deg", "missing_sector_deg"} <= set(self.metadata):
+            raise ReadingError(
+                "the opening angle is given twice",
+                argument="missing_sector_deg",
+                remedy="keep opening_angle_fung_deg or missing_sector_deg",
+            )
+
+    def _check_wall(self) -> None:
+        """Refuse a tube without a lumen."""
+        tube = self.experiment
+        if not isinstance(tube, Tube):
+            return
+        if not tube.sector[0] > 0.0 or not tube.thickness_mm < tube.outer_radius_mm:
+            raise ReadingError(
+                f"a wall of {tube.thickness_mm:g} mm leaves no lumen in an outer diameter of "
+                f"{2.0 * tube.outer_radius_mm:g} mm",
+                argument="thickness_mm",
+                remedy="both are those of the unloaded tube, in mm",
+            )
+        for p in self.protocols:
+            for index in np.flatnonzero(np.isnan(tube.radii(p.stretch)[0])):
+                raise ReadingError(
+                    f"there is no lumen: at {2.0 * tube.outer_radius_mm * p.stretch_x[index]:.4g} "
+                    f"mm and an axial stretch of {p.stretch_y[index]:.4g} the wall fills the "
+                    "outer diameter",
+                    argument="stretch_x",
+                    index=int(index),
+                    protocol=p.name,
+                    remedy="check this row, and thickness and diameter of the unloaded tube",
                 )
 
     def _check_directions(self) -> None:
@@ -170,6 +236,8 @@ class Specimen:
             raise ReadingError(
                 "is missing in some protocols", argument="time_s", remedy="give it in all or none"
             )
+        if not self.experiment.is_mounted:
+            return tuple(replace(p, rest_rows=0) for p in protocols)
         if self.reference == "common":
             protocols = tuple(p.with_common_reference() for p in protocols)
             if not any(p.rest_rows for p in protocols):
@@ -206,6 +274,16 @@ class Specimen:
     @property
     def experiment(self) -> Experiment:
         """The kind of test."""
+        if self.test == "tube":
+            known = self.metadata
+            # Fung's angle has its vertex on the circle, the missing sector at the centre
+            sector = 2.0 * float(known.get("opening_angle_fung_deg", 0.0))
+            return Tube(
+                0.5 * float(known["unloaded_outer_diameter_mm"]),
+                float(self.thickness_mm or 0.0),
+                float(known.get("missing_sector_deg", sector)),
+                reads_force=any(bool(p.recorded_load[:, 1].any()) for p in self.protocols),
+            )
         return experiment_of(self.test)
 
     @property
@@ -253,8 +331,13 @@ class Specimen:
 
     @property
     def unit(self) -> str:
-        """Unit of the measured quantity: ``"N"`` or ``"kPa"``."""
+        """Unit of the measured quantity, of a tube of its pressure: ``"N"`` or ``"kPa"``."""
         return "N" if self.stress_pair == "force" else "kPa"
+
+    @property
+    def units(self) -> tuple[str, str]:
+        """Units of the readings in x and y, which differ for a tube."""
+        return self.experiment.unit(0, self.unit), self.experiment.unit(1, self.unit)
 
     @property
     def area(self) -> np.ndarray:
@@ -288,9 +371,24 @@ class Specimen:
         return self.load(protocol)[: protocol.rest_rows].mean(axis=0)
 
     @cached_property
+    def peak_loads(self) -> np.ndarray:
+        """Largest absolute load of all protocols and all directions of a unit, (x, y)."""
+        largest = np.max([np.abs(self.load(p)).max(axis=0) for p in self.protocols], axis=0)
+        return np.array([largest[self.experiment.same_unit(k)].max() for k in range(2)])
+
+    @property
     def peak_load(self) -> float:
-        """Largest absolute load over both directions and all protocols, in :attr:`unit`."""
-        return max(float(np.abs(self.load(p)).max()) for p in self.protocols)
+        """Largest absolute load of all protocols, in :attr:`unit`."""
+        return float(self.peak_loads[0])
+
+    @property
+    def load_scale(self) -> np.ndarray:
+        """Readings in y over those in x of equal weight, (1, 1) where they have one unit.
+
+        Else the ratio of their largest values, by which a sum over both directions is formed.
+        """
+        peaks = self.peak_loads
+        return np.array([1.0, peaks[1] / peaks[0] if peaks.all() else 1.0])
 
     @property
     def load_resolution(self) -> float:
@@ -304,6 +402,8 @@ class Specimen:
         Zero in the digits of the file, as the mean of the rows at rest or as their first one,
         whichever the tare subtracted.
         """
+        if not self.experiment.is_mounted:
+            return False
         for p in self.protocols:
             readings = zip(p.recorded_load.T, self.mounting_reading(p), strict=True)
             for k, (written, reading) in enumerate(readings):
@@ -324,24 +424,36 @@ class Specimen:
         return True
 
     @cached_property
-    def noise_sd(self) -> float:
-        """Standard deviation of one load reading, in :attr:`unit`.
+    def noise_sds(self) -> np.ndarray:
+        """Standard deviation of one load reading, (x, y), in :attr:`units`.
 
         The header's value; otherwise the high-frequency scatter of the record: third differences
-        of the load along the rows, scaled to one reading (median over curves). Zero when the
-        record is noise-free at the precision of the file.
+        of the load along the rows, scaled to one reading (median over curves of a unit). Zero when
+        the record is noise-free at the precision of the file.
         """
-        if self.load_noise is not None:
-            return self.load_noise
-        return self.high_frequency_scatter()
+        stated = [self.load_noise, self.load_noise]
+        if self.experiment.force_unit:
+            stated[1] = self.metadata.get("axial_force_noise_N")  # type: ignore[assignment]
+        return np.array(
+            [self.high_frequency_scatter(k) if s is None else s for k, s in enumerate(stated)]
+        )
 
-    def high_frequency_scatter(self) -> float:
-        """Scatter of the load between neighbouring rows, in :attr:`unit`; 0 for rounding alone."""
+    @property
+    def noise_sd(self) -> float:
+        """Standard deviation of one load reading, in :attr:`unit`."""
+        return float(self.noise_sds[0])
+
+    def high_frequency_scatter(self, axis: int = 0) -> float:
+        """Scatter of the load between neighbouring rows; 0 for rounding alone.
+
+        Over all directions that have the unit of this one.
+        """
         scatter: list[float] = []
+        axes = self.experiment.same_unit(axis)
         for protocol in self.protocols:
             if protocol.rows < 8:
                 continue
-            load, rows = self.load(protocol)[:, self.experiment.axes], np.arange(protocol.rows)
+            load, rows = self.load(protocol)[:, axes], np.arange(protocol.rows)
             even = third_difference_scatter(load, rows)
             path = np.nansum(np.abs(protocol.stretch - protocol.stretch[0]), axis=1)
             places = [path] if protocol.time_s is None else [path, protocol.time_s]
@@ -349,7 +461,7 @@ class Specimen:
             # where rows are missing, the curve itself looks like noise over the number of a row
             scatter.extend(np.where(uneven < 0.5 * even, uneven, even))
         value = float(np.median(scatter)) if scatter else 0.0
-        return value if value > 1e-9 * self.peak_load else 0.0
+        return value if value > 1e-9 * self.peak_loads[axis] else 0.0
 
     def mounting_readings(self, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
         """Mounting load and its standard deviation, as the statistical model uses them.
@@ -368,6 +480,9 @@ class Specimen:
             one. When shared, the scatter between the protocols counts as well.
         """
         readings, sds = [], []
+        if not self.experiment.is_mounted:
+            nothing = np.zeros((1 if shared else len(self.protocols), 2))
+            return nothing, nothing
         for p in self.protocols:
             rest = self.load(p)[: p.rest_rows]
             sd = np.full(2, self.noise_sd)
@@ -384,6 +499,12 @@ class Specimen:
         return mean[None, :], pooled[None, :]
 
     # --- variants ---
+
+    def with_noise_of(self, source: Specimen) -> Specimen:
+        """The same specimen with the load noise of another one, which averaged rows do not show."""
+        x, y = source.noise_sds.tolist()
+        force = {"axial_force_noise_N": y} if self.experiment.force_unit and y > 0.0 else {}
+        return replace(self, load_noise=x or None, metadata={**self.metadata, **force})
 
     def with_mounting_force(self, x: float, y: float) -> Specimen:
         """The same tared specimen with a known mounting load added back."""

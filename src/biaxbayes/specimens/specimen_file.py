@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.mechanics.experiments import MMHG_PER_KPA
 from biaxbayes.specimens.keys import (
     ARGUMENT_KEYS,
     DIMENSIONS,
@@ -20,6 +21,8 @@ from biaxbayes.specimens.keys import (
     KEYS,
     METADATA_KEYS,
     NO_GRIPS,
+    NOT_OF_TUBES,
+    TUBE_COLUMNS,
     checked_value,
 )
 from biaxbayes.specimens.plausibility import check_readings
@@ -106,13 +109,15 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     test = values.get("test", "biaxial")
     # the directions of the test: both, or that of a strip
     directions = test[-1] if test.startswith("strip") else "xy"
+    is_tube = test == "tube"
     table = read_table(
         lines,
         first,
         path,
-        needed=tuple(f"stretch_{axis}" for axis in directions),
+        needed=() if is_tube else tuple(f"stretch_{axis}" for axis in directions),
         drop_missing=values.get("missing_rows") == "drop",
     )
+    table, written = _without_tube_columns(table, values, is_tube, path)
     stress_pair = _stress_pair(table, directions, path)
     unit = "N" if stress_pair == "force" else "kPa"
     _check_keys(values, rows, stress_pair, directions, path)
@@ -134,7 +139,8 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
         key = f"load_noise_{unit}" if error.argument == "load_noise" else error.argument
         if error.index is None and key in values:
             raise InputError(error.fault, file=path, row=rows[key], remedy=error.remedy) from None
-        columns = dict(zip(CURVES, (*STRETCHES, *STRESS_PAIRS[stress_pair]), strict=True))
+        standard = zip(CURVES, (*STRETCHES, *STRESS_PAIRS[stress_pair]), strict=True)
+        columns = {argument: written.get(name, name) for argument, name in standard}
         of_protocol = dict(table.groups).get(error.protocol or "", slice(None))
         where = columns | {"time_s": "time_s"}
         raise error.at(path, table.lines[of_protocol], where) from None
@@ -147,6 +153,43 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     return replace(specimen, notes=(*table.notes, *notes))
 
 
+def _without_tube_columns(
+    table: SpecimenTable, values: Mapping[str, Any], is_tube: bool, path: Path
+) -> tuple[SpecimenTable, dict[str, str]]:
+    """The table with stretches and kPa in place of what a tube's file has; names as written."""
+
+    def error(problem: str, remedy: str, column: str) -> InputError:
+        return InputError(problem, file=path, row=table.names_line, column=column, remedy=remedy)
+
+    columns, written = dict(table.columns), dict[str, str]()
+    of_tube = [name for name in (*TUBE_COLUMNS, *STRESS_PAIRS["tube"]) if name in columns]
+    if not is_tube:
+        if of_tube:
+            problem = "is a column of tubes"
+            raise error(problem, "state '# test: tube' at the top, or leave it out", of_tube[0])
+        return table, {}
+    for name, (standard, key) in TUBE_COLUMNS.items():
+        if name not in columns:
+            continue
+        if standard in columns:
+            other = written.get(standard, standard)
+            raise error(f"says the same as {other}", "keep one of them", name)
+        if key and key not in values:
+            raise error(f"needs the {key}", f"add a line '# {key}: ...' at the top", name)
+        divisor = values[key] if key else MMHG_PER_KPA if name == "pressure_mmHg" else 1.0
+        columns[standard], written[standard] = columns.pop(name) / divisor, name
+    for standard, names in (
+        ("stretch_x", "outer_diameter_mm"),
+        ("stretch_y", "stretch_z, or length_mm"),
+        ("pressure_kPa", "pressure_kPa, or pressure_mmHg"),
+    ):
+        if standard not in columns:
+            raise error("missing column", f"a tube needs {names}", names.partition(",")[0])
+    if not columns.get("axial_force_N", np.ones(1)).any():
+        raise error("every value is zero", "leave out a force that was not read", "axial_force_N")
+    return replace(table, columns=columns), written
+
+
 def _stress_pair(table: SpecimenTable, directions: str, path: Path) -> str:
     """The one stress pair of a table, with its columns in the directions of the test."""
     present = [
@@ -154,14 +197,15 @@ def _stress_pair(table: SpecimenTable, directions: str, path: Path) -> str:
     ]
     problem, remedy, column = "", "", None
     if not present:
-        pairs = ", or ".join(" and ".join(columns) for columns in STRESS_PAIRS.values())
+        of_sheets = (pair for name, pair in STRESS_PAIRS.items() if name != "tube")
+        pairs = ", or ".join(" and ".join(columns) for columns in of_sheets)
         problem, remedy = "no stress pair", f"give {pairs}"
     elif len(present) > 1:
         problem = f"more than one stress pair ({', '.join(present)})"
         remedy = "keep the measured one"
     else:
         pair = zip("xy", STRESS_PAIRS[present[0]], strict=True)
-        needed = [c for axis, c in pair if axis in directions]
+        needed = [c for axis, c in pair if axis in directions and c != "axial_force_N"]
         column = next((c for c in needed if c not in table.columns), None)
         if column:
             remedy = "give both directions, or '# test: strip x' (or y) at the top for a strip"
@@ -196,6 +240,9 @@ def _check_keys(
     if values.get("grips", NO_GRIPS) == NO_GRIPS:
         line = "add a line such as '# grips: hooks 5', or leave it out"
         unfit |= dict.fromkeys(GRIP_DETAILS, ("needs the key grips", line))
+    if stress_pair == "tube":
+        unfit = dict.fromkeys(NOT_OF_TUBES, ("does not belong to a tube", "leave it out"))
+        unfit["load_noise_N"] = ("is not of a tube", "give axial_force_noise_N, load_noise_kPa")
     for key, (problem, remedy) in unfit.items():
         if key in values:
             raise InputError(f"{key} {problem}", file=path, row=rows[key], remedy=remedy)
@@ -218,7 +265,7 @@ def _protocols(
     mounted = [values.get(key, 1.0) for key in MOUNTED_STATE]
     protocols = []
     for index, (name, rows) in enumerate(table.groups):
-        at_rest = resting[index % len(resting)]
+        at_rest = 0 if stress_pair == "tube" else resting[index % len(resting)]
         if at_rest >= rows.stop - rows.start:
             problem = f"rest_rows of {at_rest} leaves no stretched row in protocol {name[:40]!r}"
             remedy = "rest_rows counts the leading rows recorded before the test starts"
@@ -291,7 +338,7 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
         [(p.with_common_reference() if common else p).rest_rows for p in variant]
         for variant in (protocols, counted)
     )
-    if given != automatic:
+    if given != automatic and specimen.experiment.is_mounted:
         keys["rest_rows"] = ", ".join(map(str, given))
     header = ""
     for key, value in keys.items():

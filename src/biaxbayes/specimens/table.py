@@ -114,7 +114,8 @@ def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> l
     for name in needed:
         if name not in names:
             remedy = "stretches are relative to the mounted state; a uniaxial strip is stated by "
-            raise error("missing column", f"{remedy}'# test: strip x' (or y) at the top", name)
+            remedy += "'# test: strip x' (or y) at the top, a tube by '# test: tube'"
+            raise error("missing column", remedy, name)
     return names
 
 

@@ -90,10 +90,10 @@ def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
 
 
 def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
-    """Average rows, and keep the load noise, which averaged rows do not show."""
+    """Average rows, and keep the load noise."""
     averaged = thinned_specimen(specimen, rows).specimen
     further = tuple(averaged_specimen(piece, rows) for piece in specimen.further)
-    return replace(averaged, load_noise=specimen.noise_sd or None, further=further)
+    return replace(averaged.with_noise_of(specimen), further=further)
 
 
 def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:

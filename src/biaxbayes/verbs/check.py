@@ -13,6 +13,7 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.options import for_users
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.text_files import aligned
@@ -254,6 +255,8 @@ def _print_result(result: Checked) -> None:
     edges = [f"{e:g}" for e in (specimen.edge_x_mm, specimen.edge_y_mm) if e is not None]
     if edges:
         size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}"
+    elif isinstance(specimen.experiment, Tube):
+        size = f"outer diameter {2.0 * specimen.experiment.outer_radius_mm:g} mm"
     if specimen.thickness_mm is not None:
         size += f", {specimen.thickness_mm:g} mm thick"
     state = f"stresses and dimensions refer to the {specimen.geometry} state"
@@ -264,7 +267,12 @@ def _print_result(result: Checked) -> None:
     if known:
         sections = [f"{area:.4g} mm2 under the force in {k}" for k, area in known.items()]
         click.echo(f"  sections   {', '.join(sections)}")
-    kind = {"force": "force", "piola": "first Piola-Kirchhoff stress", "cauchy": "Cauchy stress"}
+    kind = {
+        "force": "force",
+        "piola": "first Piola-Kirchhoff stress",
+        "cauchy": "Cauchy stress",
+        "tube": "pressure, and axial force in N," if 1 in specimen.experiment.axes else "pressure",
+    }
     rows = sum(p["rows"] for p in about["protocols"])
     count = len(about["protocols"])
     click.echo(
@@ -281,7 +289,7 @@ def _print_result(result: Checked) -> None:
     for p in about["protocols"]:
         spans = [p[f"stretch_{k}"] for k in "xy"]
         ranges = ["{:.4f}-{:.4f}".format(*span) if span else "free" for span in spans]
-        forces = "as the others"
+        forces = "as the others" if specimen.experiment.is_mounted else "none"
         if p["rest_rows"]:
             forces = ", ".join(
                 f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}"
