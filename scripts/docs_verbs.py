@@ -161,6 +161,32 @@ protocol,stretch_x,stretch_y,force_x_N,force_y_N
 1:1,1.002,1.002,0.0180,0.0157
 ```
 """
+ABOUT_TUBES = """## Tubes
+
+A pressurised tube is stated by `test: tube`. Pressure and axial force are readings, diameter and
+length are taken as exact, as the stretches of a biaxial test are. All stretches refer to the tube
+without pressure and force: a tube has no mounted state and no rows at rest, and every row counts.
+Dimensions in the header are those of the unloaded tube. An opening angle is given by the key of its
+definition: `opening_angle_fung_deg` (vertex at the middle of the inner wall) is half of
+`missing_sector_deg` (vertex at the centre). Without either the unloaded tube is free of stress.
+
+```text
+# test: tube
+# unloaded_outer_diameter_mm: 8
+# unloaded_length_mm: 30
+# thickness_mm: 0.9
+# opening_angle_fung_deg: 70
+# load_noise_kPa: 0.05
+# axial_force_noise_N: 0.005
+protocol,outer_diameter_mm,length_mm,pressure_mmHg,axial_force_N
+1.2,8.42,36,20.4,0.391
+1.2,8.81,36,48.9,0.412
+```
+
+The axial force is that of a transducer at the closed end: the force of the wall less pressure times
+lumen. Rows in which the wall would fill the whole outer diameter are refused.
+
+"""
 ABOUT_REFERENCES = """## The reference of the stretches
 
 The model needs stretches relative to the mounted state, in which the mounting force is read.
@@ -180,7 +206,7 @@ the stretch rests (a camera that lags behind the load cell) is named.
 
 `Protocol` and `Specimen` built from NumPy arrays are checked and divided in the same way.
 """
-IN_NAMES = ("mm", "N", "kPa", "s", "deg")
+IN_NAMES = ("mm", "N", "kPa", "mmHg", "s", "deg")
 
 
 def specimen_file() -> str:
@@ -188,7 +214,7 @@ def specimen_file() -> str:
     return (
         f"{ABOUT_SPECIMEN_FILES}\n## Columns\n\n{_meanings(COLUMNS)}\n"
         "One pair of forces or stresses is required, and no second one.\n\n"
-        f"## Header keys\n\n{_meanings(KEYS)}\n{ABOUT_REFERENCES}"
+        f"## Header keys\n\n{_meanings(KEYS)}\n{ABOUT_TUBES}{ABOUT_REFERENCES}"
     )
 
 

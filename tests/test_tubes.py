@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.integrate import quad
 
@@ -16,6 +17,7 @@ from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.experiments import MMHG_PER_KPA, Tube
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.prediction.stress import predict_stress
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -265,6 +267,22 @@ def test_the_unit_of_the_force_does_not_matter():
         a, b = (p.natural(p.coordinates(values))["log_likelihood"] for p in (one, other))
         np.testing.assert_allclose(np.diff(a), np.diff(b), rtol=1e-6)
     assert one.fit.material.values == pytest.approx(other.fit.material.values, rel=1e-6)
+
+
+def test_stresses_of_the_wall_follow_the_pressure_that_was_read():
+    """The misfit of a pressure is one of the wall's stress, p r / h: thin wall, one known draw."""
+    tube = Tube(10.0, 0.1, reads_force=False)
+    (stretch,) = states(1.1)
+    load = readings(tube, stretch, MATERIAL) * [[1.05, 0.0]]  # 5 % more than the law
+    protocol = Protocol("1", *stretch.T, *load.T)
+    known = {"unloaded_outer_diameter_mm": 20.0}
+    made = Specimen(
+        "thin", (protocol,), "tube", thickness_mm=0.1, load_noise=1e-3, metadata=known, test="tube"
+    )
+    draws = pd.DataFrame([MATERIAL] * 40)
+    table = predict_stress(Posterior(made), draws, stretch[8:])
+    hoop = tube.stresses(stretch, load)[8:, 0]
+    np.testing.assert_allclose(table["cauchy_x_kPa_median"], hoop, rtol=0.01)
 
 
 # --- fit and posterior ---------------------------------------------------------------------------

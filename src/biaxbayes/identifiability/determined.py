@@ -251,7 +251,7 @@ def _total_rows(
     for state in states:
         # one state at a time: each may lie on the path of another protocol
         measured = np.array([state]) / np.median(lm, axis=0)
-        misfit, sd = (part / section for part in tissue.misfit(measured))
+        misfit, sd, _ = tissue.nominal_misfit(measured, section)
         at = [np.array([v]) for v in state]
         stresses = material.cauchy(*at)
         for axis in axes:

@@ -300,8 +300,7 @@ def _wall_misfit(
     path = np.stack(np.broadcast_arrays(*tube.stretches(circumferential_stretch)), axis=-1)
     tissue = Tissue(posterior, draws)
     section = posterior.forward.unloaded_section(draws, lm[:, None])
-    mean, sd = (part / section for part in tissue.misfit(path / np.median(lm, axis=0)))
-    return mean, sd, tissue.noise_sd / section
+    return tissue.nominal_misfit(path / np.median(lm, axis=0), section)
 
 
 def predict_diameter(

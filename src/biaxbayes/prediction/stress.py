@@ -224,8 +224,7 @@ def predict_stress(
     measured = path if reference == "measured" else path / np.median(lm, axis=0)
     tissue = Tissue(posterior, draws)
     section = forward.unloaded_section(draws, lm[:, None])
-    misfit, misfit_sd = (part / section for part in tissue.misfit(measured))
-    noise_sd = tissue.noise_sd / section
+    misfit, misfit_sd, noise_sd = tissue.nominal_misfit(measured, section)
     blocks = []
     rows = max(1, MAX_STRESS_BLOCK // max(len(draws), 1))
     for first in range(0, len(path), rows):
@@ -244,7 +243,8 @@ def predict_stress(
         for axis, name in enumerate("xy"):
             scale = total[:, :, axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
             mean, sd = model[axis] + misfit[:, part, axis], misfit_sd[:, part, axis]
-            reading_sd = np.hypot(sd, noise_sd[:, :, axis])
+            noise = np.broadcast_to(noise_sd, misfit.shape)[:, part, axis]
+            reading_sd = np.hypot(sd, noise)
             columns |= band_columns(
                 f"{stress}_{name}_kPa", mean * scale, sd * scale, reading_sd * scale, probability
             )
@@ -295,6 +295,8 @@ def measured_stress(
         the reading less the model at the state it was taken at. A file's sections and the mounting
         stretch, which make a stress of a reading, are those of each draw.
     """
+    if not specimen.experiment.is_mounted:
+        return pd.DataFrame()  # a pressure is no stress
     draws = draws.iloc[evenly_chosen(len(draws), MEASURED_DRAWS)]
     own = np.ones(2)
     if reference == "measured":

@@ -121,6 +121,27 @@ class Tissue:
             return nothing, nothing
         return self._misfit(self.posterior.paths_of_pieces[self.piece].path(stretch, protocol))
 
+    def nominal_misfit(
+        self, stretch: np.ndarray, section: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same as a nominal stress: mean, sd, and sd of the noise; kPa, (draws, m, 2).
+
+        ``section`` is the load per nominal stress. Readings of a tube are taken as mean stresses
+        of its wall.
+        """
+        mean, sd = self.misfit(stretch)
+        test = self._model.specimen.experiment
+        units = [test.stresses(stretch, np.broadcast_to(e, stretch.shape)) for e in np.eye(2)]
+        if units[0] is None:
+            return mean / section, sd / section, self.noise_sd / section
+        # P_k = sum_i (dP_k / dq_i) q_i,  P = s / l
+        by_reading = np.array(units, dtype=float) / stretch
+        spread = [
+            np.sqrt(np.einsum("imk,dmi->dmk", by_reading**2, np.broadcast_to(v, mean.shape) ** 2))
+            for v in (sd, self.noise_sd)
+        ]
+        return np.einsum("imk,dmi->dmk", by_reading, mean), spread[0], spread[1]
+
     def _misfit(self, points: CurvePoints) -> tuple[np.ndarray, np.ndarray]:
         mean, sd = self._smooth.given(self._residual, self._chosen, points)
         by_axis = (len(self.draws), 2, len(points.path) // 2)

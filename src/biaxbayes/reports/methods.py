@@ -139,13 +139,15 @@ def _grips(run: Run) -> str:
 def _noise(run: Run) -> str:
     noise, settings = run.provenance["noise"], run.settings
     loads = LOAD_PHRASES[run.specimen.stress_pair]
+    mounted = run.specimen.experiment.is_mounted
+    mounting = ", the mounting readings among them," if mounted else ""
     if not settings.has_misfit:
         return (
             f"Errors of {loads} were independent and Gaussian with an inferred standard deviation "
             f"({noise['readings']:,} readings)."
         )
     return (
-        f"Readings of {loads}, the mounting readings among them, were the sum of the law, a smooth "
+        f"Readings of {loads}{mounting} were the sum of the law, a smooth "
         "misfit of the law and the load cell's noise. The misfit was a Gaussian process relative "
         "to the load; the likelihood is the average over its structure (functions of the loading "
         "path, of length 0.15 to 1.5 of it, independent or correlated in x and y, and with "

@@ -238,7 +238,7 @@ def _misfit_rows(checks: pd.DataFrame) -> list[Row]:
         (
             truncate(r["protocol"], 60),
             r["direction"],
-            f"{r['rms']:.3g}",
+            f"{r['rms']:.3g} {r['unit']}",
             f"{100 * r['share']:.2g} %",
             f"{r['noise']:.3g}",
             str(r["runs"]),
