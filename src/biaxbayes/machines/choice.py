@@ -85,7 +85,7 @@ class Choice(Options):
         "Files, sheets or sets of the same stretch ratio are protocols, or cycles of one.",
         choices=("protocols", "cycles"),
     )
-    cycles: str | None = option(
+    cycles: str | int | None = option(
         None,
         "Cycle of each protocol to take; all: each a protocol of its own.",
         metavar="last|all|N",
