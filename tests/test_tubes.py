@@ -271,13 +271,13 @@ def test_the_unit_of_the_force_does_not_matter():
 
 def test_stresses_of_the_wall_follow_the_pressure_that_was_read():
     """The misfit of a pressure is one of the wall's stress, p r / h: thin wall, one known draw."""
-    tube = Tube(10.0, 0.1, reads_force=False)
+    tube = Tube(10.0, 0.01, reads_force=False)
     (stretch,) = states(1.1)
     load = readings(tube, stretch, MATERIAL) * [[1.05, 0.0]]  # 5 % more than the law
     protocol = Protocol("1", *stretch.T, *load.T)
     known = {"unloaded_outer_diameter_mm": 20.0}
     made = Specimen(
-        "thin", (protocol,), "tube", thickness_mm=0.1, load_noise=1e-3, metadata=known, test="tube"
+        "thin", (protocol,), "tube", thickness_mm=0.01, load_noise=1e-4, metadata=known, test="tube"
     )
     draws = pd.DataFrame([MATERIAL] * 40)
     table = predict_stress(Posterior(made), draws, stretch[8:])
