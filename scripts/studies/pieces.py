@@ -30,7 +30,7 @@ from biaxbayes.model.readings import TestedPaths
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
-from studies.common import options_of, parser, print_table, run_all, write_table
+from studies.common import options_of, parser, print_table, run_all
 
 FIRST_SEED = 57_000
 PLAN = Plan(ess=150, max_steps=1500, ensembles=2, walkers=32, population=2048, first_block=64)
@@ -308,7 +308,7 @@ def main() -> None:
     cases = [(case, FIRST_SEED + k) for part in PARTS for k in range(tissues) for case in part]
     records = run_all(one_case, cases, options.records / "pieces.jsonl", options.workers)
     every = every_interval(records)
-    write_table(options.out, "pieces", coverage(every))
+    print_table("cases", coverage(every))
     print_table("parameters", by_parameter(every))
     predicted = pd.DataFrame([{"from": r["case"][0], **r} for r in records if "credible" in r])
     columns = ["credible", "credible_width", "predictive", "predictive_width"]
