@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
 from scipy.special import logsumexp
-from scipy.stats import lognorm, norm
+from scipy.stats import norm
 
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from plain_posterior import (
@@ -229,8 +229,3 @@ class PlainTissue:
             own = {n: given[f"{n}[{s.specimen.name}]"] for n in s.names}
             total += s.log_density(theta, own)
         return total
-
-
-def stiffness_prior(value, sd=0.1):
-    """Log density of a stiffness in its log."""
-    return float(lognorm(sd).logpdf(value) + math.log(value))

@@ -9,7 +9,12 @@ import pytest
 
 import biaxbayes
 import quick_posteriors
-from biaxbayes import Specimen, read_specimen, write_specimen
+from biaxbayes import GOH, Specimen, read_specimen, write_specimen
+from biaxbayes.calibration.simulated_specimen import (
+    draw_truth,
+    protocol_prior,
+    simulate_specimen,
+)
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup, constrained_fit
 from biaxbayes.fitting.residuals import BalancedMounting
@@ -24,6 +29,7 @@ from biaxbayes.specimens.check import check_specimen
 from plain_posterior import PlainPosterior, theta_of
 from plain_strips import PlainStrip, PlainTissue, across_root, strip, strip_force
 from quick_posteriors import stated_fit
+from studies.pieces import stresses, virtual_tissue
 from test_posterior import SMOOTH, TRUTH, specimen_of
 
 THETA = theta_of(TRUTH)
@@ -315,6 +321,51 @@ def test_the_stiffness_is_of_its_own_piece():
         else:
             np.testing.assert_array_equal(after[own], before[own])
     assert posterior.log_density(stiffer) < posterior.log_density(values) - 20.0
+
+
+# --- simulation ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mounting", ["noisy", "free"])
+def test_simulated_pieces_have_the_errors_of_the_model(mounting):
+    """Of rows as sampled, of mounting readings as the load cell; nothing across a strip."""
+    data, options = tissue(), {"mounting": mounting, "noise": "independent"}
+    model = Posterior(data, **options, priors=protocol_prior(data, Settings(**options)))
+    rng, z = np.random.default_rng(7), []
+    for _ in range(12):
+        truth, _ = draw_truth(model, rng)
+        simulated = simulate_specimen(model, truth, rng)
+        posterior = Posterior(simulated, **options, priors=model.settings.priors)
+        assert np.isfinite(posterior.log_density(truth))
+        missed = posterior.residuals({n: np.array([v]) for n, v in truth.items()})[0]
+        for i, name in enumerate(("", "[strip-x]", "[strip-y]")):
+            own, piece = missed[posterior.of_piece(i)], posterior.pieces[i]
+            sd = np.full(len(own), truth[f"noise_sd{name}"])
+            sd[: piece.readings.mounted] = piece.mounting_sd
+            z.append(own / sd)
+        for k, piece in zip((1, 0), simulated.further, strict=True):
+            assert not piece.load(piece.protocols[0])[:, k].any()
+    z = np.concatenate(z)
+    assert z.std() == pytest.approx(1.0, abs=4.0 / np.sqrt(2 * z.size))
+    assert z.mean() == pytest.approx(0.0, abs=4.0 / np.sqrt(z.size))
+
+
+def test_the_study_of_pieces_has_stresses_and_strips_of_its_own():
+    found = virtual_tissue(3)
+    material = {n: found.truth[n] for n in TRUTH}
+    states = 1.02, 1.1
+    own = stresses(material, *states)
+    assert own == pytest.approx([float(s) for s in GOH(*material.values()).cauchy(*states)])
+    for axis, piece in enumerate(found.strips):
+        lm = found.truth[f"mounting_stretch_{'xy'[axis]}[{piece.name}]"]
+        c = found.truth[f"stiffness[{piece.name}]"]
+        along = piece.protocols[0].stretch[:, axis]
+        section = c * piece.area[axis]
+        plain = strip_force(theta_of(material), axis, lm, along, None, section, False)
+        np.testing.assert_allclose(found.load[piece.name][:, axis], plain, rtol=1e-7)
+    others = virtual_tissue(3, 0.25)
+    ratio = np.log(others.truth["stiffness[strip-x]"]) / np.log(found.truth["stiffness[strip-x]"])
+    assert ratio == pytest.approx(2.5)
 
 
 # --- sampling ------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Simulation-based calibration of every mounting mode on two shipped specimens, and of other laws.
+"""Simulation-based calibration of the mounting modes on shipped specimens, of laws, and of pieces.
 
     python scripts/study.py calibration --workers 2
 
@@ -19,6 +19,7 @@ import pandas as pd
 
 import biaxbayes
 from studies.common import DATA, options_of, parser, print_table, write_table
+from studies.pieces import FIRST_SEED, pieces_of, virtual_tissue
 
 if TYPE_CHECKING:
     from biaxbayes.verbs.calibrate import CalibrationResult
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 SPECIMENS = ("donor2-media", "donor2-adventitia")
 THREE_RATIOS = "three-ratios"
 """Three protocols of the media of donor 2, 0.6 mN noise."""
+PIECES = {"square-and-strips": "square + strips", "strips": "strips"}
+"""Pieces of a tissue of the study of pieces."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ CASES = (
         Case(THREE_RATIOS, "noisy", replications=200, law=law)
         for law in ("goh-exponential", "fung", "four-fibre")
     ),
+    *(Case(name, "noisy", noise="misfit", replications=200) for name in PIECES),
 )
 
 
@@ -77,6 +81,8 @@ DRAWN = (
 
 def specimen_of(case: Case) -> biaxbayes.Specimen:
     """The specimen whose protocols, dimensions and noise are calibrated on."""
+    if case.specimen in PIECES:
+        return pieces_of(virtual_tissue(FIRST_SEED - 1), PIECES[case.specimen])
     if case.specimen != THREE_RATIOS:
         return biaxbayes.read_specimen(DATA / f"{case.specimen}.csv")
     ratios = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))

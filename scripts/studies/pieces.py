@@ -30,7 +30,7 @@ from biaxbayes.model.readings import TestedPaths
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
-from studies.common import options_of, parser, print_table, run_all, write_table
+from studies.common import options_of, parser, print_table, run_all
 
 FIRST_SEED = 57_000
 PLAN = Plan(ess=150, max_steps=1500, ensembles=2, walkers=32, population=2048, first_block=64)
@@ -119,7 +119,7 @@ def virtual_tissue(seed: int, factor_sd: float = PIECE_SD) -> Tissue:
         Protocol(f"{r[0]:g}:{r[1]:g}", *s.T, *(f + noise * rng.standard_normal(f.shape)).T)
         for r, s, f in zip(RATIOS, stretch, read, strict=True)
     ]
-    size = {"edge_x_mm": edge, "edge_y_mm": edge, "thickness_mm": thickness}
+    size: dict[str, Any] = {"edge_x_mm": edge, "edge_y_mm": edge, "thickness_mm": thickness}
     square = Specimen("square", tuple(protocols), "force", load_noise=noise, **size)
     loads, strips = {"square": np.concatenate(load)}, []
     for axis, letter in enumerate("xy"):
@@ -169,11 +169,10 @@ def one_case(case: str, seed: int) -> dict[str, Any]:
         draws = draw_posterior(posterior, PLAN)
     except BiaxbayesError as error:
         return {"state": str(error), "rows": []}
-    record = {"state": draws.convergence.state, "seconds": time.perf_counter() - clock}
+    state = draws.convergence.state
+    record: dict[str, Any] = {"state": state, "seconds": time.perf_counter() - clock}
     table = pd.DataFrame({name: q.ravel() for name, q in draws.quantities.items()})
-    verdicts = {
-        r.name: r.verdict for r in identify_draws(posterior, table, record["state"]).reported
-    }
+    verdicts = {r.name: r.verdict for r in identify_draws(posterior, table, state).reported}
     rows = []
     for name, true in tissue.truth.items():
         # of strips alone the first piece has no stiffness; the square's names are not its own
@@ -308,7 +307,7 @@ def main() -> None:
     cases = [(case, FIRST_SEED + k) for part in PARTS for k in range(tissues) for case in part]
     records = run_all(one_case, cases, options.records / "pieces.jsonl", options.workers)
     every = every_interval(records)
-    write_table(options.out, "pieces", coverage(every))
+    print_table("cases", coverage(every))
     print_table("parameters", by_parameter(every))
     predicted = pd.DataFrame([{"from": r["case"][0], **r} for r in records if "credible" in r])
     columns = ["credible", "credible_width", "predictive", "predictive_width"]

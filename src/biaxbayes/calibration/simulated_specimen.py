@@ -3,8 +3,8 @@
     f0 = p0 + mean over the protocols (delta + toe) + s0 eps          reading of a mounted state
     f  = load of the law + delta + toe + s0 eps                       every other reading
 
-with the misfit delta and its toe drawn from their prior, relative to the loads of a fit that the
-inference uses as well. With independent errors there is no misfit.
+with the misfit delta and its toe of each piece drawn from their prior, relative to the loads of a
+fit that the inference uses as well. With independent errors there is no misfit.
 
 The default priors of a posterior are so wide that most of their draws are not like tissue on the
 protocols of a study (10 MPa, or compressed at mounting). A study needs realistic true values, and
@@ -25,7 +25,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import Settings
-from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names
+from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names, name_of
 from biaxbayes.specimens.specimen import Specimen
 
 ROOT_TOLERANCE = 1e-6
@@ -91,24 +91,45 @@ def simulate_specimen(
     noise_factor : float
         Factor of the errors of all rows but those at rest; not 1 only to see that it is noticed.
     """
-    specimen, settings = model.specimen, model.settings
+    pieces = [
+        _simulated_piece(model, i, truth, rng, noise_factor) for i in range(len(model.pieces))
+    ]
+    return replace(pieces[0], further=tuple(pieces[1:]))
+
+
+def _simulated_piece(
+    model: Posterior,
+    index: int,
+    truth: Mapping[str, float],
+    rng: np.random.Generator,
+    noise_factor: float,
+) -> SimulatedSpecimen:
+    """Readings of one piece, with a misfit of its own."""
+    piece, settings = model.pieces[index], model.settings
+    specimen, forward, label = piece.specimen, piece.forward, piece.labels.label
+    read = np.isin([0, 1], specimen.experiment.axes)
     least = LEAST_NOISE * specimen.peak_load if settings.has_misfit else 0.0
-    noise = max(specimen.noise_sd, least) if settings.has_misfit else truth[NOISE_SD.name]
-    (misfit, scatter), offset = _misfits(model, rng), model.forward.offset(truth)[0, 0]
-    reading = np.array([_pair(truth, "force", m) for m in model.mounts])
-    sd = np.maximum(specimen.mounting_readings(shared=settings.shared)[1], least)
+    noise = max(specimen.noise_sd, least)
+    if not settings.has_misfit:
+        noise = truth[name_of(NOISE_SD.name, label)]
+    (misfit, scatter), offset = _misfits(model, index, rng), forward.offset(truth)[0, 0]
+    # nothing pulls across a strip
+    forces = [mounting_names("force", state) for state in piece.labels.states]
+    reading = np.array([[truth.get(name, 0.0) for name in pair] for pair in forces])
+    sd = read * np.maximum(specimen.mounting_readings(shared=settings.shared)[1], least)
     if settings.mounting != "exact":
         starts = np.array([curve[0] for curve in misfit])
         of_states = starts.mean(axis=0, keepdims=True) if settings.shared else starts
         reading = reading + offset + of_states + scatter * sd * rng.standard_normal(sd.shape)
+        reading *= read
     protocols = []
     for i, p in enumerate(specimen.protocols):
         errors = scatter * noise * rng.standard_normal((p.rows, 2))
         errors[p.rest_rows :] += misfit[i][1:]
-        load = model.forward.load(truth, p.stretch, p.name)[0] + offset + noise_factor * errors
+        load = read * (forward.load(truth, p.stretch, p.name)[0] + offset + noise_factor * errors)
         load[: p.rest_rows] = reading[0 if settings.shared else i]
         if specimen.stress_pair == "cauchy":
-            load = load * p.stretch
+            load = load * p.known_stretch
         protocols.append(replace(p, load_x=load[:, 0], load_y=load[:, 1]))
     fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
     fields["load_noise"] = noise if settings.has_misfit else specimen.load_noise
@@ -119,19 +140,21 @@ def simulate_specimen(
     )
 
 
-def _misfits(model: Posterior, rng: np.random.Generator) -> tuple[list[np.ndarray], float]:
-    """A misfit and a factor of the noise, drawn from their priors.
+def _misfits(
+    model: Posterior, index: int, rng: np.random.Generator
+) -> tuple[list[np.ndarray], float]:
+    """A misfit of a piece and a factor of its noise, drawn from their priors.
 
     The misfit is (1 + rows, 2) of each protocol, the mounted state first.
     """
-    protocols = model.specimen.protocols
+    protocols = model.pieces[index].specimen.protocols
     loaded = [p.stretch[p.rest_rows :] for p in protocols]
     if not model.settings.has_misfit:
         return [np.zeros((1 + len(stretch), 2)) for stretch in loaded], 1.0
-    points, out = [], []
+    points, out, paths = [], [], model.paths_of_pieces[index]
     for i, stretch in enumerate(loaded):
-        points += [model.paths.start(i), model.paths.tested(i, stretch)]
-    (drawn, factor), first = model.misfit.draw(CurvePoints.joined(points), rng), 0
+        points += [paths.start(i), paths.tested(i, stretch)]
+    (drawn, factor), first = model.misfits[index].draw(CurvePoints.joined(points), rng), 0
     for stretch in loaded:
         last = first + 2 * (1 + len(stretch))
         start, rows = drawn[first : first + 2], drawn[first + 2 : last].reshape(2, -1).T
@@ -140,42 +163,38 @@ def _misfits(model: Posterior, rng: np.random.Generator) -> tuple[list[np.ndarra
     return out, factor
 
 
-def _pair(truth: Mapping[str, float], what: str, label: str) -> np.ndarray:
-    return np.array([truth[name] for name in mounting_names(what, label)])
-
-
 def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
-    """Add the mounting forces; False if the posterior has no such state."""
+    """Add the mounting forces, and stretches across strips; False without such a state."""
     law = model.law
     material = law.material_at(tuple(truth[name] for name in law.names))
-    section = model.forward.section(truth)[0, 0]
-    if not (np.all(section > 0.0) and np.all(np.isfinite(list(truth.values())))):
-        return False
-    for label in model.mounts:
-        lm = _pair(truth, "stretch", label)
-        if not np.all((lm > BRACKET[0]) & (lm < BRACKET[1])):
+    for piece in model.pieces:
+        forward, axes = piece.forward, piece.labels.axes
+        section = forward.section(truth)[0, 0]
+        if not (np.all(section > 0.0) and np.all(np.isfinite(list(truth.values())))):
             return False
-        force = model.forward.mounting_load(truth, label)[0]
-        if model.settings.mounting == "free":
-            # stable: the derivative of the balance is positive definite
-            px, py = force / section
-            _, _, jxx, jxy, jyy = balance(
-                material.constants,
-                px,
-                py,
-                model.forward.mounted_dimensions,
-                np.log(lm[0]),
-                np.log(lm[1]),
-            )
-            good = bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
-        else:
-            state = mounted_state(material, *(force / section), geometry=model.specimen.geometry)
-            good = state.exists and bool(
-                np.allclose(state.stretch, lm, rtol=ROOT_TOLERANCE, atol=0.0)
-            )
-        if not good:
-            return False
-        truth.update(zip(mounting_names("force", label), map(float, force), strict=True))
+        for state in piece.labels.states:
+            lm = forward.mounting_stretch(truth, state)[0, 0]
+            if not np.all((lm > BRACKET[0]) & (lm < BRACKET[1])):
+                return False
+            force = forward.mounting_load(truth, state)[0]
+            if model.settings.mounting == "free":
+                # stable: the derivative of the balance is positive definite
+                at, logs = force / section, np.log(lm)
+                mounted = forward.mounted_dimensions
+                _, _, jxx, jxy, jyy = balance(material.constants, *at, mounted, *logs)
+                good = bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
+            else:
+                geometry = piece.specimen.geometry
+                found = mounted_state(material, *(force / section), geometry=geometry)
+                near = np.allclose(found.stretch, lm, rtol=ROOT_TOLERANCE, atol=0.0)
+                good = found.exists and bool(near)
+            if not good:
+                return False
+            stretches, forces = (mounting_names(what, state) for what in ("stretch", "force"))
+            for k in range(2):
+                truth[stretches[k]] = float(lm[k])
+                if k in axes:
+                    truth[forces[k]] = float(force[k])
     return True
 
 
@@ -187,10 +206,9 @@ LOCAL_PRIOR_WIDTH = 2.0
 
 def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
     """Prior of tissue with similar stresses; independent errors around 0.5 % of the peak."""
-    stretch = 1.02 * max(
-        float(max(p.stretch_x.max(), p.stretch_y.max())) for p in specimen.protocols
-    )
-    peak = max(float(np.abs(specimen.load(p) / specimen.area).max()) for p in specimen.protocols)
+    tested = [(piece, p) for piece in specimen.pieces for p in piece.protocols]
+    stretch = 1.02 * max(float(p.known_stretch.max()) for _, p in tested)
+    peak = max(float(np.abs(piece.load(p) / piece.area).max()) for piece, p in tested)
     prior = default_priors(specimen, settings)
     for name, (family, first, second) in settings.material_law.scaled_prior(stretch, peak).items():
         rounded = first if family == "uniform" else _rounded(first)

@@ -358,8 +358,9 @@ class BalancedMounting(LoadResiduals):
         data, groups = self.data, lm.shape[1]
         state = self.mounted(self.fit_coordinates(unknowns), lm)
         is_mounted = np.array([p.experiment.is_mounted for p in data.pieces])[data.piece_of_state]
-        inverse = np.linalg.inv(state.by_log_mounting.transpose(2, 0, 1))
-        inverse[~is_mounted] = 0.0
+        slopes = state.by_log_mounting.transpose(2, 0, 1)
+        inverse = np.zeros_like(slopes)
+        inverse[is_mounted] = np.linalg.inv(slopes[is_mounted])
         by_point = -np.einsum("gij,jpg->igp", inverse, state.by_fit_coordinate)
         parts = [by_point[..., self.free].reshape(2 * groups, -1)]
         inverse = inverse / self.stiffness(unknowns)[data.piece_of_state, None, None]
