@@ -214,9 +214,8 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
 
 
 def _reading_error(posterior: Posterior, draws: pd.DataFrame) -> float:
-    """Root mean square of the residuals at the draws, in the unit of the loads."""
-    residual = posterior.residuals(thin_draws(draws, ERROR_DRAWS))
-    residual = residual / np.concatenate([p.readings.scale for p in posterior.pieces])
+    """Root mean square of the residuals of the first piece, in the unit of its loads."""
+    residual = posterior.residuals(thin_draws(draws, ERROR_DRAWS), 0) / posterior.readings.scale
     residual = residual[:, posterior.readings.mounted :]
     return float(np.median(np.sqrt(np.mean(residual**2, axis=1))))
 
