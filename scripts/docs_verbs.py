@@ -33,7 +33,7 @@ Ctrl-C).
 """
 
 
-SHARED, SHARED_ID = 3, "options-of-several-verbs"
+SHARED, SHARED_ID = 2, "options-of-several-verbs"
 """Verbs from which an option is explained once; the heading where it is."""
 
 
@@ -91,6 +91,8 @@ def _options(command: click.Command, context: click.Context) -> list[str]:
         record = parameter.get_help_record(context)
         if isinstance(parameter, click.Option) and record is not None:
             names, words = (" ".join(part.split()) for part in record)
+            if FIT_DESCRIPTIONS["standard"] in words:
+                words = "The [fits](glossary.md#the-deterministic-fits). [default: all]"
             lines.append(f"- `{names}`: {words.replace('<', '&lt;')}")  # no tag of HTML
     return lines
 
@@ -112,7 +114,7 @@ COMMON = {
     *("fixed", "P(larger)", "posterior", "prior", "runs", "structure tensor", "trades with"),
     *("not identified", "only in combination", "bounded", "identified", "no verdict"),
     "converged, tentative, unusable",
-    "difference in sd",
+    *("in sd", "includes 0, includes 1"),
     "Kolmogorov",
     *("ensembles, walkers, steps", "credible band", "predictive band", "stresses to report"),
     *("alone, pooled", "typical donor", "sd of donors, sd of specimens", "new specimen"),

@@ -230,6 +230,8 @@ def test_runs_of_different_laws_are_compared_by_what_both_have():
         row = Reported("C1", "kPa", 10.0, 9.0, 11.0, "identified", "the data determine it")
         members.append(Member(law, posterior, pd.DataFrame(draws), "converged", [row]))
     for pair in (members, members[::-1]):
-        shared = set(compare(pair).distances["quantity"])
+        result = compare(pair)
+        shared = set(result.distances["quantity"])
+        forest_figure(result)
         assert {"C1", "alpha", "cauchy_x", "stiffness_y"} <= shared
         assert "kappa" not in shared

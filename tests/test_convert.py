@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import biaxbayes
 import commands
 from biaxbayes import read_specimen
 from biaxbayes.errors import InputError
@@ -459,6 +460,7 @@ def test_a_displacement_that_does_not_start_at_zero_needs_its_origin(tmp_path, c
         ("cauchy", "T11 {} [kPa]", "or a membrane tension"),
         ("piola", "True stress {} (kPa)", "cauchy_x_kPa"),
         ("cauchy", "P11 {} kPa", "piola_x_kPa"),
+        ("piola", "tau_{} [kPa]", "a Kirchhoff (or shear) stress"),
         ("cauchy", "Engineering stress {} [kPa]", "piola_x_kPa"),
         ("piola", "PK2 {} [kPa]", "times the stretch"),
         ("piola", "2PK {} [kPa]", "second Piola-Kirchhoff"),
@@ -639,3 +641,33 @@ def test_exports_of_absurd_size_are_refused_before_they_are_cut_up(tmp_path):
     path.write_bytes(b"," * 65_000_000)
     with pytest.raises(InputError, match="larger than 64 MB"):
         read_tables(path)
+
+
+def test_header_keys_are_keywords_in_python(tmp_path):
+    raw = written(tmp_path, biotester_export().text())
+    answers = {"machine": "biotester", "cycles": "last", "branch": "loading"}
+    given = {"edge_x_mm": 9.0, "edge_y_mm": 9.5, "thickness_mm": 1.1, "layer": "media"}
+    made = biaxbayes.convert(raw, **answers, geometry="unloaded", **given).specimen
+    assert {key: getattr(made, key) for key in given} == given
+    assert made.name == "raw"
+    with pytest.raises(InputError, match="no option 'edge_z_mm'"):
+        biaxbayes.convert(raw, **answers, edge_z_mm=20)
+
+
+@pytest.mark.parametrize(
+    ("names", "stem"),
+    [
+        (("P6_equi.csv", "P6_1-2.csv"), "P6"),
+        (("donor1-11.csv", "donor1-12.csv"), "donor1"),
+        (("a.csv", "b.csv"), "a"),
+    ],
+)
+def test_several_files_give_the_name_that_they_begin_with(names, stem, tmp_path):
+    text = biotester_export().text()
+    raws = [written(tmp_path, text, name) for name in names]
+    answers = {"machine": "biotester", "cycles": "last", "branch": "loading"}
+    answers |= {"repeats": "protocols", "geometry": "unloaded"}
+    header = {"edge_x_mm": EDGE_MM, "edge_y_mm": EDGE_MM, "thickness_mm": THICKNESS_MM}
+    assert biaxbayes.convert(raws, **answers, header=header).specimen.name == stem
+    given = biaxbayes.convert(raws, **answers, header=header | {"specimen": "P7"}).specimen
+    assert given.name == "P7"

@@ -236,6 +236,15 @@ def test_specimens_of_one_table_are_never_mixed(form, tmp_path):
         assert "120  another specimen:" in "\n".join(account(result))
 
 
+def test_specimens_in_alternating_rows_are_asked_about(tmp_path):
+    tables = [made(), made(material=STIFF)]
+    rows = np.stack(tables, axis=1).reshape(-1, 4)
+    path = written(tmp_path, {"Tissue": ["skin", "liver"] * 60} | table_of(rows))
+    assert "specimen_by=Tissue" in asked(path).choices
+    result = read(path, specimen_by="Tissue", header={"specimen": "liver"})
+    assert is_made_of(result, tables[1])
+
+
 def test_merged_labels_of_specimens_are_asked_about(tmp_path):
     tables = [made(), made(material=STIFF)]
     labels = ["pig 1", *[""] * 59, "pig 2", *[""] * 59]
@@ -283,7 +292,7 @@ def test_the_stretch_of_a_known_gradient_is_that_without_the_rotation(names, tmp
         "Fx [N]": table[:, 2], "Fy [N]": table[:, 3],
     }  # fmt: skip
     path = written(tmp_path, columns)
-    more = () if names[0] == "F12" else (f"shear_xy={names[0]}", f"shear_yx={names[1]}")
+    more = () if names[0].startswith("F") else (f"shear_xy={names[0]}", f"shear_yx={names[1]}")
     result = read(path, mapped(("F11", "F22", *NAMES[2:]), *more))
     assert is_made_of(result, table)
     assert float(result.specimen.metadata["largest_shear_angle_deg"]) < 1e-6
@@ -296,6 +305,10 @@ def lost_frame(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
     wrong = table.copy()
     wrong[33, :2] = 1.0
     return wrong, [33]
+
+
+def first_frame(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    return np.vstack([table[0] * [0.9, 0.9, 1.0, 1.0], table]), [0]
 
 
 def spike(table: np.ndarray) -> tuple[np.ndarray, list[int]]:
@@ -331,7 +344,7 @@ def creeping(table: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "wrong", [lost_frame, spike, two_frames, footer, footer_of_three, footer_of_sds]
+    "wrong", [lost_frame, first_frame, spike, two_frames, footer, footer_of_three, footer_of_sds]
 )
 def test_rows_apart_are_asked_about(wrong, tmp_path):
     table = made()
@@ -376,6 +389,12 @@ def slower_camera(table: np.ndarray) -> np.ndarray:
     return held
 
 
+def slower_camera_with_noise(table: np.ndarray) -> np.ndarray:
+    held = slower_camera(table)
+    held[:, :2] += 2e-5 * np.random.default_rng(1).standard_normal((len(held), 2))
+    return held
+
+
 def coarse(table: np.ndarray) -> np.ndarray:
     return np.column_stack([table[:, :2].round(2), table[:, 2:]])
 
@@ -399,7 +418,10 @@ def relaxing(table: np.ndarray) -> np.ndarray:
     return np.vstack([table[:1], steps])
 
 
-@pytest.mark.parametrize("wrong", [slower_camera, coarse, frozen, frozen_for_a_while, relaxing])
+@pytest.mark.parametrize(
+    "wrong",
+    [slower_camera, slower_camera_with_noise, coarse, frozen, frozen_for_a_while, relaxing],
+)
 def test_a_stretch_that_stands_still_is_asked_about(wrong, tmp_path):
     rows = wrong(made(rows=600))
     path = written(tmp_path, table_of(rows))
@@ -466,6 +488,18 @@ def test_loads_that_do_not_follow_the_stretch_are_asked_about(wrong, tmp_path):
     (p,) = read(path, rows=answer).specimen.protocols
     assert np.allclose(p.load_x, table[: p.rows, 2], atol=3e-3)
     assert read(path, rows="all").specimen.protocols[0].rows >= 60
+
+
+def test_creep_between_rises_is_asked_about(tmp_path):
+    """The load is held six times, and the stretch goes on by a thirtieth of its way."""
+    table = made(rows=72)
+    parts = []
+    for rise in np.split(table, 6):
+        held = np.repeat(rise[-1:], 20, axis=0)
+        held[:, :2] += np.outer(1.0 - np.exp(-np.arange(20) / 6.0), [0.006, 0.006])
+        parts += [rise, held]
+    path = written(tmp_path, table_of(np.concatenate(parts)))
+    assert "creep" in str(asked(path)) and "rows=all" in asked(path).choices
 
 
 @pytest.mark.parametrize("late", [3, 6, 10])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
@@ -16,7 +17,7 @@ from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.optimal_design import information_gain
-from biaxbayes.optimal_design.candidates import Reading, standard_candidates
+from biaxbayes.optimal_design.candidates import STRIP_MOUNTING, Reading, standard_candidates
 from biaxbayes.optimal_design.design import design
 from biaxbayes.optimal_design.information_gain import (
     OutcomePosterior,
@@ -343,3 +344,28 @@ def test_fixed_parameters_are_no_candidates():
     names = [c.name for c in standard_candidates(fixed.posterior(), fixed.draws)]
     assert not any("angle" in n or "image" in n for n in names)
     assert "alpha" not in design_quantities(fixed.posterior(), fixed.draws)
+
+
+def test_strips_are_those_of_a_virtual_test_and_their_unknowns_are_errors(run):
+    posterior, draws = run.target, run.draws
+    pair = next(c for c in standard_candidates(posterior, draws) if c.name == "strips x and y")
+    one = draws.iloc[[7]]
+    load = pair.load(one)[0]
+    values = {name: float(one[name].iloc[0]) for name in posterior.law.names}
+    material = posterior.law.material_at(tuple(values[name] for name in posterior.law.names))
+    area, along = posterior.specimen.area, 1.0 + STRIP_MOUNTING[0]
+    for k in (0, 1):
+        total = along * pair.stretch[-1, k]
+
+        def across(y, k=k, total=total):
+            return float(material.cauchy(*((total, y) if k == 0 else (y, total)))[1 - k])
+
+        width = brentq(across, 0.5, 1.2)
+        s = float(material.cauchy(*((total, width) if k == 0 else (width, total)))[k])
+        assert load[-1, k] == pytest.approx(area[k] * s / total, rel=1e-9)
+    # a stiffness that may be off by 10 % and the mounting stretch move the end of the curve
+    root = pair._errors[1]
+    sd = np.sqrt((root @ root.T).diagonal())[-2:]
+    assert np.all(sd > posterior.settings.piece_sd * 0.8 * np.abs(pair.load(pair.median)[0, -1]))
+    found = design(posterior, draws, [pair, *standard_candidates(posterior, draws)[:1]])
+    assert found.expected[0].name == "strips x and y"

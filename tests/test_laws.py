@@ -9,15 +9,10 @@ import biaxbayes
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.fit import fit
 from biaxbayes.laws import LAWS, law_named
+from biaxbayes.laws.coordinates import constants_from_theta, to_slots
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.law import TransformInputs
-from biaxbayes.laws.materials import (
-    cauchy_stress,
-    constants_from_theta,
-    energy,
-    squared_stretches,
-    to_slots,
-)
+from biaxbayes.laws.materials import cauchy_stress, energy, squared_stretches
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.assembly import to_slot
 from biaxbayes.specimens.specimen import Protocol, Specimen

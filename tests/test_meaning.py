@@ -424,8 +424,9 @@ def test_lengths_that_do_not_fit_on_the_tissue(tmp_path):
     ):
         converted(path, columns, header={"edge_x_mm": 1.0, "edge_y_mm": 1.0})
     path = file_of(tmp_path, names, STRETCH * GAUGE + 40.0, FORCE)
-    with pytest.raises(InputError, match="that includes sutures or grips write stretch_x="):
-        converted(path, columns)
+    for gauge in ({}, {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}):
+        with pytest.raises(InputError, match="that includes sutures or grips write stretch_x="):
+            converted(path, columns, **gauge)
     names = ["Disp X [mm]", "Disp Y [mm]", "Fx_N", "Fy_N"]
     columns = targets(names)
     path = file_of(tmp_path, names, (STRETCH - 1.0) * GAUGE, FORCE)

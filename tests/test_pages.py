@@ -103,6 +103,30 @@ def test_what_is_reported_stands_on_the_page(page):
         assert "e+0" not in text and "Cauchy stress, x, at 1" in text
 
 
+def test_heads_that_lead_to_the_words_are_explained_there(page):
+    html = page.read_text(encoding="utf-8")
+    words = html.partition('id="words"')[2]
+    terms = [term.lower() for term in re.findall(r"<dt>(.*?)</dt>", words)]
+    heads = set(re.findall(r'<th scope="col"[^>]*><a href="#words">(.*?)</a>', html))
+    assert heads or page.name in RUN_PAGES
+    for head in heads:
+        plain = head.partition(" (")[0].lower()  # without its unit
+        assert any(plain in term for term in terms), head
+
+
+def test_a_population_has_a_results_paragraph_and_latex(page):
+    if page.name != "population.html":
+        pytest.skip("of a population")
+    html, folder = page.read_text(encoding="utf-8"), page.parent
+    groups = pd.read_csv(folder / "population.csv")
+    latex = (folder / "population.tex").read_text(encoding="utf-8")
+    said = re.search(r"% Results: (.*)", latex).group(1)
+    assert latex.count(r" \\") == len(groups) + 1
+    assert said[:60] in html.replace("&lt;", "<")
+    for name in re.findall(r"([\w-]+\.(?:csv|tex|nc)): ", html.partition('id="files"')[2]):
+        assert (folder / name).is_file(), name
+
+
 # --- in a browser --------------------------------------------------------------------------------
 
 

@@ -19,9 +19,15 @@ from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import PopulationOptions
-from biaxbayes.populations.model import PopulationPriors
+from biaxbayes.populations.model import PopulationPriors, pooled_values
 from biaxbayes.populations.sampler import PopulationPlan
-from biaxbayes.populations.specimens import Source, make_individual, pooled_names
+from biaxbayes.populations.specimens import (
+    Source,
+    is_cut_short,
+    pooled_names,
+    run_draws,
+    sample_again,
+)
 from biaxbayes.populations.tables import (
     CONTRAST_COLUMNS,
     POPULATION_COLUMNS,
@@ -31,6 +37,7 @@ from biaxbayes.populations.tables import (
 from biaxbayes.populations.text import contrast_rows, group_rows
 from biaxbayes.reports.population import FIGURE_TEXTS
 from biaxbayes.runs.folder import POPULATION, manifest
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs import population as job
@@ -60,7 +67,7 @@ options = { noise = "independent", mounting = "exact" }
 priors = { kappa = 0.1 }
 """
 QUICK = {
-    **{"ensembles": 4, "chains": 16, "rounds": 2, "round_sweeps": 16},
+    **{"ensembles": 4, "chains": 16, "warm_up": 60, "rounds": 1, "run_ess": 100.0},
     **{"first_block": 40, "max_steps": 80, "ess": 50.0},
 }
 
@@ -109,22 +116,43 @@ def made_population(study):
     return shared.cached("population", execute)
 
 
-def test_likelihood_is_the_runs_without_its_prior_of_the_pooled_values(study):
-    run = biaxbayes.open_run(study / "runs" / "a")
-    source = Source.from_run("a", run)
+def test_a_run_that_is_sampled_again_has_the_draws_that_weights_give(study):
+    """The run's draws, weighted by the new prior over the run's, are those under the new prior."""
+    source = Source.from_run("a", biaxbayes.open_run(study / "runs" / "a"))
     names = pooled_names([source])
     assert names == ("C1", "k1", "k2", "alpha")
-    from biaxbayes.populations.model import pooled_values
+    values = pooled_values(source.run.law, names)
+    assert not is_cut_short(source, values)
+    draws = run_draws(source, source.chains, source.posterior.priors, values, 2)
+    assert np.exp(draws.theta[..., 0] + values[0].mean) == pytest.approx(draws.natural["C1"])
+    assert draws.theta[..., 3] + values[3].mean == pytest.approx(draws.natural["alpha"])
+    theta = draws.theta.reshape(-1, 4)
+    mean, sd = theta.mean(axis=0), 5.0 * theta.std(axis=0)
+    mean[0], sd[0] = mean[0] + theta[:, 0].std(), 0.7 * theta[:, 0].std()
+    weights = draws.log_weights(0, mean[None], np.diag(sd**-2.0)[None])[:, 0]
+    weights = np.exp(weights - weights.max())
+    plan = Plan(ess=300, ensembles=2, seed=3)
+    again = sample_again(source, values, mean, sd, plan, lambda: False).theta.reshape(-1, 4)
+    known = np.average(draws.theta[0], axis=0, weights=weights)
+    spread = np.sqrt(np.average((draws.theta[0] - known) ** 2, axis=0, weights=weights))
+    assert (np.abs(again.mean(axis=0) - known) < 0.3 * spread).all()
+    assert again.std(axis=0) == pytest.approx(spread, rel=0.3)
+    # the prior matters: without it the draws are elsewhere
+    assert (np.abs(theta.mean(axis=0) - known) > 0.3 * spread).any()
+    assert sample_again(source, values, mean, sd, plan, lambda: True) is None
 
-    own = make_individual(source, pooled_values(run.law, names), 4)
-    u = own.pool[0][:50]
-    log, theta = own.density(u)
-    # flat density times the run's prior is the run's own density, up to one constant
-    gap = source.posterior.log_prob(u) - log - own.log_prior(theta)
-    assert np.ptp(gap) < 1e-8
-    natural = source.posterior.natural(u)
-    assert theta[:, 0] == pytest.approx(np.log(natural["C1"]), rel=1e-9)
-    assert theta[:, 3] == pytest.approx(natural["alpha"], rel=1e-9)
+
+def test_runs_whose_prior_is_narrower_than_the_range_are_cut_short(study):
+    source = Source.from_run("a", biaxbayes.open_run(study / "runs" / "a"))
+    values = pooled_values(source.run.law, pooled_names([source]))
+    for prior, short in (
+        ({"distribution": "uniform", "low": 0.0, "high": 90.0}, False),
+        ({"distribution": "uniform", "low": 20.0, "high": 90.0}, True),
+        ({"distribution": "normal", "mean": 45.0, "sd": 9.0, "high": 60.0}, True),
+    ):
+        priors = {**source.posterior.settings.priors, "alpha": prior}
+        other = replace(source, posterior=source.posterior.replaced(priors=priors))
+        assert is_cut_short(other, values) == short
 
 
 def test_tables_have_their_columns_and_hold_together(population):
@@ -394,7 +422,7 @@ options = { noise = "independent", mounting = "exact" }
 priors = { kappa = 0.1 }
 """
 DRAW_FIGURES = population_files.draw_figures
-LONGER = QUICK | {"round_sweeps": 20, "max_steps": 240}
+LONGER = QUICK | {"max_steps": 600}
 SHARP = "C1 = 0.1\nk1 = 0.1\nk2 = 0.1\nalpha = 3\n"
 PRIORS = f"[sd_donors]\n{SHARP}[sd_specimens]\n{SHARP}"
 

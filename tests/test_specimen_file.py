@@ -219,9 +219,9 @@ def test_stretch_from_an_image(text, value):
     [
         ("# a\u2028b\nstretch_x,stretch_y\n1,1\n1.1,x\n", "row 4, column stretch_y: 'x' is not"),
         ('stretch_x,stretch_y\n1,1\n1.1,"1.1\n1.2,1\n', "row 3: not a row of a CSV: a quotation"),
-        ("stretch_x,stretch_y\n1,1\n1_0e-1,1\n", "row 3, column stretch_x: '1_0e-1' is not a st"),
+        ("stretch_x,stretch_y\n1,1\n1_0e-1,1\n", "row 3, column stretch_x: '1_0e-1' is not a "),
         ("stretch_x,stretch\n1,1\n", "row 1, column stretch_y: missing column"),
-        ("stretch_x,stretch_y\n1,1\n1.1\n", "row 3: 1 cells where the header names 2"),
+        ("stretch_x,stretch_y\n1,1\n1.1\n", "row 3: 1 cell for 2 columns"),
         ("stretch_x,stretch_y\n1,110\n", "not strains or per cent"),
         ("stretch_x,stretch_y\n", "has no rows"),
     ],

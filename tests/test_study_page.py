@@ -9,11 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from scipy.stats import ttest_ind
 
 from biaxbayes.figures.population import study_figure
 from biaxbayes.reports.study_page import write_study
-from biaxbayes.studies.groups import group_summaries, layer_contrasts
+from biaxbayes.studies.groups import group_contrasts, group_summaries, layer_contrasts
 from biaxbayes.studies.result import STUDY_COLUMNS, StudyResult, donor_groups
+from biaxbayes.verbs.batch import closing_message
 
 LAYERS = ("intima", "media", "<b>adventitia</b>")
 QUANTITIES = {
@@ -99,7 +101,7 @@ def test_donors_with_several_layers_are_groups():
 
 @pytest.mark.long
 def test_the_figure_fits_a_page_and_nothing_overlaps(result):
-    figure = study_figure(result.table)
+    figure = study_figure(result.table, result.group_of)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     width, height = figure.get_size_inches() * 25.4
@@ -218,3 +220,67 @@ def test_without_pairs_there_is_nothing():
     assert layer_contrasts(pd.DataFrame()).empty
     one = pd.DataFrame([distance("D5", "media", "media", 5.0, 6.0, 7.0)])
     assert layer_contrasts(one).empty
+
+
+# --- groups compared ---
+
+
+def grouped(*values, donors=None):
+    """A specimen a value, in turn of group A and B."""
+    donors = donors or [f"D{i}" for i in range(len(values))]
+    cells = [
+        specimen(f"s{i}", donor, "", value, 0.1)
+        for i, (value, donor) in enumerate(zip(values, donors, strict=True))
+    ]
+    return rows(*cells).assign(disease=["AB"[i % 2] for i in range(len(values))])
+
+
+def test_groups_are_those_of_the_stated_column_and_their_means_are_compared():
+    (row,) = group_contrasts(grouped(8.0, 32.0, 12.0, 48.0, 10.0, 40.0), ["disease"]).to_dict(
+        "records"
+    )
+    assert (row["group_a"], row["group_b"], row["donors_a"], row["donors_b"]) == ("A", "B", 3, 3)
+    a, b = np.log([8.0, 12.0, 10.0]), np.log([32.0, 48.0, 40.0])
+    test = ttest_ind(b, a, equal_var=False).confidence_interval(0.9)
+    assert row["difference"] == pytest.approx(4.0) and row["direction"] == "larger"
+    found = row["difference_low"], row["difference_high"]
+    np.testing.assert_allclose(np.log(found), [test.low, test.high])
+
+
+def test_donors_of_both_groups_are_compared_with_themselves():
+    """Donors differ by a factor of 100, the groups within each by 2."""
+    values, donors = (1.0, 2.0, 100.0, 202.0, 10.0, 19.8), ["D1", "D1", "D2", "D2", "D3", "D3"]
+    (row,) = group_contrasts(grouped(*values, donors=donors), ["disease"]).to_dict("records")
+    assert row["paired"] and row["direction"] == "larger"
+    assert row["difference"] == pytest.approx(2.0, rel=0.01)
+    (alone,) = group_contrasts(grouped(*values), ["disease"]).to_dict("records")
+    assert not alone["paired"] and alone["direction"] == "open"
+
+
+def test_a_donor_counts_once():
+    donors = ["D1", "E1", "D1", "E1", "D1", "E2"]
+    (row,) = group_contrasts(grouped(1, 2, 1, 2, 1, 2, donors=donors), ["disease"]).to_dict(
+        "records"
+    )
+    assert (row["donors_a"], row["donors_b"]) == (1, 2) and not isinstance(row["direction"], str)
+
+
+def test_the_study_answers_at_the_top(tmp_path):
+    """Page and terminal say how the groups differ, what the law misses, and no file too many."""
+    table = grouped(8.0, 32.0, 12.0, 48.0, 10.0, 40.0).assign(law_misses="")
+    table.loc[5, "law_misses"] = "GOH misses the 1:1 protocol by 4 % of its peak"
+    other = table.assign(quantity="k1", verdict="not identified")
+    table = pd.concat([table, other]).reindex(columns=[*STUDY_COLUMNS, "disease"])
+    table["folder"] = table["reason"] = table["file"] = ""
+    table["q05"], table["q95"] = table["q50"] * 0.9, table["q50"] * 1.1
+    outcome = StudyResult("two groups", tmp_path, table, pd.DataFrame())
+    written = {path.name for path in write_study(outcome)}
+    page, terminal = (tmp_path / "study.html").read_text(), closing_message(outcome)
+    for said in (page.partition("<img")[0], terminal):
+        assert "B compared with A" in said.replace("<bdi>", "").replace("</bdi>", "")
+        assert "ratio 4" in said and "larger" in said
+        assert "Not identified in 2 donors of each group: k1." in said
+        assert "s5: GOH misses the 1:1 protocol" in said and "s4:" not in said
+    assert "study-group-contrasts.csv" in written and "study-distances.csv" not in written
+    for name in ("study-group-contrasts.csv", "study-distances.csv", "study-contrasts.csv"):
+        assert (name in page) == (name in written)

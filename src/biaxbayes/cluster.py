@@ -42,10 +42,13 @@ class Cluster(Executor):
     def __enter__(self) -> Self:
         client = self._connected()
         try:
-            _check_workers(client, self.address)
-        except BaseException:
+            client.wait_for_workers(1, timeout=WORKER_SECONDS)
+        except TimeoutError:
             client.close()
-            raise
+            raise InputError(
+                f"`scheduler` {self.address}: the cluster has no workers",
+                remedy=f"start some with 'dask worker {self.address} --nthreads 1'",
+            ) from None
         self._client = client
         return self
 
@@ -117,6 +120,11 @@ class Cluster(Executor):
 
         try:
             value, error = pickle.loads(future.result())
+        except (ModuleNotFoundError, AttributeError):
+            raise InputError(
+                "a worker of the cluster has no biaxbayes of this version",
+                remedy=f"install biaxbayes {biaxbayes.__version__} for all workers",
+            ) from None
         except KilledWorker:
             return Outcome(index, None, "the workers that had it died (out of memory, or killed)")
         except (CancelledError, OSError):
@@ -128,38 +136,22 @@ class Cluster(Executor):
         return Outcome(index, value)
 
 
-def _check_workers(client: Client, address: str) -> None:
-    """Refuse workers that would draw differently."""
-    try:
-        client.wait_for_workers(1, timeout=WORKER_SECONDS)
-    except TimeoutError:
-        raise InputError(
-            f"`scheduler` {address}: the cluster has no workers",
-            remedy=f"start some with 'dask worker {address} --nthreads 1'",
-        ) from None
-    here = package_versions()
-    for worker, there in client.run(package_versions, on_error="return").items():
-        if not isinstance(there, dict):
-            raise InputError(
-                f"the worker {worker} has no biaxbayes of this version",
-                remedy=f"install biaxbayes {here['biaxbayes']} for all workers",
-            )
-        if there != here:
-            raise _other_versions(f"the worker {worker}", there, here)
-
-
 def package_versions() -> dict[str, str]:
     """Versions on which the draws depend."""
     return {"biaxbayes": biaxbayes.__version__, **{name: version(name) for name in SAME_VERSIONS}}
 
 
-def _other_versions(who: str, there: dict[str, str], here: dict[str, str]) -> InputError:
-    others = [name for name in here if there[name] != here[name]]
-    return InputError(
-        f"{who} has {', '.join(f'{name} {there[name]}' for name in others)}, here is "
-        f"{', '.join(f'{name} {here[name]}' for name in others)}: the draws would differ",
-        remedy="install the same versions for all workers",
-    )
+def _check_versions(wanted: dict[str, str]) -> None:
+    """In a worker: refuse to draw differently."""
+    own = package_versions()
+    others = [name for name in wanted if own[name] != wanted[name]]
+    if others:
+        raise InputError(
+            f"a worker of the cluster has {', '.join(f'{name} {own[name]}' for name in others)}, "
+            f"here is {', '.join(f'{name} {wanted[name]}' for name in others)}: the draws would "
+            "differ",
+            remedy="install the same versions for all workers",
+        )
 
 
 _one_at_a_time = threading.Lock()
@@ -174,8 +166,7 @@ def _answer(work: bytes, versions: dict[str, str]) -> bytes:
     # xarray would otherwise take its file locks from the cluster
     plain = dask.config.set(scheduler="synchronous")
     try:
-        if package_versions() != versions:  # a worker that came later
-            raise _other_versions("a worker of the cluster", package_versions(), versions)
+        _check_versions(versions)
         with _one_at_a_time, plain:
             function, task = pickle.loads(work)
             reply = with_one_blas_thread(function, task), None

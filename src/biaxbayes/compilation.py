@@ -1,7 +1,8 @@
 """Compilation by numba, and the cache of compiled code.
 
-Numba notices a change of the file of a compiled function, but not of the files that it calls. The
-name of the cache folder therefore has a digest of all compiled sources.
+Numba notices a change of the file of a compiled function, but not of the files that it calls: an
+edited law would go on with the stress of before. The name of the cache folder therefore has a
+digest of all compiled sources.
 
 Functions that compiled code calls are inlined. Numba links calls by name: a process that has
 compiled a function for another caller, with other rounding, runs that code, and a process that
@@ -17,8 +18,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import logging
-import os
-import shutil
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -56,9 +55,7 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
 
 # --- the cache of compiled code -------------------------------------------------------------------
 
-COMPILED = ("laws/*.py", "mechanics/*.py", "model/*.py", "populations/*.py")
-FREE_BYTES = 100_000_000
-"""Least free space of the disk of the cache; all laws take some 20 MB."""
+COMPILED = ("laws/*.py", "mechanics/*.py", "model/*.py")
 
 
 def _cache_folder() -> Path | None:
@@ -72,13 +69,8 @@ def _cache_folder() -> Path | None:
     folder = Path(base) / f"biaxbayes-{digest.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if any(_damaged(path) for path in folder.rglob("*.nb[ic]")):
-            shutil.rmtree(folder)
-            folder.mkdir()
         with tempfile.TemporaryFile(dir=folder):
             pass
-        if shutil.disk_usage(folder).free < FREE_BYTES:
-            raise OSError("the disk is full")
     except OSError as error:
         logger.warning(
             "biaxbayes: compiled code cannot be cached in %s (%s), so every start takes longer; "
@@ -88,18 +80,6 @@ def _cache_folder() -> Path | None:
         )
         return None
     return folder
-
-
-def _damaged(path: Path) -> bool:
-    """True if a file of numba's cache is truncated: complete pickles end with a dot."""
-    try:
-        with path.open("rb") as file:
-            file.seek(-1, os.SEEK_END)
-            return file.read(1) != b"."
-    except FileNotFoundError:  # replaced by another process
-        return False
-    except OSError:  # empty
-        return True
 
 
 CACHE = _cache_folder()

@@ -8,6 +8,7 @@ its file in :mod:`biaxbayes.verbs`.
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 import numbers
@@ -17,8 +18,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self, TypeVar
 
+import numpy as np
+
 from biaxbayes.errors import InputError
-from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
+from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.tasks import usual_numpy_errors
 
@@ -42,6 +45,7 @@ class Option(NamedTuple):
     reason: str = ""  # why there is a minimum
     metavar: str | None = None
     flag: str = ""
+    read: Callable[[Any], Any] | None = None  # the value as it is kept; InputError for a bad one
 
     @property
     def allowed(self) -> str:
@@ -91,8 +95,10 @@ class Options:
     """A table of options that checks itself; its subclasses are frozen dataclasses."""
 
     def __post_init__(self) -> None:
-        for name in options_of(type(self)):
+        for name, option in options_of(type(self)).items():
             self.check(name, getattr(self, name))
+            if option.read is not None:
+                object.__setattr__(self, name, option.read(getattr(self, name)))
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Self:
@@ -117,7 +123,13 @@ class Options:
         if value is None and getattr(cls, name) is None:
             return
         problem = ""
-        if option.choices:
+        if option.read is not None:
+            try:
+                option.read(value)
+            except InputError as error:
+                file, problem = file or error.file, where + error.problem
+                raise InputError(problem, file=file, remedy=error.remedy) from None
+        elif option.choices:
             if not (isinstance(value, str) and value in option.choices):
                 allowed = ", ".join(option.choices)
                 problem = f"{name} must be one of {allowed}, not {str(value)[:40]!r}"
@@ -163,9 +175,45 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
         # In place of the entry ``**options`` of the docstring.
         doc = f"{inspect.getdoc(verb)}\n"
         verb.__doc__ = re.sub(r"(?m)^\*\*options.*\n( .*\n)*", lambda _: entries, doc).rstrip("\n")
-        return usual_numpy_errors(verb)
+        return for_users(verb)
 
     return with_signature
+
+
+KINDS: dict[str, tuple[tuple[type, ...], str]] = {
+    "bool": ((bool, np.bool_), "True or False"),
+    "str": ((str,), "a text"),
+    "PathLike": ((str, os.PathLike), "a path"),
+    "Path": ((str, os.PathLike), "a path"),
+    "Sequence": ((list, tuple, np.ndarray), "a list"),
+    "tuple": ((list, tuple, str), "a list"),
+    "Mapping": ((Mapping,), "a mapping"),
+}
+"""What arguments may be, by the names in annotations."""
+
+
+def for_users(verb: Verb) -> Verb:
+    """A function that users call: it refuses arguments that are not of the annotated kind."""
+    parameters = inspect.signature(verb).parameters
+    known: dict[str, list[tuple[tuple[type, ...], str]]] = {}
+    for name, p in parameters.items():
+        parts = set(re.sub(r"\[.*\]", "", str(p.annotation)).split(" | ")) - {"None"}
+        if parts <= KINDS.keys():
+            known[name] = [KINDS[part] for part in sorted(parts)]
+
+    @functools.wraps(verb)
+    def checked(*arguments: Any, **options: Any) -> Any:
+        given = dict(zip(parameters, arguments, strict=False)) | options
+        for name in known.keys() & given.keys():
+            kinds, value, p = known[name], given[name], parameters[name]
+            if value is None and (p.default is None or "None" in str(p.annotation)):
+                continue
+            if not any(isinstance(value, types) for types, _ in kinds):
+                allowed = " or ".join(words for _, words in kinds)
+                raise InputError(f"`{name}` must be {allowed}, not {type(value).__name__}")
+        return verb(*arguments, **options)
+
+    return usual_numpy_errors(checked)  # type: ignore[return-value]
 
 
 # --- choices of options -----------------------------------------------------------------
@@ -221,7 +269,12 @@ REPORTS = {"html": "report.html", "latex": "report.tex", "explore": "explore.htm
 class Settings(Options):
     """Options of the statistical model."""
 
-    law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
+    law: str = option(
+        DEFAULT_LAW,
+        f"The material law: {', '.join(LAWS)}, or a file with your own.",
+        metavar="NAME|FILE.py",
+        read=law_key,
+    )
     mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING_MODES)
     noise: str = option(
         MISFIT,
@@ -375,9 +428,12 @@ class FitOptions(Options):
     )
 
     def __post_init__(self) -> None:
-        for name in options_of(type(self)):
-            if not (name == "starts" and self.initial is not None and self.starts == 0):
-                self.check(name, getattr(self, name))
+        if self.starts == 0 and self.initial is not None:
+            object.__setattr__(self, "law", law_key(self.law))
+        else:
+            super().__post_init__()
+        if self.initial is not None and not hasattr(self.initial, "theta"):
+            raise InputError("`initial` must be a material, as biaxbayes.law(...) makes it")
 
 
 SEED_HELP = "Random seed; the same seed gives the same files."

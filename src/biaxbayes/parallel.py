@@ -144,7 +144,7 @@ class _Worker:
         chosen = multiprocessing.get_start_method(allow_none=True)
         with _signals_blocked():
             self._pid = self._pool.submit(os.getpid)
-        # Spawning fixes Python's default method; leave the choice to the calling program.
+        # Spawning fixes Python's default method; a caller that chooses one would get an error.
         multiprocessing.set_start_method(chosen, force=True)
 
     def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Any]:
@@ -170,7 +170,10 @@ class _Worker:
 
 @contextlib.contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Start processes that leave the signals of the terminal to this one."""
+    """Start processes that leave the signals of the terminal to this one.
+
+    Ctrl-C goes to all of them: the tasks that a stop waits for would end with tracebacks.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -183,7 +186,7 @@ def _signals_blocked() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """In a worker: end when the process that started it ends."""
+    """In a worker: end when the process that started it is killed, and do not compute on."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 

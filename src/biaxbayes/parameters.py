@@ -18,7 +18,7 @@ LOAD = "load"
 """Unit of a quantity that is in the unit of the file's loads, N or kPa."""
 DEGREE = "deg"
 
-_GREEK = {
+GREEK = {
     r"\alpha": "α",
     r"\kappa": "κ",
     r"\lambda": "λ",
@@ -106,7 +106,7 @@ class Parameter:
     def html(self) -> str:
         """The symbol in HTML; empty where there is none."""
         base, _, below = self.symbol.partition("_")
-        letter = _GREEK.get(base, base)
+        letter = GREEK.get(base, base)
         plain = below.removeprefix("{").removesuffix("}").replace(r"\mathrm{m}", "m")
         sub = f"<sub>{plain}</sub>" if plain else ""
         return f"<i>{letter}</i>{sub}" if letter else ""

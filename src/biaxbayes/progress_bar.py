@@ -27,6 +27,14 @@ class Progress:
 OnProgress = Callable[[Progress], None]
 
 
+def time_left(start: float, done: int, missing: int) -> str:
+    """Time that the missing tasks will take, as text; `start` as of time.monotonic()."""
+    left = (time.monotonic() - start) * missing / done if done else 0.0
+    if left < 1.0:
+        return ""
+    return f", about {f'{left:.0f} s' if left < 90.0 else f'{left / 60:.0f} min'} left"
+
+
 # --- how progress is shown: on a terminal, in a notebook, in a log file --------------------------
 
 

@@ -185,7 +185,7 @@ def calibrate(seed: int) -> dict[str, Any]:
     donor = [f"D{d}" for d in truths.donor]
     found = pool(runs, group, donor, int(rng.integers(2**31)), PRIORS)
     draws, true = hyper_draws(found), truths.named()
-    theta, _ = found.specimen_values(10**9)
+    theta = found.specimen_values(10**9)
     for k, v in enumerate(truths.values):
         draws[f"{v.name} of s0"], true[f"{v.name} of s0"] = theta[:, 0, k], truths.theta[0, k]
     hyper = found.hyper()

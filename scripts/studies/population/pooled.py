@@ -25,7 +25,7 @@ def pooled_study(kind: str, seed: int) -> dict[str, Any]:
     belong = [m.group for m in members], [m.donor for m in members]
     found = pool(runs, *belong, seed, max_steps=MOST_SWEEPS)
     hyper = found.hyper()
-    theta, _ = found.specimen_values(10**9)
+    theta = found.specimen_values(10**9)
     single = [on_scale(run.draws[list(PARAMETERS)].to_numpy()) for run in runs.values()]
     judged = found.sampled.convergence
     return {

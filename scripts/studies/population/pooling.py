@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations import sampler
-from biaxbayes.populations.model import Grouping, PopulationPriors, make_design, pooled_values
-from biaxbayes.populations.result import Population, assessed_quantities
-from biaxbayes.populations.specimens import Source, make_individual, pooled_names
+from biaxbayes.populations.model import Grouping, PopulationPriors, make_layout, pooled_values
+from biaxbayes.populations.result import Population, draw_sources
+from biaxbayes.populations.specimens import Source, pooled_names
+from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.specimen import Specimen
 
@@ -29,7 +29,7 @@ SINGLE: dict[str, Any] = {
 """Plan of a single specimen: that of a calibration study, and more draws."""
 POPULATION: dict[str, Any] = {
     **{"ess": 400.0, "max_steps": 6000, "first_block": 200},
-    **{"ensembles": 2, "chains": 16},
+    **{"ensembles": 2, "chains": 16, "run_ess": 1000.0},
 }
 """Plan of a population: fewer and smaller ensembles than ``biaxbayes population`` has."""
 
@@ -55,7 +55,7 @@ class HeldRun:
     @cached_property
     def draws(self) -> pd.DataFrame:
         """One row a draw."""
-        return pd.DataFrame({k: v.ravel() for k, v in self.chains.items()})
+        return draw_table(self.chains)
 
     @property
     def specimen(self) -> Specimen:
@@ -64,10 +64,7 @@ class HeldRun:
 
     def source(self, label: str) -> Source:
         """As ``Source.from_run`` makes it of a run's folder."""
-        law = self.posterior.law
-        medians = {n: float(self.draws[n].median()) for n in law.names}
-        constants = SamplingConstants(law.softening(medians), None)
-        return Source(label, self, self.posterior.replaced(sampling_constants=constants))  # type: ignore[arg-type]
+        return Source(label, self, self.posterior)  # type: ignore[arg-type]
 
 
 def sampled(specimen: Specimen, seed: int, **options: Any) -> HeldRun:
@@ -90,11 +87,9 @@ def pool(
     stated = priors or PopulationPriors()
     values = stated.apply_to(pooled_values(sources[0].posterior.law, pooled_names(sources)))
     asked = sampler.PopulationPlan(seed=seed, **(POPULATION | plan))
-    individuals = [make_individual(s, values, asked.ensembles) for s in sources]
-    design = make_design(individuals, grouping, values, PopulationOptions(), stated)
-    found = sampler.draw_population(
-        design, asked, lambda history: assessed_quantities(grouping, values, history)
-    )
+    layout = make_layout(grouping, values, PopulationOptions(), stated)
+    found = draw_sources(sources, grouping, values, layout, asked)
+    assert found is not None  # nothing stops it
     return Population(
-        "virtual", tuple(sources), grouping, tuple(values), design, found, seed, {}, []
+        "virtual", tuple(sources), grouping, tuple(values), layout, found, seed, {}, []
     )

@@ -5,7 +5,7 @@
 ``calibration``: studies whose truths are drawn from the model's own priors. ``ridge``: twelve
 media, nine with an equibiaxial test only; ``alike``: all twelve so. ``common-misfit`` and
 ``own-misfit``: media that the law misses smoothly, all in the same way or each in its own;
-``no-misfit``: the same media without it. ``docs/population-evidence.md`` quotes the tables.
+``no-misfit``: the same media without it. ``docs/population.md`` quotes the tables.
 """
 
 from __future__ import annotations

@@ -17,10 +17,9 @@ from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, safe_label
 from biaxbayes.cards.check import WrittenCard, relative_deviation
 from biaxbayes.cards.febio import MIXTURES
 from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
+from biaxbayes.prediction.draws import mounting_labels, protocol_mounting, with_free_sides
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_all, csv_text
@@ -105,7 +104,7 @@ def made_cards(
     records, files = [], {}
     for row in rows:
         draw = draws.iloc[[int(row)]]
-        states = _tested_states(draw, specimen)
+        states = _tested_states(draw, with_free_sides(draw, specimen, law))
         material = _exported(law, [float(draw.iloc[0][name]) for name in law.names], states)
         bulk_kPa = None
         if bulk_ratio is not None:
@@ -170,7 +169,8 @@ def _exported(law: Law, values: Sequence[float], states: np.ndarray) -> Exported
         return Exported(material, material, shear, (), {"switch_changes_stress_kPa": 0.0})
     written, changed = exportable(goh)
     X, Y = np.square(states.T)
-    smallest = float(fibre_strain(goh.constants, X, Y, 1.0 / (X * Y)).min())
+    Hx, Hy, Hz = goh.structure_tensor()
+    smallest = float((Hx * X + Hy * Y + Hz / (X * Y)).min()) - 1.0
     switch = (
         "Fibre switch: fibres carry no load at E < 0, neither in this program nor in the fit."
         if goh.fibre_switch

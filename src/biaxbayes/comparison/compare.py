@@ -50,6 +50,8 @@ def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
     for option, words in OPTIONS.items():
         values = {label: getattr(p.settings, option) for label, p in runs}
         if len(set(values.values())) > 1:
+            if option == "law":  # of which the setting may be the text of a file
+                values = {label: p.law.name for label, p in runs}
             notes.append(f"different options: {words} {_each(values)}")
     for name in {q.parameter.name: None for _, p in runs for q in p.quantities.assessed()}:
         priors = {label: _prior_text(p, name) for label, p in runs}

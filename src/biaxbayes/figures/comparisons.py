@@ -103,8 +103,11 @@ def _forest_rows(comparison: Comparison) -> list[ForestRow]:
         if any(d is not None for d in draws):
             identified = [d.get(name, False) for d in comparison.identified]
             rows.append(ForestRow(axis_text(known), draws, identified))
-    for derived in zip(*comparison.derived, strict=True):
-        first = derived[0]
+    by_key = [{q.key: q for q in derived} for derived in comparison.derived]
+    for key, first in by_key[0].items():
+        derived = [of_run[key] for of_run in by_key if key in of_run]
+        if len(derived) < len(by_key):
+            continue  # of one law alone
         if first.kind == STRESS and first.stretch != comparison.stretches[-1]:
             continue
         at = "" if first.stretch is None else f" at {first.stretch:.4g}"

@@ -141,6 +141,11 @@ def mounting_figure(
     style: Style = None,
 ) -> Figure:
     """Draw the mounting stretches, and the posterior of the mounting force with its reading."""
+    if specimen.test != "biaxial":
+        raise InputError(
+            "the mounting figure is that of a biaxial test, x against y",
+            remedy="draw the figure corner",
+        )
     if not mounting_labels(draws, specimen):
         raise InputError(
             "this run does not infer the mounting stretch",

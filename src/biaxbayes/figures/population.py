@@ -27,39 +27,40 @@ from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import Parameter, Quantity
 from biaxbayes.studies.groups import USABLE_VERDICTS
 
-# --- the specimens of a study, quantity by quantity, ordered by layer ----------------------------
+# --- the specimens of a study, quantity by quantity, ordered by group ----------------------------
 
 DERIVED_NAMES = ("Hx", "Hy", "stiffness_x at 1", "stiffness_y at 1")
 STUDY_ROW_MM, TALLEST_STUDY_MM = 4.2, 62.0
 STUDY_NOTE = "90 %; filled: identified or bounded; open: neither; cross: fixed"
 
 
-def study_figure(table: pd.DataFrame) -> Figure:
+def study_figure(table: pd.DataFrame, group_of: Mapping[str, str]) -> Figure:
     """Draw medians and 90 % intervals of every specimen; open symbols are not identified."""
+    table = table.assign(group=table["specimen"].map(group_of))
     drawn = table[np.isfinite(table["q50"].astype(float))]
-    layers = list(dict.fromkeys(table["layer"]))
-    specimens = table.drop_duplicates("specimen")[["specimen", "layer"]]
-    specimens = specimens.sort_values("layer", key=lambda c: c.map(layers.index), kind="stable")
+    groups = list(dict.fromkeys(table["group"]))
+    specimens = table.drop_duplicates("specimen")[["specimen", "group"]]
+    specimens = specimens.sort_values("group", key=lambda c: c.map(groups.index), kind="stable")
     assessed = [q.name for q in known_or_default(None).assessed()]
     names = [n for n in (*assessed, *DERIVED_NAMES) if (drawn["quantity"] == n).any()]
     row_mm = min(STUDY_ROW_MM, TALLEST_STUDY_MM / max(len(specimens), 1))
     if row_mm >= MIN_LABEL_MM:
         rows = {float(i): str(name) for i, name in enumerate(specimens["specimen"])}
-    else:  # the layers, where specimens lie too close
-        layer = specimens["layer"].reset_index(drop=True)
-        rows = {float(np.mean(part.index)): k or "no layer" for k, part in layer.groupby(layer)}
+    else:  # the groups, where specimens lie too close
+        group = specimens["group"].reset_index(drop=True)
+        rows = {float(np.mean(part.index)): k or "no group" for k, part in group.groupby(group)}
     labels = [plain(name, LABEL_LENGTH) for name in rows.values()]
     with print_style():
         tall = row_mm * len(specimens)
         figure, axes = row_panels(len(names), tall, list(rows), labels, STUDY_NOTE)
         for ax, name in zip(axes, names, strict=True):
             part = drawn[drawn["quantity"] == name].set_index("specimen")
-            _draw_specimens(ax, part, quantity(name), specimens, layers)
-        shown = [k for k, layer in enumerate(layers) if (drawn["layer"] == layer).any()]
+            _draw_specimens(ax, part, quantity(name), specimens, groups)
+        shown = [k for k, group in enumerate(groups) if (drawn["group"] == group).any()]
         if len(shown) > 1:
             handles = []
             for k in shown:
-                (hue, marker), label = group_look(k), plain(layers[k] or "no layer", LABEL_LENGTH)
+                (hue, marker), label = group_look(k), plain(groups[k] or "no group", LABEL_LENGTH)
                 look: dict[str, Any] = {"color": hue, "marker": marker, "ms": 3.4}
                 handles.append(Line2D([], [], linewidth=1.0, label=label, **look))
             figure.legend(handles=handles, loc="outside lower left", ncols=min(len(shown), 6))
@@ -67,10 +68,10 @@ def study_figure(table: pd.DataFrame) -> Figure:
 
 
 def _draw_specimens(
-    ax: Axes, part: pd.DataFrame, q: AxisText, specimens: pd.DataFrame, layers: list[str]
+    ax: Axes, part: pd.DataFrame, q: AxisText, specimens: pd.DataFrame, groups: list[str]
 ) -> None:
     axis = axis_span(q, part[["q05", "q50", "q95"]].to_numpy(dtype=float).ravel())
-    for i, (name, layer) in enumerate(specimens.itertuples(index=False)):
+    for i, (name, group) in enumerate(specimens.itertuples(index=False)):
         if name not in part.index:
             continue
         record = part.loc[name]
@@ -78,7 +79,7 @@ def _draw_specimens(
             ax.plot(record["q50"], i, "x", color="0.35", ms=3.4, mew=0.8)
             continue
         identified = record["state"] == "converged" and record["verdict"] in USABLE_VERDICTS
-        hue, marker = group_look(layers.index(layer))
+        hue, marker = group_look(groups.index(group))
         interval = np.clip([record["q05"], record["q95"]], axis.low, axis.high)
         ax.plot(interval, [i, i], color=hue, linewidth=1.0)
         look: dict[str, Any] = {"color": hue, "ms": 3.4, "mew": 0.8, "clip_on": False}
@@ -96,10 +97,11 @@ ALONE = "0.62"
 NOTE = "grey: alone; coloured: pooled; diamond: group's median; thin: a new specimen; 90 %"
 PAIRS = "new specimens: filled 50 %, outline 90 %; points: tested specimens, pooled"
 BAND_NOTE = (
-    "band: 90 % of new specimens, up to ten times the median; thin lines: equibiaxial records"
+    "band: 90 % of new specimens, to the stretch that every specimen reached; thin lines: "
+    "equibiaxial records"
 )
 HIGHEST = 10.0
-"""Times the largest median at which the axis of a band ends."""
+"""Times the largest median at which a band that is higher than the records is cut."""
 
 
 def forest_figure(
@@ -186,7 +188,8 @@ def band_figure(
     groups = list(bands["group"].unique())
     with print_style():
         figure = blank_figure(PAGE_MM, 48.0 * len(groups) + 6.0)
-        axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True)
+        highest = max((float(stress.max()) for _, _, stress in records), default=0.0)
+        axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True, sharey=True)
         for (k, axis), ax in np.ndenumerate(axes):
             part, (hue, _) = bands[bands["group"] == groups[k]], group_look(k)
             stretch = part["total_stretch"]
@@ -196,11 +199,12 @@ def band_figure(
             for group, measured, stress in records:
                 if group == groups[k]:
                     ax.plot(measured[:, axis], stress[:, axis], color="0.25", linewidth=0.5)
-            ax.set_xlim(stretch.min(), stretch.max())
-            ax.set_ylim(0.0, min(ax.get_ylim()[1], HIGHEST * median.max()))
+            highest = max(highest, min(high.max(), HIGHEST * median.max()))
             limit_ticks(ax.xaxis)
             limit_ticks(ax.yaxis)
             ax.set_title(f"{plain(groups[k], LABEL_LENGTH)}, {plain(directions[axis], 20)}")
+        axes[0, 0].set_xlim(left=bands["total_stretch"].min())
+        axes[0, 0].set_ylim(0.0, 1.05 * highest)
         for ax in axes[-1]:
             ax.set_xlabel("total equibiaxial stretch")
         figure.supylabel("Cauchy stress (kPa)")

@@ -85,9 +85,11 @@ def axis_span(q: AxisText, *values: np.ndarray, include: tuple[float, ...] = ())
 def corner_columns(
     draws: pd.DataFrame, known: Quantities | None = None
 ) -> dict[str, tuple[AxisText, np.ndarray]]:
-    """Parameters and mounting stretches (the mean over several mounted states) that vary."""
+    """Parameters, and mounting stretches of the first piece (the mean over several), that vary."""
     out: dict[str, tuple[AxisText, np.ndarray]] = {}
-    judged = known_or_default(known).of_kind(MATERIAL, STRETCH)
+    chosen = known_or_default(known)
+    first = ("", *chosen.pieces[0].states)
+    judged = [q for q in chosen.of_kind(MATERIAL, STRETCH) if q.state in first]
     for p in dict.fromkeys(q.parameter for q in judged):
         states = [q.name for q in judged if q.parameter == p and q.name in draws]
         if not states:

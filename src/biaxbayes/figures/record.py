@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 POINTS = 4_000
 """Rows of a protocol, or of a reason, that are drawn."""
+LETTERS = 75
+"""Letters that fit above the record."""
 NAMED = 12
 """Protocols and reasons that the legend names."""
 GREYS = ("x", "+", "1", "|", "d", "2", "*", "3")
@@ -84,8 +86,12 @@ def _figure(rows: Rows, stress_pair: str) -> Figure:
         for ax, curves, label in zip(axes, (rows.stretch, rows.load), labels, strict=True):
             _draw(ax, curves, rows)
             ax.set_ylabel(label)
-        for name, first in rows.parts.items():
-            axes[0].annotate(plain(name, 30), (first + 1, 1.0), xycoords=("data", "axes fraction"))
+        ends = [*rows.parts.values(), len(rows.stretch)][1:]
+        for (name, first), end in zip(rows.parts.items(), ends, strict=True):
+            letters = int(LETTERS * (end - first) / len(rows.stretch))
+            if letters > 3:
+                place = (first + 1, 1.0)
+                axes[0].annotate(plain(name, letters), place, xycoords=("data", "axes fraction"))
         axes[1].set_xlabel("row" if rows.lines is None else "line of the file")
         figure.legend(handles=_handles(rows), loc="outside upper center", ncols=3)
     return figure
@@ -98,7 +104,7 @@ def _draw(ax: Axes, curves: np.ndarray, rows: Rows) -> None:
         for look, group in ((GREYS, rows.left), (marker, rows.kept)):
             _draw_groups(ax, x, curve, group, look, face)
         reference = np.array(rows.reference, dtype=int)
-        ax.plot(x[reference], curve[reference], "+", color="black", ms=6.0, mew=0.8, zorder=3)
+        ax.plot(x[reference], curve[reference], "+", color="black", ms=4.5, mew=0.6, zorder=3)
     for first in rows.parts.values():
         ax.axvline(first + 0.5, color="0.75", linewidth=0.5, zorder=0)
     ax.margins(x=0.01)
@@ -130,10 +136,12 @@ def _handles(rows: Rows) -> list[Line2D]:
         Line2D([], [], ls="", marker="+", color="black", ms=6.0, label="reference (at rest)"),
     ]
     for k, (name, at) in enumerate(list(rows.kept.items())[:NAMED]):
-        label = f"{plain(name, 24)}: {at.size} rows"
+        label = f"{plain(name, 34)}: {at.size} rows"
         handles.append(Line2D([], [], ls="", marker="o", color=colour(k), ms=3.0, label=label))
+    if len(rows.kept) > NAMED:
+        handles.append(Line2D([], [], ls="", label=f"and {len(rows.kept) - NAMED} more"))
     for k, (reason, at) in enumerate(list(rows.left.items())[:NAMED]):
-        label = f"left out, {plain(reason, 34)}: {at.size}"
+        label = f"left out, {plain(reason, 40)}: {at.size}"
         marker = GREYS[k % len(GREYS)]
         handles.append(Line2D([], [], ls="", marker=marker, color="0.6", ms=3.5, label=label))
     return handles

@@ -14,7 +14,7 @@ import numpy as np
 
 from biaxbayes.fitting.constrained import FitSetup, minimum
 from biaxbayes.fitting.residuals import has_smooth_misfit
-from biaxbayes.laws import DEFAULT_LAW
+from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.options import FitOptions
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen import Specimen
@@ -61,7 +61,7 @@ def fit_law(
     problem, descent = minimum(setup, points, compiled=False, **LAW_FIT_LIMITS)
     fitted = setup.constrained_result(problem, descent)
     return LawFit(
-        law,
+        law_named(law).name,
         fitted.rms,
         fitted.rmse_kPa,
         fitted.mounting_stretch,

@@ -228,11 +228,12 @@ class LoadResiduals:
         scale = np.broadcast_to(self.scale, len(data.pieces))[piece]
         scale = scale * (1.0 if self.quantity == "cauchy" else data.load_scale)
         residual, by_point = rows.load - data.load, rows.by_fit_coordinate
-        by_lm = rows.by_log_mounting
+        by_lm, by_log_stiffness = rows.by_log_mounting, rows.load
         if self.quantity == "cauchy":
             # s - f l lm / A0 (unloaded), s - f l / Am (mounted)
             residual, by_point = residual / rows.per_stress, by_point / rows.per_stress[:, None]
             by_lm = by_lm / rows.per_stress[:, None]
+            by_log_stiffness = data.load / rows.per_stress
             unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[piece]
             by_lm[0, 0] += unloaded * residual[0]
             by_lm[1, 1] += unloaded * residual[1]
@@ -242,7 +243,7 @@ class LoadResiduals:
         member = data.group[:, None] == np.arange(lm.shape[1])
         by_all = (by_lm / scale[:, None]).transpose(0, 2, 1)[..., None] * member[:, None, :]
         own = piece[:, None] == np.arange(len(data.pieces))
-        by_stiffness = (rows.load / scale)[..., None] * own
+        by_stiffness = (by_log_stiffness / scale)[..., None] * own
         return (
             (residual / scale).ravel(),
             by_point,

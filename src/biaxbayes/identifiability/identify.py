@@ -81,7 +81,7 @@ class Identifiability:
     @cached_property
     def reported(self) -> tuple[Reported, ...]:
         """Rows of the inferred parameters."""
-        takes_away = self.better_law
+        takes_away = self.better_law.partition(" than ")[0]  # "fung describes the record better"
         if self.contradicted_priors:
             takes_away = (
                 f"the prior of {listed(list(self.contradicted_priors))} contradicts the data"

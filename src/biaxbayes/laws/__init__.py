@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from biaxbayes.errors import InputError
@@ -30,23 +31,52 @@ LAWS = {
 """Module and class of each law, by its name."""
 
 
+def law_key(law: object, folder: Path | None = None) -> str:
+    """What a run keeps of its law: a name of :data:`LAWS`, or the text of a user's file.
+
+    A file is given by its path, ``my_law.py``, relative to ``folder``.
+    """
+    given = str(law)
+    if "\n" not in given and given.endswith(".py"):
+        from biaxbayes.laws.law_file import read_law
+
+        given = read_law((folder or Path()) / given)
+    law_named(given)
+    return given
+
+
 def law_named(name: str, *, fibre_switch: bool = False) -> Law:
-    """A law by its name; InputError for an unknown one, or a switch that the law does not have."""
+    """A law by its name, or by the file of a user's own: its path or text.
+
+    InputError for an unknown one, and for a switch that the law does not have.
+    """
+    known = _law_class(name)
+    if fibre_switch and not known.has_switch:
+        switched = [n for n in LAWS if _law_class(n).has_switch]
+        raise InputError(
+            f"the law {known.name} leaves no choice of what its fibres do in compression",
+            remedy=f"`fibre_switch` belongs to {' and '.join(switched)}",
+        )
+    return known(fibre_switch)
+
+
+def _law_class(name: str) -> type[Law]:
+    if "\n" in name:
+        from biaxbayes.laws.law_file import law_from_text
+
+        return law_from_text(name)
+    if name.endswith(".py"):
+        return _law_class(law_key(name))
     if name not in LAWS:
         near = get_close_matches(str(name), LAWS, 1)
         meant = f"did you mean {near[0]}? " if near else ""
         raise InputError(
-            f"unknown law {str(name)[:40]!r}", remedy=f"{meant}laws are {', '.join(LAWS)}"
+            f"unknown law {str(name)[:40]!r}",
+            remedy=f"{meant}laws are {', '.join(LAWS)}, or give a file with your own, my_law.py",
         )
     module, kind = LAWS[name]
     known: type[Law] = getattr(import_module(module), kind)
-    if fibre_switch and not known.has_switch:
-        switched = [n for n, (m, k) in LAWS.items() if getattr(import_module(m), k).has_switch]
-        raise InputError(
-            f"the law {name} leaves no choice of what its fibres do in compression",
-            remedy=f"`fibre_switch` belongs to {' and '.join(switched)}",
-        )
-    return known(fibre_switch)
+    return known
 
 
 def all_parameters() -> tuple[Parameter, ...]:
@@ -64,7 +94,7 @@ def material(name: str, *, fibre_switch: bool = False, **values: float) -> Check
     Parameters
     ----------
     name : str
-        ``goh``, ``fung``, ...; :data:`LAWS` has all.
+        ``goh``, ``fung``, ...; :data:`LAWS` has all. Or the file of your own law, ``my_law.py``.
     fibre_switch : bool
         Fibres carry no compression, for laws that leave it open.
     **values : float

@@ -1,11 +1,20 @@
-r"""Sampling coordinates that laws share: exponents and stresses at a reference state.
+r"""Sampling coordinates: exponents and stresses at a reference state.
 
-Data determine the exponent q = k2 F and the stress S = k1 G exp(q) of a term at the largest stretch
-far better than k1 and k2. F and G are what the law makes of one fixed reference stretch.
+Data determine the exponent q of an exponential and the stress S of a term at the largest stretch
+far better than their parameters. Both follow from the law, for each of its ``exponents`` k and
+``amplitudes`` c, at one fixed reference stretch l* per specimen:
 
-Most laws sample ln S and ln q. Where several terms of a law can stand in for one another, their
-stresses add up to that of the data, which is straight in S and bent in ln S, while priors are wide
-in ln S down to S = 0. Roots lie between the two, and what is uneven in S or in ln S is even in u:
+    q_k = k q*(k = 1, other exponents 0)
+    S_c = c (s_x* + s_y*)(c = 1, other amplitudes 0) / 2
+
+Most laws sample ln q and ln S. Of two parameters of one exponential (k, then k'), ln(q_k + q_k')
+and ln(q_k' / q_k) are sampled. A parameter b that others bound, b^2 < b_x b_y, is sampled as
+rho = b / sqrt(b_x b_y); the angle and the dispersion of fibres are in :mod:`biaxbayes.laws.chart`.
+All others, and those that are fixed, are coordinates themselves.
+
+Where several terms of a law can stand in for one another, their stresses add up to that of the
+data, which is straight in S and bent in ln S, while priors are wide in ln S down to S = 0. Roots
+lie between the two, and what is uneven in S or in ln S is even in u:
 
     S = s L(u)^2,    L(u) = ln(1 + exp(u))
 
@@ -16,10 +25,13 @@ follow. Exponents are sampled in the same way, as q = r L(v)^2.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from biaxbayes.compilation import inlined
+from biaxbayes.laws.chart import angles_from_chart, chart_from_angles
+from biaxbayes.laws.materials import cauchy_stress, constants_at, exponents
 
 _STRESS_SHARE, _EXPONENT = 0.01, 0.1
 """s over the largest stress of a specimen, and r; tuned on an aorta under five protocols."""
@@ -29,40 +41,107 @@ ROOT_WIDTH = 1.0
 _LOG_2 = math.log(2.0)
 
 
-@inlined
-def log_fibre_strain(alpha, X, Y):
-    """Ln E of fibres at +-alpha (radians) at squared stretches, E = X cos^2 + Y sin^2 - 1."""
-    cos2 = np.cos(alpha) ** 2
-    return np.log(cos2 * X + (1.0 - cos2) * Y - 1.0)
+class Transform(NamedTuple):
+    """What the sampling coordinates of a run depend on; arrays have one entry per parameter.
 
+    Attributes
+    ----------
+    constants : NamedTuple
+        Of the law; only their type matters, which picks its energy.
+    low, high : ndarray
+        Bounds of the coordinates.
+    logarithmic : bool ndarray
+        Parameters whose slots are logs.
+    exponential : int64 ndarray
+        Which exponential of the law it is an exponent of, or -1.
+    first : int64 ndarray
+        The exponent that it shares an exponential with, where both are sampled, or -1.
+    amplitude, sampled : bool ndarray
+        Whether it is an amplitude; whether q or S is sampled in its place.
+    bound : int64 ndarray, shape (3,)
+        The parameter that two others bound, and these; -1 without one.
+    as_share : bool
+        Whether rho is sampled in its place.
+    alpha, kappa : int
+        The angle and the dispersion that are sampled in their chart; -1 without.
+    softening : float
+        Of the chart.
+    roots : bool
+        Whether roots are sampled in place of logs.
+    log_scale : float
+        ln s, s in kPa.
+    X, Y, Z : float
+        Squares of the reference stretch.
+    """
 
-# --- logs ----------------------------------------------------------------------------------------
-
-
-@inlined
-def from_log_stress(value, k1, k2, k1_sampled, k2_sampled, log_F, log_G):
-    """Replace ln S and ln q in ``value``, at the places k1 and k2, by ln k1 and ln k2."""
-    if k2_sampled > 0.0:
-        value[k2] -= log_F  # ln k2 = ln q - ln F
-    if k1_sampled > 0.0:
-        value[k1] -= np.exp(value[k2] + log_F) + log_G  # ln k1 = ln S - q - ln G
-
-
-def to_log_stress(out, k1, k2, k1_sampled, k2_sampled, log_F, log_G):
-    """Replace ln k1 and ln k2 in ``out``, by the names k1 and k2, by ln S and ln q."""
-    log_q = out[k2] + log_F
-    if k1_sampled > 0.0:
-        out[k1] = out[k1] + np.exp(log_q) + log_G
-    if k2_sampled > 0.0:
-        out[k2] = log_q
-
-
-# --- roots with a logarithmic tail ---------------------------------------------------------------
+    constants: Any
+    low: np.ndarray
+    high: np.ndarray
+    logarithmic: np.ndarray
+    exponential: np.ndarray
+    first: np.ndarray
+    amplitude: np.ndarray
+    sampled: np.ndarray
+    bound: np.ndarray
+    as_share: bool
+    alpha: int
+    kappa: int
+    softening: float
+    roots: bool
+    log_scale: float
+    X: float
+    Y: float
+    Z: float
 
 
 def log_stress_scale(peak_kPa: float) -> float:
     """Log of s (kPa) of a specimen, by its largest stress."""
     return math.log(_STRESS_SHARE * peak_kPa)
+
+
+# --- the reference state: slots are (p,) in compiled code, (p, n) in NumPy -----------------------
+
+
+@inlined
+def constants_from_theta(transform, theta):
+    """Constants of the law at theta: parameters without logs, angles in radians."""
+    return constants_at(transform.constants, theta)
+
+
+@inlined
+def _theta(transform, slots):
+    theta = np.empty_like(slots)
+    for i in range(transform.low.size):
+        theta[i] = np.exp(slots[i]) if transform.logarithmic[i] else slots[i]
+    return theta
+
+
+@inlined
+def log_exponent(transform, slots, k):
+    """Ln of q* at k = 1, with no other exponent."""
+    theta = _theta(transform, slots)
+    for i in range(transform.low.size):
+        if transform.exponential[i] >= 0 or i == transform.bound[0]:
+            theta[i] = 0.0
+    theta[k] = 1.0
+    at_reference = constants_from_theta(transform, theta), transform.X, transform.Y, transform.Z
+    return np.log(exponents(*at_reference)[transform.exponential[k]])
+
+
+@inlined
+def log_stress(transform, slots, c):
+    """Ln of (s_x* + s_y*) / 2 at c = 1, with no other amplitude."""
+    theta = _theta(transform, slots)
+    for i in range(transform.low.size):
+        if transform.amplitude[i]:
+            theta[i] = 0.0
+    theta[c] = 1.0
+    at_reference = constants_from_theta(transform, theta), transform.X, transform.Y, transform.Z
+    sx, sy = cauchy_stress(*at_reference)
+    return np.log(0.5 * (sx + sy))
+
+
+# --- roots with a logarithmic tail ---------------------------------------------------------------
 
 
 @inlined
@@ -81,33 +160,70 @@ def root(log_squared: np.ndarray) -> np.ndarray:
     return L + np.log(-np.expm1(-L))
 
 
-@inlined
-def from_root_exponent(value, k, sampled, log_F):
-    """Replace the root of q = k F in ``value`` by ln k; the log Jacobian."""
-    if not sampled > 0.0:
-        return 0.0
-    log_q, log_slope = log_square(value[k])
-    value[k] = LOG_EXPONENT + log_q - log_F  # ln k = ln q - ln F
-    return log_slope
-
-
-def to_root_exponent(out, k, sampled, log_F):
-    """Replace ln k in ``out`` by the root of q = k F."""
-    if sampled > 0.0:
-        out[k] = root(out[k] + log_F - LOG_EXPONENT)
+# --- both directions -----------------------------------------------------------------------------
 
 
 @inlined
-def from_root_stress(value, k, sampled, log_scale, q, log_G):
-    """Replace the root of S = k G exp(q) in ``value`` by ln k; the log Jacobian."""
-    if not sampled > 0.0:
-        return 0.0
-    log_S, log_slope = log_square(value[k])
-    value[k] = log_scale + log_S - q - log_G  # ln k = ln S - q - ln G
-    return log_slope
+def to_slots(transform, value):
+    """Turn sampling coordinates, the first entries of ``value``, into slots in place.
+
+    Slots are logs of positive parameters, angles in radians, and the others as they are. Returns
+    ln |d slots / d sampling coordinates|, -inf outside the law's range.
+    """
+    t, size = transform, transform.low.size
+    for i in range(size):
+        if not t.low[i] <= value[i] <= t.high[i]:
+            return -np.inf
+    log_jacobian = 0.0
+    if t.alpha >= 0:
+        alpha, kappa, log_jacobian = angles_from_chart(value[t.alpha], value[t.kappa], t.softening)
+        value[t.alpha], value[t.kappa] = alpha, kappa
+    for k in range(size):  # ln q in place of exponents
+        if t.exponential[k] >= 0 and t.sampled[k]:
+            if t.roots:
+                log_q, log_slope = log_square(value[k])
+                value[k], log_jacobian = LOG_EXPONENT + log_q, log_jacobian + log_slope
+            if t.first[k] >= 0:
+                # ln q = ln(q + q') - ln(1 + q' / q)
+                value[t.first[k]] -= np.log1p(np.exp(value[k]))
+                value[k] += value[t.first[k]]
+    for k in range(size):
+        if t.exponential[k] >= 0 and t.sampled[k]:
+            value[k] -= log_exponent(t, value, k)
+    b, first, second = t.bound
+    if b >= 0:
+        # b = rho sqrt(b_x b_y);  |d b / d rho| = sqrt(b_x b_y)
+        log_most = 0.5 * (value[first] + value[second])
+        if t.as_share:
+            value[b] *= np.exp(log_most)
+            log_jacobian += log_most
+        elif not abs(value[b]) < np.exp(log_most):
+            return -np.inf
+    for c in range(size):
+        if t.amplitude[c] and t.sampled[c]:
+            if t.roots:
+                log_S, log_slope = log_square(value[c])
+                value[c], log_jacobian = t.log_scale + log_S, log_jacobian + log_slope
+            value[c] -= log_stress(t, value, c)
+    return log_jacobian
 
 
-def to_root_stress(out, k, sampled, log_scale, q, log_G):
-    """Replace ln k in ``out`` by the root of S = k G exp(q)."""
-    if sampled > 0.0:
-        out[k] = root(out[k] + q + log_G - log_scale)
+def from_slots(transform: Transform, slots: np.ndarray) -> np.ndarray:
+    """Sampling coordinates at slots, both (p, n); inverse of :func:`to_slots`."""
+    t, out = transform, slots.copy()
+    for k in np.flatnonzero((t.exponential >= 0) & t.sampled):
+        log_q = slots[k] + log_exponent(t, slots, k)
+        out[k] = root(log_q - LOG_EXPONENT) if t.roots else log_q
+    for k in np.flatnonzero(t.first >= 0):
+        log_q, log_other = out[t.first[k]], out[k]
+        out[t.first[k]], out[k] = np.logaddexp(log_q, log_other), log_other - log_q
+    if t.as_share:
+        b, first, second = t.bound
+        out[b] = slots[b] * np.exp(-0.5 * (slots[first] + slots[second]))
+    for c in np.flatnonzero(t.amplitude & t.sampled):
+        log_S = slots[c] + log_stress(t, slots, c)
+        out[c] = root(log_S - t.log_scale) if t.roots else log_S
+    if t.alpha >= 0:
+        alpha, kappa = slots[t.alpha], slots[t.kappa]
+        out[t.alpha], out[t.kappa] = chart_from_angles(alpha, kappa, t.softening)
+    return out

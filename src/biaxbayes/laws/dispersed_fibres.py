@@ -1,23 +1,8 @@
-r"""Dispersed fibres: the generalised structure tensor, and the chart that it is sampled in.
+"""Dispersed fibres: the generalised structure tensor, and what laws with such fibres share.
 
 Two symmetric families lie at +alpha and -alpha from x, dispersed by kappa. An axis-aligned test
 sees the diagonal (Hx, Hy, Hz) of their structure tensor alone (Gasser, Ogden, Holzapfel, J. R. Soc.
-Interface 3 (2006) 15), in which both families have the strain E = Hx X + Hy Y + Hz Z - 1 at
-squared stretches X, Y, Z.
-
-The chart is (d, v). Data determine d = ln(Hx / Hy). v stands for h = (1 - 3 kappa) sin 2 alpha,
-twice the in-plane shear component of each family's structure tensor: what an axis-aligned test does
-not see. With R = 1 - 3 kappa and D = Hx - Hy = R cos 2 alpha, the pair (D, h) are Cartesian
-coordinates of the polar pair (R, 2 alpha). At a given d, h runs from 0, where alpha is 0 or 90
-degrees, to h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
-
-    v = asinh(h / s) / asinh(h_max / s)
-
-runs from 0 to 1. The density is regular on both edges, and both are straight in v, which the
-independence move folds its proposals at. The softening s, a constant of the specimen near its
-|D|, makes the density 1/R of the polar coordinates flat in v, however close to isotropy (R = 0) the
-tissue is. One chart thus serves every specimen; (alpha, kappa) themselves are used where one of
-the two is fixed.
+Interface 3 (2006) 15). Angle and dispersion are sampled in :mod:`biaxbayes.laws.chart`.
 """
 
 from __future__ import annotations
@@ -28,24 +13,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from biaxbayes.compilation import inlined
 from biaxbayes.errors import InputError
+from biaxbayes.laws.chart import median_softening
+from biaxbayes.laws.coordinates import Transform
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.materials import MaterialResponse, exponential_energy
+from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.parameters import Parameter, fibre_angle, positive_parameter
 
-DEFAULT_SOFTENING = 0.3
 
-
-@inlined
-def structure_tensor(alpha, kappa):
-    """Diagonal (Hx, Hy, Hz) of the generalised structure tensor; ``alpha`` in radians."""
-    return structure_tensor_from_cos2(np.cos(alpha) ** 2, kappa)
-
-
-@inlined
-def structure_tensor_from_cos2(cos2, kappa):
-    """Diagonal (Hx, Hy, Hz) from cos^2 of the angle."""
+def structure_tensor(cos2: Any, kappa: Any) -> tuple[Any, Any, Any]:
+    """Diagonal (Hx, Hy, Hz) of the generalised structure tensor, from cos^2 of the angle."""
     # Hx = kappa + (1 - 3 kappa) cos^2 alpha,  Hy = kappa + (1 - 3 kappa) sin^2 alpha,  Hz = kappa
     return kappa + (1.0 - 3.0 * kappa) * cos2, kappa + (1.0 - 3.0 * kappa) * (1.0 - cos2), kappa
 
@@ -95,82 +72,6 @@ def dispersion_as_goh(kappa_ip: float, kappa_op: float, alpha_deg: float) -> tup
     return math.degrees(math.acos(math.sqrt(min(max(cos2, 0.0), 1.0)))), Hz
 
 
-@inlined
-def fibre_strain(constants, X, Y, Z):
-    """Green-like strain E of the dispersed fibre families."""
-    # E = Hx X + Hy Y + Hz Z - 1
-    return constants.Hx * X + constants.Hy * Y + constants.Hz * Z - 1.0
-
-
-@inlined
-def _active(constants, E):
-    """1 where the fibres carry load, 0 in compression with the switch."""
-    return 1.0 - constants.switch * (E.real < 0.0)
-
-
-@inlined
-def fibre_slope(constants, E):
-    """Give dW/dE of W = (k1 / k2) (exp(k2 E^2) - 1)."""
-    # dW/dE = 2 k1 E exp(k2 E^2)
-    return 2.0 * constants.k1 * E * np.exp(constants.k2 * E * E) * _active(constants, E)
-
-
-def fibre_energy(constants, E):
-    """W = (k1 / k2) (exp(k2 E^2) - 1); not compiled."""
-    return constants.k1 * exponential_energy(constants.k2, E * E) * _active(constants, E)
-
-
-@inlined
-def angles_from_chart(d, v, softening):
-    """(alpha, kappa, ln |d(alpha, kappa)/d(d, v)|); ``alpha`` in radians."""
-    t = 1.0 / (1.0 + np.exp(-d))
-    tt = 1.0 / ((1.0 + np.exp(-d)) * (1.0 + np.exp(d)))  # t (1 - t), without cancellation
-    h_max = 2.0 * np.sqrt(tt)
-    span = np.arcsinh(h_max / softening)
-    h = softening * np.sinh(v * span)
-    # D = Hx - Hy = g (2 + R) with g = (2 t - 1) / 3, since Hx + Hy = 1 - kappa = (2 + R) / 3
-    g = (2.0 * t - 1.0) / 3.0
-    g2 = g * g
-    # R^2 = D^2 + h^2:  (1 - g^2) R^2 - 4 g^2 R - 4 g^2 - h^2 = 0
-    R = (2.0 * g2 + np.sqrt(4.0 * g2 * g2 + (1.0 - g2) * (4.0 * g2 + h * h))) / (1.0 - g2)
-    R = min(R, 1.0)
-    D = g * (2.0 + R)
-    # d kappa d alpha = dD dh / (6 R);  dD/dd = (2 + R) R / (R - g D) * (2/3) t (1 - t) at fixed h
-    # dh/dv = span sqrt(h^2 + s^2) at fixed d
-    slope = span * np.sqrt(h * h + softening * softening)
-    log_jacobian = np.log((2.0 + R) * tt * slope / (9.0 * (R - g * D)))
-    return 0.5 * np.arctan2(h, D), (1.0 - R) / 3.0, log_jacobian
-
-
-def chart_from_angles(alpha, kappa, softening):
-    """(d, v) from the angle (radians) and the dispersion; arrays broadcast."""
-    R = 1.0 - 3.0 * kappa
-    D = R * np.cos(2.0 * alpha)
-    # Hx / Hy = (1 - kappa + D) / (1 - kappa - D)
-    d = np.log((1.0 - kappa + D) / (1.0 - kappa - D))
-    h = R * np.sin(2.0 * alpha)
-    h_max = 1.0 / np.cosh(0.5 * d)  # 2 sqrt(t (1 - t))
-    v = np.arcsinh(h / softening) / np.arcsinh(h_max / softening)
-    return d, np.clip(v, 0.0, 1.0)
-
-
-def median_softening(alpha, kappa) -> float:
-    """Median |Hx - Hy|, at least 0.02, of tissue around these angles (radians) and dispersions."""
-    D = (1.0 - 3.0 * np.asarray(kappa)) * np.cos(2.0 * np.asarray(alpha))
-    return float(np.clip(np.median(np.abs(D)), 0.02, 1.0))
-
-
-@inlined
-def reference_state(alpha, kappa, X, Y, Z):
-    """(ln E*^2, ln(E* sqrt(gx gy))) at the reference stretch, given squared."""
-    Hx, Hy, Hz = structure_tensor(alpha, kappa)
-    E = Hx * X + Hy * Y + Hz * Z - 1.0
-    gx = Hx * X - Hz * Z
-    gy = Hy * Y - Hz * Z
-    # S = k1 E* exp(q) sqrt(gx gy),  q = k2 E*^2
-    return 2.0 * np.log(E), np.log(E) + 0.5 * np.log(gx * gy)
-
-
 class DispersedFibreLaw(Law):
     """Shared part of laws with dispersed fibres: parameters of the fibres and their chart."""
 
@@ -196,20 +97,12 @@ class DispersedFibreLaw(Law):
     )
     ties = (("k1", "C1"), ("C1", "k1"))
     fraction_tolerances: ClassVar = {"kappa": 0.02}
+    typical: ClassVar = {"kappa": 0.0}
+    charted = ("alpha", "kappa")
 
-    def sampling_bounds(self, transform: Any) -> dict[str, tuple[float, float]]:
-        """Bounds of the sampling coordinates, by parameter."""
-        if transform.chart > 0.0:
-            return {"kappa": (0.0, 1.0)}
-        return super().sampling_bounds(transform)
-
-    def sampling_widths(self, transform: Any) -> dict[str, float]:
+    def sampling_widths(self, transform: Transform) -> dict[str, float]:
         """Width of kappa itself, where the chart is not used."""
-        return {} if transform.chart > 0.0 else {"kappa": 0.06}
-
-    def has_isotropy_scale(self, transform: Any) -> bool:
-        """True if the chart is used."""
-        return bool(transform.chart > 0.0)
+        return {} if self.has_isotropy_scale(transform) else {"kappa": 0.06}
 
     def softening(self, values: Mapping[str, Any]) -> float:
         """Scale of the chart near isotropy for materials by parameter, in their own units."""
@@ -218,4 +111,4 @@ class DispersedFibreLaw(Law):
     def derived_quantities(self, material: MaterialResponse) -> dict[str, np.ndarray]:
         """The structure tensor: what an axis-aligned test sees of the fibres."""
         c = material.constants
-        return {"Hx": c.Hx, "Hy": c.Hy, "Hz": c.Hz}
+        return dict(zip(("Hx", "Hy", "Hz"), structure_tensor(c.alpha, c.kappa), strict=True))

@@ -1,41 +1,39 @@
 r"""Base class of the material laws.
 
-The file of a law holds
-
-- a ``NamedTuple`` of its constants, with the energy and its first derivatives;
-- a ``NamedTuple`` of the constants of its sampling transform, with the transform itself (both are
-  registered with the generic functions of :mod:`biaxbayes.laws.materials`);
-- a subclass of :class:`Law`, with ``name``, ``title``, ``source``, ``description``, ``parameters``,
-  ``amplitudes``, ``exponents``, :meth:`~Law.constants_from_fit`, :meth:`~Law.exponents_at`,
-  :meth:`~Law.sampling_transform`, :meth:`~Law.to_sampling_coordinates` and
-  :meth:`~Law.prior_medians`. The other members have defaults.
+The file of a law holds its energy, a function of squared stretches and parameters, and a subclass
+of :class:`Law` with ``energy``, ``name``, ``title``, ``source``, ``description``, ``parameters``,
+``amplitudes`` and ``exponents``. All else follows from these, or has a default: stresses
+(:mod:`biaxbayes.laws.materials`), sampling coordinates (:mod:`biaxbayes.laws.coordinates`),
+starting points of fits, scaled priors.
 
 The values of the parameters are written in five ways:
 
 - natural: in their own units, angles in degrees;
 - theta: the same with angles in radians, as stresses need them;
 - slots: theta with the logs of positive parameters, on which priors are defined;
-- sampling coordinates: what the sampler moves in, each law's own function of the slots;
+- sampling coordinates: what the sampler moves in, stresses and exponents at a reference state;
 - fit coordinates: natural values with cos^2 in place of angles, what least squares move in.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.laws.coordinates import ROOT_WIDTH, Transform, from_slots, log_stress_scale
 from biaxbayes.laws.materials import (
     STEP,
     CheckedMaterial,
     Material,
     MaterialResponse,
     cauchy_stress,
+    constants_type,
+    exponents,
     squared_stretches,
 )
 from biaxbayes.parameters import DEGREE, Parameter
@@ -81,13 +79,9 @@ class TransformInputs(NamedTuple):
     max_I1_state: tuple[float, float, float]
     peak_kPa: float  # largest stress of the specimen, a scale of stiffnesses
 
-    def reparametrised_flags(self, *names: str) -> tuple[float, ...]:
-        """1.0 for each parameter that is reparametrised, else 0.0: flags of compiled code."""
-        return tuple(float(self.reparametrised and name in self.free) for name in names)
-
 
 @dataclass(frozen=True)
-class Law(ABC):
+class Law:
     """A material law.
 
     ``fibre_switch``, for laws that leave it open, makes fibres carry no compression.
@@ -97,6 +91,10 @@ class Law(ABC):
 
     has_switch: ClassVar[bool] = False
     """True if the law leaves open what its fibres do in compression."""
+    energy: ClassVar[Callable[..., Any]]
+    """W in kPa, zero where unloaded, of squared stretches X, Y, Z and the parameters in their
+    order; angles are given as cos^2, and with ``has_switch`` the last argument is 1 where fibres
+    carry no compression, else 0."""
     name: ClassVar[str]
     title: ClassVar[str]
     abbreviation: ClassVar[str] = ""
@@ -119,13 +117,27 @@ class Law(ABC):
     """Fraction of the stress that an exponential carries at the medians of the scaled prior."""
     exponents: ClassVar[Mapping[str, str]] = {}
     """Formula of each exponent, by the parameter that it is proportional to, such as
-    ``{"k2": "k2 E^2"}``; parameters may share one."""
+    ``{"k2": "k2 E^2"}``, in the order of the exponentials of the energy, which parameters may
+    share."""
+    roots: ClassVar[bool] = False
+    """Whether roots are sampled in place of logs, because terms can stand in for one another."""
+    typical: ClassVar[Mapping[str, float]] = {}
+    """Medians of scaled priors of what is no amplitude or exponent and not mid-range."""
+    bound_by: ClassVar[tuple[str, ...]] = ()
+    """A parameter b, and two others with b_x b_y > b^2."""
+    compares_stiffness: ClassVar[bool] = False
+    """Whether an amplitude counts as absent by the small-strain stiffness, not by the stress."""
     fraction_tolerances: ClassVar[Mapping[str, float]] = {}
     """Distances from a bound within which a dispersion or a fraction counts as being at it."""
     condition: ClassVar[str] = ""
     """Condition of admissibility on several parameters together, as text."""
     joint_parameters: ClassVar[tuple[str, ...]] = ()
     """Parameters in the condition."""
+
+    @property
+    def key(self) -> str:
+        """What :func:`.law_named` knows the law by: its name, or the text of its file."""
+        return self.name
 
     @property
     def short_name(self) -> str:
@@ -140,26 +152,46 @@ class Law(ABC):
 
     # --- materials ---
 
-    @abstractmethod
+    _constants_type: ClassVar[Any]
+
+    def __init_subclass__(cls) -> None:
+        """Stresses and exponents from the energy, for a class that has one."""
+        if "energy" in vars(cls):
+            names, mirrored = zip(*((p.name, p.mirror) for p in cls.parameters), strict=True)
+            cls._constants_type = constants_type(cls.energy, names, mirrored, switch=cls.has_switch)
+
+    def constants(self, *values: Any) -> Any:
+        """Constants at the parameters in their order, cos^2 in place of angles."""
+        switch = (float(self.fibre_switch),) if self.has_switch else ()
+        return self._constants_type(*values, *switch)
+
     def constants_from_fit(self, *point: Any) -> Any:
-        """Constants at fit coordinates: the parameters in their order, cos^2 in place of angles.
+        """Constants at fit coordinates.
 
         In cos^2 a structure tensor is linear and an angle of 0 or 90 degrees is an ordinary bound;
         in the angle the stress is stationary there whatever the data say.
         """
+        return self.constants(*point)
 
     def constants_from_theta(self, *values: Any) -> Any:
         """Constants at the parameters in their order, angles in radians."""
-        return self.constants_from_fit(
-            *(
-                np.cos(v) ** 2 if p.mirror else v
-                for p, v in zip(self.parameters, values, strict=True)
-            )
-        )
+        pairs = zip(self.parameters, values, strict=True)
+        return self.constants(*(np.cos(v) ** 2 if p.mirror else v for p, v in pairs))
 
-    @abstractmethod
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """Formulas of the exponents, each once."""
+        return tuple(dict.fromkeys(self.exponents.values()))
+
     def exponents_at(self, constants: Any, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:
         """The exponents of the law's exponentials at squared stretches."""
+        return exponents(constants, X, Y, Z)[: len(self.formulas)]
+
+    def exponent_per_unit(self, name: str, constants: Any, X: Any, Y: Any, Z: Any) -> Any:
+        """The exponent at squared stretches where one parameter is 1 and the others are 0."""
+        none = dict.fromkeys((*self.exponents, *self.bound_by[:1]), 0.0)
+        alone = constants._replace(**(none | {name: 1.0}))
+        return exponents(alone, X, Y, Z)[self.formulas.index(self.exponents[name])]
 
     def material(self, values: Any) -> Material:
         """Materials at parameters by name, in their own units; shape (n,) becomes (n, 1)."""
@@ -228,34 +260,77 @@ class Law(ABC):
         """True where parameters, numbers or arrays, meet :attr:`condition`."""
         return True
 
+    def _sharing(self, name: str) -> int:
+        """Number of exponents that share the exponential of one."""
+        return list(self.exponents.values()).count(self.exponents[name])
+
     # --- sampling coordinates ---
 
-    @abstractmethod
-    def sampling_transform(self, inputs: TransformInputs) -> Any:
-        """Constants of the sampling transform, for the compiled density."""
+    charted: ClassVar[tuple[str, ...]] = ()
+    """Angle and dispersion that are sampled in their chart where both are free."""
 
-    @abstractmethod
+    def sampling_transform(self, inputs: TransformInputs) -> Transform:
+        """Constants of the sampling coordinates."""
+        sampled = {n for n in self.names if inputs.reparametrised and n in inputs.free}
+        chart = bool(self.charted) and set(self.charted) <= sampled
+        share = bool(self.bound_by) and self.bound_by[0] in sampled
+        ranges = {p.name: np.array(p.range) for p in self.parameters if p.bounded}
+        ranges |= {p.name: np.deg2rad(p.range) for p in self.parameters if p.unit == DEGREE}
+        if chart:
+            ranges |= dict(zip(self.charted, np.array([(-np.inf, np.inf), (0, 1)]), strict=True))
+        if share:
+            ranges[self.bound_by[0]] = np.array([-1.0, 1.0])
+        reference = inputs.max_I1_state if self.roots else inputs.reference
+        low, high = np.array([ranges.get(n, (-np.inf, np.inf)) for n in self.names]).T.copy()
+        exponential = {n: self.formulas.index(f) for n, f in self.exponents.items()}
+        first: dict[str, int] = {}
+        for one, other in ((a, b) for a in self.exponents for b in self.exponents if a != b):
+            if exponential[one] == exponential[other] and {one, other} <= sampled:
+                first.setdefault(other, self.names.index(one))
+                break
+        alpha, kappa = (self.names.index(n) if chart else -1 for n in self.charted or ("", ""))
+        bound = [self.names.index(n) for n in self.bound_by] or [-1, -1, -1]
+        return Transform(
+            constants=self.constants(*(1.0 for _ in self.names)),
+            low=low,
+            high=high,
+            logarithmic=np.array([p.logarithmic for p in self.parameters]),
+            exponential=np.array([exponential.get(n, -1) for n in self.names]),
+            first=np.array([first.get(n, -1) for n in self.names]),
+            amplitude=np.array([n in self.amplitudes for n in self.names]),
+            sampled=np.array([n in sampled for n in self.names]),
+            bound=np.array(bound),
+            as_share=share,
+            alpha=alpha,
+            kappa=kappa,
+            softening=float(inputs.softening),
+            roots=self.roots,
+            log_scale=log_stress_scale(inputs.peak_kPa),
+            **dict(zip("XYZ", reference, strict=True)),
+        )
+
     def to_sampling_coordinates(
-        self, transform: Any, slots: Mapping[str, np.ndarray]
+        self, transform: Transform, slots: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at slots (logs of positive parameters, radians), by parameter."""
+        columns = np.stack(np.broadcast_arrays(*(slots[n] for n in self.names)))
+        with np.errstate(all="ignore"):  # an edge of the law may have none
+            return dict(zip(self.names, from_slots(transform, columns), strict=True))
 
-    def sampling_bounds(self, transform: Any) -> dict[str, tuple[float, float]]:
-        """Bounds of the sampling coordinates, by parameter: the ranges of angles and fractions."""
-        unit = {DEGREE: math.radians(1.0)}
-        return {
-            p.name: (p.low * unit.get(p.unit, 1.0), p.high * unit.get(p.unit, 1.0))
-            for p in self.parameters
-            if p.bounded
-        }
+    def sampling_bounds(self, transform: Transform) -> dict[str, tuple[float, float]]:
+        """Bounds of the sampling coordinates that have some, by parameter."""
+        bounds = zip(self.names, transform.low.tolist(), transform.high.tolist(), strict=True)
+        return {name: (low, high) for name, low, high in bounds if math.isfinite(high)}
 
-    def sampling_widths(self, transform: Any) -> dict[str, float]:
+    def sampling_widths(self, transform: Transform) -> dict[str, float]:
         """Widths of dispersed starts where they differ from the parameters' own."""
-        return {}
+        rooted = zip(self.names, transform.sampled, strict=True) if self.roots else ()
+        stretched = (*self.amplitudes, *self.exponents)
+        return {n: ROOT_WIDTH for n, sampled in rooted if sampled and n in stretched}
 
-    def has_isotropy_scale(self, transform: Any) -> bool:
+    def has_isotropy_scale(self, transform: Transform) -> bool:
         """True if the sampling coordinates have a scale that :meth:`softening` suits."""
-        return False
+        return transform.alpha >= 0
 
     def softening(self, values: Mapping[str, Any]) -> float:
         """The s of asinh(h / s) for materials around these natural values, by parameter."""
@@ -324,10 +399,11 @@ class Law(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random materials for fits to start from, with amplitudes of 1.
 
-        Exponents q at total stretches ``max_stretch`` (size, 2) are log-uniform from 0.01 to 30,
-        which makes curves more or less bent whatever the strain range; angles and fractions
-        are uniform. Some of them are zero, or at a bound. Returns fit coordinates (size,
-        p) and features (size, k) in which chosen points have to differ, the exponents first.
+        Exponents q at total stretches ``max_stretch`` (size, 2) are log-uniform from 0.01 to 30
+        (each alone; half of that where two share an exponential), which makes curves more or less
+        bent whatever the strain range; angles and fractions are uniform, others as their priors.
+        Some of them are zero, or at a bound. Returns fit coordinates (size, p) and features
+        (size, k) in which chosen points have to differ, the exponents first.
         """
         points, features = np.ones((size, len(self.parameters))), []
         for i, p in enumerate(self.parameters):
@@ -340,22 +416,40 @@ class Law(ABC):
                     points[:, i] = p.low + (p.high - p.low) * u
                     points[3::5, i] = p.low
                 features.append(points[:, i] / self.upper[i])
+            elif p.name not in (*self.amplitudes, *self.exponents, *self.bound_by):
+                family, centre, sd = p.prior or ("lognormal", 1.0, 1.0)
+                z = rng.standard_normal(size)
+                points[:, i] = centre * np.exp(sd * z) if family == "lognormal" else centre + sd * z
         X, Y = np.maximum(max_stretch.T, 1.0 + 1e-3) ** 2
-        F_values = self.exponents_at(self.constants_from_fit(*points.T), X, Y, 1.0 / (X * Y))
-        for k, (name, F) in enumerate(zip(self.exponents, F_values, strict=True)):
+        squared, constants = (X, Y, 1.0 / (X * Y)), self.constants_from_fit(*points.T)
+        for k, name in enumerate(self.exponents):
             # q = k2 F, log-uniform, and k2 = q / F with F the exponent at k2 = 1
-            q = 10.0 ** (-2.0 + 3.5 * rng.random(size))
+            q = 10.0 ** (-2.0 + 3.5 * rng.random(size)) / self._sharing(name)
             q[k::9] = 0.0
-            i = self.names.index(name)
-            points[:, i] = np.minimum(q / np.maximum(F, 1e-12), self.upper[i])
+            F = self.exponent_per_unit(name, constants, *squared)
+            points[:, self.names.index(name)] = q / np.maximum(F, 1e-12)
             features.insert(k, 0.3 * q)
-        return points, np.column_stack(features)
+        if self.bound_by:
+            b, first, second = (self.names.index(n) for n in self.bound_by)
+            rho = rng.uniform(-0.9, 0.9, size)
+            points[:, b] = rho * np.sqrt(points[:, first] * points[:, second])
+            features.append(rho)
+        return np.clip(points, self.lower, self.upper), np.column_stack(features)
 
     # --- priors, derived quantities, distances from bounds ---
 
-    @abstractmethod
     def prior_medians(self, stretch: float) -> dict[str, float]:
         """Prior medians of all but the amplitudes: exponents are 1 at an equibiaxial stretch."""
+        priors = {p.name: p.prior[1] for p in self.parameters if p.prior}
+        priors |= {p.name: 0.5 * (p.low + p.high) for p in self.parameters if p.bounded}
+        priors |= dict(self.typical)
+        medians = {n: m for n, m in priors.items() if n not in self.amplitudes}
+        constants = self.material(dict.fromkeys(self.amplitudes, 1.0) | medians).constants
+        squared = stretch**2, stretch**2, stretch**-4
+        for name in self.exponents:
+            F = self.exponent_per_unit(name, constants, *squared)
+            medians[name] = 1.0 / (self._sharing(name) * F)
+        return {n: float(m) for n, m in medians.items()}
 
     def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
         """Priors of tissue that reaches a nominal stress at a total equibiaxial stretch.
@@ -363,7 +457,7 @@ class Law(ABC):
         At the medians (45 degrees, no dispersion) the exponents are one there, and matrix and
         exponentials carry 30 and 70 % of the stress.
         """
-        medians = {p.name: 45.0 for p in self.parameters if p.mirror} | self.prior_medians(stretch)
+        medians = self.prior_medians(stretch)
         priors: dict[str, tuple[str, float, float]] = {}
         for p in self.parameters:
             if p.name in self.amplitudes:
@@ -388,10 +482,7 @@ class Law(ABC):
     ) -> dict[str, np.ndarray]:
         """The exponents of n draws at the largest of some stretches (n, 2), shape (n,) each."""
         largest = self.largest_exponents(material.constants, max_stretches)
-        return {
-            f"exponent {formula}": q
-            for formula, q in zip(dict.fromkeys(self.exponents.values()), largest, strict=True)
-        }
+        return {f"exponent {formula}": q for formula, q in zip(self.formulas, largest, strict=True)}
 
     def largest_exponents(
         self, constants: Any, max_stretches: Sequence[np.ndarray]
@@ -424,24 +515,39 @@ class Law(ABC):
     def amplitude_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Amplitudes that carry :data:`ABSENT_STRESS_FRACTION` of the largest stress.
+        """Amplitudes below which their terms count as absent.
 
-        Medians over the draws in which the amplitude is smallest.
+        They carry :data:`ABSENT_STRESS_FRACTION` of the largest stress (medians over the draws in
+        which the amplitude is smallest), or :data:`ABSENT_STIFFNESS_FRACTION` of the small-strain
+        stiffness, the trace of d s / d ln l.
         """
+        indices = [self.names.index(name) for name in self.amplitudes]
+        units = {}  # materials with one amplitude of 1 and no other
+        for i in indices:
+            alone = list(material.theta)
+            for j in indices:
+                alone[j] = np.full_like(alone[j], float(i == j))
+            units[i] = Material(self, tuple(alone))
+        if self.compares_stiffness:
+            per_unit = {
+                i: np.trace(unit.cauchy_by_log_stretch(1.0, 1.0)).ravel()
+                for i, unit in units.items()
+            }
+            whole = sum(np.ravel(material.theta[i]) * per_unit[i] for i in indices)
+            absent = ABSENT_STIFFNESS_FRACTION * float(np.median(whole))
+            return {
+                self.names[i]: absent / max(float(np.median(per_unit[i])), 1e-9) for i in indices
+            }
 
         def stresses(response: MaterialResponse) -> np.ndarray:
             cauchy = [response.cauchy(s[:, :1], s[:, 1:]) for s in max_stretches]
             return np.array([np.maximum((x + y)[:, 0], 1e-12) for x, y in cauchy])
 
-        indices = [self.names.index(name) for name in self.amplitudes]
         distances = {}
-        for i in indices:
-            alone = list(material.theta)
-            for j in indices:
-                alone[j] = np.full_like(alone[j], float(i == j))
+        for i, unit in units.items():
             # s is linear in the amplitude k: k_all = s / s(k = 1, other amplitudes 0) would carry
             # all of the stress, in the protocol in which it carries most
-            k_all = np.min(stresses(material) / stresses(Material(self, tuple(alone))), axis=0)
+            k_all = np.min(stresses(material) / stresses(unit), axis=0)
             size = np.broadcast_to(np.ravel(material.theta[i]), k_all.shape)
             count = max(1, round(SMALLEST_DRAWS_FRACTION * size.size))
             smallest = np.argsort(size, kind="stable")[:count]

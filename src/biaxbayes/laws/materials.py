@@ -1,4 +1,4 @@
-r"""Materials and their stress, from the derivatives of the strain energy of a law.
+r"""Materials and their stress, from the strain energy of a law.
 
 Planar biaxial test, incompressible, no shear: F = diag(lx, ly, 1/(lx ly)), plane stress sz = 0. A
 law is a strain energy W of the squared stretches X = lx^2, Y = ly^2, Z = 1/(X Y), even in shear.
@@ -6,16 +6,18 @@ With A, B, C = dW/dX, dW/dY, dW/dZ the Cauchy stresses are
 
     s_x = 2 (X A - Z C)        s_y = 2 (Y B - Z C)
 
-The file of a law implements four generic functions: :func:`derivatives` and :func:`energy` for the
-``NamedTuple`` of its constants, :func:`to_slots` and :func:`constants_from_theta` for that of its
-sampling transform. They are plain arithmetic, which serves numbers, arrays, complex numbers
-(complex-step differentiation) and the compiled density: in Python ``functools.singledispatch``
-chooses the implementation by the type of the first argument, in compiled code
-``numba.extending.overload`` does, so that one kernel is compiled for each law.
+Four generic functions of the constants of a law, a ``NamedTuple``, are written for each law from
+its energy (:func:`constants_type`). They are plain arithmetic, which serves numbers, arrays,
+complex numbers (complex-step differentiation) and the compiled density: in Python
+``functools.singledispatch`` chooses the implementation by the type of the constants, in compiled
+code ``numba.extending.overload`` does, so that one kernel is compiled for each law.
 """
 
 from __future__ import annotations
 
+import hashlib
+from collections import namedtuple
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any
@@ -25,19 +27,20 @@ from numba.extending import overload
 
 from biaxbayes.compilation import WITHIN, implementation, inlined
 from biaxbayes.errors import InputError
+from biaxbayes.laws.differentiation import (
+    Expression,
+    exponential,
+    exponents_of,
+    gradient,
+    source,
+)
 from biaxbayes.parameters import DEGREE
 
 STEP = 1e-30
 """Imaginary step of complex-step differentiation: f'(x) = Im f(x + i h) / h, exact to rounding."""
 
 
-# --- what a law implements -----------------------------------------------------------------------
-
-
-@singledispatch
-def derivatives(constants, X, Y, Z):
-    """(dW/dX, dW/dY, dW/dZ) in kPa at squared stretches."""
-    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
+# --- functions of the constants of a law ---------------------------------------------------------
 
 
 @singledispatch
@@ -47,19 +50,21 @@ def energy(constants, X, Y, Z):
 
 
 @singledispatch
-def to_slots(transform, value):
-    """Turn sampling coordinates, the first entries of ``value``, into slots in place.
-
-    Slots are logs of positive parameters, angles in radians, and the others as they are. Returns
-    ln |d slots / d sampling coordinates|, -inf outside the law's range.
-    """
-    raise NotImplementedError(f"no law has the transform {type(transform).__name__}")
+def derivatives(constants, X, Y, Z):
+    """(dW/dX, dW/dY, dW/dZ) in kPa at squared stretches."""
+    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
 
 
 @singledispatch
-def constants_from_theta(transform, theta):
-    """Constants of the law at theta: parameters without logs, angles in radians."""
-    raise NotImplementedError(f"no law has the transform {type(transform).__name__}")
+def exponents(constants, X, Y, Z):
+    """The exponents of the law's exponentials at squared stretches, in their order."""
+    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
+
+
+@singledispatch
+def constants_at(like, theta):
+    """Constants at theta (parameters without logs, angles in radians), of the type of others."""
+    raise NotImplementedError(f"no law has the constants {type(like).__name__}")
 
 
 @overload(derivatives, jit_options=WITHIN)
@@ -67,21 +72,60 @@ def _compiled_derivatives(constants, X, Y, Z):
     return implementation(derivatives, constants)
 
 
-@overload(to_slots, jit_options=WITHIN)
-def _compiled_to_slots(transform, value):
-    return implementation(to_slots, transform)
+@overload(exponents, jit_options=WITHIN)
+def _compiled_exponents(constants, X, Y, Z):
+    return implementation(exponents, constants)
 
 
-@overload(constants_from_theta, jit_options=WITHIN)
-def _compiled_constants_from_theta(transform, theta):
-    return implementation(constants_from_theta, transform)
+@overload(constants_at, jit_options=WITHIN)
+def _compiled_constants_at(like, theta):
+    return implementation(constants_at, like)
 
 
-def exponential_energy(k: Any, x: Any) -> Any:
-    """Give (exp(k x) - 1) / k, which is x where k is zero; numbers and arrays, complex ones too."""
-    k = np.asarray(k)
-    safe = np.where(k == 0.0, 1.0, k)
-    return np.where(k == 0.0, x, np.expm1(k * x) / safe)
+def constants_type(
+    law_energy: Callable[..., Any], names: Sequence[str], angles: Sequence[bool], *, switch: bool
+) -> Any:
+    """Type of the constants of a law, with its functions, from its energy.
+
+    The energy takes squared stretches, then the parameters in their order, cos^2 in place of
+    angles, then whether fibres carry no compression (1 or 0) if the law leaves that open.
+    """
+    fields = (*names, "switch") if switch else tuple(names)
+    stretches = [Expression(n, varies=True) for n in "XYZ"]
+    W = law_energy(*stretches, *map(Expression, fields))
+    if not (isinstance(W, Expression) and W.varies):
+        raise InputError("the energy does not depend on the stretches")
+    given, unpacked = "constants, X, Y, Z", f"{', '.join(fields)}, = constants"
+    # cos^2 of angles, the others as they are
+    theta = [f"np.cos(theta[{i}]) ** 2" if a else f"theta[{i}]" for i, a in enumerate(angles)]
+    theta += ["like.switch"] if switch else []
+    text = (
+        source("energy", given, unpacked, [W])
+        + source("derivatives", given, unpacked, gradient(W, stretches))
+        + source("exponents", given, unpacked, exponents_of(W) or [0.0])
+        + f"def constants_at(like, theta):\n    return Constants({', '.join(theta)})\n"
+    )
+    # numba's cache finds a type by its name, in which the digest is that of the compiled code
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    made = __getattr__("__".join((_CONSTANTS, digest, *fields)))
+    code: dict[str, Any] = {"np": np, "exponential": exponential, "Constants": made}
+    exec(text, code)
+    energy.register(made, lambda *given: code["energy"](*given)[0])
+    derivatives.register(made, code["derivatives"])
+    exponents.register(made, code["exponents"])
+    constants_at.register(made, code["constants_at"])
+    return made
+
+
+_CONSTANTS = "Constants"
+
+
+def __getattr__(name: str) -> Any:
+    """The type of the constants of a law by its name, which has their names."""
+    if not name.startswith(f"{_CONSTANTS}__"):
+        raise AttributeError(name)
+    made = namedtuple(name, name.split("__")[2:], module=__name__)  # type: ignore[misc]
+    return globals().setdefault(name, made)
 
 
 # --- the stress ----------------------------------------------------------------------------------

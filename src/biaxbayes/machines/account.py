@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from biaxbayes.machines.conversion import Conversion
-from biaxbayes.machines.lines import in_lines
 from biaxbayes.machines.record import Record
+from biaxbayes.tables.table import in_lines
 from biaxbayes.text_files import aligned
 
 
@@ -42,7 +42,7 @@ def _rows_of(record: Record, conversion: Conversion) -> list[Sequence[str]]:
                 str(p.rows),
                 f"protocol {p.name}" + (f", cycle {r.cycle}" if r.cycle else "") + f", {side}:",
                 f"lines {in_lines(r.lines)};",
-                f"reference {p.reference[0]:.4f}, {p.reference[1]:.4f} ({p.rest_rows} rows);",
+                f"reference {p.reference[0]:.4f}, {p.reference[1]:.4f} (rows: {p.rest_rows});",
                 f"largest stretch {stretch[0]:.4f}, {stretch[1]:.4f},",
                 f"load {load[0]:.4g}, {load[1]:.4g} {record.unit}",
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 from collections import Counter
@@ -31,7 +32,7 @@ from biaxbayes.tables.units import (
 )
 from biaxbayes.text_files import cells_of, is_number
 
-SHEAR = {"shear_xy": "f12", "shear_yx": "f21"}
+SHEAR = {"shear_xy": ("f12", "fxy"), "shear_yx": ("f21", "fyx")}
 TARGETS = {
     "stretch_x": "stretch",
     "stretch_y": "stretch",
@@ -45,6 +46,8 @@ TARGETS = {
     **dict.fromkeys(SHEAR, "shear"),
 }
 """Targets of a column, and their quantity."""
+PLAIN_UNITS = {"time": "s", "shear": "mm/mm"}
+"""Units of a name without one, by quantity."""
 LENGTHS = ("length", "displacement")
 PIXELS = "px"
 IGNORE = "ignore"
@@ -59,6 +62,7 @@ STRESS_WORDS = {
     "piola": r"piola|pk1|p11|p22|pxx|pyy|first|1st|nominal|engineering|eng",
     "cauchy": r"cauchy|true|(sigma|σ)[xy12]{0,2}|t[xy12]{1,2}",
     "pk2": r"pk2|2pk|pkii|kirchhoffii|second|2nd|spk|s[xy12]{1,2}",
+    "kirchhoff": r"(tau|τ)[xy12]{0,2}",
     "tension": r"t[xy12]{1,2}",
 }
 """Words of a kind of stress; T11 may be two kinds."""
@@ -66,6 +70,7 @@ KINDS_OF_STRESS = {
     "piola": "a first Piola-Kirchhoff stress",
     "cauchy": "a Cauchy stress",
     "pk2": "a second Piola-Kirchhoff stress",
+    "kirchhoff": "a Kirchhoff (or shear) stress",
     "tension": "a membrane tension",
 }
 
@@ -124,136 +129,126 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> tuple[dict[str, Colum
     columns: dict[str, Column] = {}
     for target, quantity in TARGETS.items():
         if target in wanted:
-            text, stated = wanted[target], f":{target.partition('_')[0]}"
-            confirmed = quantity == "stress" and text.endswith(stated)  # as S11:piola
-            text = text.removesuffix(stated) if confirmed else text
-            indices, signs, given = _named(table, text, target)
-            if quantity == "stress" and not confirmed:
-                _check_kind_of_stress(table, table.names[indices[0]], target)
-        elif quantity in ("force", "stress") and loads_named:
-            continue
-        else:
-            index, given = _by_name(table, target), None
-            if index is None or index in ignored:
-                continue
-            indices, signs = (index,), (1,)
-        units, conflicts = [], []
-        for index in indices:
-            try:
-                unit, conflict = _unit_of(table, index, target, quantity, given)
-            except InputError:
-                if target in OPTIONAL and target not in wanted:
-                    break
-                raise
-            units.append(unit)
-            conflicts.append(conflict)
-        if not units:
-            continue
-        named = zip(signs, indices, strict=True)
-        name = "".join(f"{' + ' if k > 0 else ' - '}{table.names[i]}" for k, i in named)[3:]
-        unit = units[0]
-        if len(set(units)) > 1 or (
-            len(indices) > 1 and (unit is None or unit.quantity not in LENGTHS)
-        ):
-            raise InputError(
-                f"{name!r} cannot be added for {target}",
-                file=table.path,
-                remedy="only displacements or positions of opposite ends, in one unit, are added",
-            )
-        conflict = next(filter(None, conflicts), "")
-        columns[target] = Column(indices, name, unit, conflict, signs)
+            columns[target] = _requested(table, target, wanted[target])
+        elif not (loads_named and quantity in ("force", "stress")):
+            index = _by_name(table, target)
+            if index is not None and index not in ignored:
+                with contextlib.suppress(*[InputError] * (target in OPTIONAL)):
+                    columns[target] = _column(table, target, (index,))
     _check_complete(table, columns)
     return columns, frozenset(ignored)
 
 
-def _unit_of(
-    table: Table, index: int, target: str, quantity: str, given: Unit | None
-) -> tuple[Unit | None, str]:
-    """The unit of a column for its target, and how the one that the user gives differs from it."""
-    if quantity == "text":
-        return None, ""
-    conflict = ""
-    if quantity == "stretch":
-        unit = _stretch_unit(table, index, target, given)
-        kinds = _kinds(table, index)
-        if given is not None and given.quantity in STRAINS and kinds - {given.quantity}:
-            conflict = " and ".join(sorted(kinds))
-    else:
-        unit = _unit(table, index, target, quantity, given)
-    written = [u for u in table.units(index) if given and u.quantity == given.quantity]
-    if given is not None and any(u.factor != given.factor for u in written):
-        conflict = " and ".join(u.name for u in written)
-    if conflict and given is not None:
-        name = table.names[index]
-        conflict = f"{target} is read as {given.name}, as given; {name!r} suggests {conflict}"
-    return unit, conflict
+def _requested(table: Table, target: str, text: str) -> Column:
+    """The column of ``column``, ``column:unit``, ``#3``, ``A+B`` or, confirmed, ``S11:piola``."""
+    pair = target.partition("_")[0]
+    confirmed = TARGETS[target] == "stress" and text.endswith(f":{pair}")
+    text = text.removesuffix(f":{pair}") if confirmed else text
+    name, colon, ending = text.rpartition(":")
+    given = None if text in table.names or not colon else unit_named(ending)
+    if given is None and colon and name.strip() in map(str.strip, table.names):
+        problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
+        remedy = f"choose one of {', '.join(UNITS)}"
+        raise InputError(problem, file=table.path, column=name.strip(), remedy=remedy)
+    name = text if given is None else name
+    parts, signs = [name], [1]
+    if TARGETS[target] == "stretch" and not table.has_column(name):
+        ends = re.split(r"([+-])", name)
+        if all(map(table.has_column, ends[::2])):
+            parts, signs = ends[::2], [1, *(1 if sign == "+" else -1 for sign in ends[1::2])]
+    indices = tuple(map(table.column, parts))
+    if TARGETS[target] == "stress" and not confirmed:
+        _check_kind_of_stress(table, table.names[indices[0]], target)
+    return _column(table, target, indices, tuple(signs), given)
 
 
 def _by_name(table: Table, target: str) -> int | None:
     """The column that is named as a target, in any unit."""
     if target not in OPTIONAL:
         return table.by_stem(stem_of(target))
-    stems = (stem_of(target), SHEAR.get(target))
+    stems = (stem_of(target), *SHEAR.get(target, ()))
     same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
     return same[0] if len(same) == 1 and table.is_numeric(same[0]) else None
 
 
-def _named(
-    table: Table, text: str, target: str
-) -> tuple[tuple[int, ...], tuple[int, ...], Unit | None]:
-    """Columns, their signs and unit from ``column``, ``column:unit``, ``#3`` or ``A+B``."""
-    name, colon, ending = text.rpartition(":")
-    unit = None if text in table.names or not colon else unit_named(ending)
-    if unit is None and colon and name.strip() in map(str.strip, table.names):
-        problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
-        remedy = f"choose one of {', '.join(UNITS)}"
-        raise InputError(problem, file=table.path, column=name.strip(), remedy=remedy)
-    name = text if unit is None else name
-    parts = re.split(r"([+-])", name)
-    single = not target.startswith("stretch") or table.has_column(name)
-    if not single and all(map(table.has_column, parts[::2])):
-        signs = (1, *(1 if sign == "+" else -1 for sign in parts[1::2]))
-        return tuple(map(table.column, parts[::2])), signs, unit
-    return (table.column(name),), (1,), unit
+def _column(
+    table: Table,
+    target: str,
+    indices: tuple[int, ...],
+    signs: tuple[int, ...] = (1,),
+    given: Unit | None = None,
+) -> Column:
+    """A column, or the sum of several, with its unit."""
+    named = zip(signs, indices, strict=True)
+    name = "".join(f"{' + ' if k > 0 else ' - '}{table.names[i]}" for k, i in named)[3:]
+    if TARGETS[target] == "text":
+        return Column(indices, name, None)
+    find = _stretch_unit if TARGETS[target] == "stretch" else _unit
+    units = {find(table, index, target, given) for index in indices}
+    unit = units.pop()
+    if units or (len(indices) > 1 and unit.quantity not in LENGTHS):
+        raise InputError(
+            f"{name!r} cannot be added for {target}",
+            file=table.path,
+            remedy="only displacements or positions of opposite ends, in one unit, are added",
+        )
+    conflicts = [_conflict(table, index, target, given) for index in indices if given]
+    return Column(indices, name, unit, next(filter(None, conflicts), ""), signs)
 
 
-def _unit(table: Table, index: int, target: str, quantity: str, given: Unit | None) -> Unit:
-    """The unit of a force, stress, time or shear."""
+def _conflict(table: Table, index: int, target: str, given: Unit) -> str:
+    """How the unit that the user gives differs from that of the column."""
+    written = [u for u in table.units(index) if u.quantity == given.quantity]
+    suggested = [u.name for u in written] if any(u.factor != given.factor for u in written) else []
+    if given.quantity in STRAINS and not suggested:
+        suggested = sorted(_kinds(table, index) - {given.quantity})
     name = table.names[index]
-    unit = given or table.unit(index)
-    if unit is None and quantity == "time" and not table.unknown_unit(index):
-        return UNITS["s"]
-    if unit is None and quantity == "shear" and not table.unknown_unit(index):
-        return UNITS["mm/mm"]
+    text = f"{target} is read as {given.name}, as given; {name!r} suggests "
+    return text + " and ".join(suggested) if suggested else ""
+
+
+def _open(table: Table, index: int, problem: str, remedy: str) -> InputError:
+    name = table.names[index]
+    return InputError(problem, file=table.path, column=name, remedy=remedy)
+
+
+def _as(table: Table, index: int, target: str, unit: str) -> str:
+    """A column with a unit, as the user would give it."""
+    return shlex.quote(f"{target}={table.names[index]}:{unit}")
+
+
+def _unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
+    """The unit of a force, stress, time or shear."""
+    name, quantity = table.names[index], TARGETS[target]
+    unit, unknown = given or table.unit(index), table.unknown_unit(index)
+    if unit is None and not unknown and quantity in PLAIN_UNITS:
+        return UNITS[PLAIN_UNITS[quantity]]
     needed = "fraction" if quantity == "shear" else quantity
     if unit is None or unit.quantity != needed:
         problem = f"the unit of {name!r} is not known"
         if unit is not None:
             article = "an" if unit.quantity[0] in "aeiou" else "a"
             problem = f"{name!r} is in {unit.name}, {article} {unit.quantity}"
-        elif table.unknown_unit(index):
-            problem = f"{table.unknown_unit(index)!r} of {name!r} is not a known unit"
-        raise InputError(
+        elif unknown:
+            problem = f"{unknown!r} of {name!r} is not a known unit"
+        raise _open(
+            table,
+            index,
             f"{problem}, but {target} is a {quantity}",
-            file=table.path,
-            column=name,
-            remedy=f"write {shlex.quote(f'{target}={name}:UNIT')} with the unit it is in, one of "
+            f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
             f"{units_of(needed)}; or choose another column; {table.listing}",
         )
     if given is None:
-        _check_not_scaled(table, name, f"{target}={name}:{unit.name}")
+        _check_not_scaled(table, index, target, unit.name)
     return unit
 
 
-def _check_not_scaled(table: Table, name: str, remedy: str) -> None:
+def _check_not_scaled(table: Table, index: int, target: str, unit: str) -> None:
+    name = table.names[index]
     if is_scaled(name):
-        raise InputError(
-            f"the name {name!r} suggests a multiple, a power, an inverse or a rate",
-            file=table.path,
-            column=name,
-            remedy=f"write {shlex.quote(remedy)} if the values are plain ones; otherwise compute "
-            "plain values in the table",
-        )
+        problem = f"the name {name!r} suggests a multiple, a power, an inverse or a rate"
+        remedy = f"write {_as(table, index, target, unit)} if the values are plain ones; otherwise "
+        raise _open(table, index, problem, f"{remedy}compute plain values in the table")
 
 
 def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
@@ -296,43 +291,35 @@ def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> 
             # ':green' is the kind; per cent in the name is its scale.
             factor = per_cent.factor if per_cent else 1.0
             return Unit(given.name, given.quantity, min(given.factor, factor))
-        if given.quantity in ("length", "displacement"):
+        if given.quantity in LENGTHS:
             return given
+        problem = f"{name!r} is given as {given.name}, which leaves its kind open"
+        problem += f" (its name suggests {' and '.join(sorted(kinds))})" if kinds else ""
     else:
         table.unit(index)  # refuses two units
-        length = next((u for u in units if u.quantity in ("length", "displacement")), None)
+        length = next((u for u in units if u.quantity in LENGTHS), None)
         if length is not None:
-            _check_not_scaled(table, name, f"{target}={name}:{length.name}")
+            _check_not_scaled(table, index, target, length.name)
             return _length_unit(table, index, target, length)
         plain = all(u.quantity == "fraction" or u.quantity in STRAINS for u in units)
         if plain and not table.unknown_unit(index) and len(kinds) == 1:
             (kind,) = kinds
-            _check_not_scaled(table, name, f"{target}={name}:{kind}")
+            _check_not_scaled(table, index, target, kind)
             if per_cent is None:
                 return UNITS[kind]
             if kind != "stretch":
                 return Unit(f"{kind}, {per_cent.name}", kind, per_cent.factor)
-    problem = f"it is not clear what kind of stretch or strain {name!r} is"
-    if given is not None:
-        problem = f"{name!r} is given as {given.name}, which leaves its kind open"
-        if kinds:
-            problem += f" (its name suggests {' and '.join(sorted(kinds))})"
-    raise InputError(
-        problem,
-        file=table.path,
-        column=name,
-        remedy=f"write {shlex.quote(f'{target}={name}:KIND')} with its kind, one of "
-        f"{STRAIN_CHOICES} (Green-Lagrange is green; true and Hencky are log), "
-        f"{units_of('length', 'displacement')}",
-    )
+        problem = f"it is not clear what kind of stretch or strain {name!r} is"
+    remedy = f"write {_as(table, index, target, 'KIND')} with its kind, one of {STRAIN_CHOICES} "
+    remedy += f"(Green-Lagrange is green; true and Hencky are log), {units_of(*LENGTHS)}"
+    raise _open(table, index, problem, remedy)
 
 
 def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
     """Unit of a column in mm: distance of grips or marks, or their displacement."""
     if unit.quantity == "displacement":
         return unit
-    name = table.names[index]
-    words = words_of(name)
+    words = words_of(table.names[index])
     words += [re.sub(r"^[xy12]|[xy12]$", "", word) for word in words]
     moved, apart = (
         any(re.fullmatch(pattern, word) for word in words)
@@ -342,31 +329,21 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
         return UNITS[f"displacement_{unit.name}"]
     if apart and not moved:
         return unit
+    distance = f"{_as(table, index, target, unit.name)} for the distance between"
+    remedy = f"write {_as(table, index, target, f'displacement_{unit.name}')} for how far grips or "
+    remedy += f"marks have moved, {distance} them"
     if unit.name == PIXELS:
-        raise InputError(
-            f"{name!r} may be a displacement or a length",
-            file=table.path,
-            column=name,
-            remedy=f"write {shlex.quote(f'{target}={name}:px')} for the distance between marks; a "
-            "displacement needs the distance in pixels, too: compute the stretch in the table",
-        )
-    texts = [shlex.quote(f"{target}={name}:{kind}{unit.name}") for kind in ("displacement_", "")]
-    raise InputError(
-        f"{name!r} may be a displacement or a length",
-        file=table.path,
-        column=name,
-        remedy=f"write {texts[0]} for how far grips or marks have moved, {texts[1]} for the "
-        "distance between them",
-    )
+        remedy = f"write {distance} marks; a displacement needs the distance in pixels, too: "
+        remedy += "compute the stretch in the table"
+    problem = f"{table.names[index]!r} may be a displacement or a length"
+    raise _open(table, index, problem, remedy)
 
 
 def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
     """Refuse a map without both stretches and one pair of loads."""
     pairs = [p for p, names in STRESS_PAIRS.items() if any(name in columns for name in names)]
-    problem = ""
-    if len(pairs) > 1:
-        problem = "more than one stress pair"
-    elif not pairs and "stretch_x" in columns and "stretch_y" in columns:
+    problem = "more than one stress pair" if len(pairs) > 1 else ""
+    if not pairs and "stretch_x" in columns and "stretch_y" in columns:
         problem = "no column for a force or stress"
     for target in ("stretch_x", "stretch_y", *STRESS_PAIRS[pairs[0] if pairs else "force"]):
         if not problem and target not in columns:
@@ -384,20 +361,18 @@ def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
 
 def _example(table: Table) -> str:
     """A --columns option with columns of the file, if enough of them are likely."""
-    deformed: list[str] = []
-    forces: list[str] = []
-    stresses: list[str] = []
+    likely: dict[str, list[str]] = {"stretch": [], "force": [], "stress": []}
     for index, name in enumerate(table.names):
         quantity = next((u.quantity for u in table.units(index)), "")
-        if quantity in ("length", "displacement", *STRAINS) or strain_kinds(name):
-            deformed.append(name)
-        elif quantity in ("force", "stress"):
-            (forces if quantity == "force" else stresses).append(name)
-    pair, loads = ("force", forces) if len(forces) >= 2 else ("piola", stresses)
-    values = [*deformed[:2], *loads[:2]]
-    if len(values) < 4:
-        values = ["COLUMN"] * 4
-    pairs = zip(("stretch_x", "stretch_y", *STRESS_PAIRS[pair]), values, strict=True)
+        if quantity in (*LENGTHS, *STRAINS) or strain_kinds(name):
+            quantity = "stretch"
+        likely.setdefault(quantity, []).append(name)
+    pair, loads = ("piola", likely["stress"])
+    if len(likely["force"]) >= 2:
+        pair, loads = ("force", likely["force"])
+    names = [*likely["stretch"][:2], *loads[:2]]
+    names = names if len(names) == 4 else ["COLUMN"] * 4
+    pairs = zip(("stretch_x", "stretch_y", *STRESS_PAIRS[pair]), names, strict=True)
     return f"for example --columns {shlex.quote(','.join(f'{t}={name}' for t, name in pairs))}"
 
 
@@ -423,7 +398,8 @@ def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: froze
         numbers = all(map(is_number, counts))
         if numbers and not all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts):
             continue
-        changes = sum(a != b for a, b in pairwise(labels)) + 1
+        # numbers may be readings, such as a coarse temperature; words may alternate
+        changes = sum(a != b for a, b in pairwise(labels)) + 1 if numbers else len(counts)
         often = changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels))
         if often or _is_reading(table, index):
             continue

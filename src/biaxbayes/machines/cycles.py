@@ -76,7 +76,10 @@ def cut(path: np.ndarray, label: str = "") -> list[Cycle]:
     turns = _turning_points(smooth, AMPLITUDE * float(np.ptp(smooth)))
     near = [(_nearest(path, low, -1.0), _nearest(path, high, 1.0)) for low, high in turns]
     rises = [(low, high) for low, high in near if high - low >= LEAST_ROWS - 1]
-    scatter, rows = second_difference_scatter(path), np.arange(path.size)
+    rows = np.arange(path.size)
+    # steps against the rises are noise; second differences would count uneven sampling, too
+    against = [np.minimum(np.diff(path[low : high + 1]), 0.0) for low, high in rises]
+    scatter = float(np.sqrt(np.mean(np.concatenate([*against, [0.0]]) ** 2)))
     before = [0, *(high + 1 for _, high in rises)][: len(rises)]
     starts = [_rest(path, smooth, *rise, b, scatter) for rise, b in zip(rises, before, strict=True)]
     cycles = []

@@ -64,7 +64,7 @@ class Gauge:
         given = self.given_mm[k]
         reference = first_mm if given is None else given
         origin = "its first value" if given is None else "the stated gauge length"
-        doubt = self._doubt(reference, k, column, file)
+        doubt = self._doubt(first_mm, k, column, file)
         return length_mm / reference, (
             f"stretch {'xy'[k]} is {column} over {origin}, {reference:g} mm{doubt}"
         )

@@ -1,22 +1,12 @@
-"""Lines of a file in messages, and those that the user asks for."""
+"""Lines of a file that the user asks for."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 
 ALL = "all"
-
-
-def in_lines(lines: Sequence[int] | np.ndarray, shown: int = 6) -> str:
-    """Lines of a file as text, such as ``5, 9-14 and 3 more``."""
-    numbers = np.sort(np.asarray(lines))
-    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
-    text = ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:shown])
-    return text + (f" and {sum(map(len, runs[shown:]))} more" if len(runs) > shown else "")
 
 
 def outside(lines: np.ndarray, wanted: str | None, file: object) -> np.ndarray:

@@ -11,19 +11,22 @@ from scipy.ndimage import median_filter
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
-from biaxbayes.machines.lines import in_lines, ranges_without
+from biaxbayes.machines.lines import ranges_without
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.specimens.branches import JUMP, SIDES, STEEP, repeats, rows_apart
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
 from biaxbayes.tables.question import Question
+from biaxbayes.tables.table import in_lines
 
 LOST_LOAD = 0.1
 """Fall of the load, as a fraction of its range, that loading does not explain."""
 FALLS_TOO = 0.3
 """Fall of the load before a rise over its height, below which the load did not fall."""
-FLAT = 0.25
-"""Slope at the end over the mean slope, below which a load no longer follows the stretch."""
+LEVEL = 0.01
+"""Change of a load, as a fraction of its range, within which it stays."""
+LEAST_WAY = 0.02
+"""Fraction of the whole way that a stretch goes on while a load stays."""
 
 
 def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
@@ -151,7 +154,7 @@ def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recordin
     if choice.rows is None:
         if falling is not None and choice.still is None:
             _ask_about_fall(taken, cycle, falling)
-        _ask_about_limit(taken, cycle, rest)
+        _ask_about_level_loads(taken, cycle)
         _ask_about_delay(taken, cycle)
     return taken
 
@@ -181,12 +184,12 @@ def _one_row_a_step(
     return whole.at(at, "repeats the stretch of another row")
 
 
-def _runs(stretch: np.ndarray) -> list[np.ndarray]:
-    """Rows in runs of the same stretch, within its scatter."""
-    level = 4.0 * np.array([second_difference_scatter(curve) for curve in stretch.T])
+def _runs(curves: np.ndarray, level: float | None = None) -> list[np.ndarray]:
+    """Rows in runs of the same values, within a level, or within the scatter of each curve."""
+    within = level or 4.0 * np.array([second_difference_scatter(curve) for curve in curves.T])
     runs, first = [], 0
-    for row in range(1, len(stretch) + 1):
-        if row == len(stretch) or np.any(np.abs(stretch[row] - stretch[first]) > level):
+    for row in range(1, len(curves) + 1):
+        if row == len(curves) or np.any(np.abs(curves[row] - curves[first]) > within):
             runs.append(np.arange(first, row))
             first = row
     return runs
@@ -233,31 +236,30 @@ def _ask_about_fall(taken: Recording, cycle: Cycle, falling: tuple[int, np.ndarr
     _ask_for_rows(taken.record, problem, np.union1d(taken.rows[rows], cycle.hold))
 
 
-def _ask_about_limit(taken: Recording, cycle: Cycle, rest: int) -> None:
-    """Ask where a load stays at its largest value while the stretch goes on."""
+def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
+    """Ask where a load stays while the stretch goes on as far as it rose with before."""
     path = np.abs(taken.stretch - taken.stretch[0]).sum(axis=1)
-    moving = np.ptp(path[rest:]) if path.size > rest else 0.0
-    tail = np.flatnonzero(path >= path.max() - 0.1 * moving)
-    tail = tail[tail >= rest]
-    if tail.size < 4 or path.size < 12:
-        return
     for k, curve in enumerate(taken.load.T):
         scatter, span = second_difference_scatter(curve), float(np.ptp(curve))
-        largest = curve[tail].mean() > curve.max() - 0.1 * span
-        if not largest or span < max(0.1 * float(np.ptp(taken.load)), 10.0 * scatter):
+        if span < max(0.1 * float(np.ptp(taken.load)), 10.0 * scatter):
             continue
-        x = path[tail] - path[tail].mean()
-        slope = float(x @ curve[tail]) / float(x @ x)
-        error = scatter / float(np.sqrt(x @ x))
-        if slope + 3.0 * error < FLAT * span / moving:
-            top = np.flatnonzero(curve >= curve[tail].mean() - max(4.0 * scatter, 0.01 * span))
+        level = max(4.0 * scatter, LEVEL * span)
+        stays = np.zeros(curve.size, dtype=bool)
+        for first, *_, last in (run for run in _runs(curve[:, None], level) if run.size >= 4):
+            same_way = path[:first] >= 2.0 * path[first] - path[last]
+            rise = curve[first] - curve[:first][same_way].min(initial=curve[first])
+            to_the_end = curve[last:].max() <= curve[first : last + 1].max() + level
+            if rise > 4.0 * level and path[last] - path[first] > LEAST_WAY * np.ptp(path):
+                stays[first : curve.size if to_the_end else last + 1] = True
+        at = np.flatnonzero(stays)
+        if at.size:
             problem = (
-                f"the load in {'xy'[k]} stays at {curve[tail].mean():.4g} {taken.record.unit} from "
-                f"line {taken.lines[top[0]]} on while the stretch goes on: the load cell at its "
-                "limit, creep, or a grip that slips"
+                f"the load in {'xy'[k]} stays at {curve[at].mean():.4g} {taken.record.unit} in "
+                f"lines {in_lines(taken.lines[at])} while the stretch goes on: the load cell at "
+                "its limit, creep, or a grip that slips"
             )
-            late = np.union1d(taken.rows[top[0] :], cycle.hold)
-            _ask_for_rows(taken.record, problem, late)
+            late = cycle.hold if at[-1] == curve.size - 1 else cycle.hold[:0]
+            _ask_for_rows(taken.record, problem, np.union1d(taken.rows[at], late))
 
 
 def _ask_about_delay(taken: Recording, cycle: Cycle) -> None:

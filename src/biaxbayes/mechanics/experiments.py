@@ -221,6 +221,12 @@ TESTS = ("biaxial", "strip x", "strip y", "tube")
 """Kinds of test as a specimen file names them."""
 
 
+def experiment_of(test: str) -> Experiment:
+    """The kind of test of a name in :data:`TESTS`."""
+    kind, _, axis = test.partition(" ")
+    return Strip("xy".index(axis)) if kind == "strip" else BIAXIAL
+
+
 # --- free sides ----------------------------------------------------------------------------------
 
 FREE_SIDE_STEPS, FREE_SIDE_TOLERANCE, LARGEST_STEP = 60, 1e-9, 0.1
@@ -249,6 +255,7 @@ def with_free_side(cauchy: Any, total: np.ndarray, side: int) -> np.ndarray:
             done = (np.abs(step) < FREE_SIDE_TOLERANCE) & (slope > 0.0)
             if done.all():
                 break
-    out = total.copy()
+    # one state for many materials becomes one of each
+    out = np.broadcast_to(total, (*y.shape, 2)).copy()
     out[..., side] = np.where(unknown, np.where(done, np.exp(y), np.nan), total[..., side])
     return out

@@ -1,4 +1,4 @@
-"""A homogeneous virtual biaxial test: known material, known mounting stretch, known forces."""
+"""A homogeneous virtual test: known material, known mounting stretch, known forces."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, with_free_side
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,14 @@ def virtual_test(
     edge_x_mm: float = 20.0,
     edge_y_mm: float = 20.0,
     thickness_mm: float = 1.0,
+    experiment: Experiment = BIAXIAL,
 ) -> VirtualTest:
     """Stretch a homogeneous specimen from its mounted state in equal increments.
 
     ``mounting_stretch`` is relative to the unloaded state, the largest ``total_stretch`` or
     ``measured_stretch`` (give one) to the unloaded or the mounted one; ``ratio`` is the fraction of
-    the stretch beyond the mounted state of each direction. The dimensions are unloaded ones.
+    the stretch beyond the mounted state of each direction. The dimensions are unloaded ones. Across
+    a strip the stretches are those that carry no load, whatever is given.
     """
     if (total_stretch is None) == (measured_stretch is None):
         raise ValueError("give one of total_stretch and measured_stretch")
@@ -57,7 +60,14 @@ def virtual_test(
     path = np.linspace(0.0, 1.0, increments + 1)[:, None]
     measured = 1.0 + path * (top - 1.0) * np.asarray(ratio, dtype=float)
     total = measured * lm
+    side = experiment.free_side
+    if side is not None:
+        total[:, side] = np.nan
+        total = with_free_side(material.cauchy, total, side)
+        measured[:, side] = total[:, side] / total[0, side]
     cauchy = np.column_stack(material.cauchy(total[:, 0], total[:, 1]))
+    if side is not None:
+        cauchy[:, side] = 0.0
     piola = cauchy / total
     # f_x = P_x * edge_y * thickness, kPa mm^2 = 1e-3 N
     force = piola * np.array([edge_y_mm, edge_x_mm]) * thickness_mm * 1e-3

@@ -18,7 +18,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
-from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
+from biaxbayes.laws.chart import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, TransformInputs
 from biaxbayes.model.density import (
     MODE_FORCE,

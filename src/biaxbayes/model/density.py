@@ -17,7 +17,8 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
-from biaxbayes.laws.materials import cauchy_stress, constants_from_theta, to_slots
+from biaxbayes.laws.coordinates import constants_from_theta, to_slots
+from biaxbayes.laws.materials import cauchy_stress
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,

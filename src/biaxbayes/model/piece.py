@@ -31,6 +31,13 @@ class Piece:
         pairs = zip(specimen.pieces, quantities.pieces, strict=True)
         return tuple(cls(piece, settings, labels) for piece, labels in pairs)
 
+    def title(self, protocol: str) -> str:
+        """What a protocol is called among those of all pieces."""
+        label = self.labels.label
+        if not label or len(self.specimen.protocols) == 1:
+            return label or protocol
+        return f"{label}: {protocol}"
+
     @cached_property
     def thinned(self) -> ThinnedSpecimen:
         """The rows that enter the likelihood: zeroed and thinned according to the settings."""

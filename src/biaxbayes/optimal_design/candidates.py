@@ -1,4 +1,4 @@
-"""Candidates for the next measurement: a further protocol, histology, an image of the mounting.
+"""Candidates for the next measurement: a further protocol, strips, histology, an image.
 
 A candidate simulates outcomes from draws of the posterior, each with its own material, mounted
 state and noise, and gives the probability of an outcome for any other draw.
@@ -6,7 +6,7 @@ state and noise, and gives the probability of an outcome for any other draw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -15,6 +15,7 @@ import pandas as pd
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
+from biaxbayes.mechanics.experiments import Strip
 from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
@@ -134,7 +135,7 @@ class FurtherProtocol:
         """Expected readings, (draws, readings)."""
         gain, _ = self._errors
         readings = self.load(draws)[:, self.first :].reshape(len(draws), -1)
-        return readings if gain is None else readings + self.posterior.residuals(draws) @ gain
+        return readings if gain is None else readings + self.posterior.residuals(draws, 0) @ gain
 
     def scale(self, draws: pd.DataFrame) -> np.ndarray:
         """Scale of the errors in units of L, (draws, readings)."""
@@ -175,6 +176,82 @@ class FurtherProtocol:
         return float(low), float(high)
 
 
+STRIP_REACH = 1.2
+"""Largest strain of a planned strip over that of the square; a strip bears more."""
+STRIP_MOUNTING = (0.015, 0.01)
+"""Mean and sd of the mounting strain of planned strips."""
+STRIP_DRAWS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class PairOfStrips(FurtherProtocol):
+    """Two strips of the same tissue, along x and y, with the section and load noise of the square.
+
+    The readings of a draw are loads of strips mounted at a typical stretch. That their mounting
+    stretches and stiffnesses are unknown counts as an error of the readings, with the covariance
+    that drawing them gives at the median of the draws, as the misfit and the noise do:
+
+        y = f + e,    e ~ N(0, C_unknown + a^2 D K_h D + t^2 V G V + s0^2)
+
+    ``stretch`` is that along either strip.
+    """
+
+    median: pd.DataFrame  # one row
+
+    def load(self, draws: pd.DataFrame) -> np.ndarray:
+        """See :class:`FurtherProtocol`."""
+        return self._load(draws, np.full((1, 2), 1.0 + STRIP_MOUNTING[0]), np.ones((1, 2)))
+
+    def _load(self, draws: pd.DataFrame, lm: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+        """Loads of strips at mounting stretches and stiffnesses, (draws, rows, 2)."""
+        forward, loads = self.posterior.forward, []
+        for axis in (0, 1):
+            strip = replace(forward, experiment=Strip(axis), states={}, piece="")
+            path = np.full(self.stretch.shape, np.nan)
+            path[:, axis] = self.stretch[:, axis]
+            columns = {name: draws[name].to_numpy(dtype=float) for name in self.posterior.law.names}
+            columns |= {mounting_names("stretch")[axis]: lm[:, axis]}
+            loads.append(stiffness[:, axis, None] * strip.load(columns, path)[..., axis])
+        return np.stack(loads, axis=-1)
+
+    @cached_property
+    def _errors(self) -> tuple[np.ndarray | None, np.ndarray]:
+        """Nothing of the run's residuals, and the root of the covariance of the errors."""
+        posterior, rng = self.posterior, np.random.default_rng(0)
+        settings, specimen = posterior.settings, posterior.specimen
+        mean, sd = STRIP_MOUNTING
+        lm = 1.0 + np.abs(rng.normal(mean, sd, (STRIP_DRAWS, 2)))
+        stiffness = np.exp(settings.piece_sd * rng.standard_normal((STRIP_DRAWS, 2)))
+        copies = self.median.loc[self.median.index.repeat(STRIP_DRAWS)]
+        drawn = self._load(copies, lm, stiffness)[:, self.first :].reshape(STRIP_DRAWS, -1)
+        covariance = np.cov(drawn, rowvar=False)
+        load = self.load(self.median)[0]
+        position = np.linspace(0.0, 1.0, len(load))
+        for axis in (0, 1) if settings.has_misfit else ():
+            own = np.arange(len(load) - self.first) * 2 + axis
+            at = CurvePoints(
+                protocol=np.zeros(len(load), dtype=int),
+                axis=np.full(len(load), axis),
+                path=position,
+                plane=np.column_stack([position, position]),
+                load=load[:, axis],
+                peak=np.full(len(load), np.abs(load[:, axis]).max()),
+            ).take(np.arange(self.first, len(load)))
+            misfit = posterior.misfit.toe_covariance(at, at)
+            for component, shares in zip(posterior.misfit.components, self.shares, strict=True):
+                misfit += (shares @ AMPLITUDES**2) * component.structure.covariance(at, at)
+            covariance[np.ix_(own, own)] += misfit
+        noise = max(specimen.noise_sd, LEAST_NOISE * np.abs(load).max())
+        rows = np.full((len(load) - self.first, 2), noise / np.sqrt(self.repeats))
+        if self.first == 0:
+            rows[0] = noise
+        return None, np.linalg.cholesky(covariance + np.diag(rows.ravel() ** 2))
+
+    def scale(self, draws: pd.DataFrame) -> np.ndarray:
+        """See :class:`FurtherProtocol`."""
+        return np.ones((len(draws), 2 * (len(self.stretch) - self.first)))
+
+
 def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.ndarray]:
     """Columns with one mounted state: of several, one at random for each draw."""
     columns = {str(k): draws[k].to_numpy(dtype=float) for k in draws.columns}
@@ -192,7 +269,7 @@ def _misfit_shares(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
     """Posterior weights of the misfit's structures and amplitudes, (components, amplitudes)."""
     if not posterior.settings.has_misfit:
         return np.empty((0, len(AMPLITUDES)))
-    residual = posterior.residuals(draws.iloc[evenly_chosen(len(draws), SHARE_DRAWS)])
+    residual = posterior.residuals(draws.iloc[evenly_chosen(len(draws), SHARE_DRAWS)], 0)
     logs = posterior.misfit.log_weights(residual)
     return np.asarray(np.exp(logs - logsumexp(logs, axis=(1, 2), keepdims=True)).mean(axis=0))
 
@@ -213,8 +290,8 @@ def standard_candidates(
     stretches, one goes `further` times as far.
     """
     specimen, settings = posterior.specimen, posterior.settings
-    ends = [np.array([p.stretch_x[-1], p.stretch_y[-1]]) - 1.0 for p in specimen.protocols]
-    top = np.max([[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols], axis=0) - 1.0
+    ends = [p.known_stretch[-1] - 1.0 for p in specimen.protocols]
+    top = np.max([p.known_stretch.max(axis=0) for p in specimen.protocols], axis=0) - 1.0
     rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
     planned, shares = min(rows, MAX_PLANNED_ROWS), _misfit_shares(posterior, draws)
 
@@ -230,6 +307,10 @@ def standard_candidates(
     if further != 1.0:
         stretch = " × ".join(f"{v:.3g}" for v in 1.0 + further * top)
         out.append(protocol(f"1:1 to {stretch}", further * top))
+    if specimen.test == "biaxial" and settings.infers_mounting:
+        path = 1.0 + np.linspace(0.0, 1.0, planned + 1)[:, None] * STRIP_REACH * top
+        median = draws[list(posterior.law.names)].median().to_frame().T
+        out.append(PairOfStrips("strips x and y", posterior, path, rows / planned, shares, median))
     free = {n for n, p in posterior.priors.items() if isinstance(p, Prior)}
     for name, sd, unit in (("alpha", alpha_sd_deg, "°"), ("kappa", kappa_sd, "")):
         if name in free:

@@ -3,309 +3,295 @@ r"""Group means, donor effects and covariances of a population, given its specim
 Specimen i of group g and donor d has values theta_i (p of them) from a truncated normal:
 
     theta_i | m_i, Sigma_g  ~  N(m_i, Sigma_g) inside the box,     m_i = mu_g + b_d
-    b_d ~ N(0, Omega)        mu_g ~ N(m0, diag(s0^2))
+    b_d ~ N(0, Omega)        mu_g ~ N(0, diag(s0^2))
     Sigma = diag(sd) R diag(sd)      sd_k ~ half-normal(a_k)      R ~ LKJ(eta)
 
 and likewise Omega. The truncation gives the density the normaliser 1 / P(box | m_i, Sigma). It is
 never computed: rejection sampling draws a truncated normal as the first draw inside the box, so the
 rejected draws before it are auxiliary variables, simulated again in every sweep (Rao, Lin and
-Dunson, Biometrika 103 (2016) 319). With them as further specimens, everything is normal. Group
-means and donor effects are integrated out while an sd is moved, and drawn exactly from their
-normal (:mod:`.collapsed`).
+Dunson, Biometrika 103 (2016) 319). With them as further specimens, everything is normal.
 
 The model excludes a location m_i if P(low_k <= N(m_ik, sd_k^2) <= high_k) < 0.01 for one of its
 values k.
 
-The values may be any quantities. Arrays have the chain as first axis; values are centred on the
-prior means of the groups.
+The values may be any quantities, centred on the prior means of the groups. Arrays have the chain as
+first axis, and where values are independent (K blocks of b = 1 value) or all correlated (K = 1,
+b = p) the block as second.
 """
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-
-from biaxbayes.compilation import compiled
-from biaxbayes.populations.collapsed import (
-    accumulate,
-    draw_means,
-    integrate,
-    inverse_from,
-    invert,
-    workspace,
-)
+from scipy.special import ndtr
 
 MIN_INSIDE_PROBABILITY = 0.01
-MIN_WIDTH_IN_SDS = 0.1
-"""A wider range needs no check: a normal centred on its bound has 0.04 of its mass inside."""
-MIN_PARTIAL = -1.0 + 1e-9
+SD_RANGE = np.log([1e-4, 20.0])
+"""Range of ln sd, relative to the scale of its prior, which has 1e-4 of its mass outside."""
 SLICE_WIDTH = 4.0
 """Width w of the initial interval (Neal 2003) for the log of an sd."""
-MAX_SHRINKAGES = 60
-"""Shrinkages of a slice: then the interval is down to rounding, and the value stays."""
 
 
-class Layout(NamedTuple):
-    """Group and donor of each specimen, and priors of one block of values that may correlate."""
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Group and donor of each specimen, and priors."""
 
     group: np.ndarray  # (n,): index of the group of each specimen
     donor: np.ndarray  # (n,): index of its donor
     covariance_index: np.ndarray  # (groups,): index of the covariance Sigma of each group
     donors: int
     sets: int  # number of covariances Sigma
-    low: np.ndarray  # (b,): the box, centred as the values; infinite where unbounded
+    low: np.ndarray  # (p,): the box, centred as the values; infinite where unbounded
     high: np.ndarray
-    mean_sd: np.ndarray  # (b,): prior sd of the groups' means
-    scale: np.ndarray  # (2, b), of the half-normal priors of the sds: of donors, of specimens
+    mean_sd: np.ndarray  # (p,): prior sd of the groups' means
+    scale: np.ndarray  # (2, p), of the half-normal priors of the sds: of donors, of specimens
     eta: np.ndarray  # (2,), of the LKJ priors of both; zero without correlations
 
+    @property
+    def set_of(self) -> np.ndarray:
+        """Index of the covariance Sigma of each specimen, (n,)."""
+        return np.asarray(self.covariance_index[self.group])
 
-class Block(NamedTuple):
-    """Values that may correlate, of all chains, and everything they have in common."""
+    @property
+    def locations(self) -> np.ndarray:
+        """Matrix X (n, groups + donors) of ones and zeros: m = X (mu, b)."""
+        groups = np.eye(len(self.covariance_index))[self.group]
+        return np.hstack([groups, np.eye(self.donors)[self.donor]])
 
-    theta: np.ndarray  # (chains, n, b)
-    mu: np.ndarray  # (chains, groups, b)
-    effect: np.ndarray  # (chains, donors, b)
-    sd: np.ndarray  # (chains, 1 + sets, b): of donors, then of specimens
-    partial: np.ndarray  # (chains, 2, b (b - 1) / 2): canonical partial correlations of both
-    factor: np.ndarray  # (chains, 2, b, b): Cholesky factors of the correlation matrices
-
-
-class Augmented(NamedTuple):
-    """Rejected draws, outside the box, before each specimen's value inside."""
-
-    rejected: np.ndarray  # (chains, n), their number
-    total: np.ndarray  # (chains, n, b), their sums
-    square: np.ndarray  # (chains, sets, b, b), sums of their squares
+    @property
+    def sd_scale(self) -> np.ndarray:
+        """Scales of the half-normal priors of donors and of every set, (1 + sets, p)."""
+        return np.repeat(self.scale, [1, self.sets], axis=0)
 
 
-@compiled(nogil=True)
-def augment(rng, layout, block):
-    """Draw the rejected values, outside the box, before each specimen's, of all chains."""
-    C, n, b = block.theta.shape
-    rejected, total = np.zeros((C, n)), np.zeros((C, n, b))
-    square = np.zeros((C, layout.sets, b, b))
-    z, y = np.empty(b), np.empty(b)
-    for c in range(C):
-        for i in range(n):
-            g, d = layout.group[i], layout.donor[i]
-            s = layout.covariance_index[g]
-            while True:
-                outside = False
-                for k in range(b):
-                    z[k] = rng.standard_normal()
-                for k in range(b):
-                    y[k] = block.mu[c, g, k] + block.effect[c, d, k]
-                    for j in range(k + 1):
-                        y[k] += block.sd[c, 1 + s, k] * block.factor[c, 1, k, j] * z[j]
-                    outside = outside or y[k] < layout.low[k] or y[k] > layout.high[k]
-                if not outside:
-                    break
-                rejected[c, i] += 1.0
-                for k in range(b):
-                    total[c, i, k] += y[k]
-                    for j in range(b):
-                        square[c, s, k, j] += y[k] * y[j]
-    return Augmented(rejected, total, square)
+class Sums(NamedTuple):
+    """Specimens with the draws rejected before them, block by block."""
+
+    N: np.ndarray  # (C, K, n): number
+    S: np.ndarray  # (C, K, n, b): sum
+    Q: np.ndarray  # (C, K, sets, b, b): sum of squares of a set's specimens
 
 
-@compiled()
-def is_allowed(layout, mu, effect, sd):
-    """Test that every location has enough of its normal inside the box; sd (1 + sets, b)."""
-    for k in range(layout.low.size):
-        low, high = layout.low[k], layout.high[k]
-        if math.isinf(low) and math.isinf(high):
-            continue
-        for i in range(layout.group.size):
-            g = layout.group[i]
-            m = mu[g, k] + effect[layout.donor[i], k]
-            s = sd[1 + layout.covariance_index[g], k]
-            if low <= m <= high and high - low > MIN_WIDTH_IN_SDS * s:
-                continue
-            root = 1.0 / (s * math.sqrt(2.0))
-            inside = 0.5 * (math.erf((high - m) * root) - math.erf((low - m) * root))
-            if not inside >= MIN_INSIDE_PROBABILITY:
-                return False
-    return True
-
-
-@compiled()
-def _fill_statistics(layout, block, c, augmented, work):
-    """Fill sums and inverse covariances of chain c into the workspace."""
-    rejected, total, square = augmented
-    accumulate(layout, block.theta[c], rejected[c], total[c], square[c], work)
-    for s in range(1 + layout.sets):
-        invert(block.sd[c], block.factor[c], s, work)
-
-
-@compiled(nogil=True)
-def log_marginal(layout, block, augmented):
-    """Log density (chains,) of the specimens' values, means and effects integrated out."""
-    C = block.theta.shape[0]
-    out = np.empty(C)
-    work = workspace(layout)
-    for c in range(C):
-        _fill_statistics(layout, block, c, augmented, work)
-        out[c] = integrate(layout, work)
-    return out
-
-
-@compiled()
-def _set_log_sd(x, layout, work, sd, factor, s, k):
-    """Set sd[s, k] = exp(x) and its inverse covariance; return the log density of x."""
-    sd[s, k] = math.exp(x)
-    invert(sd, factor, s, work)
-    # half-normal, as a density of x = ln sd: -sd^2 / (2 a^2) + x
-    prior = -0.5 * (sd[s, k] / layout.scale[min(s, 1), k]) ** 2 + x
-    return prior + integrate(layout, work)
-
-
-@compiled()
-def _slice_sample_sd(rng, layout, work, sd, factor, s, k):
-    """Move one sd in place by slice sampling (Neal 2003), means and effects integrated out.
-
-    The last evaluation leaves sd and inverse covariance at the accepted value.
-    """
-    x0 = math.log(sd[s, k])
-    args = (layout, work, sd, factor, s, k)
-    level = _set_log_sd(x0, *args) + math.log(1.0 - rng.random())
-    low = x0 - SLICE_WIDTH * rng.random()
-    high = low + SLICE_WIDTH
-    for _ in range(MAX_SHRINKAGES):
-        x = low + rng.random() * (high - low)
-        if _set_log_sd(x, *args) >= level:
-            return
-        if x < x0:
-            low = x
-        else:
-            high = x
-    _set_log_sd(x0, *args)
-
-
-@compiled()
-def _draw_locations(rng, layout, block, c, work):
-    """Draw means and donor effects; False, and they stay, if a location is not allowed."""
-    mu, effect = block.mu[c], block.effect[c]
-    old_mu, old_effect = mu.copy(), effect.copy()
-    draw_means(rng, layout, work, mu, effect)
-    if is_allowed(layout, mu, effect, block.sd[c]):
-        return True
-    mu[:] = old_mu
-    effect[:] = old_effect
-    return False
-
-
-@compiled()
-def _set_correlations(partial, factor, eta, scatter_matrix, count):
-    """Log density of partial correlations c given ``count`` standardised vectors with a scatter V.
-
-    Fills the Cholesky factor F of their correlation matrix R = F F'. Prior and likelihood are
-
-        p(c_ij) ~ (1 - c_ij^2)^(eta + (b - 2 - j) / 2 - 1)
-        ln L = -count ln |F| - 1/2 tr(R^-1 V),   V = sum_i z_i z_i',   z_i = (theta_i - m_i) / sd
-    """
-    b = scatter_matrix.shape[0]
-    value, p = 0.0, 0
+def correlation_factors(partial: np.ndarray, b: int) -> np.ndarray:
+    """Cholesky factors (M, b, b) of correlations from canonical partial ones (M, pairs or 0)."""
+    if not partial.size:
+        return np.tile(np.eye(b), (len(partial), 1, 1))
+    out = np.zeros((len(partial), b, b))
+    k = 0
     for i in range(b):
-        rest = 1.0
+        rest = np.ones(len(partial))
         for j in range(i):
-            square = partial[p] * partial[p]
-            factor[i, j] = partial[p] * math.sqrt(rest)
-            rest *= 1.0 - square
-            value += (eta + 0.5 * (b - 2 - j) - 1.0) * math.log1p(-square)
-            p += 1
-        factor[i, i] = math.sqrt(max(rest, 1e-12))
-        value -= count * math.log(factor[i, i])
-    inverse = np.empty((b, b))
-    inverse_from(factor, b, inverse)
-    return value - 0.5 * (inverse * scatter_matrix).sum()
-
-
-@compiled()
-def _slice_sample_correlations(rng, partial, factor, eta, scatter_matrix, count):
-    """Move all partial correlations in place by slice sampling, given standardised vectors."""
-    args = (partial, factor, eta, scatter_matrix, count)
-    for k in range(partial.size):
-        x0 = partial[k]
-        level = _set_correlations(*args) + math.log(1.0 - rng.random())
-        low, high = MIN_PARTIAL, -MIN_PARTIAL
-        for tried in range(MAX_SHRINKAGES):
-            partial[k] = low + rng.random() * (high - low)
-            if tried == MAX_SHRINKAGES - 1:
-                partial[k] = x0
-            if _set_correlations(*args) >= level:
-                break
-            if partial[k] < x0:
-                low = partial[k]
-            else:
-                high = partial[k]
-
-
-@compiled()
-def _scatter_matrix(layout, work, mu, effect, sd):
-    """Scatter about the locations m in units of the sds (1 + sets, b), shape (b, b).
-
-    V_kj = sum over sets, donors and groups of (Q - S m' - m S' + N m m')_kj / (sd_k sd_j)
-    """
-    D, G = work.N.shape
-    b = layout.low.size
-    out, m = np.zeros((b, b)), np.empty(b)
-    for s in range(layout.sets):
-        for k in range(b):
-            for j in range(b):
-                out[k, j] += work.Q[s, k, j] / (sd[1 + s, k] * sd[1 + s, j])
-    for d in range(D):
-        for g in range(G):
-            N, S, s = work.N[d, g], work.S[d, g], 1 + layout.covariance_index[g]
-            for k in range(b):
-                m[k] = mu[g, k] + effect[d, k]
-            for k in range(b):
-                for j in range(b):
-                    x = N * m[k] * m[j] - S[k] * m[j] - m[k] * S[j]
-                    out[k, j] += x / (sd[s, k] * sd[s, j])
+            out[:, i, j] = partial[:, k] * np.sqrt(rest)
+            rest = rest * (1.0 - partial[:, k] ** 2)
+            k += 1
+        out[:, i, i] = np.sqrt(np.maximum(rest, 1e-12))
     return out
 
 
-@compiled(nogil=True)
-def update(rng, layout, block, augmented):
-    """Move sds, correlations, means and donor effects of all chains, in place.
+def inside_probability(location: Any, sd: Any, low: Any, high: Any) -> np.ndarray:
+    """Probability of a range under a normal."""
+    return np.asarray(ndtr((high - location) / sd) - ndtr((low - location) / sd))
 
-    Sds move with means and donor effects integrated out and take these along; correlations move
-    given them. The specimens' values stay.
+
+class Common:
+    """What the specimens have in common, of C chains, and its moves."""
+
+    STATE = ("mu", "effect", "sd", "partial")
+
+    def __init__(self, layout: Layout, theta: np.ndarray, rng: np.random.Generator) -> None:
+        """Means start at those of ``theta`` (C, n, p), sds over-dispersed around their scale."""
+        self.layout, self.rng = layout, rng
+        (self.C, _, self.p), self.donors = theta.shape, layout.donors
+        self.b = self.p if layout.eta.any() else 1
+        self.K = self.p // self.b
+        means = [theta[:, layout.group == g].mean(1) for g in range(len(layout.covariance_index))]
+        self.mu = np.stack(means, axis=1).clip(layout.low, layout.high)
+        self.effect = np.zeros((self.C, layout.donors, self.p))
+        spread = rng.uniform(-1.5, 0.5, (self.C, 1 + layout.sets, self.p))
+        self.sd = np.exp(spread) * layout.sd_scale
+        self.partial = np.zeros((self.C, 2, self.b * (self.b - 1) // 2))
+
+    def _blocks(self, values: np.ndarray) -> np.ndarray:
+        """Values (C, m, p) by block, (C, K, m, b)."""
+        return values.reshape(len(values), -1, self.K, self.b).swapaxes(1, 2)
+
+    def m(self) -> np.ndarray:
+        """Locations of the specimens, (C, n, p)."""
+        return self.mu[:, self.layout.group] + self.effect[:, self.layout.donor]
+
+    def factors(self, side: int) -> np.ndarray:
+        """Cholesky factors (C, b, b) of the correlations of donors (0) or specimens (1)."""
+        return correlation_factors(self.partial[:, side], self.b)
+
+    def inverse_covariances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inverses (C, K, 1 + sets, b, b) of Omega and every Sigma, and their log determinants."""
+        sd = self._blocks(self.sd)
+        F = np.stack([self.factors(0)] + [self.factors(1)] * self.layout.sets, axis=1)[:, None]
+        log_det = 2.0 * (np.log(sd) + np.log(np.diagonal(F, axis1=-2, axis2=-1))).sum(axis=-1)
+        root = np.linalg.inv(F) / sd[..., None, :]
+        return root.swapaxes(-1, -2) @ root, log_det
+
+    def precisions(self) -> np.ndarray:
+        """Inverse covariance of every specimen with all of its values, (C, n, p, p)."""
+        P = self.inverse_covariances()[0][:, :, 1 + self.layout.set_of]
+        out = np.zeros((self.C, P.shape[2], self.p, self.p))
+        for k in range(self.K):
+            at = slice(k * self.b, (k + 1) * self.b)
+            out[:, :, at, at] = P[:, k]
+        return out
+
+    def update(self, theta: np.ndarray) -> None:
+        """Move sds, correlations, means and donor effects once, given the specimens' values."""
+        sums = self.with_rejected(theta)
+        for s in range(1 + self.layout.sets):
+            for j in range(self.b):
+                self._move_sd(sums, s, j)
+        for side in (0, 1):
+            if self.layout.eta[side] > 0.0:
+                self._move_correlations(side, *self._scatter(side, sums))
+
+    def with_rejected(self, theta: np.ndarray) -> Sums:
+        """Sums of the specimens and of the draws outside the box that came before each."""
+        layout, set_of = self.layout, self.layout.set_of
+        x, m = self._blocks(theta), self._blocks(self.m())
+        sd, F = self._blocks(self.sd[:, 1 + set_of]), self.factors(1)
+        low, high = (e.reshape(self.K, self.b) for e in (layout.low, layout.high))
+        sums = Sums(
+            np.ones(x.shape[:3]),
+            x.copy(),
+            np.einsum("ckni,cknj,ns->cksij", x, x, np.eye(layout.sets)[set_of]),
+        )
+        bounded = (np.isfinite(low) | np.isfinite(high)).any(axis=1)
+        at = np.nonzero(np.broadcast_to(bounded[:, None], x.shape[:3]))
+        while len(at[0]):
+            z = self.rng.standard_normal((len(at[0]), self.b))
+            y = m[at] + sd[at] * (F[at[0]] @ z[..., None])[..., 0]
+            outside = ((y < low[at[1]]) | (y > high[at[1]])).any(axis=1)
+            at, y = tuple(a[outside] for a in at), y[outside]
+            sums.N[at] += 1.0
+            sums.S[at] += y
+            np.add.at(sums.Q, (at[0], at[1], set_of[at[2]]), y[:, :, None] * y[:, None, :])
+        return sums
+
+    def log_marginal(self, sums: Sums) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Log density (C, K) of the specimens, x = (mu, b) integrated out, and what draws x.
+
+            x | theta ~ N(M^-1 r, M^-1)    M = M_0 + sum_i N_i X_i X_i' (x) P_i
+            r = sum_i X_i (x) P_i S_i      M_0 = diag(s0^-2, ..., Omega^-1, ...)
+            ln p = 1/2 sum_i N_i ln |P_i| - 1/2 tr P Q + 1/2 ln |M_0| - 1/2 ln |M| + 1/2 r' M^-1 r
+
+        The second and third results are the Cholesky factor L of M, and L^-1 r.
+        """
+        layout, X = self.layout, self.layout.locations
+        C, K, b, G, q = self.C, self.K, self.b, len(layout.covariance_index), X.shape[1]
+        P, log_det = self.inverse_covariances()
+        own = P[:, :, 1 + layout.set_of]
+        pairs = (X[:, :, None] * X[:, None, :]).reshape(len(X), q * q)
+        NP = np.moveaxis(sums.N[..., None, None] * own, 2, -1)
+        M = (NP @ pairs).reshape(C, K, b, b, q, q).transpose(0, 1, 4, 2, 5, 3)
+        for g in range(G):
+            M[:, :, g, range(b), g, range(b)] += 1.0 / layout.mean_sd.reshape(K, b) ** 2
+        for d in range(G, q):
+            M[:, :, d, :, d, :] += P[:, :, 0]
+        PS = (own @ sums.S[..., None])[..., 0]
+        r = (X.T @ PS).reshape(C, K, q * b, 1)
+        L = np.linalg.cholesky(M.reshape(C, K, q * b, q * b))
+        y = np.linalg.solve(L, r)[..., 0]
+        value = -0.5 * (sums.N * log_det[:, :, 1 + layout.set_of]).sum(axis=-1)
+        value -= 0.5 * (P[:, :, 1:] * sums.Q).sum(axis=(-3, -2, -1))
+        value -= 0.5 * self.donors * log_det[:, :, 0]
+        value -= np.log(np.diagonal(L, axis1=-2, axis2=-1)).sum(axis=-1)
+        return value + 0.5 * (y * y).sum(axis=-1), L, y
+
+    def _move_sd(self, sums: Sums, s: int, j: int) -> None:
+        """Move one sd of every block by a slice (Neal 2003), x = (mu, b) integrated out; draw x."""
+        before, scale = self.sd.copy(), self._blocks(self.layout.sd_scale[None])[0, :, s, j]
+        sd = self._blocks(self.sd)[:, :, s, j]  # a view
+
+        def log_density(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            sd[:] = np.exp(x)
+            value, L, y = self.log_marginal(sums)
+            # half-normal, as a density of x = ln sd: -sd^2 / (2 a^2) + x
+            return value - 0.5 * (sd / scale) ** 2 + x, L, y
+
+        ends = np.log(scale) + SD_RANGE[:, None]
+        _, (_, L, y) = slice_sample(self.rng, log_density, np.log(sd), SLICE_WIDTH, *ends)
+        # x = M^-1 r + L'^-1 z = L'^-1 (L^-1 r + z)
+        z = y + self.rng.standard_normal(y.shape)
+        x = np.linalg.solve(L.swapaxes(-1, -2), z[..., None])
+        x = x.reshape(self.C, self.K, -1, self.b).swapaxes(1, 2).reshape(self.C, -1, self.p)
+        mu, effect = np.split(x, [self.mu.shape[1]], axis=1)
+        m = mu[:, self.layout.group] + effect[:, self.layout.donor]
+        own = self.sd[:, 1 + self.layout.set_of]
+        inside = inside_probability(m, own, self.layout.low, self.layout.high)
+        # a location that is not allowed takes the whole move of its block back
+        allowed = self._blocks(inside >= MIN_INSIDE_PROBABILITY).all(axis=(2, 3))
+        allowed = allowed.repeat(self.b, axis=1)[:, None]
+        self.mu = np.where(allowed, mu, self.mu)
+        self.effect = np.where(allowed, effect, self.effect)
+        self.sd = np.where(allowed, self.sd, before)
+
+    def _scatter(self, side: int, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
+        """Scatter V (C, b, b) of donor effects or specimens in units of their sds; their number.
+
+        V = sum over specimens of (Q - S m' - m S' + N m m') / (sd sd')
+        """
+        if side == 0:
+            z = self.effect / self.sd[:, :1]
+            return z.swapaxes(1, 2) @ z, np.full(self.C, float(self.donors))
+        V, m = np.zeros((self.C, self.b, self.b)), self.m()
+        for s in range(self.layout.sets):
+            of = self.layout.set_of == s
+            Sm = sums.S[:, 0, of].swapaxes(1, 2) @ m[:, of]
+            mm = (sums.N[:, 0, of, None] * m[:, of]).swapaxes(1, 2) @ m[:, of]
+            sd = self.sd[:, 1 + s]
+            V += (sums.Q[:, 0, s] - Sm - Sm.swapaxes(1, 2) + mm) / (sd[:, :, None] * sd[:, None])
+        return V, sums.N[:, 0].sum(axis=1)
+
+    def _move_correlations(self, side: int, V: np.ndarray, count: np.ndarray) -> None:
+        """Move all partial correlations c by slices, given ``count`` vectors with a scatter V.
+
+        With the Cholesky factor F of the correlation matrix R = F F'
+
+            p(c_ij) ~ (1 - c_ij^2)^(eta + (b - 2 - j) / 2 - 1)
+            ln L = -count ln |F| - 1/2 tr(R^-1 V)
+        """
+        partial = self.partial[:, side]
+        j = np.array([j for i in range(self.b) for j in range(i)])
+        power = self.layout.eta[side] + 0.5 * (self.b - 2 - j) - 1.0
+
+        for k in range(partial.shape[1]):
+
+            def log_density(x: np.ndarray, k: int = k) -> tuple[np.ndarray]:
+                partial[:, k] = x
+                F = correlation_factors(partial, self.b)
+                value = np.log1p(-(partial**2)) @ power
+                value -= count * np.log(np.diagonal(F, axis1=1, axis2=2)).sum(axis=1)
+                inverse = np.linalg.inv(F)
+                return (value - 0.5 * (inverse.swapaxes(1, 2) @ inverse * V).sum(axis=(1, 2)),)
+
+            slice_sample(self.rng, log_density, partial[:, k].copy(), 2.0, -1 + 1e-9, 1 - 1e-9)
+
+
+def slice_sample(
+    rng: np.random.Generator, log_density: Any, x0: np.ndarray, width: float, low: Any, high: Any
+) -> tuple[np.ndarray, Any]:
+    """Slice sampling of many numbers at once within a range; the last evaluation is at the result.
+
+    ``log_density`` returns a tuple that begins with the log densities.
     """
-    work = workspace(layout)
-    for c in range(block.theta.shape[0]):
-        sd, partial, factor = block.sd[c], block.partial[c], block.factor[c]
-        _fill_statistics(layout, block, c, augmented, work)
-        for s in range(sd.shape[0]):
-            for k in range(sd.shape[1]):
-                before = sd[s, k]
-                _slice_sample_sd(rng, layout, work, sd, factor, s, k)
-                if not _draw_locations(rng, layout, block, c, work):
-                    # the whole move is rejected: sd, means and effects stay together
-                    sd[s, k] = before
-                    invert(sd, factor, s, work)
-        if layout.eta[0] > 0.0:
-            z = block.effect[c] / sd[0]
-            count = float(layout.donors)
-            _slice_sample_correlations(rng, partial[0], factor[0], layout.eta[0], z.T @ z, count)
-        if layout.eta[1] > 0.0:
-            scatter_matrix = _scatter_matrix(layout, work, block.mu[c], block.effect[c], sd)
-            _slice_sample_correlations(
-                rng, partial[1], factor[1], layout.eta[1], scatter_matrix, work.N.sum()
-            )
-
-
-@compiled(nogil=True)
-def draw_locations(rng, layout, block, augmented):
-    """Draw means and donor effects of all chains, in place; where they are allowed, (chains,)."""
-    C = block.theta.shape[0]
-    allowed = np.empty(C, dtype=np.bool_)
-    work = workspace(layout)
-    for c in range(C):
-        _fill_statistics(layout, block, c, augmented, work)
-        integrate(layout, work)
-        allowed[c] = _draw_locations(rng, layout, block, c, work)
-    return allowed
+    level = log_density(x0)[0] + np.log1p(-rng.random(x0.shape))
+    left = x0 - width * rng.random(x0.shape)
+    left, right = np.maximum(left, low), np.minimum(left + width, high)
+    x, searching = x0, np.ones(x0.shape, dtype=bool)
+    while True:
+        drawn = left + rng.random(x0.shape) * (right - left)
+        x = np.where(searching, drawn, x)
+        found = log_density(x)
+        searching &= found[0] < level
+        if not searching.any():
+            return x, found
+        left = np.where(searching & (x < x0), x, left)
+        right = np.where(searching & (x > x0), x, right)

@@ -37,7 +37,6 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import FAMILIES
 from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import MOUNTING_PARAMETERS, STRETCH, Parameter
-from biaxbayes.populations.ensemble import Design, Individual
 from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.text_files import read_toml
 
@@ -229,54 +228,34 @@ class Grouping:
         return len({self.donor[i] for i in self.members(group)})
 
 
-def make_design(
-    individuals: Sequence[Individual],
+def make_layout(
     grouping: Grouping,
     values: Sequence[PooledValue],
     options: PopulationOptions,
     priors: PopulationPriors | None = None,
-) -> Design:
+) -> Layout:
     """Arrays for the sampler; ``priors`` are of the correlations."""
     chosen = priors or PopulationPriors()
     donors, groups = grouping.donors, grouping.groups
-    covariance_index = (
-        np.arange(len(groups)) if options.spread == "by-group" else np.zeros(len(groups), int)
-    )
-    eta = np.array(
-        [
-            eta if has_correlations(options.correlations, count, len(values)) else 0.0
-            for eta, count in (
-                (chosen.eta_donors, len(donors)),
-                (chosen.eta_specimens, len(individuals)),
-            )
-        ]
-    )
+    by_group = options.spread == "by-group"
+    counts = (chosen.eta_donors, len(donors)), (chosen.eta_specimens, len(grouping.labels))
+    eta = [
+        eta if has_correlations(options.correlations, count, len(values)) else 0.0
+        for eta, count in counts
+    ]
     centre = np.array([v.mean for v in values])
-    whole = Layout(
+    return Layout(
         group=np.array([groups.index(g) for g in grouping.group]),
         donor=np.array([donors.index(d) for d in grouping.donor]),
-        covariance_index=covariance_index,
+        covariance_index=np.arange(len(groups)) if by_group else np.zeros(len(groups), int),
         donors=len(donors),
-        sets=len(np.unique(covariance_index)),
+        sets=len(groups) if by_group else 1,
         low=np.array([v.edges[0] for v in values]) - centre,
         high=np.array([v.edges[1] for v in values]) - centre,
         mean_sd=np.array([v.mean_sd for v in values]),
         scale=np.array([[v.donor_scale, v.specimen_scale] for v in values]).T,
-        eta=eta,
+        eta=np.array(eta),
     )
-    blocks = [slice(0, len(values))]
-    if not eta.any():
-        blocks = [slice(k, k + 1) for k in range(len(values))]
-    layouts = [
-        whole._replace(
-            low=whole.low[at],
-            high=whole.high[at],
-            mean_sd=whole.mean_sd[at],
-            scale=np.ascontiguousarray(whole.scale[:, at]),
-        )
-        for at in blocks
-    ]
-    return Design(tuple(individuals), tuple(zip(blocks, layouts, strict=True)), centre)
 
 
 def has_correlations(option: str, count: int, values: int) -> bool:

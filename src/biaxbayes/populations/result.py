@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,23 @@ import pandas as pd
 from scipy.special import ndtr, ndtri
 
 from biaxbayes.laws.law import Law
-from biaxbayes.populations.ensemble import Design
-from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY, Layout
+from biaxbayes.populations.hierarchy import (
+    MIN_INSIDE_PROBABILITY,
+    Layout,
+    correlation_factors,
+    inside_probability,
+)
 from biaxbayes.populations.model import Grouping, PooledValue
-from biaxbayes.populations.sampler import History, PopulationDraws
-from biaxbayes.populations.specimens import Source
+from biaxbayes.populations.reweighting import RunDraws
+from biaxbayes.populations.sampler import (
+    History,
+    PopulationDraws,
+    PopulationPlan,
+    draw_population,
+)
+from biaxbayes.populations.specimens import Source, is_cut_short, run_draws, sample_again
 from biaxbayes.prediction.percentiles import evenly_chosen
+from biaxbayes.sampling.sampler import Plan
 
 MAX_REJECTIONS, MAX_PRIOR_BATCHES = 1000, 50
 NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14
@@ -28,28 +39,6 @@ def truncated_median(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) 
     """Median of a normal truncated to a range."""
     below, above = ndtr((low - location) / sd), ndtr((high - location) / sd)
     return np.clip(location + sd * ndtri(0.5 * (below + above)), low, high)
-
-
-def _is_allowed(location: np.ndarray, sd: np.ndarray, low: Any, high: Any) -> np.ndarray:
-    """True where at least 1 % of the normal lies inside the range, as the model requires."""
-    inside = ndtr((high - location) / sd) - ndtr((low - location) / sd)
-    return np.asarray(inside >= MIN_INSIDE_PROBABILITY)
-
-
-def correlation_factors(partial: np.ndarray, b: int) -> np.ndarray:
-    """Cholesky factors (M, b, b) of correlations from canonical partial ones (M, pairs or 0)."""
-    if not partial.size:
-        return np.tile(np.eye(b), (len(partial), 1, 1))
-    out = np.zeros((len(partial), b, b))
-    k = 0
-    for i in range(b):
-        rest = np.ones(len(partial))
-        for j in range(i):
-            out[:, i, j] = partial[:, k] * np.sqrt(rest)
-            rest = rest * (1.0 - partial[:, k] ** 2)
-            k += 1
-        out[:, i, i] = np.sqrt(np.maximum(rest, 1e-12))
-    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +123,8 @@ class Hyper:
             z = rng.standard_normal((len(left), len(self.values)))
             effect = np.einsum("mij,mj->mi", self.factor_donors[left], z) * self.sd_donors[left]
             out[left] = self.mu[left, group] + effect
-            left = left[~_is_allowed(out[left], sd[left], *self.edges).all(axis=1)]
+            inside = inside_probability(out[left], sd[left], *self.edges)
+            left = left[(inside < MIN_INSIDE_PROBABILITY).any(axis=1)]
             if not len(left):
                 break
         return out
@@ -195,7 +185,8 @@ def _prior_draws(
         effect = sd_donors[:, None] * rng.standard_normal((draws, layout.donors))
         location = mu[:, layout.group] + effect[:, layout.donor]
         own = sd[:, layout.covariance_index[layout.group]]
-        ok = _is_allowed(location, own, *v.edges).all(axis=1)
+        inside = inside_probability(location, own, *v.edges)
+        ok = (inside >= MIN_INSIDE_PROBABILITY).all(axis=1)
         accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
         if sum(len(part[1]) for part in accepted) >= draws:
             break
@@ -212,28 +203,60 @@ def _prior_draws(
 
 
 def assessed_quantities(
-    grouping: Grouping, values: Sequence[PooledValue], history: History
-) -> list[dict[str, np.ndarray]]:
-    """Arrays (ensembles, sweeps, chains): means, spreads, correlations; then specimens."""
+    grouping: Grouping, values: Sequence[PooledValue], history: History, theta: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Arrays (ensembles, sweeps, chains): means, spreads, correlations, specimens."""
     names = [v.name for v in values]
     out: dict[str, np.ndarray] = {}
     for g, group in enumerate(grouping.groups):
         for k, name in enumerate(names):
             out[f"mean {name}, {group}"] = history.mu[..., g, k]
     for k, name in enumerate(names):
-        out[f"sd_donors {name}"] = history.sd_donors[..., k]
-        for s in range(history.sd.shape[-2]):
-            group = f", {grouping.groups[s]}" if history.sd.shape[-2] > 1 else ""
-            out[f"sd_specimens {name}{group}"] = history.sd[..., s, k]
+        out[f"sd_donors {name}"] = history.sd[..., 0, k]
+        for s in range(history.sd.shape[-2] - 1):
+            group = f", {grouping.groups[s]}" if history.sd.shape[-2] > 2 else ""
+            out[f"sd_specimens {name}{group}"] = history.sd[..., 1 + s, k]
     for side, what in enumerate(("donors", "specimens")):
         for k in range(history.partial.shape[-1]):
             out[f"correlation {k + 1} of {what}"] = history.partial[..., side, k]
-    specimens = {
-        f"{name} of {label}": history.theta[..., i, k]
-        for i, label in enumerate(grouping.labels)
-        for k, name in enumerate(names)
-    }
-    return [out, specimens]
+    for i, label in enumerate(grouping.labels):
+        for k, name in enumerate(names):
+            out[f"{name} of {label}"] = theta[..., i, k]
+    return out
+
+
+def draw_sources(
+    sources: Sequence[Source],
+    grouping: Grouping,
+    values: Sequence[PooledValue],
+    layout: Layout,
+    plan: PopulationPlan,
+    *,
+    stop: Callable[[], int] = lambda: False,
+    **work: Any,
+) -> PopulationDraws | None:
+    """Draw from the population of these runs; None if stopped. See :func:`draw_population`."""
+
+    def again(i: int, mean: np.ndarray, sd: np.ndarray, seed: int) -> RunDraws | None:
+        run = Plan(ess=plan.run_ess, ensembles=plan.ensembles, seed=seed, workers=plan.workers)
+        return sample_again(sources[i], values, mean, sd, run, stop)
+
+    return draw_population(
+        layout,
+        [run_draws(s, s.chains, s.posterior.priors, values, plan.ensembles) for s in sources],
+        plan,
+        partial(assessed_quantities, grouping, values),
+        again,
+        cut_short=[i for i, s in enumerate(sources) if is_cut_short(s, values)],
+        stop=stop,
+        **work,
+    )
+
+
+def _flat(values: np.ndarray, most: int | None) -> np.ndarray:
+    """Ensembles, sweeps and chains as one axis, at most so many of it, thinned evenly."""
+    rows = values.reshape(math.prod(values.shape[:3]), *values.shape[3:])
+    return rows[evenly_chosen(len(rows), most)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +267,7 @@ class Population:
     sources: tuple[Source, ...]
     grouping: Grouping
     values: tuple[PooledValue, ...]
-    design: Design = field(repr=False)
+    layout: Layout = field(repr=False)
     sampled: PopulationDraws = field(repr=False)
     seed: int
     left_out: dict[str, str]  # reasons by specimen
@@ -265,47 +288,34 @@ class Population:
         """Why it has not converged."""
         return self.sampled.convergence.reason
 
+    @property
+    def centre(self) -> np.ndarray:
+        """Prior means of the groups, (p,), from which the stored values are measured."""
+        return np.array([v.mean for v in self.values])
+
     def rng(self, what: int) -> np.random.Generator:
         """Random numbers of one table, whichever else were made."""
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1000 + what,)))
 
-    def hyper(self, most: int | None = None, *, with_specimens: bool = False) -> Hyper:
-        """At most so many draws of means and spreads, in the order ensembles, sweeps, chains.
-
-        ``with_specimens`` takes those stored with the specimens' values.
-        """
+    def hyper(self, most: int | None = None) -> Hyper:
+        """At most so many draws of means and spreads, in the order ensembles, sweeps, chains."""
         history = self.sampled.history
-        every = history.every if with_specimens else 1
+        mu, sd, pairs = (_flat(v, most) for v in (history.mu, history.sd, history.partial))
+        factors = (correlation_factors(pairs[:, side], len(self.values)) for side in range(2))
+        index = self.layout.covariance_index
+        return Hyper(self.values, index, mu + self.centre, sd[:, 0], sd[:, 1:], *factors)
 
-        def flat(values: np.ndarray) -> np.ndarray:
-            stored = values[:, ::every]
-            rows = stored.reshape(math.prod(stored.shape[:3]), *stored.shape[3:])
-            return rows[evenly_chosen(len(rows), most)]
-
-        partial = flat(history.partial)
-        factors = (correlation_factors(partial[:, side], len(self.values)) for side in range(2))
-        return Hyper(
-            self.values,
-            self.design.layout.covariance_index,
-            flat(history.mu) + self.design.centre,
-            flat(history.sd_donors),
-            flat(history.sd),
-            *factors,
-        )
-
-    def specimen_values(self, most: int) -> tuple[np.ndarray, np.ndarray]:
-        """Values (M, n, p) on the scale and coordinates (M, n, dmax), thinned evenly."""
-        history = self.sampled.history
-        theta, u = (v.reshape(-1, *v.shape[3:]) for v in (history.theta, history.u))
-        at = evenly_chosen(len(theta), most)
-        return theta[at] + self.design.centre, u[at]
+    def specimen_values(self, most: int) -> np.ndarray:
+        """Values of the specimens (M, n, p) on the scale, thinned evenly as :meth:`hyper`."""
+        return _flat(self.sampled.theta, most) + self.centre
 
     def natural(self, i: int, most: int = NATURAL_DRAWS) -> dict[str, np.ndarray]:
         """Natural quantities of a specimen after pooling, by the names of ``summary.csv``."""
-        _, u = self.specimen_values(most)
-        source = self.sources[i]
-        own = np.ascontiguousarray(u[:, i, : source.posterior.dimension])
-        return source.posterior.natural(own)
+        index = self.sampled.history.index[..., i]
+        return {
+            name: _flat(np.stack([v[at] for v, at in zip(draws, index, strict=True)]), most)
+            for name, draws in self.sampled.specimens[i].natural.items()
+        }
 
     def materials(self, theta: np.ndarray) -> pd.DataFrame:
         """Parameters of the law at values on the scale (M, p); fixed ones as in the runs."""
@@ -327,7 +337,7 @@ class Population:
     @cached_property
     def prior(self) -> tuple[Hyper, np.ndarray]:
         """Draws of the prior, and locations of each group's specimens."""
-        return Hyper.from_prior(self.values, self.design.layout, PRIOR_DRAWS, self.rng(600))
+        return Hyper.from_prior(self.values, self.layout, PRIOR_DRAWS, self.rng(600))
 
     def new_specimens(self, most: int = NATURAL_DRAWS) -> dict[str, pd.DataFrame]:
         """Materials of new specimens of new donors, by group; one per draw."""

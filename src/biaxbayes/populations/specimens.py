@@ -1,31 +1,25 @@
-"""Specimens of a population from their finished runs: their likelihoods, and their draws.
-
-The likelihood is that of the run: same readings, law and errors, its misfit relative to the loads
-of the same fit. The run's prior of the pooled parameters is replaced by a flat one inside of their
-physical range; everything else of the run's density stays, the priors of its mounting stretches
-and errors included.
-"""
+"""Specimens of a population from their finished runs: their draws, and further ones."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from biaxbayes.compilation import compiled
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.identifiability.determined import largest_equibiaxial
-from biaxbayes.model import density as kernel
-from biaxbayes.model.assembly import SamplingConstants
+from biaxbayes.model.density import log_prior
+from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.priors import FIXED, UNIFORM, Prior
+from biaxbayes.model.preparation import with_sampling_constants
+from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import STRETCH
-from biaxbayes.populations.ensemble import Individual
 from biaxbayes.populations.model import PooledValue
+from biaxbayes.populations.reweighting import RunDraws
 from biaxbayes.runs.run import Run
+from biaxbayes.sampling.sampler import Plan
 
 MAX_DRAWS = 1500
 """Draws of a run for each ensemble."""
@@ -34,7 +28,7 @@ MIN_DRAWS = 50
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A specimen's run with sampling coordinates tuned to its draws."""
+    """A specimen's run."""
 
     label: str
     run: Run
@@ -45,14 +39,20 @@ class Source:
         """Largest equibiaxial total stretch that the test reached."""
         return largest_equibiaxial(self.run.draws, self.run.specimen)
 
+    @property
+    def chains(self) -> dict[str, np.ndarray]:
+        """Quantities (ensembles, steps, walkers) of the run's draws, with ``log_likelihood``."""
+        chains = self.run.chains
+        ensembles, steps, walkers = next(iter(chains.values())).shape
+        # one row per draw is walker after walker
+        log_likelihood = self.run.draws["log_likelihood"].to_numpy()
+        by_walker = log_likelihood.reshape(ensembles, walkers, steps)
+        return {**chains, "log_likelihood": by_walker.swapaxes(1, 2)}
+
     @classmethod
     def from_run(cls, label: str, run: Run) -> Source:
         """A finished run under its label."""
-        posterior = run.posterior()
-        law = posterior.law
-        medians = {n: float(np.median(run.draws[n])) for n in law.names}
-        constants = SamplingConstants(law.softening(medians), None)
-        return cls(label, run, posterior.replaced(sampling_constants=constants))
+        return cls(label, run, run.posterior())
 
 
 def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
     common = names[first.label]
     for source in sources[1:]:
         law, other = source.posterior.law, first.posterior.law
-        if (law.name, law.fibre_switch) != (other.name, other.fibre_switch):
+        if (law.key, law.fibre_switch) != (other.key, other.fibre_switch):
             raise InputError(
                 f"{first.label} and {source.label} were sampled with other laws",
                 remedy="sample all specimens of a population with the same law and fibre switch",
@@ -81,63 +81,29 @@ def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
     return tuple(common)
 
 
-@compiled()
-def _log_priors(kinds, rows, values):
-    """Sum of the log priors of the pooled values, on the scale of the table's units."""
-    out = np.zeros(values.shape[0])
-    for i in range(values.shape[0]):
-        for k in range(kinds.size):
-            out[i] += kernel.log_prior(kinds[k], rows[k], values[i, k])
-    return out
+def check_stretches(source: Source, values: Sequence[PooledValue]) -> None:
+    """InputError if a mounting stretch is pooled that the run has none of."""
+    shared = source.posterior.settings.infers_mounting and source.posterior.settings.shared
+    if any(v.parameter.kind == STRETCH for v in values) and not shared:
+        raise InputError(
+            f"{source.label} has no mounting stretch that all of its protocols share",
+            remedy="leave out `pool_mounting`",
+        )
 
 
-def make_individual(source: Source, values: Sequence[PooledValue], ensembles: int) -> Individual:
-    """A specimen for the sampler; RunError if the draws are not those of the density."""
-    posterior = source.posterior
-    slots = posterior.assembly.slots
-    whole = posterior.assembly.problem
-    for v in values:
-        if v.parameter.kind == STRETCH and (
-            v.name not in slots or not posterior.settings.infers_mounting
-        ):
-            raise InputError(
-                f"{source.label} has no mounting stretch that all of its protocols share",
-                remedy="leave out `pool_mounting`",
-            )
-    at = np.array([slots.index(v.name) for v in values])
-    # a flat, unnormalised prior of the pooled values in their physical range
-    prior_kind, prior = whole.prior_kind.copy(), whole.prior.copy()
-    prior_kind[at] = UNIFORM
-    prior[at] = [[0.0, 1.0, *v.edges, 0.0] for v in values]
-    problem = whole._replace(prior_kind=prior_kind, prior=prior)
-    per_unit = whole.per_unit[at]
-    logs = np.array([v.parameter.logarithmic for v in values])
-    kinds, rows = np.full(len(values), FIXED), np.zeros((len(values), 5))
-    for k, v in enumerate(values):
-        own = posterior.priors[v.name]
-        if isinstance(own, Prior):
-            kinds[k], rows[k] = own.encode(log_scale=v.parameter.logarithmic)
+def run_draws(
+    source: Source,
+    chains: Mapping[str, np.ndarray],
+    priors: Mapping[str, object],
+    values: Sequence[PooledValue],
+    ensembles: int,
+) -> RunDraws:
+    """Draws of quantities (ensembles, steps, walkers): a share of the ensembles for each of ours.
 
-    def density(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        log, _, evaluation = posterior.evaluate(problem, u)
-        pooled = evaluation.values[:, at] * per_unit
-        with np.errstate(divide="ignore", invalid="ignore"):
-            pooled[:, logs] = np.log(pooled[:, logs])
-        log[~np.isfinite(pooled).all(axis=1)] = -np.inf
-        return log, pooled
-
-    def log_prior(theta: np.ndarray) -> np.ndarray:
-        return np.asarray(_log_priors(kinds, rows, np.ascontiguousarray(theta)))
-
-    pool = _pools(source, ensembles, density)
-    return Individual(source.label, density, log_prior, posterior.bounds, pool)
-
-
-def _pools(source: Source, ensembles: int, density: Callable[..., Any]) -> np.ndarray:
-    """Coordinates of the run's draws, a share of its ensembles each; (ensembles, N, d)."""
-    chains = source.run.chains
+    ``priors`` are those that they were drawn with.
+    """
     own = len(next(iter(chains.values())))
-    out = []
+    parts = []
     for k in range(ensembles):
         chosen = [e for e in range(own) if e % ensembles == k] or [k % own]
         flat = {name: v[chosen].reshape(-1) for name, v in chains.items()}
@@ -145,12 +111,55 @@ def _pools(source: Source, ensembles: int, density: Callable[..., Any]) -> np.nd
         rows = np.linspace(0, size - 1, min(size, MAX_DRAWS)).round().astype(int)
         if own < ensembles:  # another part of the same ensemble for each
             rows = (rows + (k // own) * max(1, size // (MAX_DRAWS * ensembles))) % size
-        u = source.posterior.coordinates({name: v[rows] for name, v in flat.items()})
-        u = u[np.isfinite(u).all(axis=1)]
-        out.append(u[np.isfinite(density(np.ascontiguousarray(u))[0])])
-    least = min(len(u) for u in out)
+        finite = np.all([np.isfinite(v.to_scale(flat[v.name][rows])) for v in values], axis=0)
+        parts.append({name: v[rows[finite]] for name, v in flat.items()})
+    least = min(len(next(iter(part.values()))) for part in parts)
     if least < MIN_DRAWS:
-        raise RunError(
-            f"{source.run.path}: its draws are not those of its density; sample it again"
-        )
-    return np.ascontiguousarray([u[:least] for u in out])
+        raise RunError(f"{source.run.path}: has too few draws; sample it again")
+    natural = {name: np.stack([part[name][:least] for part in parts]) for name in parts[0]}
+    theta = np.stack([v.to_scale(natural[v.name]) for v in values], axis=-1)
+    density = np.zeros(theta.shape[:2])
+    for k, v in enumerate(values):
+        prior = priors[v.name]
+        if isinstance(prior, Prior):
+            kind, row = prior.encode(log_scale=v.parameter.logarithmic)
+            logs = [log_prior(kind, row, x) for x in theta[..., k].ravel()]
+            density += np.reshape(logs, density.shape)
+    return RunDraws(natural, theta - [v.mean for v in values], density)
+
+
+def is_cut_short(source: Source, values: Sequence[PooledValue]) -> bool:
+    """True if the run's prior excludes a part of the physical range, where it has no draws."""
+    materials = [v for v in values if v.parameter.kind != STRETCH]
+    priors = [(source.posterior.priors[v.name], v.parameter.range) for v in materials]
+    return any(
+        isinstance(prior, Prior) and (prior.low > max(low, 0.0) or prior.high < high)
+        for prior, (low, high) in priors
+    )
+
+
+def sample_again(
+    source: Source,
+    values: Sequence[PooledValue],
+    mean: np.ndarray,
+    sd: np.ndarray,
+    plan: Plan,
+    stop: Callable[[], int],
+) -> RunDraws | None:
+    """Sample a specimen under normal priors of its pooled values; None if it was stopped.
+
+    ``mean`` and ``sd`` (p,) are those of the centred values.
+    """
+    priors = {}
+    for v, offset, width in zip(values, mean, sd, strict=True):
+        centre = v.mean + offset
+        if v.parameter.logarithmic:
+            priors[v.name] = Prior("lognormal", float(np.exp(centre)), float(width))
+        else:
+            priors[v.name] = Prior("normal", float(centre), float(width)).within(*v.parameter.range)
+    chosen = {**source.posterior.settings.priors, **priors}
+    posterior = with_sampling_constants(source.posterior.replaced(priors=chosen))
+    found = draw_posterior(posterior, plan, stop=stop)
+    if found.interrupted:
+        return None
+    return run_draws(source, found.quantities, posterior.priors, values, plan.ensembles)

@@ -186,8 +186,8 @@ def _numbers(population: Population, parts: dict[str, np.ndarray]) -> dict[str, 
 def specimens_table(population: Population) -> pd.DataFrame:
     """Table of specimens.csv."""
     rows = []
-    theta, _ = population.specimen_values(NATURAL_DRAWS)
-    hyper = population.hyper(NATURAL_DRAWS, with_specimens=True)
+    theta = population.specimen_values(NATURAL_DRAWS)
+    hyper = population.hyper(NATURAL_DRAWS)
     names = [v.name for v in population.values]
     prior, locations = population.prior
     rng = population.rng(800)

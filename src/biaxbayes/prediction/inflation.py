@@ -27,6 +27,7 @@ from biaxbayes.mechanics.experiments import MMHG_PER_KPA
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PredictionOptions
+from biaxbayes.prediction.draws import with_free_sides
 from biaxbayes.prediction.percentiles import (
     BANDS,
     band_columns,
@@ -269,7 +270,8 @@ def predict_pressure(
         return np.hypot(wall * values[..., 1 - around], bore * values[..., around])
 
     force = force + wall * mean[..., 1 - around] - bore * mean[..., around]
-    tested = prediction_range(draws, posterior.specimen, None, "total")
+    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
+    tested = prediction_range(draws, specimen, None, "total")
     return pd.DataFrame(
         {
             "circumferential_stretch": stretch,
@@ -367,5 +369,6 @@ def predict_diameter(
         columns |= {f"{name}_{band}": v for band, v in zip(BANDS, values, strict=True)}
     columns["share_without_equilibrium"] = np.isnan(model).mean(axis=0)
     states = tube.stretches(columns["circumferential_stretch_median"])
-    tested = prediction_range(draws, posterior.specimen, None, "total")
+    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
+    tested = prediction_range(draws, specimen, None, "total")
     return pd.DataFrame({**columns, "extrapolation": tested.extrapolation(*states)})

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.error_model import standard_cdf
-from biaxbayes.fitting.result import EXPLAINED, misfit_sentence
+from biaxbayes.fitting.result import EXPLAINED
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.bands import compared_protocols
@@ -80,7 +80,7 @@ def predictive_checks(
             expected, runs_sd = 0.5 * (n + 1), 0.5 * np.sqrt(max(n - 1, 1))
             rows.append(
                 {
-                    "protocol": protocol.name,
+                    "protocol": posterior.pieces[piece].title(protocol.name),
                     "direction": direction,
                     "readings": n,
                     "rms": float(np.sqrt(np.mean(residual**2))),
@@ -165,20 +165,6 @@ def path_warnings(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
             f"{worst['at']:.3f}: do not use these parameters for that path where this matters."
         )
     return out
-
-
-def fit_in_words(checks: pd.DataFrame, law_name: str) -> str:
-    """One sentence on how well a law fits: its misfit compared with the noise of a reading.
-
-    ``law_name`` is the name of the law in a sentence. Of readings of two units those of the first.
-    """
-    if checks.empty:
-        return "there are no readings beyond the mounted state to check the law with"
-    unit = str(checks["unit"].iloc[0])
-    checks = checks[checks["unit"] == unit]
-    rms = float(np.sqrt(np.average(checks["rms"] ** 2, weights=checks["readings"])))
-    noise, peak = float(checks["noise"].iloc[0]), float(checks["peak"].max())
-    return misfit_sentence(law_name, rms, noise, peak, unit)
 
 
 def checks_in_words(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:

@@ -158,7 +158,9 @@ def _axes(quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame) ->
     axes = []
     whole = corner_columns(draws, quantities)
     for name, (text, values) in corner_columns(thinned, quantities).items():
-        states = [q for q in quantities.of_parameter(name) if q.name in thinned]
+        first = ("", *quantities.pieces[0].states)
+        known = [q for q in quantities.of_parameter(name) if q.state in first]
+        states = [q for q in known if q.name in thinned]
         parameter = states[0].parameter
         q50, q05, q95 = np.quantile(whole[name][1], [0.5, *tails(CONTENT)])
         median, low, high = quantile_texts(float(q50), float(q05), float(q95), parameter)

@@ -21,6 +21,12 @@ LOAD_PHRASES = {
     "cauchy": "the nominal stresses (Cauchy stress over measured stretch)",
     "tube": "pressure and axial force",
 }
+TEST_PHRASES = {
+    "biaxial": "tested planar-biaxially",
+    "strip x": "a strip pulled along x with free sides",
+    "strip y": "a strip pulled along y with free sides",
+    "tube": "a pressurised tube",
+}
 MOUNTING_SENTENCES = {
     "noisy": (
         "For every draw the mounting stretches were the root of the balance between the model and "
@@ -49,6 +55,7 @@ def methods(run: Run) -> str:
     priors = "; ".join(f"{name} {words}" for name, words in prior_texts(run).items())
     sentences = (
         _test(run),
+        _further_pieces(run),
         _grips(run),
         f"It was described by {run.law.in_words}.",
         "Measured stretches refer to the mounted state; the total stretch is the measured one "
@@ -86,7 +93,23 @@ def _test(run: Run) -> str:
             f"at measured outer diameters and axial stretches {read} read. Stresses were "
             f"integrated through the thick wall.{averaged}"
         )
-    return f"A specimen{size} was tested planar-biaxially on {paths} ({rows:,} rows).{averaged}"
+    return f"A specimen{size} was {TEST_PHRASES[s.test]} on {paths} ({rows:,} rows).{averaged}"
+
+
+def _further_pieces(run: Run) -> str:
+    """Sentences on the other pieces of the tissue, or empty."""
+    if not run.specimen.further:
+        return ""
+    pieces = [
+        f"{truncate(piece.name, 60)} ({TEST_PHRASES[piece.test]}, "
+        f"{sum(p.rows for p in piece.protocols):,} rows)"
+        for piece in run.specimen.further
+    ]
+    return (
+        f"Further pieces of the same tissue were {listed(pieces)}. Each piece had its own mounted "
+        "state, misfit and noise, and, beside the first, a stiffness of its own, log-normal about "
+        f"that of the first with a standard deviation of {100 * run.settings.piece_sd:g} %."
+    )
 
 
 def _grips(run: Run) -> str:
@@ -193,6 +216,7 @@ def results_paragraph(run: Run) -> str:
     left = [row.name for row in run.result.rows if row.verdict == NOT_IDENTIFIED]
     if left:
         sentences.append(f"The test did not identify {listed(left)}.")
+    sentences += [f"{text[:1].upper()}{text[1:]}." for text in run.result.pieces]
     fit = run.result.fit
     return " ".join([*sentences, f"{fit[:1].upper()}{fit[1:]}." if fit else ""]).strip()
 
@@ -258,8 +282,9 @@ def closing_message(run: Run) -> str:
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
     lines += [printable(truncate(f["message"], 400)) for f in serious[:1]]
     advice = "; ".join(filter(None, (result.low_information, result.advice)))
-    rest = [printable(text) for text in (result.fit, advice) if text]
-    rest += [printable(text) for text in result.warnings[:1]]
+    rest = [printable(text) for text in (*result.pieces, result.fit, advice) if text]
+    if not result.better_law:  # else no parameter is reported that could be used
+        rest += [printable(text) for text in result.warnings[:1]]
     rest.append(f"report: {run.path}/report.html")
     lines += row_lines(result.rows)
     return "\n".join([*lines, *rest])

@@ -23,6 +23,8 @@ from biaxbayes.text_files import atomic_write_text
 
 PAGE, EXPLORE = REPORTS["html"], REPORTS["explore"]
 RUN_FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger", "grips")
+MOST_PIECES = 12
+"""Pieces of a tissue whose bands are on the page."""
 METHOD = (
     "Improved Mechanical Characterization of Soft Tissues Including Mounting Stretches. "
     "Mathematical and Computational Applications 29(4), 55, 2024.",
@@ -68,7 +70,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
     sentences: list[str] = []
     if len(checks):
-        sentences = checks_in_words(checks, run.law.name)
+        sentences = checks_in_words(checks, run.law.key)
         sentences += misfit_in_words(checks)
     version = truncate(record.get("biaxbayes", ""), 30)
     return page_template("report.html.jinja").render(
@@ -95,7 +97,8 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         ],
         convergence_rows=_convergence_rows(run),
         contractions=_contraction_rows(run),
-        figures=pictures(run.path, RUN_FIGURES),
+        figures=pictures(run.path, (*RUN_FIGURES, *_further_bands(run).values())),
+        further_bands=_further_bands(run),
         stresses=stress_rows(run),
         determined=determined_rows(run),
         grips=_grip_rows(run),
@@ -199,17 +202,34 @@ def _version_facts(run: Run) -> list[tuple[str, str]]:
 
 def _test_rows(run: Run) -> list[Row]:
     """Largest stretches and loads of each protocol."""
-    s = run.specimen
     rows: list[Row] = []
-    for p in s.protocols:
-        fx, fy = s.mounting_reading(p)
-        load = abs(s.load(p)).max(axis=0)
-        stretches = (f"{p.stretch_x.max():.3f}", f"{p.stretch_y.max():.3f}")
-        mounted = f"{fx:.3g}, {fy:.3g}" if p.rest_rows else "as the others"
-        mounted = mounted if s.experiment.is_mounted else "none"
-        loads = (f"{load[0]:.3g}", f"{load[1]:.3g}")
-        rows.append((truncate(p.name, 60), f"{p.rows:,}", *stretches, *loads, mounted))
+    for i, s in enumerate(run.specimen.pieces):
+        for p in s.protocols:
+            name = f"{s.name}: {p.name}" if i and len(s.protocols) > 1 else p.name
+            name = s.name if i and len(s.protocols) == 1 else name
+            # across a strip nothing is pulled
+            read = [k in s.experiment.axes for k in (0, 1)]
+            stretches, loads, mounted = (
+                [
+                    f"{v:{digits}}" if r and v == v else DASH
+                    for v, r in zip(values, read, strict=True)
+                ]
+                for values, digits in (
+                    (p.stretch.max(axis=0), ".3f"),
+                    (abs(s.load(p)).max(axis=0), ".3g"),
+                    (s.mounting_reading(p), ".3g"),
+                )
+            )
+            at_rest = ", ".join(mounted) if p.rest_rows else "as the others"
+            at_rest = at_rest if s.experiment.is_mounted else "none"
+            rows.append((truncate(name, 60), f"{p.rows:,}", *stretches, *loads, at_rest))
     return rows
+
+
+def _further_bands(run: Run) -> dict[str, str]:
+    """Stems of the figures of bands of the other pieces, by their names."""
+    further = run.specimen.further[:MOST_PIECES]
+    return {truncate(s.name, 60): f"stress-bands-{i}" for i, s in enumerate(further, start=2)}
 
 
 def _misfit_rows(checks: pd.DataFrame) -> list[Row]:

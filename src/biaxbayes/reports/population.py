@@ -12,6 +12,7 @@ from markupsafe import Markup
 from biaxbayes.errors import listed
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import unit_words
+from biaxbayes.populations.model import LARGER, SMALLER
 from biaxbayes.populations.text import (
     DASH,
     contrast_rows,
@@ -22,10 +23,19 @@ from biaxbayes.populations.text import (
 )
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.text import plural, truncate
+from biaxbayes.reports.text import derived_text, latex_text, plural, truncate
 from biaxbayes.studies.groups import USABLE_VERDICTS
 
-PAGE = "population.html"
+PAGE, LATEX = "population.html", "population.tex"
+FILES = {
+    "population.csv": "groups",
+    "specimens.csv": "every specimen alone and pooled",
+    "contrasts.csv": "differences between groups",
+    "new-specimen-bands.csv": "stress of a new specimen",
+    LATEX: "the table of the groups as LaTeX, with both paragraphs",
+    "population.nc": "all draws",
+}
+"""Files of a population, with their content."""
 FIGURE_TEXTS = {
     "population-forest": (
         "Specimens alone and pooled",
@@ -56,6 +66,7 @@ def population_page(
     folder: Path, tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]
 ) -> str:
     """The page as HTML from the three tables and the record in population.json."""
+    files = [(name, words) for name, words in FILES.items() if (folder / name).is_file()]
     drawn = pictures(folder, tuple(FIGURE_TEXTS))
     own = tables["specimens"].drop_duplicates("specimen")
     state, reason = (record["convergence"][k] for k in ("state", "reason"))
@@ -75,11 +86,13 @@ def population_page(
         figure_titles={stem: FIGURE_TEXTS[stem][0] for stem in drawn},
         figures=[(k, *FIGURE_TEXTS[k], picture) for k, picture in drawn.items()],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
-        columns=["Specimen, group, donor", ">#Fit", *heads],
+        columns=["Specimen, group, donor", ">#Predictive p", *heads],
         own=_specimens(tables["specimens"], shown),
         more=len(shown) < len(names),
         contrasts=_contrasts(tables["contrasts"]),
         methods=population_methods(tables, record),
+        results=population_results(tables, record),
+        files=files,
     )
 
 
@@ -189,13 +202,74 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         if convergence["state"] == "converged"
         else f"The chains did not converge ({convergence['reason']})."
     )
+    names = record["sampled_again"]
+    again = (
+        f"; {listed(names)} {'was' if len(names) == 1 else 'were'} sampled again under the "
+        "population's prior, where the Pareto k of the weights was above 0.7"
+        if names
+        else ""
+    )
     left = f" Left out: {listed(list(record['left_out']))}." if record["left_out"] else ""
     return (
         f"A hierarchical model pooled the specimens ({members}). {values[:1].upper()}{values[1:]} "
         "of a specimen were normal around the mean of its group plus the effect of its donor, "
         "which was common to the donor's specimens; each specimen kept the likelihood of its "
         "single run, and the run's prior of the pooled parameters was divided out. Priors "
-        f"({'; '.join(families)}): {priors}. Draws of the single runs served as proposals (Lunn et "
-        "al. 2013), beside moves by the likelihoods of the specimens and joint moves of all "
-        f"specimens. {chains}{left}"
+        f"({'; '.join(families)}): {priors}. The draws of the single runs were reweighted (Hogg et "
+        f"al. 2010){again}. {chains}{left}"
+    )
+
+
+def population_results(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
+    """The pooled values and their differences as a paragraph, with the numbers of the tables."""
+    if record["convergence"]["state"] != "converged":
+        return "The chains have not converged: no result to report."
+    sentences = []
+    for name, part in tables["groups"].groupby("group", sort=False):
+        group, rows = truncate(name, 60), group_rows(part)[: len(record["pooled"])]
+        known = [
+            f"{r.quantity} {r.median}{unit_words(r.unit)} ({r.reported})"
+            for r in rows
+            if r.identified and r.reported != DASH
+        ]
+        left = [r.quantity for r in rows if not r.identified]
+        size = plural(int(part.iloc[0]["specimens"]), "specimen")
+        if known:
+            text = f"Medians of a typical donor of the group {group} ({size}) were "
+            sentences.append(f"{text}{listed(known)} (90 % intervals or 95 % bounds).")
+        if left:
+            sentences.append(f"The specimens of {group} did not identify {listed(left)}.")
+    for (a, b), part in tables["contrasts"].groupby(["group_a", "group_b"], sort=False):
+        rows_apart = contrast_rows(part)[: len(record["pooled"])]
+        different = [
+            f"{r.quantity} ({r.kind} {r.median}, {r.interval})"
+            for r in rows_apart
+            if r.direction in (LARGER, SMALLER)
+        ]
+        words = f"differed in {listed(different)}" if different else "showed no difference in them"
+        sentences.append(f"The groups {truncate(b, 40)} and {truncate(a, 40)} {words}.")
+    return " ".join(sentences)
+
+
+def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
+    """The groups as a LaTeX table with booktabs rules; both paragraphs as comments."""
+    lines = []
+    for group, part in tables["groups"].groupby("group", sort=False):
+        for row in group_rows(part):
+            cells = (group, derived_text(row.quantity), row.unit, row.median, row.reported)
+            lines.append(" & ".join(latex_text(c) for c in (*cells, row.verdict)))
+    return "\n".join(
+        [
+            "% needs \\usepackage{booktabs}",
+            f"% Methods: {population_methods(tables, record)}",
+            f"% Results: {population_results(tables, record)}",
+            "\\begin{tabular}{llllll}",
+            "  \\toprule",
+            "  Group & Quantity & Unit & Median & Interval & Verdict \\\\",
+            "  \\midrule",
+            *(f"  {line} \\\\" for line in lines),
+            "  \\bottomrule",
+            "\\end{tabular}",
+            "",
+        ]
     )

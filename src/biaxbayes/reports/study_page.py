@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.comparison.compare import WARNING
+from biaxbayes.errors import listed
 from biaxbayes.figures.population import study_figure
 from biaxbayes.figures.quantities import number
 from biaxbayes.figures.style import save_pictures
@@ -21,8 +24,10 @@ from biaxbayes.identifiability.reported import COARSE_RATIO, DASH, quantile_text
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
+from biaxbayes.populations.text import three_digits
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
 from biaxbayes.reports.text import as_html, derived_text, truncate
+from biaxbayes.studies.groups import LEAST_DONORS, OPEN
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
@@ -31,7 +36,7 @@ KNOWN_QUANTITIES = Quantities(all_parameters())
 """Symbol, unit and range by the names in the tables of a study."""
 
 
-def study_page(result: StudyResult) -> str:
+def study_page(result: StudyResult, files: Sequence[str] = ()) -> str:
     """The page as HTML: no scripts, no network; the links lead to the reports of the runs."""
     states = result.states
     assessed = [
@@ -49,8 +54,13 @@ def study_page(result: StudyResult) -> str:
         columns=columns,
         specimens=_specimens(result, [q.name for q in assessed]),
         figures=pictures(result.folder, (FIGURE,)),
-        layers=_groups(result.groups, "layer"),
-        donors=_groups(result.groups, "donor"),
+        groups=_groups(result.groups, "all" if result.own_columns else "layer"),
+        differences=[
+            (d, [(named(name), *cells) for name, *cells in d.rows])
+            for d in group_differences(result.group_contrasts)
+        ],
+        missed=[f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()],
+        files=[(name, FILES[name]) for name in files],
         contrasts=_contrasts(result.contrasts),
         warning=WARNING,
         notes=[truncate(n, 400) for n in result.notes],
@@ -146,6 +156,50 @@ def _of_tissue(name: str) -> bool:
     )
 
 
+@dataclass(frozen=True)
+class GroupDifferences:
+    """How group b differs from group a: rows of the quantities that both give, and the others."""
+
+    a: str
+    b: str
+    rows: list[tuple[str, ...]]  # quantity, unit, both means, ratio or difference, interval, words
+    others: list[str]  # too few donors of one group identify them
+
+    @property
+    def heads(self) -> list[str]:
+        """Heads of the rows."""
+        means = [f"Mean, {self.a}", f"Mean, {self.b}"]
+        return ["Quantity", "Unit", *means, "Difference", "90 % interval", f"In {self.b}"]
+
+    @property
+    def without(self) -> str:
+        """Sentence on the quantities without a row; empty where there are none."""
+        if not self.others:
+            return ""
+        return f"Not identified in {LEAST_DONORS} donors of each group: {listed(self.others)}."
+
+
+def group_differences(contrasts: pd.DataFrame) -> list[GroupDifferences]:
+    """The contrasts of the groups of a study as text, the same on the page and in a terminal."""
+    out = []
+    for (a, b), part in contrasts.groupby(["group_a", "group_b"], sort=False):
+        rows, others = [], []
+        for r in part.to_dict("records"):
+            name = str(r["quantity"])
+            if not isinstance(r["direction"], str):
+                others.append(derived_text(name))
+                continue
+            log = r["scale"] == "log"
+            low, high = (three_digits(r[f"difference_{end}"]) for end in ("low", "high"))
+            words = f"includes {1 if log else 0}" if r["direction"] == OPEN else r["direction"]
+            means = (f"{three_digits(r[f'mean_{k}'])} (n={r[f'donors_{k}']})" for k in "ab")
+            apart = f"{'ratio ' if log else ''}{three_digits(r['difference'])}"
+            unit = unit_text(r["unit"])
+            rows.append((name, unit, *means, apart, f"{low} to {high}", words))
+        out.append(GroupDifferences(truncate(a, 40), truncate(b, 40), rows, others))
+    return out
+
+
 def _contrasts(contrasts: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
     """Both layers and the rows of their differences."""
     out = []
@@ -170,6 +224,14 @@ def _contrasts(contrasts: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
 
 
 TABLE, PAGE = "study", "study.html"
+FILES = {
+    "study.csv": "one row per specimen and quantity",
+    "study-group-contrasts.csv": "how the groups differ",
+    "study-groups.csv": "summaries of layers, donors and groups",
+    "study-contrasts.csv": "layers of a donor compared, over all donors",
+    "study-distances.csv": "the same, donor by donor",
+}
+"""Tables of a study, with their content."""
 
 
 def write_study(result: StudyResult) -> list[Path]:
@@ -178,6 +240,7 @@ def write_study(result: StudyResult) -> list[Path]:
     written = []
     tables = {
         TABLE: result.table,
+        "study-group-contrasts": result.group_contrasts,
         "study-groups": result.groups,
         "study-contrasts": result.contrasts,
         "study-distances": result.distances,
@@ -196,8 +259,9 @@ def write_study(result: StudyResult) -> list[Path]:
         atomic_write_bytes(path, buffer.getvalue())
         written.append(path)
     has_numbers = bool(np.isfinite(result.table["q50"].astype(float)).any())
-    figure = study_figure(result.table) if has_numbers else None
+    figure = study_figure(result.table, result.group_of) if has_numbers else None
     written += save_pictures(figure, folder, FIGURE)
     page = folder / PAGE
-    atomic_write_text(page, study_page(result))
+    names = [path.name for path in written if path.name in FILES]
+    atomic_write_text(page, study_page(result, names))
     return [*written, page]

@@ -10,7 +10,7 @@ order, so that the autocorrelation that ArviZ sees is that of a walker.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,9 @@ import pandas as pd
 
 from biaxbayes.error_model import simulate
 from biaxbayes.errors import RunError
+from biaxbayes.model.piece import Piece
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.parameters import name_of
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.tasks import kept_warning_filters
@@ -130,7 +132,6 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     """Groups of the archive by name."""
     import xarray as xr
 
-    unit = _units(", ".join(dict.fromkeys(posterior.specimen.units)))
     ensembles, steps, walkers, _ = draws.chain.shape
     count = steps * walkers
     coords = {
@@ -140,7 +141,7 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "step": ("draw", np.tile(np.arange(steps) * draws.thin, walkers)),
     }
     flat = {name: flatten(values) for name, values in draws.quantities.items()}
-    by_draw, by_row, by_mount = ("chain", "draw"), ("row", "direction"), ("mount", "direction")
+    by_draw = ("chain", "draw")
     parameters = {
         name.replace("/", SLASH): (by_draw, flat[name], _units(posterior.quantities[name].unit))
         for name in posterior.parameter_names
@@ -149,49 +150,67 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "lp": (by_draw, flat["lp"]),
         "log_likelihood": (by_draw, flat["log_likelihood"]),
     }
-    measured = posterior.rows
-    rows = {"row": np.arange(len(measured.load)), "direction": ["x", "y"]}
-    reading, reading_sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
-    constant = {
-        "stretch": (by_row, measured.stretch, {"units": "1"}),
-        "protocol": ("row", np.asarray(measured.protocol)),
-        "mounting_reading": (by_mount, reading, unit),
-        "mounting_reading_sd": (by_mount, reading_sd, unit),
-    }
     pick = np.linspace(0, count - 1, min(count, PREDICTIVE_DRAWS)).round().astype(int)
     thinned = {name: flat[name][:, pick] for name in posterior.parameter_names}
+    observed: dict[str, Any] = {}
+    constant: dict[str, Any] = {}
+    predictive: dict[str, Any] = {}
+    rows: dict[str, Any] = {"direction": ["x", "y"]}
+    for i, piece in enumerate(posterior.pieces):
+        of_piece, unit = (
+            name_of_piece(piece),
+            _units(", ".join(dict.fromkeys(piece.specimen.units))),
+        )
+        row, mount = of_piece("row"), of_piece("mount")
+        rows[row] = np.arange(len(piece.rows.load))
+        observed[of_piece("load")] = ((row, "direction"), piece.rows.load, unit)
+        reading, reading_sd = piece.mounting
+        constant |= {
+            of_piece("stretch"): ((row, "direction"), piece.rows.stretch, {"units": "1"}),
+            of_piece("protocol"): (row, np.asarray(piece.rows.protocol)),
+            of_piece("mounting_reading"): ((mount, "direction"), reading, unit),
+            of_piece("mounting_reading_sd"): ((mount, "direction"), reading_sd, unit),
+        }
+        for name, values in _predictive(posterior, i, thinned, seed).items():
+            predictive[of_piece(name)] = ((*by_draw, row, "direction"), values, unit)
     return {
         "posterior": xr.Dataset(parameters, coords),
         "sample_stats": xr.Dataset(stats, coords),
         "posterior_predictive": xr.Dataset(
-            _predictive(posterior, thinned, seed),
-            {"chain": coords["chain"], "draw": pick} | rows,
+            predictive, {"chain": coords["chain"], "draw": pick} | rows
         ),
-        "observed_data": xr.Dataset({"load": (by_row, measured.load, unit)}, rows),
+        "observed_data": xr.Dataset(observed, rows),
         "constant_data": xr.Dataset(constant, rows),
     }
 
 
+def name_of_piece(piece: Piece) -> Callable[[str], str]:
+    """Names of variables and dimensions of a piece: as they are, or with its label."""
+
+    def named(name: str) -> str:
+        return name_of(name, piece.labels.label).replace("/", SLASH)
+
+    return named
+
+
 def _predictive(
-    posterior: Posterior, natural: Mapping[str, np.ndarray], seed: int
-) -> dict[str, Any]:
+    posterior: Posterior, piece: int, natural: Mapping[str, np.ndarray], seed: int
+) -> dict[str, np.ndarray]:
     """New readings and loads of the law at the rows, for each draw, in single precision."""
     chains, draws = next(iter(natural.values())).shape
-    tissue = Tissue(posterior, pd.DataFrame({k: v.ravel() for k, v in natural.items()}), seed)
+    table = pd.DataFrame({k: v.ravel() for k, v in natural.items()})
+    tissue = Tissue(posterior, table, seed, piece)
     law, readings = [], []
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
-    for i, p in enumerate(posterior.thinned.specimen.protocols):
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99, piece)))
+    for i, p in enumerate(posterior.pieces[piece].thinned.specimen.protocols):
         loads = tissue.tested(i, p.stretch, np.arange(p.rest_rows, p.rows))
         law.append(loads.law)
         readings.append(simulate(loads.mean, loads.reading_sd, rng))
 
-    of_loads = _units(", ".join(dict.fromkeys(posterior.specimen.units)))
+    def by_draw(parts: list[np.ndarray]) -> np.ndarray:
+        return np.concatenate(parts, axis=1).reshape(chains, draws, -1, 2).astype(np.float32)
 
-    def variable(parts: list[np.ndarray]) -> tuple[Any, ...]:
-        by_draw = np.concatenate(parts, axis=1).reshape(chains, draws, -1, 2).astype(np.float32)
-        return ("chain", "draw", "row", "direction"), by_draw, of_loads
-
-    return {"load": variable(readings), "model_load": variable(law)}
+    return {"load": by_draw(readings), "model_load": by_draw(law)}
 
 
 def _units(unit: str) -> dict[str, str]:

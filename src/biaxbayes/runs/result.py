@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import RunError, listed
+from biaxbayes.fitting.result import misfit_sentence, root_mean_square
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability
+from biaxbayes.identifiability.piece_stiffness import disagreements, piece_stiffnesses
 from biaxbayes.identifiability.reported import (
     Reported,
     ReportRow,
@@ -35,7 +37,8 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING_MODES
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
-from biaxbayes.prediction.predictive_checks import fit_in_words, path_warnings, predictive_checks
+from biaxbayes.prediction.bands import compared_protocols
+from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
 from biaxbayes.runs.folder import EVIDENCE
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -82,7 +85,8 @@ class RunResult:
     reported: tuple[Reported, ...]
     fit: str  # quality of fit
     advice: str  # the most useful next measurement; empty if every parameter is identified
-    warnings: tuple[str, ...]  # sentences on protocols that the law misfits
+    warnings: tuple[str, ...]  # sentences on pieces that disagree, and protocols the law misfits
+    pieces: tuple[str, ...]  # sentences on how stiff the other pieces of the tissue are
     findings: tuple[str, ...]  # of the specimen, before sampling
     better_law: str  # a law that fits clearly better, or empty
     convergence: dict[str, Any]
@@ -100,7 +104,7 @@ class RunResult:
     quantities: Quantities
 
     def __repr__(self) -> str:
-        return "\n".join([*row_lines(self.rows), self.fit]).rstrip()
+        return "\n".join([*row_lines(self.rows), *self.pieces, self.fit]).rstrip()
 
     def __getitem__(self, name: str) -> Reported:
         """Reported row of a parameter."""
@@ -159,7 +163,11 @@ def run_result(
     law, settings = posterior.law, posterior.settings
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
-    checks = predictive_checks(posterior, draws) if usable else nothing
+    by_piece = [
+        predictive_checks(posterior, draws, piece=i) for i in range(len(posterior.pieces) * usable)
+    ]
+    checks = pd.concat(by_piece, ignore_index=True) if usable else nothing
+    pieces = piece_stiffnesses(posterior, draws) if usable else ()
     curves = sloppiness(posterior, draws) if converged else None
     directions = () if curves is None else curves.directions
     reported = verdicts.reported
@@ -175,9 +183,13 @@ def run_result(
         law=law.name,
         state=verdicts.state,
         reported=reported,
-        fit=fit_in_words(checks, law.short_name) if usable else "",
+        fit=_fit_in_words(posterior) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
-        warnings=tuple(path_warnings(checks, law.name)) if usable else (),
+        warnings=(
+            *disagreements(pieces),
+            *(path_warnings(checks, law.key) if usable else ()),
+        ),
+        pieces=tuple(str(piece) for piece in pieces if not piece.disagrees),
         findings=tuple(findings),
         better_law=verdicts.better_law,
         convergence=dict(convergence),
@@ -196,12 +208,27 @@ def run_result(
     )
 
 
+def _fit_in_words(posterior: Posterior) -> str:
+    """One sentence on how well the law fits the first piece at its best, as ``check`` says it."""
+    specimen, paths = posterior.specimen, posterior.paths
+    axes = list(specimen.experiment.same_unit(0))
+    residuals = [
+        (specimen.load(p) - paths.load(p.stretch, i))[p.rest_rows :, axes]
+        for i, p in enumerate(compared_protocols(specimen, posterior.settings))
+    ]
+    rms = root_mean_square(residuals)
+    noise, peak = specimen.noise_sd, specimen.peak_load
+    return misfit_sentence(posterior.law.short_name, rms, noise, peak, specimen.unit)
+
+
 def _advice(
     reported: Sequence[Reported], verdicts: Identifiability, mounting: str, quantities: Quantities
 ) -> str:
     """The most useful next step: converge, another law, the mounting stretch, a further test."""
     if verdicts.state != "converged":
         return "the chains have not converged: continue with --resume and a larger --max-steps"
+    if verdicts.better_law:
+        return verdicts.better_law
     if mounting not in INFERRING_MODES:
         return (
             f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry "
@@ -209,8 +236,6 @@ def _advice(
         )
     if verdicts.contradicted_priors:
         return f"correct the prior of {listed(list(verdicts.contradicted_priors))}, or its unit"
-    if verdicts.better_law:
-        return verdicts.better_law
     undetermined = [r for r in reported if r.verdict != IDENTIFIED]
     axes = {
         quantities[r.name].axis
@@ -254,7 +279,7 @@ def write_result(result: RunResult, folder: Path) -> list[str]:
 
 
 TEXT_FIELDS = ("law", "state", "fit", "advice", "better_law", "same_curves_in_words")
-LIST_FIELDS = ("warnings", "findings", "directions")
+LIST_FIELDS = ("warnings", "findings", "pieces", "directions")
 DICT_FIELDS = ("convergence", "thresholds")
 
 
@@ -297,6 +322,7 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
             reported=reported,
             warnings=tuple(str(v) for v in record["warnings"]),
             findings=tuple(str(v) for v in record["findings"]),
+            pieces=tuple(str(v) for v in record["pieces"]),
             directions=tuple(dict(v) for v in record["directions"]),
             convergence=dict(record["convergence"]),
             thresholds={str(k): float(v) for k, v in record["thresholds"].items()},

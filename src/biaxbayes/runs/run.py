@@ -112,7 +112,7 @@ class Run:
         names = piece_files(len(self.provenance["pieces"]))
         paths = (trusted_path(self.path, name, self.provenance) for name in names)
         first, *others = (read_specimen(path) for path in paths)
-        return replace(first, further=tuple(others)) if others else first
+        return first.with_pieces(others)
 
     @cached_property
     def tree(self) -> xr.DataTree:

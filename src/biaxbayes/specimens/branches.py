@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import maximum_filter1d
 
 from biaxbayes.specimens.protocol import second_difference_scatter
 
@@ -17,8 +18,12 @@ STEEP = 4.0
 """The same over the steps of the rows beside it."""
 SIDES = ("stretch in x", "stretch in y", "load in x", "load in y")
 """Curves of a record."""
+STILL = 0.05
+"""Step over the largest of the steps near it, up to which a stretch stands still."""
+NEAR_ROWS = 21
+"""Rows that are near each other."""
 REPEATED = 0.3
-"""Share of rows that repeat the stretch of the row before, from which the stretch has steps."""
+"""Share of rows in which a stretch stands still, from which it has steps."""
 MOVES = 0.2
 """Extent of a direction over that of the other, from which it moves."""
 TOLERATED_DROP = 0.05
@@ -63,14 +68,21 @@ def reversal(path: np.ndarray) -> int | None:
 
 
 def repeats(stretch: np.ndarray, rest: int) -> bool:
-    """True if a stretch that moves repeats exactly in many rows after those at rest."""
+    """True if a stretch that moves stands still in many rows after those at rest.
+
+    It stands still where a step is a small fraction of the largest step near it: steps of noise
+    or of another speed are not.
+    """
     extent = np.ptp(stretch, axis=0)
-    steps = np.diff(stretch[max(rest - 1, 0) :], axis=0)[:, extent > MOVES * extent.max()]
-    return bool((steps == 0.0).mean(axis=0).max(initial=0.0) > REPEATED) if len(steps) else False
+    steps = np.abs(np.diff(stretch[max(rest - 1, 0) :], axis=0))[:, extent > MOVES * extent.max()]
+    if not len(steps):
+        return False
+    still = steps <= STILL * maximum_filter1d(steps, NEAR_ROWS, axis=0)
+    return bool(still.mean(axis=0).max(initial=0.0) > REPEATED)
 
 
 def rows_apart(curve: np.ndarray) -> np.ndarray:
-    """Rows that lie apart, in runs of at most three, those at the end of the record included."""
+    """Rows that lie apart, in runs of at most three, those at both ends of a record included."""
     n = curve.size
     limit = max(JUMP * float(np.ptp(curve)), 8.0 * second_difference_scatter(curve))
     step = np.abs(np.diff(curve))
@@ -82,10 +94,13 @@ def rows_apart(curve: np.ndarray) -> np.ndarray:
         steps = np.maximum([0.0, *step[: n - width - 2]], [*step[width + 1 :], 0.0])
         for row in np.flatnonzero(gap > np.maximum(limit, STEEP * steps)) + 1:
             apart[row : row + width] = True
-        if n > 4 * LONGEST_JUMP:
-            off = np.abs(curve[n - width :] - curve[n - width - 1]).min()
+    if n > 4 * LONGEST_JUMP:
+        for width in range(1, LONGEST_JUMP + 1):
+            # a first step may be as large as any other, a footer is below the last rows
+            first, last = (np.abs(c[:width] - c[width]).min() for c in (curve, curve[::-1]))
             usual = step[n - width - 5 : n - width - 1].max()
-            apart[n - width :] |= off > max(limit, STEEP * usual)
+            apart[:width] |= first > max(limit, STEEP * step[width:].max())
+            apart[n - width :] |= last > max(limit, STEEP * usual)
     rows = np.flatnonzero(apart)
     near_end = rows.size > 0 and rows[-1] >= n - LONGEST_JUMP
     return np.union1d(rows, np.arange(rows[-1], n)) if near_end else rows

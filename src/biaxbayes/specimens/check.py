@@ -54,6 +54,8 @@ USUAL_PEAK_KPA = (1.0, 2_000.0)
 USUAL_STRETCH = (1.01, 2.0)
 USUAL_EDGE_MM = (2.0, 100.0)
 USUAL_THICKNESS_MM = (0.05, 10.0)
+LEAST_WIDTHS = 4.0
+"""Gauge length of a strip over its width below which its clamps hold back more than its ends."""
 LARGE_NOISE = 0.1
 FORCE_LIMIT = 3.0
 """Largest ratio of a mounting force to the peak load; beyond it the unit is probably wrong."""
@@ -109,7 +111,7 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     checks = (
         _tared, _clipped, _weak_or_negative, _unequal, _references,
         _paths, _resampled, _stiff_start, _one_direction,
-        _stress, _sign, _dimensions, _noise, _origin,
+        _stress, _sign, _dimensions, _short_strip, _noise, _origin,
     )  # fmt: skip
     findings = []
     for piece in specimen.pieces:
@@ -589,6 +591,19 @@ def _dimensions(specimen: Specimen) -> Iterator[Finding]:
     if thickness is not None and thickness > 0.5 * width:
         message = f"the specimen is {thickness:g} mm thick and only {width:g} mm wide: "
         yield warning("units", f"{message}a membrane model does not hold")
+
+
+def _short_strip(specimen: Specimen) -> Iterator[Finding]:
+    """Clamps hold the width of a strip at its ends; its middle is free only if it is long."""
+    for k in specimen.experiment.axes if specimen.gauge_length else ():
+        edges = (specimen.edge_x_mm, specimen.edge_y_mm)
+        length, width = edges[k], edges[1 - k]
+        if length is not None and width is not None and length < LEAST_WIDTHS * width:
+            yield warning(
+                "short-strip",
+                f"the strip is {length:g} mm long and {width:g} mm wide: clamped strips shorter "
+                f"than {LEAST_WIDTHS:g} widths are not free to contract, and look stiffer",
+            )
 
 
 def _noise(specimen: Specimen) -> Iterator[Finding]:

@@ -91,8 +91,9 @@ KEYS = {
     "specimen": Key("Name of the specimen", "name of the file"),
     "test": Key(
         "Kind of test: `biaxial`; `strip x` or `strip y`, a strip pulled along x or y, whose file "
-        "has stretch and load of that direction, and the other stretch if the width was measured; "
-        "`tube`, a pressurised tube, whose circumference is x and whose axis is y",
+        "has stretch and load of that direction, and the other stretch if the width was measured "
+        "(a strip cut at another angle shears and cannot be stated); `tube`, a pressurised tube, "
+        "whose circumference is x and whose axis is y",
         "biaxial",
         choices=TESTS,
     ),

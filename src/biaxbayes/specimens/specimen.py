@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import BIAXIAL, TESTS, Experiment, Strip, Tube
+from biaxbayes.mechanics.experiments import TESTS, Experiment, Tube, experiment_of
 from biaxbayes.parameters import Parameter, PieceLabels, Quantities
 from biaxbayes.specimens.keys import (
     DIMENSIONS,
@@ -274,8 +274,7 @@ class Specimen:
     @property
     def experiment(self) -> Experiment:
         """The kind of test."""
-        kind, _, axis = self.test.partition(" ")
-        if kind == "tube":
+        if self.test == "tube":
             known = self.metadata
             # Fung's angle has its vertex on the circle, the missing sector at the centre
             sector = 2.0 * float(known.get("opening_angle_fung_deg", 0.0))
@@ -285,7 +284,7 @@ class Specimen:
                 float(known.get("missing_sector_deg", sector)),
                 reads_force=any(bool(p.recorded_load[:, 1].any()) for p in self.protocols),
             )
-        return Strip("xy".index(axis)) if kind == "strip" else BIAXIAL
+        return experiment_of(self.test)
 
     @property
     def gauge_length(self) -> str:
@@ -296,6 +295,10 @@ class Specimen:
     def pieces(self) -> tuple[Specimen, ...]:
         """All pieces of the tissue, this one first."""
         return (replace(self, further=()) if self.further else self, *self.further)
+
+    def with_pieces(self, further: Iterable[Specimen]) -> Specimen:
+        """The same tissue with more pieces."""
+        return replace(self, further=(*self.further, *further))
 
     def quantities(
         self, material: Sequence[Parameter], *, shared: bool, inferred: bool = True

@@ -13,11 +13,10 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import COLUMNS, STRETCH_RANGE
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
-from biaxbayes.tables.table import Table
+from biaxbayes.tables.table import Table, in_lines
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import (
     cells_of,
-    number_in,
     one_line,
     read_lines,
     rows_of,
@@ -68,7 +67,7 @@ def read_table(
         remedy="leave such rows out with a line '# missing_rows: drop' at the top",
     )
     if lacking.size:
-        lines = ", ".join(map(str, table.lines[lacking][:20]))
+        lines = in_lines(table.lines[lacking], shown=20)
         note = f"{lacking.size} of {table.rows} rows without a reading left out (lines {lines})"
         table = table.without(lacking, note)
     labels = table.text(names.index("protocol")) if "protocol" in names else ["1"] * table.rows
@@ -185,32 +184,21 @@ def read_stretches(path: str | os.PathLike) -> np.ndarray:
     """Stretches, shape (n, 2), from the columns stretch_x and stretch_y of a CSV."""
     path = Path(path)
     lines = ["" if line.lstrip().startswith("#") else line for line in read_lines(path)]
-    rows = ((row, cells) for row, cells in rows_of(lines, path) if "".join(cells).strip())
-    names_row, names = next(rows, (0, []))
-    if not names:
+    rows = [(row, cells) for row, cells in rows_of(lines, path) if "".join(cells).strip()]
+    if len(rows) < 2:
         raise InputError("has no rows", file=path, remedy="give stretch_x,stretch_y and numbers")
-    names = [cell.strip() for cell in names]
+    names = [cell.strip() for cell in rows[0][1]]
     for column in STRETCHES:
         if names.count(column) != 1:
             problem = "missing column" if column not in names else "column appears twice"
             remedy = "name the columns stretch_x,stretch_y"
-            raise InputError(problem, file=path, row=names_row, column=column, remedy=remedy)
-    stretches = []
-    for row, cells in rows:
-        if len(cells) != len(names):
-            raise InputError(
-                f"{len(cells)} cells where the header names {len(names)}", file=path, row=row
-            )
-        for column in STRETCHES:
-            cell = cells[names.index(column)]
-            try:
-                value = number_in(cell)
-            except ValueError:
-                value = 0.0
-            if not STRETCH_RANGE[0] <= value <= STRETCH_RANGE[1]:
-                problem = f"{cell.strip()[:40]!r} is not a stretch"
-                raise InputError(problem, file=path, row=row, column=column, remedy=STRETCH_REMEDY)
-            stretches.append(value)
-    if not stretches:
-        raise InputError("has no rows", file=path, remedy="give one state of stretch per row")
-    return np.array(stretches).reshape(-1, 2)
+            raise InputError(problem, file=path, row=rows[0][0], column=column, remedy=remedy)
+    cells = [_row(cells, names, row, path) for row, cells in rows[1:]]
+    numbers = np.array([row for row, _ in rows[1:]])
+    table = Table(path, tuple(names), tuple(zip(*cells, strict=True)), numbers)
+    stretches = np.column_stack([table.numbers(names.index(column)) for column in STRETCHES])
+    low, high = STRETCH_RANGE
+    for row, k in np.argwhere((stretches < low) | (stretches > high)):
+        problem, where = f"{stretches[row, k]:g} is not a stretch", int(numbers[row])
+        raise InputError(problem, file=path, row=where, column=STRETCHES[k], remedy=STRETCH_REMEDY)
+    return stretches

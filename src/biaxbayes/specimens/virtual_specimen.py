@@ -24,6 +24,7 @@ from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.mechanics.experiments import experiment_of
 from biaxbayes.mechanics.virtual_test import VirtualTest, simulate_smooth_misfit, virtual_test
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -134,6 +135,7 @@ def virtual_specimen(
     ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
     increments: int = 100,
     dimensions: Dimensions | None = None,
+    test: str = "biaxial",
     **record: Any,
 ) -> tuple[Specimen, Truth]:
     """Test a homogeneous specimen of known material on a virtual biaxial machine.
@@ -152,6 +154,8 @@ def virtual_specimen(
         Equal increments of a protocol; its record has one more row.
     dimensions : Dimensions
         Unloaded dimensions, whatever the geometry of the machine is.
+    test : {"biaxial", "strip x", "strip y"}
+        Kind of test; across a strip neither stretch nor load is recorded.
     **record
         ``name``, ``machine``, ``seed``, ``labels`` and ``source`` of :func:`record_tests`.
 
@@ -172,12 +176,16 @@ def virtual_specimen(
             mounting_stretch=mounting_stretch,
             measured_stretch=stretch,
             increments=increments,
+            experiment=experiment_of(test),
             **asdict(dimensions),
         )
         for label, stretch in largest.items()
     }
+    first = next(iter(tests.values()))
+    # of a strip, with the width that follows
+    mounted = (float(first.total_x[0]), float(first.total_y[0]))
     return record_tests(
-        tests, material, mounting_stretch=mounting_stretch, dimensions=dimensions, **record
+        tests, material, mounting_stretch=mounted, dimensions=dimensions, test=test, **record
     )
 
 
@@ -282,6 +290,7 @@ def record_tests(
     name: str,
     mounting_stretch: tuple[float, float],
     dimensions: Dimensions,
+    test: str = "biaxial",
     machine: Machine | None = None,
     seed: int,
     labels: Mapping[str, str] | None = None,
@@ -298,7 +307,8 @@ def record_tests(
     divisor = np.ones(2) if machine.stress_pair == "force" else nominal.section_mm2() * 1e-3
     # One header value stands for both directions; sections differ by the mounting stretch only.
     noise = machine.noise_N / float(np.sqrt(divisor.prod()))
-    protocols, disturbed = _record(tests, machine, divisor, noise, np.random.default_rng(seed))
+    rng, axes = np.random.default_rng(seed), experiment_of(test).axes
+    protocols, disturbed = _record(tests, machine, divisor, noise, rng, axes)
     specimen = Specimen(
         name,
         protocols,
@@ -306,6 +316,7 @@ def record_tests(
         machine.geometry,
         **asdict(nominal),
         load_noise=noise or None,
+        test=test,
         layer=labels.get("layer"),
         axis_x=labels.get("axis_x"),
         axis_y=labels.get("axis_y"),
@@ -349,10 +360,12 @@ def _record(
     divisor: np.ndarray,
     noise_sd: float,
     rng: np.random.Generator,
+    axes: tuple[int, ...],
 ) -> tuple[tuple[Protocol, ...], dict[str, tuple[float, float]]]:
     """Protocols with the readings of a machine, and loads at the mounted state before noise.
 
-    ``divisor`` is N per unit of the record, ``noise_sd`` the noise in that unit.
+    ``divisor`` is N per unit of the record, ``noise_sd`` the noise in that unit, ``axes`` are the
+    directions that the machine reads.
     """
     protocols, disturbed = [], {}
     for label, test in tests.items():
@@ -371,6 +384,8 @@ def _record(
         if noise_sd > 0.0:
             # To a thousandth of the noise, as a machine writes readings
             load = np.round(load, 3 + math.ceil(-math.log10(noise_sd)))
+        across = ~np.isin([0, 1], axes)
+        stretch[:, across], load[:, across] = np.nan, 0.0
         name = label if len(tests) > 1 else "1"
         protocols.append(Protocol(name, *stretch.T, *load.T))
         x, y = (force[0] / divisor).tolist()

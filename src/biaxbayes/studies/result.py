@@ -19,7 +19,7 @@ from biaxbayes.identifiability.determined import derived_quantities, thin_draws
 from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED, Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.runs.run import Run
-from biaxbayes.studies.groups import group_summaries, layer_contrasts
+from biaxbayes.studies.groups import group_contrasts, group_names, group_summaries, layer_contrasts
 from biaxbayes.studies.study_file import LoadedSpecimen
 
 FAILED, INTERRUPTED = "failed", "interrupted"
@@ -29,7 +29,7 @@ STUDY_COLUMNS = (
     *("specimen", "donor", "layer", "file", "folder", "state", "reason", "kind", "quantity"),
     *("unit", "verdict", "reported", "reported_reason"),
     *("mean", "sd", "q05", "q50", "q95", "scale", "scale_sd", "ess_bulk", "ess_tail", "rhat"),
-    *("readings", "misfit"),
+    *("readings", "misfit", "law_misses"),
 )
 LOG, LINEAR = "log", "linear"
 SUMMARY_NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
@@ -83,6 +83,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
         "misfit": noise["misfit"],
     }
     result = run.result
+    common["law_misses"] = next(iter([*result.warnings, *filter(None, [result.better_law])]), "")
     reported = {row["parameter"]: row for row in result.to_frame().to_dict("records")}
     rows = []
     usable = run.state != "unusable"
@@ -237,6 +238,24 @@ class StudyResult:
     def groups(self) -> pd.DataFrame:
         """Summaries across layers, donors and groups; see :func:`group_summaries`."""
         return group_summaries(self.table, self.own_columns)
+
+    @cached_property
+    def group_of(self) -> dict[str, str]:
+        """The group of each specimen, by the columns that the study states, else its layer."""
+        groups = group_names(self.specimens, self.own_columns)
+        return dict(zip(self.specimens["specimen"], groups, strict=True))
+
+    @cached_property
+    def group_contrasts(self) -> pd.DataFrame:
+        """How the groups differ; see :func:`group_contrasts`."""
+        return group_contrasts(self.table, self.own_columns)
+
+    @property
+    def missed(self) -> dict[str, str]:
+        """What the law misses, by specimen, of those that it does not describe."""
+        rows = self.table.drop_duplicates("specimen")
+        texts = zip(rows["specimen"], rows["law_misses"], strict=True)
+        return {name: text for name, text in texts if isinstance(text, str) and text}
 
     @cached_property
     def contrasts(self) -> pd.DataFrame:

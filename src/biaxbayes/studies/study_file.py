@@ -14,6 +14,7 @@ The format is TOML; paths are relative to the file::
 
     [[specimen]]
     file = "donor1-media.csv"
+    pieces = ["donor1-strip-x.csv"]          # other pieces of the same tissue
     label = "D1 media"                       # default: name of the file without its ending
     donor = "D1"                             # default: from the header of the file
     layer = "media"                          # likewise
@@ -35,7 +36,7 @@ from typing import Any
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.laws import law_named
+from biaxbayes.laws import law_key, law_named
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.options import ModelOptions, SamplingPlan, options_of
 from biaxbayes.runs.folder import RUNS
@@ -52,7 +53,9 @@ SAMPLING_KEYS = ("seed", "ess", "max_steps")
 """Options of :class:`~biaxbayes.options.SamplingPlan` in a study file."""
 STUDY_KEYS = ("name", *SAMPLING_KEYS, "anyway", "columns", "options", "priors", "specimen")
 TEXT_KEYS = ("label", "donor", "layer")
-SPECIMEN_KEYS = ("file", *TEXT_KEYS, "seed", "mounting_force", "anyway", "options", "priors")
+SPECIMEN_KEYS = (
+    "file", "pieces", *TEXT_KEYS, "seed", "mounting_force", "anyway", "options", "priors",
+)  # fmt: skip
 MAX_TEXT_LENGTH = 120
 
 
@@ -70,6 +73,7 @@ class StudySpecimen:
     anyway: bool = False  # sample even if it cannot be a loading curve
     # values of the columns that the study declares
     columns: Mapping[str, str] = field(default_factory=dict)
+    pieces: tuple[Path, ...] = ()  # files of other pieces of the same tissue
 
 
 @dataclass(frozen=True)
@@ -156,6 +160,12 @@ def _specimen(entry: object, what: str, common: Mapping[str, Any], path: Path) -
         raise InputError(f"{where}file must be the path of a CSV", file=path)
     specimen = path.parent / file
     _check_file(specimen, f"{path}, {where}file", path=path)
+    pieces = entry.get("pieces", [])
+    if not isinstance(pieces, list) or not all(isinstance(p, str) and p.strip() for p in pieces):
+        remedy = 'write pieces = ["strip-x.csv", "strip-y.csv"]'
+        raise InputError(f"{where}pieces must be a list of paths", file=path, remedy=remedy)
+    for piece in pieces:
+        _check_file(path.parent / piece, f"{path}, {where}pieces", path=path)
     options = _options(entry.get("options", {}), common["options"], f"{where}options", path)
     priors = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
     seed = entry.get("seed", common["seed"])
@@ -178,6 +188,7 @@ def _specimen(entry: object, what: str, common: Mapping[str, Any], path: Path) -
         _force(entry.get("mounting_force"), f"{where}mounting_force", path),
         _flag(entry.get("anyway", common["anyway"]), f"{where}anyway", path),
         {name: str(value) for name, value in columns.items()},
+        tuple(path.parent / piece for piece in pieces),
     )
 
 
@@ -230,6 +241,8 @@ def _options(table: object, common: Mapping[str, Any], where: str, path: Path) -
     if not isinstance(table, dict):
         raise InputError(f"{where} must be a table", file=path)
     _check_keys(table, tuple(DEFAULT_OPTIONS), where, path)
+    if "law" in table:  # a file beside that of the study
+        table = table | {"law": law_key(table["law"], path.parent)}
     for key, value in table.items():
         ModelOptions.check(key, value, where=f"{where}: ", file=path)
     return {**common, **table}
@@ -306,6 +319,7 @@ def load_specimens(study: Study) -> list[LoadedSpecimen]:
             specimen = read_specimen(entry.file)
             if entry.mounting_force is not None:
                 specimen = with_force(specimen, entry.mounting_force, entry.file)
+            specimen = specimen.with_pieces(read_specimen(path) for path in entry.pieces)
         except BiaxbayesError as error:
             out.append(LoadedSpecimen(entry, slug, problem=str(error)))
             continue

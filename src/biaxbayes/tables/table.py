@@ -191,14 +191,7 @@ class Table:
         at = np.flatnonzero(lacks.any(axis=0))
         if not at.size or (drop and at.size < rows.size):
             return rows[at]
-        # "rows 5, 9-14 and 3 more"
-        runs = np.split(
-            self.lines[rows[at]], np.flatnonzero(np.diff(self.lines[rows[at]]) != 1) + 1
-        )
-        where = "row " if at.size == 1 else "rows "
-        where += ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:20])
-        if len(runs) > 20:
-            where += f" and {sum(map(len, runs[20:]))} more"
+        where = f"row{'s' * (at.size > 1)} {in_lines(self.lines[rows[at]], shown=20)}"
         column = indices[int(np.argmax(lacks[:, at[0]]))]
         mend = "remove the rows"
         problem = f"{at.size} of {rows.size} rows lack a reading (the cell is empty or not a "
@@ -229,6 +222,14 @@ class Table:
 
 def _bare(name: str) -> str:
     return re.sub(r"\s+", "", name).lower()
+
+
+def in_lines(lines: Sequence[int] | np.ndarray, shown: int = 6) -> str:
+    """Lines of a file as text, such as ``5, 9-14 and 3 more``."""
+    numbers = np.sort(np.asarray(lines))
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    text = ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:shown])
+    return text + (f" and {sum(map(len, runs[shown:]))} more" if len(runs) > shown else "")
 
 
 # --- tables of a file -----------------------------------------------------------------------------

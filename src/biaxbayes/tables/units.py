@@ -146,7 +146,7 @@ def is_scaled(column: str) -> bool:
 def words_of(column: str) -> list[str]:
     """Words of a column name in lower case, those of ``nominalStrain`` apart."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column).lower()
-    return [word for word in re.split(r"[^0-9a-zλσäöü]+", spaced) if word]
+    return [word for word in re.split(r"[^0-9a-zλστäöü]+", spaced) if word]
 
 
 # --- kinds of strain ------------------------------------------------------------------------------

@@ -35,8 +35,8 @@ from biaxbayes.errors import (
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
-from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.reports.study_page import write_study
+from biaxbayes.progress_bar import Progress, time_left, with_progress
+from biaxbayes.reports.study_page import group_differences, write_study
 from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, is_finished
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
@@ -317,9 +317,7 @@ def _sample_all(
         text = f"{len(outcomes)} of {len(entries)} specimens"
         if failed := sum(t.state not in STATES for t in outcomes.values()):
             text += f", {failed} failed"
-        sampled, missing = len(outcomes) - before, len(entries) - len(outcomes)
-        if sampled > 0 and (left := (time.monotonic() - clock) * missing / sampled) >= 1.0:
-            text += f", about {f'{left:.0f} s' if left < 90.0 else f'{left / 60:.0f} min'} left"
+        text += time_left(clock, len(outcomes) - before, len(entries) - len(outcomes))
         progress(Progress(text, len(outcomes) / len(entries)))
     if len(outcomes) < len(entries):
         raise Interrupted(
@@ -431,11 +429,22 @@ def command(
 
 
 def closing_message(result: StudyResult) -> str:
-    """One line per specimen, and the files with all numbers."""
-    heads = ["specimen", "donor", "layer", "state"]
+    """One line per specimen, how groups differ, what the law misses, and where the numbers are."""
+    heads = ["specimen", "donor", "layer", *result.own_columns, "state"]
     specimens = result.specimens.to_dict("records")
     lines = aligned([heads, *([printable(str(s[k])) for k in heads] for s in specimens)])
     counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
     lines += ["", f"{len(result.specimens)} specimens: {counts}"]
+    for d in group_differences(result.group_contrasts):
+        a, b = printable(d.a), printable(d.b)
+        lines += ["", f"{b} compared with {a}"]
+        if d.rows:
+            table = [d.heads, *d.rows]
+            lines += aligned([[printable(cell) for cell in row] for row in table])
+        else:
+            lines.append("this study does not show whether they differ")
+        lines += [printable(d.without)] if d.without else []
+    missed = [f"{printable(k)}: {printable(v)}" for k, v in result.missed.items()]
+    lines += ["", *missed] if missed else []
     lines.append(f"open {result.folder / 'study.html'}; all numbers are in study.csv beside it")
     return "\n".join(lines)

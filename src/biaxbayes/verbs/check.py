@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.mechanics.experiments import Tube
+from biaxbayes.options import for_users
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
@@ -57,6 +59,7 @@ class Checked:
         return f"<p>{escape(self.specimen.name)}</p><table>{rows}</table>"
 
 
+@for_users
 def check(
     specimen: SpecimenLike,
     *,
@@ -85,7 +88,7 @@ def check(
 
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
-    if "grips" not in data.metadata and data.experiment.is_mounted:
+    if "grips" not in data.metadata and data.test == "biaxial":
         findings.append(Finding("grips", "note", GRIPS_NOT_STATED))
     if data.needs_grip_correction:
         from biaxbayes.grips.geometry import describe_hooks, stated_hooks
@@ -139,9 +142,16 @@ FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis i
 def specimen_contents(specimen: Specimen) -> dict[str, Any]:
     """Contents of a specimen as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
+    axes = specimen.experiment.axes
     area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
+    area = [area[k] if k in axes else None for k in (0, 1)]
+
+    def span(stretch: np.ndarray) -> list[float] | None:
+        return None if np.isnan(stretch).any() else [float(stretch.min()), float(stretch.max())]
+
     return {
         "specimen": specimen.name,
+        "test": specimen.test,
         **{key: getattr(specimen, key) for key in PLAIN_KEYS},
         "section_x_mm2": None if area[0] is None else float(area[0]),
         "section_y_mm2": None if area[1] is None else float(area[1]),
@@ -158,12 +168,12 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
                 "name": p.name,
                 "rows": p.rows,
                 "rest_rows": p.rest_rows,
-                "stretch_x": [float(p.stretch_x.min()), float(p.stretch_x.max())],
-                "stretch_y": [float(p.stretch_y.min()), float(p.stretch_y.max())],
-                "largest_load_x": float(load[:, 0].max()),
-                "largest_load_y": float(load[:, 1].max()),
+                "stretch_x": span(p.stretch_x),
+                "stretch_y": span(p.stretch_y),
+                "largest_load_x": float(load[:, 0].max()) if 0 in axes else None,
+                "largest_load_y": float(load[:, 1].max()) if 1 in axes else None,
                 **{
-                    key: float(value) if p.rest_rows else None
+                    key: float(value) if p.rest_rows and "xy".index(key[-1]) in axes else None
                     for key, value in zip(FORCE_KEYS, (*reading, *sd), strict=True)
                 },
                 "reference_x": p.reference[0],
@@ -242,19 +252,21 @@ def _print_result(result: Checked) -> None:
     if axes:
         click.echo(f"  axes       {', '.join(axes)}")
     size = "not stated"
-    if specimen.edge_x_mm is not None and specimen.edge_y_mm is not None:
-        size = f"{specimen.edge_x_mm:g} x {specimen.edge_y_mm:g} mm"
+    edges = [f"{e:g}" for e in (specimen.edge_x_mm, specimen.edge_y_mm) if e is not None]
+    if edges:
+        size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}"
     elif isinstance(specimen.experiment, Tube):
         size = f"outer diameter {2.0 * specimen.experiment.outer_radius_mm:g} mm"
     if specimen.thickness_mm is not None:
         size += f", {specimen.thickness_mm:g} mm thick"
     state = f"stresses and dimensions refer to the {specimen.geometry} state"
     click.echo(f"  dimensions {size} ({state})")
-    if about["section_x_mm2"] is not None:
-        click.echo(
-            f"  sections   {about['section_x_mm2']:.4g} mm2 under the force in x, "
-            f"{about['section_y_mm2']:.4g} mm2 in y"
-        )
+    if specimen.test != "biaxial":
+        click.echo(f"  test       {specimen.test}")
+    known = {k: about[f"section_{k}_mm2"] for k in "xy" if about[f"section_{k}_mm2"] is not None}
+    if known:
+        sections = [f"{area:.4g} mm2 under the force in {k}" for k, area in known.items()]
+        click.echo(f"  sections   {', '.join(sections)}")
     kind = {
         "force": "force",
         "piola": "first Piola-Kirchhoff stress",
@@ -275,11 +287,15 @@ def _print_result(result: Checked) -> None:
     force = f"mounting force x, y ({about['unit']})"
     lines = [["protocol", "rows", "at rest", "stretch x", "stretch y", force]]
     for p in about["protocols"]:
-        ranges = ["{:.4f}-{:.4f}".format(*p[f"stretch_{k}"]) for k in "xy"]
+        spans = [p[f"stretch_{k}"] for k in "xy"]
+        ranges = ["{:.4f}-{:.4f}".format(*span) if span else "free" for span in spans]
         forces = "as the others" if specimen.experiment.is_mounted else "none"
         if p["rest_rows"]:
             forces = ", ".join(
-                f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"
+                f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}"
+                if p[f"mounting_force_{k}"] is not None
+                else "free"
+                for k in "xy"
             )
         lines.append([p["name"], str(p["rows"]), str(p["rest_rows"]), *ranges, forces])
     for line in aligned(lines):

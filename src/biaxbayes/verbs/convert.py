@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +53,7 @@ def convert(
         What to take from the files; or its fields as keywords.
     header : mapping, optional
         Header values by their key in a specimen file (``edge_x_mm``, ``geometry``,
-        ``load_noise_N``, ``layer`` ...).
+        ``load_noise_N``, ``layer`` ...); or each as a keyword (``edge_x_mm=20``).
     protocol_names : sequence of str
         One per protocol; by default from the names of the files.
     recipe : path-like, optional
@@ -80,11 +82,14 @@ def convert(
     from biaxbayes.machines.conversion import convert as conversion
 
     found: dict[str, Any] = {}
+    own = {f.name for f in fields(Choice)}
+    keys = {k: options.pop(k) for k in {*HEADER_OPTIONS, *METADATA_KEYS} & {*options} - own}
+    header = {**(header or {}), **keys}
     if recipe is not None:
         from biaxbayes.machines.recipe import check_fit, read_recipe
 
         answers, lab, found = read_recipe(Path(recipe))
-        options, header = answers | options, lab | dict(header or {})
+        options, header = answers | options, lab | header
     choice = _check_choice(_choice(choice, options))
     paths = [raw] if isinstance(raw, str | Path) else raw
     files, target = [Path(path) for path in paths], None if out is None else Path(out)
@@ -92,11 +97,20 @@ def convert(
     beside = [] if target is None else [target.with_name(target.stem + end) for end in BESIDE]
     for path in [*([target] if target else []), *beside]:
         check_new(path, overwrite)
-    values = _checked_header(header or {})
+    values = _checked_header(header)
     result = conversion(files, choice, header=values, protocol_names=list(protocol_names))
+    if len(files) > 1 and not (choice.specimen or "specimen" in values):
+        result = replace(result, specimen=replace(result.specimen, name=common_stem(files)))
     if recipe is not None:
         check_fit(found, result, Path(recipe))
     return result if target is None else _written(result, choice, values, target, beside)
+
+
+def common_stem(files: Sequence[Path]) -> str:
+    """The parts that the names of files begin with in common; else the name of the first."""
+    parts = [re.split(r"([-_. ]+)", path.stem) for path in files]
+    same = itertools.takewhile(lambda column: len(set(column)) == 1, zip(*parts, strict=False))
+    return "".join(column[0] for column in same).rstrip("-_. ") or files[0].stem
 
 
 def _choice(choice: Choice | None, options: Mapping[str, Any]) -> Choice:
@@ -220,7 +234,7 @@ HEADER_OPTIONS = {
 def _header_option(key: str, metavar: str) -> Decorator:
     """An option for a header key of a specimen file."""
     meaning, default = KEYS[key].meaning, KEYS[key].default
-    default = "name of the first file" if key == "specimen" else default
+    default = "what the names of the files begin with" if key == "specimen" else default
     without = default if default == OF_FORCES else f"default: {default}"
     text = f"{meaning}." if default == NONE else f"{meaning} ({without})."
     flag = f"--{key.replace('_', '-')}"

@@ -22,7 +22,7 @@ from biaxbayes.options import (
 )
 from biaxbayes.text_files import write_csv
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, SpecimenLike, make_folder, open_specimen
+from biaxbayes.verbs.inputs import PathLike, PiecesLike, make_folder, open_specimen
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @takes_options(FitOptions)
 def fit(
-    specimen: SpecimenLike,
+    specimen: PiecesLike,
     method: str = "constrained",
     *,
     mounting_force: Sequence[float] | None = None,
@@ -44,7 +44,8 @@ def fit(
 
     Parameters
     ----------
-    specimen : Specimen or path-like
+    specimen : Specimen, path-like or list of them
+        Several are pieces of one tissue, which ``constrained`` fits together.
     method : {"standard", "zeroed", "fip", "linden", "constrained", "all"}
         As in :func:`biaxbayes.fitting.fit.fit`; ``all`` gives a list, as :func:`fit_all`.
     mounting_force : (float, float), optional
@@ -79,7 +80,7 @@ def fit(
 
 @takes_options(FitOptions, without=("initial",))
 def fit_all(
-    specimen: SpecimenLike,
+    specimen: PiecesLike,
     *,
     mounting_force: Sequence[float] | None = None,
     out: PathLike | None = None,
@@ -126,9 +127,8 @@ def _write_fits(
         for name in STRETCH_NAMES:
             value = row.pop(name)
             if isinstance(value, list):
-                row |= {
-                    f"{name} {p.name}": v for p, v in zip(specimen.protocols, value, strict=True)
-                }
+                states = specimen.quantities((), shared=len(value) == len(specimen.pieces)).states
+                row |= {f"{name} {s}".strip(): v for s, v in zip(states, value, strict=True)}
             else:
                 row[name] = value
         at_bound = row.pop("at_bound")
@@ -153,7 +153,7 @@ def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, o
 
 
 @click.command("fit")
-@opt.argument("specimen")
+@opt.argument("specimen", metavar="CSV...", nargs=-1, required=True)
 @click.option(
     "--method",
     type=click.Choice([*FIT_METHODS, ALL_FITS]),
@@ -176,7 +176,7 @@ def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, o
 )
 @opt.file_option("out", "Folder for fits.csv and a figure of the fits over the data.", "DIR")
 def command(
-    specimen: Path,
+    specimen: tuple[Path, ...],
     method: str,
     as_json: bool,
     fix: tuple[str, ...],
@@ -193,7 +193,8 @@ def command(
     from biaxbayes.verbs.plot import read_truth
 
     fixed = opt.fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
-    data = correct_for_hooks(open_specimen(specimen, mounting_force), fixed=fixed, **given)
+    data = open_specimen(list(specimen), mounting_force)
+    data = correct_for_hooks(data, fixed=fixed, **given)
     known = None if truth is None else read_truth(truth, data.name)
     results = fit(data, method, fixed=fixed, **given)
     fits = results if isinstance(results, list) else [results]
@@ -286,6 +287,8 @@ def _table(
         for p in fits[0].material.law.parameters
     ]
     rows += FIT_ROWS
+    if specimen.further:
+        rows.append(("stiffness", "", "stiffness", "{:.4f}"))
     if truth is not None:
         rows.append(("parameter error", "", "parameter_error", "{:.4g}"))
     records = [_record(result, truth) for result in fits]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -48,7 +47,7 @@ def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None =
         if mounting_force is not None and others:
             raise InputError("`mounting_force` is of one piece", remedy="state it in each file")
         first = first if mounting_force is None else open_specimen(specimen[0], mounting_force)
-        return replace(first, further=(*first.further, *others))
+        return first.with_pieces(others)
     file: object
     if isinstance(specimen, Specimen):
         file = specimen.name
@@ -90,13 +89,6 @@ def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
             "used; sample longer, or add `anyway=True` to use them nevertheless"
         )
     return opened
-
-
-def check_switches(**given: Any) -> None:
-    """Refuse what is neither True nor False."""
-    for name, value in given.items():
-        if not isinstance(value, bool | np.bool_):
-            raise InputError(f"`{name}` must be True or False, not {type(value).__name__}")
 
 
 def as_numbers(values: Any, name: str, count: int | None = None) -> np.ndarray:
@@ -176,9 +168,14 @@ def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
 
 def as_style(style: Any) -> dict[str, Any] | None:
     """Settings of matplotlib, read from a file if it is a path."""
+    import matplotlib as mpl
+
     from biaxbayes.figures.style import read_style
 
     if style is None or isinstance(style, Mapping):
+        for key in style or ():
+            if key not in mpl.rcParams:
+                raise InputError(f"`style`: {str(key)[:60]!r} is not a setting of matplotlib")
         return None if style is None else dict(style)
     return read_style(as_path(style, "style"))
 

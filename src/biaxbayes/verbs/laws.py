@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +37,7 @@ from biaxbayes.options import (
 )
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import STRETCH, Quantities
-from biaxbayes.progress_bar import Progress, with_progress
+from biaxbayes.progress_bar import Progress, time_left, with_progress
 from biaxbayes.runs.checkpoint import DamagedCheckpoint, pack_record, unpack_record
 from biaxbayes.runs.folder import stored_identity
 from biaxbayes.runs.provenance import specimen_digest
@@ -205,9 +206,10 @@ def _sample_parts(
     files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]
     results = [None if file is None else _read(file) for file in files]
     missing = [i for i, result in enumerate(results) if result is None]
-    done = len(tasks) - len(missing)
+    before = done = len(tasks) - len(missing)
+    clock = time.monotonic()
     if missing:
-        progress(Progress("compiling (once; cached for later runs)"))
+        progress(Progress(f"{done} of {len(tasks)} posteriors; first {tasks[missing[0]].name}"))
     for outcome in executor.run(sample_part, [tasks[i] for i in missing], stop=stop):
         index = missing[outcome.index]
         if outcome.failure:
@@ -216,7 +218,9 @@ def _sample_parts(
         if file is not None:
             _store(file, outcome.value)
         done += 1
-        progress(Progress(f"{done} of {len(tasks)}: {tasks[index].name}", done / len(tasks)))
+        left = time_left(clock, done - before, len(tasks) - done)
+        text = f"{done} of {len(tasks)} posteriors, last {tasks[index].name}{left}"
+        progress(Progress(text, done / len(tasks)))
     if done < len(tasks):
         saved = ""
         if folder is not None:

@@ -192,9 +192,10 @@ def with_priors(
     *, fix: tuple[str, ...], law: str, priors: Path | None = None, **others: Any
 ) -> dict[str, Any]:
     """Options of a command as its verb takes them: ``--fix`` and ``--priors`` as one table."""
-    from biaxbayes.laws import law_named
+    from biaxbayes.laws import law_key, law_named
     from biaxbayes.model.priors import check_fixed, read_priors
 
+    law = law_key(law)
     material_law = law_named(law, fibre_switch=others.get("fibre_switch", False))
     chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors, material_law))
     for name, value in chosen.items():

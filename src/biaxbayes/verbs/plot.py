@@ -23,10 +23,10 @@ from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profiles
 from biaxbayes.laws import all_parameters
-from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option
+from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option, for_users
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
-from biaxbayes.tasks import process_lock, usual_numpy_errors
+from biaxbayes.tasks import process_lock
 from biaxbayes.text_files import as_path, read_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
@@ -120,7 +120,7 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
 # --- a figure in the style of a paper ------------------------------------------------------------
 
 
-@usual_numpy_errors
+@for_users
 def plot(
     run: RunLike,
     figure: str = "corner",
@@ -157,7 +157,7 @@ def plot(
     **how
         ``width_mm`` and what the figure takes; see :func:`run_figure`.
     """
-    given = {"truth": truth, "compare": compare, "parameters": parameters or None}
+    given = {"truth": truth, "compare": compare, "parameters": tuple(parameters) or None}
     for name, figures in PLOT_TAKES.items():
         if given[name] is not None and figure not in figures:
             raise InputError(
@@ -179,7 +179,7 @@ def plot(
             raise InputError(
                 "is a figure of the run itself", file=target, remedy="choose another name by `out`"
             )
-        if parameters:
+        if len(parameters):
             key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
             how[key] = tuple(dict.fromkeys(parameters))
         if truth is not None:

@@ -20,12 +20,13 @@ from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
     PopulationPriors,
-    make_design,
+    make_layout,
     pooled_values,
 )
-from biaxbayes.populations.result import Population, assessed_quantities
-from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan, draw_population
-from biaxbayes.populations.specimens import Source, make_individual, pooled_names
+from biaxbayes.populations.result import Population, draw_sources
+from biaxbayes.populations.reweighting import MAX_K
+from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan
+from biaxbayes.populations.specimens import Source, check_stretches, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.text import plural
@@ -147,26 +148,35 @@ def sample_population(
             state, note = checkpoint.load(folder, identity, PopulationCheckpoint.from_record)
             if note:
                 progress(Progress("resuming", note=note))
-        individuals = [make_individual(s, values, plan.ensembles) for s in sources]
-        design = make_design(individuals, grouping, values, options, priors)
-        sampled = draw_population(
-            design,
+        for source in sources:
+            check_stretches(source, values)
+        layout = make_layout(grouping, values, options, priors)
+        sampled = draw_sources(
+            sources,
+            grouping,
+            values,
+            layout,
             plan,
-            lambda history: assessed_quantities(grouping, values, history),
             state=state,
-            on_block=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
+            on_step=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
             progress=progress,
             stop=stop,
         )
-        if sampled.interrupted:
+        if sampled is None:
             raise Interrupted(
                 f"interrupted, all saved in {folder}; the same command with `resume=True` "
                 "continues",
                 stop(),
             )
+        few = [s.label for s, k in zip(sources, sampled.pareto_k, strict=True) if k > MAX_K]
+        if few:
+            notes.append(
+                f"few draws of {_names_text(few)} are where the population is (Pareto k above "
+                f"{MAX_K:g}): the numbers of these specimens are less certain"
+            )
         progress(Progress("writing"))
         fixed = name, tuple(sources), grouping, tuple(values)
-        drawn = Population(*fixed, design, sampled, options.seed, left_out, notes)
+        drawn = Population(*fixed, layout, sampled, options.seed, left_out, notes)
         with staged(folder, inputs.removal_note(progress, POPULATION), POPULATION) as staging:
             written = write_population(staging, drawn, identity)
         return replace(written, folder=folder)
@@ -320,10 +330,6 @@ def _names_text(names: list[str]) -> str:
 
 
 UNDETERMINED_MARK = "*"
-QUALIFIED = (", but loosely", "; sensitive to the prior")
-"""What the sentence on a verdict may add to it."""
-MAX_PAIRS = 3
-"""Pairs of groups whose differences are printed."""
 
 
 @click.command("population")
@@ -381,15 +387,12 @@ def closing_message(result: PopulationResult) -> str:
             "",
             f"{UNDETERMINED_MARK} {NOT_IDENTIFIED}: the specimens determine little of this sd",
         ]
-    pairs = list(result.contrasts.groupby(["group_a", "group_b"], sort=False))
-    for (a, b), part in pairs[:MAX_PAIRS]:
+    for (a, b), part in result.contrasts.groupby(["group_a", "group_b"], sort=False):
         first, second = printable(str(a)), printable(str(b))
         table = [["quantity", "", "median", "5 to 95 %", f"in {second}"]]
         for row in contrast_rows(part):
             table.append([row.quantity, row.kind, row.median, row.interval, row.direction])
         lines += ["", f"{second} compared with {first}", *aligned(table)]
-    if len(pairs) > MAX_PAIRS:
-        lines += ["", f"{len(pairs) - MAX_PAIRS} more pairs of groups are in contrasts.csv"]
     lines += ["", *(f"note: {printable(note)}" for note in result.notes)]
     lines += [f"all tables and draws are in {result.folder}"]
     return "\n".join(lines)
@@ -402,12 +405,11 @@ def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
     split = len(spread_parts(part)) > 1
     sds = ["sd donors", "sd specimens"] if split else ["sd total"]
     table = [["quantity", "unit", "median", "5 to 95 %", *sds, "new specimen", "verdict"]]
-    for row, r in zip(group_rows(part), part.to_dict("records"), strict=True):
+    for row in group_rows(part):
         spreads = [
             text + (UNDETERMINED_MARK if verdict == NOT_IDENTIFIED else "")
             for (text, _), verdict in zip(row.spreads, row.spread_verdicts, strict=True)
         ]
-        loosely = "".join(words for words in QUALIFIED if words in str(r["in_words"]))
         cells = [row.quantity, row.unit, row.median, row.reported, *spreads, row.new[0][1]]
-        table.append([*cells, row.verdict + loosely])
+        table.append([*cells, row.verdict])
     return [f"{printable(group)}: {members}", *aligned(table)]

@@ -25,7 +25,13 @@ from biaxbayes.populations.tables import (
     groups_table,
     specimens_table,
 )
-from biaxbayes.reports.population import FIGURE_TEXTS, PAGE, population_page
+from biaxbayes.reports.population import (
+    FIGURE_TEXTS,
+    LATEX,
+    PAGE,
+    population_latex,
+    population_page,
+)
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
 from biaxbayes.runs.folder import (
     POPULATION,
@@ -165,7 +171,7 @@ def write_population(
     atomic_write_bytes(folder / "population.nc", archive(result))
     if result.state != "unusable":
         draw_figures(folder, result, tables)
-    convergence = result.sampled.convergence
+    convergence, labels = result.sampled.convergence, result.grouping.labels
     record = {
         "biaxbayes": biaxbayes.__version__,
         "python": platform.python_version(),
@@ -178,9 +184,8 @@ def write_population(
             "kept_sweeps": convergence.steps,
         },
         "law": result.law.name,
-        "acceptance": {
-            k: [round(float(x), 4) for x in v] for k, v in result.sampled.acceptance.items()
-        },
+        "pareto_k": dict(zip(labels, result.sampled.pareto_k.round(3).tolist(), strict=True)),
+        "sampled_again": [labels[i] for i in result.sampled.sampled_again],
         "pooled": {
             v.name: {
                 "scale": v.scale,
@@ -194,6 +199,7 @@ def write_population(
         "notes": result.notes,
         "identity": identity,
     }
+    atomic_write_text(folder / LATEX, population_latex(tables, record))
     atomic_write_text(folder / PAGE, population_page(folder, tables, record))
     record |= {name: json_values(table.to_dict("records")) for name, table in tables.items()}
     record["files"] = manifest(folder)
@@ -249,19 +255,18 @@ def archive(result: Population) -> bytes:
         moved = np.moveaxis(values, 2, 1)
         return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
 
-    centre = result.design.centre
     dims = ("chain", "draw")
-    sets = groups if history.sd.shape[3] > 1 else ["all"]
+    sets = groups if history.sd.shape[3] > 2 else ["all"]
     common = {
-        "mean": ((*dims, "group", "quantity"), flat(history.mu) + centre),
-        "sd_donors": ((*dims, "quantity"), flat(history.sd_donors)),
-        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd)),
+        "mean": ((*dims, "group", "quantity"), flat(history.mu) + result.centre),
+        "sd_donors": ((*dims, "quantity"), flat(history.sd[..., 0, :])),
+        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd[..., 1:, :])),
     }
     if history.partial.shape[-1]:
         common["partial_correlations_0"] = ((*dims, "of", "pair"), flat(history.partial))
     coords = {"group": groups, "quantity": names, "spread": sets, "of": ["donors", "specimens"]}
     own = {
-        "values": ((*dims, "specimen", "quantity"), flat(history.theta) + centre),
+        "values": ((*dims, "specimen", "quantity"), flat(result.sampled.theta) + result.centre),
         "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
     }
     new = result.new_specimens()
@@ -269,12 +274,11 @@ def archive(result: Population) -> bytes:
     law = result.law
     attributes = {
         "biaxbayes_version": biaxbayes.__version__,
-        "law": law.name,
+        "law": law.key,
         "fibre_switch": int(law.fibre_switch),
         "largest_stretch": result.largest_stretch,
         "convergence": result.state,
         "scale": json.dumps({v.name: v.scale for v in result.values}),
-        "every": history.every,
     }
     datasets = {
         "posterior": xr.Dataset(common, coords),

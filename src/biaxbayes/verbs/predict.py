@@ -88,6 +88,7 @@ def predict(
         :class:`FigureOptions`.
     """
     from biaxbayes.figures.prediction import stress_figure
+    from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import measured_stress, predict_stress
     from biaxbayes.specimens.table import read_stretches
 
@@ -100,7 +101,7 @@ def predict(
     if path is None and chosen.stretch is None:
         raise InputError("give either `path` or `stretch`")
     opened = inputs.usable_run(run, anyway=anyway)
-    specimen = opened.specimen
+    specimen = with_free_sides(opened.draws, opened.specimen, opened.law)
     names = [p.name for p in specimen.protocols]
     if chosen.protocol is not None and chosen.protocol not in names:
         raise InputError(
@@ -153,6 +154,7 @@ def _refuse_unknown_total(run: Run) -> None:
 
 def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
     """States of stretch on a straight path from 1."""
+    from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import prediction_range, stretch_path
 
     stretch: Any = chosen.stretch
@@ -162,13 +164,14 @@ def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
             remedy="for other paths give `path`, an array of two columns (x, y)",
         )
     if stretch == TESTED:
-        tested = prediction_range(run.draws, run.specimen, chosen.protocol, chosen.reference)
+        specimen = with_free_sides(run.draws, run.specimen, run.law)
+        tested = prediction_range(run.draws, specimen, chosen.protocol, chosen.reference)
         stretch = float(tested.high.max())
-    elif isinstance(stretch, str) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
+    elif not isinstance(stretch, int | float) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
         remedy = STRETCH_REMEDY
-        if not isinstance(stretch, str) and 0.0 < stretch < 0.5:
+        if isinstance(stretch, int | float) and 0.0 < stretch < 0.5:
             remedy = f"for a strain of {stretch:g} write {1.0 + stretch:g}"
-        shown = stretch if isinstance(stretch, str) else f"{stretch:g}"
+        shown = f"{stretch:g}" if isinstance(stretch, int | float) else str(stretch)[:40]
         raise InputError(f"`stretch` {shown} is not a possible largest stretch", remedy=remedy)
     return stretch_path(stretch, ratio=chosen.ratio or (1.0, 1.0), points=points)
 

@@ -7,15 +7,14 @@ from pathlib import Path
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import REPORTS
+from biaxbayes.options import REPORTS, for_users
 from biaxbayes.runs.run import Run
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import as_path, atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
 
 
-@usual_numpy_errors
+@for_users
 def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> Path:
     """Write the report of a run again, and return its path.
 
@@ -56,11 +55,9 @@ def report_text(run: RunLike, kind: str = "html") -> str:
     return latex_table(opened) if kind == "latex" else report_page(opened)
 
 
-def _check_kind(kind: object) -> None:
-    if not (isinstance(kind, str) and kind in REPORTS):
-        raise InputError(
-            f"unknown report {str(kind)[:40]!r}", remedy=f"one of {', '.join(REPORTS)}"
-        )
+def _check_kind(kind: str) -> None:
+    if kind not in REPORTS:
+        raise InputError(f"unknown report {kind[:40]!r}", remedy=f"one of {', '.join(REPORTS)}")
 
 
 def _explore_text(run: Run, *, linked: bool) -> str:

@@ -109,17 +109,17 @@ class SampleJob:
         specimen = inputs.open_specimen(specimen, mounting_force)
         options = ModelOptions.from_values(options).keywords()
         findings = refuse_no_loading_curve(specimen, None if anyway else file)
-        law, count = options["law"], len(specimen.protocols)
-        if count < law_named(law).least_protocols:
+        law, count = law_named(options["law"]), len(specimen.protocols)
+        if count < law.least_protocols:
             text = (
-                f"with {count} protocol the posterior of the law {law} has several modes of "
+                f"with {count} protocol the posterior of the law {law.name} has several modes of "
                 "similar mass, and the chains may not converge. Test another ratio, or choose "
                 "another law"
             )
             findings = (*findings, Finding("few-protocols", "warning", text))
         specimen, options = _resolve_mounting(specimen, options, file)
         if specimen.needs_grip_correction:
-            refuse_other_law(law, file)
+            refuse_other_law(law.name, file)
             stated_hooks(specimen)
         hooked = [piece.name for piece in specimen.further if piece.needs_grip_correction]
         if hooked:
@@ -136,7 +136,7 @@ class SampleJob:
             seed=amount.seed,
             workers=amount.processors,
         )
-        folder = Path(f"{stem}-posterior") if out is None or out == "" else as_path(out, "out")
+        folder = Path(f"{stem}-posterior") if out is None or out == "" else Path(out)
         return cls(specimen, source, folder, options, plan, findings)
 
     def run(
@@ -415,7 +415,6 @@ def sample(
         something else.
     """
     amount, model = SamplingPlan.split(options)
-    inputs.check_switches(anyway=anyway, resume=resume, overwrite=overwrite)
     checked: dict[str, Any] = {"mounting_force": mounting_force, "anyway": anyway}
     with process_lock:
         job = SampleJob.prepare(specimen, out=out, options=model, amount=amount, **checked)

@@ -13,13 +13,13 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
+from biaxbayes.mechanics.experiments import TESTS
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import NO_GRIPS
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.text_files import as_path
-from biaxbayes.verbs.inputs import as_numbers, check_new, check_switches
+from biaxbayes.verbs.inputs import as_numbers, check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
 
 if TYPE_CHECKING:
@@ -34,13 +34,14 @@ DEFAULT_HOOKS = 5
 
 @dataclass(frozen=True)
 class VirtualTest(Options):
-    """A virtual biaxial test.
+    """A virtual test.
 
     ``material`` is the name of a published one, or one of your own: ``biaxbayes.law("fung", ...)``.
     """
 
     material: object = option(None, "A published material; 'list' prints them.", metavar="NAME")
     fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].help)
+    test: str = option("biaxial", "Kind of test.", choices=TESTS)
     prestretch: Sequence[float] | None = option(
         None, "Mounting stretches; the published ones by default.", metavar="X Y"
     )
@@ -107,9 +108,7 @@ def simulate(
     from biaxbayes.specimens.virtual_specimen import write_truth
 
     test = VirtualTest.from_values(options)
-    check_switches(overwrite=overwrite)
     if out is not None:
-        out = as_path(out, "out")
         if not Path(out).parent.is_dir():
             raise InputError("no such folder", file=Path(out).parent, remedy="make it first")
         for path in (Path(out), truth_file(Path(out))):
@@ -141,9 +140,12 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     material, published = _material(test)
     edge = as_numbers(test.edge, "edge", 2)
     if test.prestretch is not None:
-        as_numbers(test.prestretch, "prestretch", 2)
-    if test.ratios and as_numbers(test.ratios, "ratios").shape[1:] != (2,):
+        test = replace(test, prestretch=tuple(as_numbers(test.prestretch, "prestretch", 2)))
+    ratios = as_numbers(test.ratios, "ratios") if len(test.ratios) else np.ones((1, 2))
+    if ratios.shape[1:] != (2,):
         raise InputError("`ratios` must be pairs of numbers", remedy="as ((1, 1), (1, 0.5))")
+    if test.hooks and test.test != "biaxial":
+        raise InputError("`hooks` hold a square", remedy="leave `hooks` or `test` out")
     if test.hooks and not isinstance(material, GOH):
         raise InputError(
             f"`hooks` computes a sheet with shear, which the law {material.law.name} does not "
@@ -157,7 +159,7 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
         "name": name,
         "source": published.source,
         **_stretches(test, published),
-        "ratios": test.ratios or ((1.0, 1.0),),
+        "ratios": tuple(map(tuple, ratios.tolist())),
         "increments": test.increments,
         "dimensions": Dimensions(float(edge[0]), float(edge[1]), thickness),
         "machine": Machine(
@@ -179,8 +181,8 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
                     "grip_width_mm": 2.0 * hooks.radius_mm,
                 }
             else:
-                specimen, truth = virtual_specimen(material, **common)
-                keys = {"grips": NO_GRIPS}
+                specimen, truth = virtual_specimen(material, **common, test=test.test)
+                keys = {"grips": NO_GRIPS} if test.test == "biaxial" else {}
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
     specimen = replace(specimen, metadata={**specimen.metadata, **keys})
@@ -217,7 +219,7 @@ def _material(test: VirtualTest) -> tuple[Any, PublishedMaterial]:
     if test.fibre_switch and isinstance(material, GOH):
         material = replace(material, fibre_switch=True)
     elif test.fibre_switch:
-        switched = law_named(material.law.name, fibre_switch=True)
+        switched = law_named(material.law.key, fibre_switch=True)
         material = CheckedMaterial(switched, material.theta)
     return material, published
 
@@ -269,7 +271,7 @@ def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any
     metavar="C1 k1 k2 ALPHA KAPPA",
     help="Five numbers instead: kPa, kPa, 1, degrees, 1.",
 )
-@click.option("--law", type=click.Choice(list(LAWS)), help="Another law, with --values.")
+@click.option("--law", metavar="NAME|FILE.py", help="Another law, or your own, with --values.")
 @click.option(
     "--values",
     metavar="NAME=VALUE,...",

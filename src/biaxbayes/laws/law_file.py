@@ -1,0 +1,263 @@
+'''A law of the user's own, from a Python file with its energy and a table of parameters.
+
+    """Fibres along x in a neo-Hookean matrix."""
+    import numpy as np
+
+    parameters = {
+        "c_kPa": ("lognormal", 20, 2),
+        "k1_kPa": ("lognormal", 30, 2.5),
+        "k2": ("lognormal", 10, 2),
+    }
+    exponents = {"k2": "k2 E^2"}
+
+    def energy(X, Y, Z, c, k1, k2):
+        E = X - 1
+        return c / 2 * (X + Y + Z - 3) + k1 / k2 * (np.exp(k2 * E**2) - 1)
+
+Runs keep the text of the file, and a run may come from anywhere. So the text is no program: what is
+not arithmetic is refused before anything of it is run.
+'''
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws import LAWS, law_named
+from biaxbayes.laws.differentiation import COMPOSED, OPERATIONS, exponential
+from biaxbayes.laws.law import Law
+from biaxbayes.laws.materials import MaterialResponse, exponents
+from biaxbayes.parameters import (
+    DEGREE,
+    GREEK,
+    Parameter,
+    Quantities,
+    fibre_angle,
+    positive_parameter,
+)
+from biaxbayes.text_files import read_text
+
+FUNCTIONS = sorted(o.__name__ for o in (*COMPOSED, *OPERATIONS) if isinstance(o, np.ufunc))
+ARITHMETIC = (
+    *(ast.Module, ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.AugAssign, ast.Return),
+    *(ast.Expr, ast.BinOp, ast.UnaryOp, ast.Compare, ast.Call, ast.Name, ast.Constant, ast.Tuple),
+    *(ast.Dict, ast.operator, ast.unaryop, ast.cmpop, ast.expr_context),
+)
+"""What a law can be written with, besides NumPy's functions of numbers."""
+TAKEN = {"np", exponential.__name__, *Quantities(()), "lp", "log_likelihood"}
+"""Names that a parameter cannot have: of other quantities, and of functions."""
+TEST_STRETCHES = np.array([1.02, 1.1, 1.2])
+
+
+def read_law(path: Path) -> str:
+    """Text of the file of a law, after its name as a comment."""
+    return f"# {path.name}\n{read_text(path)}"
+
+
+class LawOfFile(Law):
+    """A law that a user has written."""
+
+    text: ClassVar[str]
+
+    @property
+    def key(self) -> str:
+        """The text of the file."""
+        return self.text
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds of the fit coordinates; k / k2 (exp(k2 x) - 1) has no value at k2 = 0."""
+        exponents = np.array([p.logarithmic and p.unit == "1" for p in self.parameters])
+        return np.where(exponents, 1e-6, super().lower)
+
+    def bound_tolerances(
+        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
+    ) -> dict[str, float]:
+        """Those of every law; a twentieth of range or prior median for what it does not name."""
+        scales = {
+            p.name: p.high - p.low if p.bounded else p.prior[1]  # type: ignore[index]
+            for p in self.parameters
+        }
+        own = {name: 0.05 * scale for name, scale in scales.items()}
+        return own | super().bound_tolerances(material, max_stretches)
+
+    def __reduce__(self) -> Any:
+        """Workers make the law from its text, too."""
+        return law_named, (self.text,)
+
+
+@cache
+def law_from_text(text: str) -> type[LawOfFile]:
+    """The law of a file, by its text; InputError for a text that is none."""
+    name = text.partition("\n")[0].removeprefix("#").strip()
+    try:
+        return _law(text, Path(name).stem)
+    except InputError as error:
+        raise InputError(error.problem, file=name, remedy=error.remedy) from None
+
+
+def _law(text: str, name: str) -> type[LawOfFile]:
+    found = _evaluated(text)
+    table, energy = found.get("parameters"), found.get("energy")
+    if not (isinstance(table, dict) and table and callable(energy)):
+        raise InputError(
+            "a law is a function `energy` and a table `parameters`", remedy="see the page on laws"
+        )
+    parameters = tuple(_parameter(label, prior) for label, prior in table.items())
+    wanted = ["X", "Y", "Z", *(f"cos2_{p.name}" if p.mirror else p.name for p in parameters)]
+    arguments = list(energy.__code__.co_varnames[: energy.__code__.co_argcount])
+    if arguments != wanted:
+        raise InputError(
+            f"the arguments of `energy` are {', '.join(arguments)}",
+            remedy=f"they have to be {', '.join(wanted)}",
+        )
+    formulas = found.get("exponents", {})
+    if not (isinstance(formulas, dict) and set(formulas) <= {p.name for p in parameters}):
+        raise InputError('`exponents` has to be like {"k2": "k2 E^2"}, by names of parameters')
+    members = {
+        "energy": staticmethod(energy),
+        "text": text,
+        "name": name,
+        "title": str(found.get("__doc__") or name).strip().splitlines()[0].rstrip("."),
+        "abbreviation": name,
+        "source": f"law of the user, {name}.py",
+        "description": f"a law of our own ({name})",
+        "parameters": parameters,
+        "amplitudes": tuple(p.name for p in parameters if p.unit == "kPa"),
+        "exponents": formulas,
+    }
+    if name in LAWS:
+        raise InputError(f"there is a law {name}", remedy="give the file another name")
+    try:
+        law = type("LawOfFile", (LawOfFile,), members)
+        _check(law())
+    except (NameError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
+        raise InputError(f"the energy cannot be computed: {error}") from None
+    return law
+
+
+def _evaluated(text: str) -> dict[str, Any]:
+    """What a text defines."""
+    try:
+        tree = ast.parse(text.partition("\n")[2])
+    except (SyntaxError, ValueError, RecursionError) as error:
+        line = f"line {error.lineno}: " if isinstance(error, SyntaxError) else ""
+        raise InputError(f"{line}no Python ({getattr(error, 'msg', error)})") from None
+    tree.body = [s for s in tree.body if ast.unparse(s) != "import numpy as np"]
+    functions = {s.name for s in tree.body if isinstance(s, ast.FunctionDef)}
+    for node in ast.walk(tree):
+        _check_node(node, functions)
+    found: dict[str, Any] = {"__builtins__": {}, "np": np}
+    try:
+        exec(compile(tree, "law", "exec"), found)
+    except Exception as error:
+        raise InputError(f"the file cannot be read: {error}") from None
+    return found | {"__doc__": ast.get_docstring(tree)}
+
+
+def _check_node(node: ast.AST, functions: set[str]) -> None:
+    """Refuse what is no arithmetic; whole numbers become floats, whose powers stay small."""
+    numpy = isinstance(node, ast.Attribute) and ast.unparse(node).startswith("np.")
+    if isinstance(node, ast.Attribute) and numpy and node.attr in (*FUNCTIONS, "pi"):
+        return
+    refused = not isinstance(node, ARITHMETIC)
+    if isinstance(node, ast.Call):
+        own = isinstance(node.func, ast.Attribute) or ast.unparse(node.func) in functions
+        refused = bool(node.keywords) or not own
+    elif isinstance(node, ast.FunctionDef):
+        refused = bool(node.decorator_list or node.args.defaults or node.args.kwonlyargs)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int):
+        node.value = float(node.value)
+    if refused:
+        line = getattr(node, "lineno", None)
+        shown = ast.unparse(node).splitlines()[0][:40]
+        raise InputError(
+            f"line {line}: `{shown}` is not allowed: a law is arithmetic",
+            remedy="of NumPy it may use np.exp, np.expm1, np.log, np.sqrt and np.maximum",
+        )
+
+
+def _parameter(label: object, prior: object) -> Parameter:
+    """A parameter from its name with the unit, and its default prior."""
+    name, unit = str(label), "1"
+    for known in ("kPa", DEGREE):
+        if name.endswith(f"_{known}"):
+            name, unit = name.removesuffix(f"_{known}"), known
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or name in TAKEN:
+        raise InputError(
+            f"{name[:40]!r} is no name of a parameter",
+            remedy="as k1_kPa, and not that of another quantity",
+        )
+    base, below = re.fullmatch("([A-Za-z]+)_?(.*)", name).groups()  # type: ignore[union-attr]
+    symbol = f"\\{base}" if f"\\{base}" in GREEK else base
+    symbol += f"_{{{below}}}" if below else ""
+    match prior:
+        case ("lognormal", float(median), float(sd)) if min(median, sd) > 0.0 and unit != DEGREE:
+            return positive_parameter(name, symbol, name, unit, median, sd, 1e6, f"no {name}")
+        case ("uniform", 0.0, 90.0) if unit == DEGREE:
+            return fibre_angle(name, symbol, name)
+        case ("uniform", float(low), float(high)) if low < high and unit == "1":
+            return Parameter(
+                name,
+                symbol,
+                words=name,
+                low=low,
+                high=high,
+                at_low=f"{name} = {low:g}",
+                at_high=f"{name} = {high:g}",
+                sharp=0.2 * (high - low),
+                width=0.3 * (high - low),
+                prior=("uniform", low, high),
+            )
+        case ("normal", float(mean), float(sd)) if sd > 0.0 and unit == "1":
+            return Parameter(
+                name,
+                symbol,
+                words=name,
+                sharp=0.1 * sd,
+                width=0.1 * sd,
+                largest=abs(mean) + 100.0 * sd,
+                prior=("normal", mean, sd),
+            )
+    raise InputError(
+        f"parameter {label!s:.40} has no prior",
+        remedy='give ("lognormal", median, sd of the log), ("uniform", low, high) or ("normal", '
+        'mean, sd); an angle has ("uniform", 0, 90)',
+    )
+
+
+def _check(law: LawOfFile) -> None:
+    """Refuse an energy that is no law: at medians of the priors, under equal stretches."""
+    values = {p.name: 0.5 * (p.low + p.high) if p.bounded else p.prior[1] for p in law.parameters}  # type: ignore[index]
+    with np.errstate(all="ignore"):
+        at_rest = float(law.material(values).strain_energy(1.0, 1.0))
+        if not abs(at_rest) < 1e-9 * sum(values[n] for n in law.amplitudes):
+            raise InputError(f"the energy is {at_rest:.3g} kPa where unloaded, not 0")
+        if not law.amplitudes:
+            raise InputError("the law has no stiffness, a parameter in kPa", remedy="as c_kPa")
+        for name in law.amplitudes:
+            alone = values | dict.fromkeys(law.amplitudes, 0.0)
+            one, two = (
+                law.material(alone | {name: k}).cauchy(TEST_STRETCHES, TEST_STRETCHES)[0]
+                for k in (1.0, 2.0)
+            )
+            if not np.all(one > 0.0):
+                raise InputError(f"the term of {name} has no tension under equal stretches")
+            if not np.allclose(two, 2.0 * one):
+                raise InputError(f"the energy is not proportional to {name}, a parameter in kPa")
+        constants = law.material(values).constants
+        squared = TEST_STRETCHES**2, TEST_STRETCHES**2, TEST_STRETCHES**-4
+        if law.exponents and len(exponents(constants, *squared)) != len(law.formulas):
+            raise InputError(
+                "`exponents` has another number of formulas than the energy has exponentials"
+            )
+        for name in law.exponents:
+            if not np.all(law.exponent_per_unit(name, constants, *squared) > 0.0):
+                raise InputError(f"{name} is in no exponent of the energy")
