@@ -401,3 +401,11 @@ def test_a_run_of_pieces_reopens(run):
     np.testing.assert_allclose(posterior.log_density(some), some["lp"], rtol=1e-8, atol=1e-6)
     stiffness = run.draws[["stiffness[strip-x]", "stiffness[strip-y]"]]
     assert (stiffness.std() > 0.01).all()
+
+
+def test_verbs_for_squares_alone_say_so(tmp_path):
+    write_specimen(strip(0, THETA), tmp_path / "strip.csv")
+    with pytest.raises(InputError, match="`laws` is for planar biaxial tests, and this is a strip"):
+        biaxbayes.compare_laws(tmp_path / "strip.csv", out=tmp_path / "laws")
+    with pytest.raises(InputError, match="is for one planar biaxial test"):
+        biaxbayes.fit(tmp_path / "strip.csv", "fip")

@@ -54,6 +54,7 @@ def design(
     ranking = {name: candidates.pop(name) for name in ("rank_by", "seed")}
     executor = executor_for(workers, scheduler)
     opened = inputs.usable_run(run)
+    inputs.refuse_other_tests(opened.specimen, "design")
     posterior = opened.posterior()
     tried = standard_candidates(posterior, opened.draws, **candidates)
     result = rank(posterior, opened.draws, tried, executor=executor, progress=progress, **ranking)

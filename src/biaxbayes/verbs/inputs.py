@@ -58,6 +58,16 @@ def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None =
     return specimen if mounting_force is None else with_force(specimen, mounting_force, file)
 
 
+def refuse_other_tests(specimen: Specimen, verb: str) -> None:
+    """Refuse a strip or a tube where a verb is for planar biaxial tests alone."""
+    if specimen.test != "biaxial":
+        raise InputError(
+            f"`{verb}` is for planar biaxial tests, and this is a {specimen.test.split()[0]}",
+            file=specimen.name,
+            remedy="give a square, alone or as the first of several pieces",
+        )
+
+
 def as_run(run: RunLike) -> Run:
     """A run, or the folder to open it from."""
     from biaxbayes.runs.run import open_run

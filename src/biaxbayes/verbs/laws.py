@@ -132,6 +132,7 @@ def compare_laws(
     common = {k: v for k, v in model.items() if k not in SINGLE_LAW_OPTIONS}
     laws = chosen_laws(plan.laws)
     specimen = inputs.open_specimen(specimen, mounting_force)
+    inputs.refuse_other_tests(specimen, "laws")
     executor = executor_for(workers, scheduler)
     if common["mounting_stretch"] == "per-protocol":
         raise InputError(
