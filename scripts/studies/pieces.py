@@ -174,8 +174,11 @@ def one_case(case: str, seed: int) -> dict[str, Any]:
     verdicts = {
         r.name: r.verdict for r in identify_draws(posterior, table, record["state"]).reported
     }
-    rows = []
-    for name, true in tissue.truth.items():
+    rows, truth = [], tissue.truth
+    if case == "strips":  # stresses are those of the first piece
+        stiffness = truth["stiffness[strip-x]"]
+        truth = truth | {name: stiffness * truth[name] for name in ("C1", "k1")}
+    for name, true in truth.items():
         # of strips alone the first piece has no stiffness; the square's names are not its own
         if name not in table or (case == "strips" and name not in MATERIAL):
             continue
