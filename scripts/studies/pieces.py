@@ -173,8 +173,11 @@ def one_case(case: str, seed: int) -> dict[str, Any]:
     record: dict[str, Any] = {"state": state, "seconds": time.perf_counter() - clock}
     table = pd.DataFrame({name: q.ravel() for name, q in draws.quantities.items()})
     verdicts = {r.name: r.verdict for r in identify_draws(posterior, table, state).reported}
-    rows = []
-    for name, true in tissue.truth.items():
+    rows, truth = [], tissue.truth
+    if case == "strips":  # stresses are those of the first piece
+        stiffness = truth["stiffness[strip-x]"]
+        truth = truth | {name: stiffness * truth[name] for name in ("C1", "k1")}
+    for name, true in truth.items():
         # of strips alone the first piece has no stiffness; the square's names are not its own
         if name not in table or (case == "strips" and name not in MATERIAL):
             continue

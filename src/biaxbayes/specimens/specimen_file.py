@@ -32,6 +32,7 @@ from biaxbayes.specimens.table import STRETCHES, SpecimenTable, read_table
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import as_path, atomic_write_text, cells_of, one_line, read_lines
 
+KEYS_PAGE = "docs/specimen-file.md lists all keys; "
 MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
 """Measured stretch of the mounted state, in a record with one common reference."""
 
@@ -64,8 +65,7 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[
                 f"unknown header key {key[:60]!r}",
                 file=path,
                 row=row,
-                remedy=f"{hint}known keys are {', '.join(KEYS)}; drop the colon for a plain "
-                "comment",
+                remedy=f"{hint or KEYS_PAGE}drop the colon for a plain comment",
             )
         if value:
             try:
