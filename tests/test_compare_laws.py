@@ -404,7 +404,7 @@ def test_mounting_stretches_are_the_same_in_table_page_and_terminal(compared, ca
             assert f"{median}, {low} to {high}" in page
             assert f"{median}, {low} to {high}" in output
             if law == "goh":
-                assert abs(q50 - true) < q95 - q05
+                assert abs(q50 - true) < 0.1 * (true - 1.0)  # an exact force leaves its error out
     rms_kPa = f"{laws['left_out_rms_kPa']['goh']:.3g}"
     assert f"goh predicts left-out parts best: its rms error is {rms_kPa} kPa" in page
     assert "src=" in page and "http://" not in page and "<script" not in page

@@ -194,7 +194,8 @@ def test_a_run_keeps_the_ratios_and_opens_with_the_same_numbers(tmp_path):
     measured = read_specimen(DATA / "hooked-weisbecker.csv")
     keys = {"grips": "hooks 5", "grip_inset_mm": 1.5}
     specimen = replace(measured, metadata=keys)
-    run = biaxbayes.sample(specimen, out=tmp_path / "run", ess=400, workers=1, progress=False)
+    options = {"noise": "independent", "ess": 400, "workers": 1, "progress": False}
+    run = biaxbayes.sample(specimen, out=tmp_path / "run", **options)
     table = pd.read_csv(tmp_path / "run" / "grips.csv")
     rows = run.specimen.protocols[0]
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Verdicts and statements are monotone: worse data and looser priors never tell more.
+"""Verdicts are monotone: worse data and looser priors never tell more.
 
 Over virtual specimens of random materials, protocols, noise and smooth misfit.
 """
@@ -65,7 +65,7 @@ def end_error(sd: float) -> float:
 
 def strength(verdict: ParameterVerdict) -> int:
     """How much a verdict says; an open or a missing one nothing."""
-    return STRENGTH.get(verdict.posterior_verdict, -1)
+    return STRENGTH.get(verdict.verdict, -1)
 
 
 def check_monotone(seed: int) -> None:
@@ -75,20 +75,13 @@ def check_monotone(seed: int) -> None:
     loose = judged(specimen, mounting_sd=0.2)
     for name in MOUNTING:
         first, second, wide = base[name], worse[name], loose[name]
-        output = (seed, name, first.text, second.text, wide.text)
+        output = (seed, name, first.assessment, second.assessment, wide.assessment)
         assert strength(second) <= strength(first), output
-        assert (
-            first.mounting is not None and second.mounting is not None and wide.mounting is not None
-        )
-        assert first.mounting.is_value or not second.mounting.is_value, output
         assert first.diagnostics is not None and wide.diagnostics is not None
         # four ends, each with its error
         error = 2.0 * end_error((first.diagnostics.high - first.diagnostics.low) / 3.3)
         width = wide.diagnostics.high - wide.diagnostics.low
         assert width > first.diagnostics.high - first.diagnostics.low - 3.0 * error, output
-        if first.mounting.is_value and wide.mounting.is_value:
-            width = wide.mounting.high - wide.mounting.low
-            assert width > first.mounting.high - first.mounting.low - 3.0 * error, output
 
 
 @pytest.mark.long

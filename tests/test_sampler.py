@@ -51,7 +51,9 @@ def departures(first, second, names=THETA, levels=(0.05, 0.5, 0.95)):
         pooled = np.concatenate([a.ravel(), b.ravel()])
         for level in levels:
             below = [(x < np.quantile(pooled, level)).astype(float) for x in (a, b)]
-            error = np.sqrt(sum(level * (1 - level) / effective_sample_size(x) for x in below))
+            # all draws on one side of a level, as of posteriors far apart, are one effective draw
+            sizes = (max(effective_sample_size(x), 1.0) for x in below)
+            error = np.sqrt(sum(level * (1 - level) / size for size in sizes))
             out.append((below[0].mean() - below[1].mean()) / error)
     return np.abs(out)
 

@@ -41,6 +41,9 @@ from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep
 
+MAX_POINTS = 65_536
+"""Points of a density that are evaluated together."""
+
 
 class Posterior:
     """Log posterior density of a specimen.
@@ -391,9 +394,11 @@ class Posterior:
             )
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
-        problem = self.natural_assembly.problem
-        out = self.evaluate(problem, np.ascontiguousarray(u))[0]
-        return out.reshape(shape)[()]
+        problem, u = self.natural_assembly.problem, np.ascontiguousarray(u)
+        # in blocks: every point has residuals of all readings
+        blocks = range(0, len(u), MAX_POINTS)
+        parts = [self.evaluate(problem, u[i : i + MAX_POINTS])[0] for i in blocks]
+        return np.concatenate([np.empty(0), *parts]).reshape(shape)[()]
 
     # --- between coordinates and natural quantities ---
 

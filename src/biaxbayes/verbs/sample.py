@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from biaxbayes.errors import InputError, Interrupted, TaredSpecimen
 from biaxbayes.fitting.result import FitResult
@@ -328,8 +329,10 @@ def _show(findings: Sequence[Finding], progress: OnProgress, phase: str = "fitti
 def _warn(progress: Progress) -> None:
     """Without a progress callback, notes are issued as warnings."""
     if progress.note:
-        package = str(Path(__file__).parents[1])
-        level = next((i for i, f in enumerate(inspect.stack(0)) if package not in f.filename), 0)
+        # past this package, and NumPy, whose error state wraps every verb
+        ours = (str(Path(__file__).parents[1]), str(Path(np.__file__).parent))
+        stack = enumerate(inspect.stack(0))
+        level = next((i for i, f in stack if not f.filename.startswith(ours)), 0)
         warnings.warn(progress.note, RuntimeWarning, stacklevel=level + 1)
 
 
