@@ -20,11 +20,8 @@ def main() -> None:
     tables.write_tables34(out)
     tables.write_table5(out)
     tables.write_table6(out)
-    figures.figure3(out)
-    figures.figures6_and_7(out)
+    figures.figure6(out)
     figures.figure8(out, points=3 if quick else 18)
-    figures.figure9(out)
-    figures.figure10(out)
     claims.write_guesses(
         out, guesses=1 if quick else 20, prestretches=PRESTRETCHES[:1] if quick else PRESTRETCHES
     )

@@ -124,7 +124,7 @@ class Bench:
         if again != 0:
             why = Path(f"{folder}.err").read_text().strip()[-80:]
             tally.problems.append(f"resume ended with {again}: {why}")
-        elif values(folder) == self.values and not list(folder.glob(".*")):
+        elif values(folder) == self.values and not list(folder.glob(".writing*")):
             tally.identical += 1
         else:
             tally.problems.append("resumed to other values")

@@ -5,17 +5,15 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.colors import LogNorm
 from scipy.optimize import OptimizeWarning, curve_fit
 
 from biaxbayes.fitting.fit import METHODS, FitResult, fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.specimens.specimen import Specimen
-from studies.common import COLOURS, save_figure, write_table
+from studies.common import write_table
 from studies.paper.experiments import (
     mae,
     noisy,
@@ -24,7 +22,6 @@ from studies.paper.experiments import (
     total_path,
     virtual_specimen,
 )
-from studies.paper.figures import COLOUR, TITLE
 from studies.paper.printed import TABLE6, VIRTUAL
 from studies.paper.tables import IGNORING, INFERRING
 
@@ -92,14 +89,13 @@ def write_guesses(out: Path, *, guesses: int, prestretches: tuple[str, ...]) -> 
 
 def write_noise(out: Path, *, replicates: int) -> None:
     """5 and 95 % points of the fits of noisy records, and their mounting stretches drawn."""
-    rows, fits = [], {}
+    rows = []
     for name in TABLE6:
         rng = np.random.default_rng(60)
         records = [noisy(table6_specimen(name), rng) for _ in range(replicates)]
         for method in INFERRING:
             results = [fit(record, method, starts=4) for record in records]
             converged = [r for r in results if r.converged]
-            fits[name, method] = converged
             row = {"specimen": name, "method": method, "converged": len(converged)}
             if converged:
                 ends = np.quantile([_quantities(r) for r in converged], [0.05, 0.95], axis=0)
@@ -107,19 +103,6 @@ def write_noise(out: Path, *, replicates: int) -> None:
                     row |= {f"{quantity}_q05": pair[0], f"{quantity}_q95": pair[1]}
             rows.append(row)
     write_table(out, "paper-noise", pd.DataFrame(rows))
-    drawing, axes = plt.subplots(1, len(TABLE6), figsize=(6.9, 2.5))
-    for ax, name in zip(axes, TABLE6, strict=True):
-        for method, marker in zip(INFERRING, "osD", strict=True):
-            found = np.array([r.mounting_stretch[0] for r in fits[name, method]]).reshape(-1, 2)
-            x, y = 100.0 * (found.T - 1.0)
-            ax.plot(x, y, marker, ms=3, mfc="none", mew=0.7, color=COLOUR[method], label=method)
-        x, y = 100.0 * (np.array(MATERIALS[name].mounting_stretch) - 1.0)
-        ax.plot(x, y, "k+", ms=9, mew=1.3, label="truth")
-        ax.set(title=name.replace("-", "\n"), xlabel="prestretch x, %")
-    axes[list(TABLE6).index("donor2-intima")].set(xlim=(-1.0, 8.0), ylim=(-1.6, 2.2))
-    axes[0].set_ylabel("prestretch y, %")
-    drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    save_figure(drawing, out, "paper-noise")
 
 
 QUANTITIES = ("C1_kPa", "k2", "kappa", "mounting_stretch_x", "mounting_stretch_y")
@@ -171,20 +154,6 @@ def write_error_map(out: Path, *, size: int) -> None:
         for label, grid in zip(labels, grids, strict=True)
     ]
     write_table(out, "paper-error-map", pd.DataFrame(rows))
-    drawing, axes = plt.subplots(2, 4, figsize=(6.9, 4.0), sharex=True, sharey=True)
-    for row, (label, least) in enumerate(zip(labels, (1.0, 0.5), strict=True)):
-        for ax, ((material, method), grids) in zip(axes[row], maps.items(), strict=True):
-            mesh = ax.pcolormesh(
-                100 * (lms - 1), totals, grids[row],
-                norm=LogNorm(least, 150.0), cmap="cividis", shading="nearest",
-            )  # fmt: skip
-            if row == 0:
-                ax.set_title(f"{TITLE[material]},\n{method}")
-            else:
-                ax.set_xlabel("prestretch, %")
-        axes[row, 0].set_ylabel("largest total stretch")
-        drawing.colorbar(mesh, ax=axes[row, :], label=label, extend="both", pad=0.01)
-    save_figure(drawing, out, "paper-error-map")
 
 
 # --- kappa fixed, the other four fitted again ---------------------------------------------------
@@ -212,8 +181,7 @@ def write_kappa(out: Path, *, count: int) -> None:
         for name in VIRTUAL
     } | {name: table6_specimen(name) for name in TABLE6}
     rows = []
-    drawing, axes = plt.subplots(2, 2, figsize=(6.9, 4.4), sharex=True)
-    for number, (name, specimen) in enumerate(clean.items()):
+    for name, specimen in clean.items():
         found, read = sweep(specimen, kappas), sweep(noisy(specimen, rng), kappas)
         row: dict[str, object] = {"specimen": name}
         for what, part in (
@@ -227,17 +195,4 @@ def write_kappa(out: Path, *, count: int) -> None:
         ):
             row |= {f"{what}_low": part.min(), f"{what}_high": part.max()}
         rows.append(row)
-        look = {"color": COLOURS[number], "ls": ("-", "--", "-.", ":")[number % 4]}
-        axes[0, 0].semilogy(kappas, np.maximum(100 * found["misfit"], 1e-4), label=name, **look)
-        axes[0, 1].semilogy(kappas, 100 * read["misfit"], **look)
-        # where nothing fits, and at isotropy, alpha and k2 mean nothing
-        fitting = found[(found["misfit"] < 0.05) & (found["kappa"] < 1.0 / 3.0)]
-        axes[1, 0].plot(fitting["kappa"], fitting["alpha_deg"], **look)
-        axes[1, 1].semilogy(fitting["kappa"], fitting["k2"], **look)
     write_table(out, "paper-kappa", pd.DataFrame(rows))
-    axes[0, 0].set(ylabel="rms misfit, % of force", ylim=(1e-4, 30), title="noise-free")
-    axes[0, 1].set(ylabel="rms misfit, % of force", ylim=(1e-1, 30), title="with noise")
-    axes[1, 0].set(ylabel="refitted alpha, degrees", xlabel="fixed kappa", ylim=(-3, 93))
-    axes[1, 1].set(ylabel="refitted k2", xlabel="fixed kappa")
-    drawing.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    save_figure(drawing, out, "paper-kappa")
