@@ -544,10 +544,10 @@ def _stress(specimen: Specimen) -> Iterator[Finding]:
     low, high = USUAL_PEAK_KPA
     if peak > high:
         message = f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: "
-        yield warning("units", f"{message}is the file in {'mN' if forces else 'Pa'}?")
+        yield warning("units", f"{message}is the file in {'gf or mN' if forces else 'Pa'}?")
     elif peak < low:
         message = f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in"
-        yield warning("units", f"{message} {'kN or gf' if forces else 'MPa'}?")
+        yield warning("units", f"{message} {'kgf or kN' if forces else 'MPa'}?")
     if peaks.min() > 0.0 and peaks.max() / peaks.min() > 100.0:
         message = f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
         yield warning("units", f"{message}are both columns in the same unit?")
