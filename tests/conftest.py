@@ -15,10 +15,10 @@ import reported
 import shared
 
 LONG = (
-    "test_studies", "test_moves", "test_population", "test_figures", "test_sampler", "test_identifiability",
-    "test_pages", "test_posterior", "test_fit", "test_design", "test_batch", "test_python_verbs",
-    "test_plot_command", "test_profile", "test_resume", "test_compare", "test_evidence",
-    "test_calibration", "test_check", "test_hierarchy", "test_processes",
+    "test_studies", "test_moves", "test_population", "test_figures", "test_sampler",
+    "test_identifiability", "test_pages", "test_posterior", "test_fit", "test_design", "test_batch",
+    "test_python_verbs", "test_plot_command", "test_profile", "test_resume", "test_compare",
+    "test_evidence", "test_calibration", "test_check", "test_hierarchy", "test_processes",
 )  # fmt: skip
 """Files that take longest, the longest first: the workers end together if they begin with them."""
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.special import logsumexp
 
 from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
@@ -129,7 +130,7 @@ class PredictedReadings:
             each = log_likelihood(self.mean, self.reading_sd, self.measured)
         each = np.where(np.isfinite(each), each, -np.inf)
         # ln p(y_i | rest) = ln mean_s N(y_i | m_si, sd_si)
-        return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(len(each))).ravel()
+        return np.asarray(logsumexp(each, axis=0) - np.log(len(each))).ravel()
 
     def curves(self, *, of_readings: bool) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (draws, 2 m), of readings or the tissue, without draws that overflow."""

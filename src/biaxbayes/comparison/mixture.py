@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.special import logsumexp
 
 from biaxbayes.comparison.law_comparison import (
     MAX_LAW_DRAWS,
@@ -63,7 +64,7 @@ def stacking_weights(log_density: np.ndarray) -> np.ndarray:
 def weighted_density(log_density: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Log density (readings,) of a mixture, from log densities (models, readings)."""
     with np.errstate(divide="ignore"):
-        mixed: np.ndarray = np.logaddexp.reduce(log_density + np.log(weight)[:, None], axis=0)
+        mixed: np.ndarray = logsumexp(log_density + np.log(weight)[:, None], axis=0)
     return mixed
 
 

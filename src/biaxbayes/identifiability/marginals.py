@@ -169,7 +169,7 @@ def _peaks(shape: Density) -> int:
     while valleys:
         depth = [h[v] / min(h[a], h[b]) for v, a, b in zip(valleys, peaks, peaks[1:], strict=False)]
         ends = [0, *valleys, h.size - 1]
-        mass = [h[a : b + 1].sum() / h.sum() for a, b in pairwise(ends)]
+        mass = [float(np.sum(h[a : b + 1]) / np.sum(h)) for a, b in pairwise(ends)]
         shallow, light = int(np.argmax(depth)), int(np.argmin(mass))
         if depth[shallow] > MAX_VALLEY_RATIO:
             join = shallow

@@ -490,7 +490,7 @@ class Law:
         """Largest value of each exponent and draw at some total stretches, shape (n,) each."""
         states = [squared_stretches(top[:, :1], top[:, 1:]) for top in max_stretches]
         at_states = [self.exponents_at(constants, *state) for state in states]
-        return [np.maximum.reduce(list(q))[:, 0] for q in zip(*at_states, strict=True)]
+        return [np.max(list(q), axis=0)[:, 0] for q in zip(*at_states, strict=True)]
 
     def bound_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]

@@ -126,7 +126,7 @@ def _check_start(p: Protocol, r: Recording) -> None:
         return
     start = p.stretch[: p.rest_rows].mean(axis=0)
     total = p.recorded_load.sum(axis=1)
-    rise = p.stretch[total.argmax()] - p.stretch[total.argmin()]
+    rise = p.stretch[np.argmax(total)] - p.stretch[np.argmin(total)]
     along = (p.stretch - start) @ rise / max(float(np.linalg.norm(rise)), 1e-300)
     low, scatter = int(along.argmin()), second_difference_scatter(along)
     if along[low] < -max(BELOW_START * float(np.ptp(along)), 6.0 * scatter):

@@ -321,7 +321,7 @@ def standard_candidates(
     out: list[Any] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):
         end = np.array([x, y]) / max(x, y) * top
-        same = [np.allclose(end, e, atol=0.03 * top.max()) for e in ends]
+        same = [np.allclose(end, e, atol=0.03 * np.max(top)) for e in ends]
         out.append(protocol(f"{'repeat ' if any(same) else ''}{x:g}:{y:g}", end))
     if further != 1.0:
         stretch = " × ".join(f"{v:.3g}" for v in 1.0 + further * top)

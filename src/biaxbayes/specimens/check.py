@@ -310,8 +310,8 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
     span = np.ptp(starts, axis=0)
     off = float(np.abs(starts - 1.0).max())
     if span.max() > DRIFT:
-        k = int(span.argmax())
-        low, high = int(starts[:, k].argmin()), int(starts[:, k].argmax())
+        k = int(np.argmax(span))
+        low, high = int(np.argmin(starts[:, k])), int(np.argmax(starts[:, k]))
         remedy = (
             ", as stated by '# reference: each protocol' in the header"
             if specimen.reference
@@ -436,7 +436,7 @@ def _resampled(specimen: Specimen) -> Iterator[Finding]:
         tiny = 1e-6 * np.ptp(load, axis=0)
         step = np.abs(np.diff(load, axis=0))[1:]
         even = (np.abs(np.diff(load, 2, axis=0)) < tiny) & (step > tiny)
-        if p.rows >= 12 and even.mean(axis=0).min() >= 0.8:
+        if p.rows >= 12 and np.min(even.mean(axis=0)) >= 0.8:
             names.append(p.name)
     if names:
         where = "" if len(names) == len(specimen.protocols) else f" of {', '.join(names)}"

@@ -256,7 +256,8 @@ class Specimen:
                 remedy = "count its first row, or state '# reference: common'"
                 raise ReadingError(problem, argument="rest_rows", protocol=p.name, remedy=remedy)
         return tuple(
-            p.divided_by(p.stretch[: p.rest_rows].mean(axis=0), self.stress_pair) for p in protocols
+            p.divided_by(np.mean(p.stretch[: p.rest_rows], axis=0), self.stress_pair)
+            for p in protocols
         )
 
     def __hash__(self) -> int:

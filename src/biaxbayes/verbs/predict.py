@@ -351,7 +351,7 @@ def command(
         if "path" not in chosen:
             chosen.setdefault("stretch", TESTED)
         table = predict(opened, out=folder, anyway=anyway, **chosen)
-    lost = table.get("share_without_equilibrium", np.zeros(1)).max()
+    lost = np.max(table.get("share_without_equilibrium", 0.0))
     if lost > 0.0:
         click.echo(
             f"warning: up to {100 * lost:.2g} % of the draws have no state of equilibrium "
