@@ -69,7 +69,7 @@ def media_run(session_folder):
     return biaxbayes.open_run(
         shared.made_once(
             "media.run",
-            lambda folder: biaxbayes.sample(data, out=folder, seed=11, ess=500, workers=1),
+            lambda folder: biaxbayes.sample(data, out=folder, seed=11, ess=800, workers=1),
         )
     )
 
