@@ -36,7 +36,7 @@ from plain_posterior import (
     readings,
 )
 from quick_posteriors import stated_fit
-from test_laws import RECOVERED
+from typical_laws import RECOVERED
 
 EDGES = {"edge_x_mm": 20.0, "edge_y_mm": 17.0, "thickness_mm": 1.1}
 SMOOTH = {"C1": 7.0, "k1": 23.0, "k2": 2.8, "alpha": 42.0, "kappa": 0.1}
