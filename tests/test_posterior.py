@@ -20,7 +20,6 @@ from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model import misfit
 from biaxbayes.model.density import log_prior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import start_parameters
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import NOISE_SD
 from biaxbayes.specimens.specimen import Protocol, Specimen
@@ -210,28 +209,6 @@ def test_a_misfit_is_relative_to_loads_of_fibres_with_the_switch():
     p = specimen.protocols[0]
     squeezed = replace(p, stretch_y=2.0 - p.stretch_y)
     compare(replace(specimen, protocols=(squeezed,)), noise="misfit", switch=True)
-
-
-def test_what_is_left_out_of_a_misfit_is_below_its_noise(monkeypatch):
-    """Eigenvectors in which the largest misfit does not reach a tenth of the noise's variance."""
-    specimen = specimen_of(protocols=2, rows=20, noise=0.005)
-    values = [random_values(specimen, np.random.default_rng(i)) for i in range(40)]
-    found = []
-    for least in (0.0, misfit.LEAST_EIGENVALUE):
-        monkeypatch.setattr(misfit, "LEAST_EIGENVALUE", least)
-        posterior = Posterior(specimen)
-        near = posterior.natural(posterior.coordinates(start_parameters(posterior)))
-        near = {name: v[0] for name, v in near.items()}
-        # from the mode to where the density is next to nothing
-        points = [{n: near[n] + s * (v[n] - near[n]) for n in posterior.free}
-                  for v in values for s in (0.0, 0.01, 0.03)]  # fmt: skip
-        found.append(np.array([posterior.log_density(p) for p in points]))
-    exact, used = found
-    close = exact > exact.max() - 20.0
-    assert close.sum() > 60
-    # ln(1 + e) - z^2 e / (1 + e) over the vectors left out: of z^2 = 1 each it is e^2 / 2, and
-    # e < 0.1 at an amplitude of 0.4
-    assert np.ptp((used - exact)[close]) < 0.1
 
 
 # --- the compiled density --------------------------------------------------------------------
