@@ -42,7 +42,7 @@ def section(verb: str, common: Sequence[str] = ()) -> str:
     command = group.get_command(click.Context(group), verb)
     assert command is not None
     context = click.Context(command, info_name=f"biaxbayes {verb}")
-    usage = " ".join(["biaxbayes", verb, *command.collect_usage_pieces(context)])
+    usage = " ".join(["biaxbayes", verb, *command.collect_usage_pieces(context)[1:]])
     parts = [f"## {verb}", f"`{usage}`"]
     first, *_ = inspect.cleandoc(command.help or "").split("\n\n")
     parts.append(first)
@@ -50,10 +50,13 @@ def section(verb: str, common: Sequence[str] = ()) -> str:
     keys = [line for line in lines if verb == "convert" and _is_of_header(line)]
     lines = [line for line in lines if line not in keys]
     own = [line for line in lines if line not in common]
-    shared = ", ".join(f"`{_name(line)}`" for line in lines if line in common)
+    shared = ", ".join(f"`{_name(line)}`" for line in common if line in lines)
+    others = ", ".join(f"`{_name(line)}`" for line in common if line not in lines)
     if keys:
         names = ", ".join(f"`{_name(line)}`" for line in keys)
         own.append(f"- [header keys](specimen-file.md#header-keys) of the file: {names}")
+    if len(others) < len(shared):
+        shared = f"all but {others}"
     if shared:
         own.append(f"- as [above](#{SHARED_ID}): {shared}")
     return "\n\n".join([*parts, "\n".join(own)])
@@ -93,6 +96,7 @@ def _options(command: click.Command, context: click.Context) -> list[str]:
             names, words = (" ".join(part.split()) for part in record)
             if FIT_DESCRIPTIONS["standard"] in words:
                 words = "The [fits](glossary.md#the-deterministic-fits). [default: all]"
+            names = names.removesuffix(" RANGE")
             lines.append(f"- `{names}`: {words.replace('<', '&lt;')}")  # no tag of HTML
     return lines
 
@@ -110,6 +114,7 @@ COMMON = {
     *("trace", "sd (standard deviation)", "factor", "mean", "overlay", "ratio", "material laws"),
     *("above zero, below zero", "no verdict, fixed", "median, 90 % interval"),
     *("residual, misfit", "Cauchy stress, nominal stress", "sd between", "verdict"),
+    *("misfit of the law", "toe", "contraction"),
     *("convergence", "donor effect", "density of what was left out", "population, group"),
     *("fixed", "P(larger)", "posterior", "prior", "runs", "structure tensor", "trades with"),
     *("not identified", "only in combination", "bounded", "identified", "no verdict"),
@@ -125,8 +130,8 @@ COMMON = {
 
 ABOUT_TERMS = """# Glossary
 
-This page explains terms of reports and tables. Verdicts, bands and stresses are in
-[What to report](what-to-report.md), states of a run in [the model](model.md#sampling).
+This page explains terms of reports and tables that no other page does. Verdicts, bands and
+stresses are in [What to report](what-to-report.md), states of a run in [the model](model.md).
 
 """
 
@@ -145,10 +150,11 @@ def glossary() -> str:
 
 ABOUT_SPECIMEN_FILES = """# The specimen file
 
-A CSV in UTF-8: lines `# key: value`, a line of column names, then one row per reading. Numbers
-have decimal points. Columns and keys come in any order; others than those listed here are
-refused. A line `#` without a colon is a comment. `biaxbayes check` shows how a file was
-understood, and `biaxbayes convert` makes one from a machine's export.
+This page lists the columns and header keys of a specimen file: a CSV in UTF-8 of lines
+`# key: value`, a line of column names, then one row per reading. Units are in the names. Numbers
+have decimal points; columns and keys come in any order, and unknown ones are refused. A line `#`
+without a colon is a comment. `biaxbayes check` shows how a file was understood, `biaxbayes convert`
+makes one from a machine's export.
 
 ```text
 # specimen: sheep 7
@@ -163,12 +169,10 @@ protocol,stretch_x,stretch_y,force_x_N,force_y_N
 """
 ABOUT_TUBES = """## Tubes
 
-A pressurised tube is stated by `test: tube`. Pressure and axial force are readings, diameter and
-length are taken as exact, as the stretches of a biaxial test are. All stretches refer to the tube
-without pressure and force: a tube has no mounted state and no rows at rest, and every row counts.
-Dimensions in the header are those of the unloaded tube. An opening angle is given by the key of its
-definition: `opening_angle_fung_deg` (vertex at the middle of the inner wall) is half of
-`missing_sector_deg` (vertex at the centre). Without either the unloaded tube is free of stress.
+A pressurised tube is stated by `test: tube` ([equations](model.md#tubes)). Dimensions in the
+header are those of the tube without pressure and force, to which all stretches refer: a tube has
+no mounted state and no rows at rest, and every row counts. Rows in which the wall would fill the
+whole outer diameter are refused.
 
 ```text
 # test: tube
@@ -183,30 +187,22 @@ protocol,outer_diameter_mm,length_mm,pressure_mmHg,axial_force_N
 1.2,8.81,36,48.9,0.412
 ```
 
-The axial force is that of a transducer at the closed end: the force of the wall less pressure times
-lumen. Rows in which the wall would fill the whole outer diameter are refused.
-
 """
 ABOUT_REFERENCES = """## The reference of the stretches
 
 The model needs stretches relative to the mounted state, in which the mounting force is read.
+Arrays of NumPy in `Protocol` and `Specimen` are treated in the same way.
 
-- **Each protocol starts at the mounted state** (`reference: each protocol`, the default). Its
-  stretches are divided by their mean over its first rows.
-- **All protocols share one reference** (`reference: common`), for example one gauge length; a
-  protocol may then start at (1.03, 1). Rows at stretch (1, 1) give the mounting force, and at
-  least one protocol needs such a row. If the mounted state has another stretch in the columns,
-  state it with `mounted_state_x` and `mounted_state_y`.
+- **Each protocol starts at the mounted state** (the default). Its stretches are divided by their
+  mean over its first rows.
+- **All protocols share one reference** (`common`), for example one gauge length; a protocol may
+  then start at (1.03, 1). Rows at stretch (1, 1), or at `mounted_state_x` and `mounted_state_y`,
+  give the mounting force, and at least one protocol needs such a row.
 
 Where the first rows of protocols differ by more than 0.002 in stretch, `check`, `sample` and the
-report say so; above 0.02, `sample` asks for the key `reference`.
-
-A row is at rest while both stretches rest and no load has begun to rise. A load that rises while
-the stretch rests (a camera that lags behind the load cell) is named.
-
-`Protocol` and `Specimen` built from NumPy arrays are checked and divided in the same way.
+report say so. A row is at rest while both stretches rest and no load has begun to rise. A load that
+rises while the stretch rests (a camera that lags behind the load cell) is named.
 """
-IN_NAMES = ("mm", "N", "kPa", "mmHg", "s", "deg")
 
 
 def specimen_file() -> str:
@@ -219,11 +215,13 @@ def specimen_file() -> str:
 
 
 def _meanings(names: Mapping[str, Column | Key]) -> str:
-    rows = ["| name | unit | meaning | without it |", "|---|---|---|---|"]
+    """A row a name; x and y together where they mean the same."""
+    rows = ["| name | meaning | without it |", "|---|---|---|"]
     for name, entry in names.items():
-        ending = name.rpartition("_")[2]
-        unit = ending if ending in IN_NAMES else ""
-        rows.append(f"| `{name}` | {unit} | {entry.meaning} | {entry.default} |")
+        if entry.meaning == "The same along y":
+            rows[-1] = rows[-1].replace(" |", f", `{name}` |", 1)
+        else:
+            rows.append(f"| `{name}` | {entry.meaning} | {entry.default} |")
     return "\n".join(rows) + "\n"
 
 

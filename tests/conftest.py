@@ -104,7 +104,7 @@ def hostile_run(session_folder):
 @pytest.fixture(scope="session")
 def study(session_folder):
     """A finished study of four specimens of two donors in two groups: not to be written into."""
-    from test_population import made_study
+    from made_population import made_study
 
     return shared.made_once("population-study", made_study) / "study"
 
@@ -112,7 +112,7 @@ def study(session_folder):
 @pytest.fixture(scope="session")
 def population(study):
     """The population of that study: not to be written into."""
-    from test_population import made_population
+    from made_population import made_population
 
     return made_population(study)
 

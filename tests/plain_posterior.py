@@ -698,3 +698,32 @@ def densities(plain: PlainPosterior, points) -> list[tuple[float, str]]:
     if folder:
         kept.write_text(json.dumps(found))
     return found
+
+
+# --- a specimen of which all is known ---
+
+EDGES = {"edge_x_mm": 20.0, "edge_y_mm": 17.0, "thickness_mm": 1.1}
+SMOOTH = {"C1": 7.0, "k1": 23.0, "k2": 2.8, "alpha": 42.0, "kappa": 0.1}
+"""What a misfit is relative to: near the truth, but not it."""
+TRUTH = {"C1": 8.0, "k1": 20.0, "k2": 3.0, "alpha": 40.0, "kappa": 0.12}
+
+
+def specimen_of(
+    pair="force", geometry="unloaded", *, protocols=1, rest=1, rows=14, noise=0.01, seed=3, **extra
+):
+    """A specimen made with the second implementation."""
+    rng = np.random.default_rng(seed)
+    theta = (TRUTH["C1"], TRUTH["k1"], TRUTH["k2"], np.deg2rad(TRUTH["alpha"]), TRUTH["kappa"])
+    lm = np.array([1.03, 1.05])
+    area = np.array([EDGES["edge_y_mm"], EDGES["edge_x_mm"]]) * EDGES["thickness_mm"] / 1000
+    section = area if pair == "force" else np.ones(2)
+    made = []
+    for i in range(protocols):
+        path = np.concatenate([np.zeros(rest), np.linspace(0.02, 1, rows - rest)])
+        x, y = 1 + 0.25 * path, 1 + 0.2 * path / (i + 1)
+        load = carried(theta, lm, (x, y), section, geometry == "mounted", False)
+        if pair == "cauchy":
+            load = load * [x, y]
+        load = load + noise * rng.standard_normal(load.shape)
+        made.append(Protocol(f"p{i}", x, y, *load, rest_rows=rest))
+    return Specimen("test", tuple(made), pair, geometry, load_noise=noise, metadata=extra, **EDGES)

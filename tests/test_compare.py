@@ -14,15 +14,12 @@ from biaxbayes.figures.comparisons import forest_figure, matrix_figure
 from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import Thresholds
-from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Tie
 from goh_functions import GOH_LAW
+from made_up import SOFT, STIFF
 from quick_posteriors import EQUIBIAXIAL, sampled, small_specimen, specimen
 from readable import assert_readable
-
-SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
-
 
 # --- distances -----------------------------------------------------------------------------
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -39,6 +37,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import Quantities
 from biaxbayes.specimens.specimen_file import write_specimen
 from commands import exit_code
+from made_up import SD, predicted
 from quick_posteriors import small_specimen
 from quick_posteriors import specimen as specimen_of
 
@@ -144,30 +143,6 @@ def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
         assert set(result.draws) == expected
         tested = three if part is None else three[:1]
         assert len(result.readings.measured) == sum(p.rows - p.rest_rows for p in tested)
-
-
-SD = 0.002
-
-
-def predicted(geometry="unloaded", increments=8, **states):
-    """Two laws that predict three protocols with one material each, the second 5 % too stiff."""
-    made = specimen_of(GOH(14.0, 60.0, 8.0, 38.0, 0.1), increments=increments)
-    specimen = replace(made, geometry=geometry)
-    result = {}
-    for law, k1, kappa in (("goh", 60.0, {"kappa": 0.1}), ("hgo", 63.0, {})):
-        values = {"C1": 14.0, "k1": k1, "k2": 8.0, "alpha": 38.0, "noise_sd": SD, **kappa}
-        values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
-        state = states.get(law, "converged")
-        reason = "" if state == "converged" else f"{state} for a reason"
-        rmse_kPa = 0.1 if law == "goh" else 0.2
-        table = pd.DataFrame([values] * 20)
-        for part in (None, *left_out_parts(specimen)):
-            shown = specimen if part is None else without(specimen, part)
-            posterior = Posterior(shown, law=law, noise="independent")
-            readings = predicted_readings(posterior, table, specimen, part)
-            name = WHOLE if part is None else part.name
-            result[law, name] = Prediction(state, reason, rmse_kPa, table, readings)
-    return specimen, result
 
 
 def misses(specimen, k1, kappa):

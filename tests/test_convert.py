@@ -16,8 +16,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.conversion import shear_angle_deg
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.tables.table import read_tables
-from test_tables import xlsx
 from virtual_biotester import EDGE_MM, THICKNESS_MM, biotester_export
+from workbooks import xlsx
 
 DIMENSIONS = [
     "--edge-x-mm", str(EDGE_MM), "--edge-y-mm", str(EDGE_MM),

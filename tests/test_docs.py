@@ -34,6 +34,12 @@ def text_of(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
+def first_cells(text: str) -> set[str]:
+    """Names in the first column of the tables of a text."""
+    rows = re.findall(r"^\| (`.*?) \|", text, re.MULTILINE)
+    return {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+
+
 def test_scripts_and_studies_that_pages_name_are_there():
     text = "\n".join(text_of(page) for page in PAGES)
     scripts = set(re.findall(r"\bscripts/[\w./]*\w", text))
@@ -80,21 +86,15 @@ def test_the_reference_of_the_command_line_is_current():
 def test_the_page_of_the_specimen_file_is_complete():
     columns, keys = text_of(docs_verbs.SPECIMEN_FILE).split("## Header keys")
     pairs = [name for pair in STRESS_PAIRS.values() for name in pair]
-    for name in (*STRETCHES, "protocol", "time_s", *pairs):
-        assert f"| `{name}` |" in columns
-    assert set(re.findall(r"^\| `(\w+)` \|", keys, re.MULTILINE)) == set(KEYS)
+    assert {*STRETCHES, "protocol", "time_s", *pairs} <= first_cells(columns)
+    assert first_cells(keys) == set(KEYS)
     assert f"{STRESS_LIMIT_KPA:g}" in keys and "unloaded with stresses" in keys
     for page in ("README.md", "docs/tutorial.md", "docs/how-to.md", "docs/index.md"):
         assert "specimen-file.md" in text_of(ROOT / page), page
 
 
 def test_the_map_of_rooms_is_complete():
-    table = text_of(DOCS / "layout.md").split("| to add |")[0]
-    named = {
-        name
-        for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
-        for name in re.findall(r"`(\w+)`", row)
-    }
+    named = first_cells(text_of(DOCS / "layout.md").split("| to add |")[0])
     rooms = {p.name for p in SOURCE.iterdir() if (p / "__init__.py").is_file()}
     rooms |= {p.stem for p in SOURCE.glob("*.py") if p.stem != "__init__"}
     assert named == rooms
@@ -309,7 +309,7 @@ def outputs(notebook) -> list:
 
 def test_notebooks_are_stored_without_output_and_named_on_their_page():
     nbformat = pytest.importorskip("nbformat")
-    page = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")
+    page = text_of(DOCS / "python.md")
     assert len(NOTEBOOKS) == 2
     for path in NOTEBOOKS:
         notebook = nbformat.read(path, as_version=4)

@@ -1,7 +1,6 @@
 """Log evidence against integrals that are known, computed by quadrature or by a nested sampler."""
 
 import json
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -179,48 +178,3 @@ def test_a_run_records_it_and_prestretch_can_be_judged(tmp_path):
     assert ignored["log_density_of_mounting_reading"] == pytest.approx(expected, rel=1e-9)
     without = ignored["log_evidence"] + ignored["log_density_of_mounting_reading"]
     assert noisy["log_evidence"] > without + 10
-
-
-@pytest.mark.slow
-def test_evidence_against_a_nested_sampler():
-    nautilus = pytest.importorskip("nautilus")
-    posterior = Posterior(media(), mounting="free", noise="independent")
-    ours = marginal_likelihood(posterior, draw_posterior(posterior, Plan(ess=10_000, workers=2)))
-    names = posterior.free
-    widths = {"C1": (np.log(10), 2.0), "k1": (np.log(30), 2.5), "k2": (np.log(10), 2.0)}
-    widths["noise_sd"] = (np.log(0.005 * media().peak_load), 1.5)
-
-    def transform(cube):
-        out = {}
-        for i, name in enumerate(names):
-            if name in widths:
-                out[name] = np.exp(norm.ppf(cube[:, i], *widths[name]))
-            elif name.startswith("mounting"):
-                out[name] = norm.ppf(norm.cdf(0, 1, 0.1) + cube[:, i] * norm.sf(0, 1, 0.1), 1, 0.1)
-            else:
-                out[name] = cube[:, i] * (90.0 if name == "alpha" else 1 / 3)
-        return out
-
-    def log_prior(p):
-        total = -np.log(np.pi / 2) + np.log(3)
-        for name in names:
-            if name in widths:
-                total = total + norm.logpdf(np.log(p[name]), *widths[name])
-            elif name.startswith("mounting"):
-                total = total + norm.logpdf(p[name], 1, 0.1)
-        return total
-
-    def log_likelihood(cube):
-        p = transform(np.atleast_2d(cube))
-        return np.maximum(posterior.log_density(p) - log_prior(p), -1e300)
-
-    sampler = nautilus.Sampler(
-        lambda cube: cube, log_likelihood, n_dim=len(names), vectorized=True, n_live=1500,
-        pass_dict=False, seed=1,
-    )  # fmt: skip
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sampler.run(n_eff=10_000, verbose=False)
-    theirs = sampler.log_z
-    error = 1 / np.sqrt(sampler.n_eff) * 3
-    assert ours.log_evidence == pytest.approx(theirs, abs=4.5 * np.hypot(ours.error, error))

@@ -24,7 +24,7 @@ from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import convert
 from biaxbayes.model.priors import read_priors
 from biaxbayes.specimens.check import check_specimen
-from test_hostile_inputs import GOOD, ROWS, protocols
+from good_specimen import GOOD, ROWS, protocols
 from virtual_biotester import biotester_export
 
 TRIALS = 50

@@ -126,13 +126,6 @@ def test_a_stuck_chain_gives_no_verdict():
     assert "not converged" in result["kappa"].assessment.reason
 
 
-def test_tentative_draws_give_evidence_but_no_verdict():
-    good = case("determined")
-    result = identify_draws(good.posterior(), good.draws, "tentative")
-    assert {p.verdict for p in result.parameters} == {NO_VERDICT}
-    assert result["C1"].diagnostics.contraction > 0.99
-
-
 # --- draws made up, so that each rule is met alone ---
 
 
@@ -168,20 +161,6 @@ def test_draws_from_the_prior_are_prior_dominated():
     assert result["C1"].diagnostics.likelihood_sensitivity < 0.01
     # a flat prior has no power to scale
     assert result["kappa"].diagnostics.prior_sensitivity < 0.01
-
-
-@pytest.mark.long
-def test_a_users_bound_is_not_a_physical_edge():
-    rng = np.random.default_rng(2)
-    piled = 0.1 - np.abs(rng.normal(0.0, 0.005, 8000))
-    cut = {"kappa": {"distribution": "uniform", "low": 0.0, "high": 0.1}}
-    result = identify(made_up(priors=cut, kappa=piled))["kappa"]
-    assert result.verdict == NOT_IDENTIFIED
-    assert [e.kind for e in result.diagnostics.edges] == ["physical", "user"]
-    assert "limited by the prior bound 0.100" in result.assessment.reason
-    # the same draws below a physical edge
-    physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
-    assert identify(made_up(kappa=physical))["kappa"].verdict == BOUNDED
 
 
 @pytest.mark.parametrize("mirror", [0.0, 90.0])
@@ -290,15 +269,6 @@ def test_power_scaling_moves_a_normal_as_theory_says():
     )
     result = sensitivity(x[:, None], -0.5 * x * x)[0]
     assert result == pytest.approx(expected / np.log2(a), rel=0.02)
-
-
-def test_power_scaling_is_that_of_arviz():
-    array_stats = pytest.importorskip("arviz_stats.base").array_stats
-    x = np.random.default_rng(4).gamma(2.0, size=3000)
-    centred = np.log(x) - np.log(x).mean()
-    weights = [np.exp((power - 1.0) * centred) for power in (0.99, 1.01)]
-    theirs = array_stats.power_scale_sense(x[None], *[w[None] for w in weights], 0.99, 1.01)
-    assert sensitivity(x[:, None], np.log(x))[0] == pytest.approx(theirs, rel=1e-6)
 
 
 def test_an_end_that_the_prior_decides_is_named():
@@ -484,13 +454,3 @@ def test_ties_and_fixed_materials_have_no_sloppy_direction():
     fixed_run = made_up(priors=fixed)
     assert sloppiness(fixed_run.target, fixed_run.draws) is None
     assert identify(fixed_run)["C1"].verdict == FIXED
-
-
-@pytest.mark.long
-def test_two_narrow_peaks_are_no_prior():
-    rng = np.random.default_rng(11)
-    alpha = np.where(rng.random(8000) < 0.5, 15.0, 75.0) + rng.normal(0.0, 2.0, 8000)
-    result = identify(made_up(alpha=alpha, kappa=rng.normal(0.1, 0.01, 8000)))["alpha"]
-    assert result.verdict == IDENTIFIED and result.diagnostics.modes == 2
-    wide = identify(made_up(alpha=rng.uniform(5.0, 70.0, 8000)))["alpha"]
-    assert wide.verdict == NOT_IDENTIFIED

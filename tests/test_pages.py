@@ -22,10 +22,8 @@ from biaxbayes.reports.study_page import write_study
 from biaxbayes.runs.run import open_run
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.verbs.report import report
+from made_up import SOFT, STIFF, distances, predicted, table
 from quick_posteriors import sampled, specimen
-from test_compare import SOFT, STIFF
-from test_compare_laws import predicted
-from test_study_page import distances, table
 
 REASON = "laws that describe the record equally well differ above it: goh, fung"
 

@@ -26,11 +26,10 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.check import check_specimen
-from plain_posterior import PlainPosterior, theta_of
+from plain_posterior import SMOOTH, TRUTH, PlainPosterior, specimen_of, theta_of
 from plain_strips import PlainStrip, PlainTissue, across_root, strip, strip_force
 from quick_posteriors import stated_fit
 from studies.pieces import stresses, virtual_tissue
-from test_posterior import SMOOTH, TRUTH, specimen_of
 
 THETA = theta_of(TRUTH)
 GEOMETRY = pytest.mark.parametrize("geometry", ["unloaded", "mounted"])

@@ -20,52 +20,26 @@ from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model import misfit
 from biaxbayes.model.density import log_prior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import start_parameters
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import NOISE_SD
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from plain_posterior import (
     IN_LOGS,
+    SMOOTH,
+    TRUTH,
     PlainPosterior,
-    carried,
     densities,
     is_stable,
     load_slope,
     mounting_load,
     mounting_reading,
     readings,
+    specimen_of,
 )
 from quick_posteriors import stated_fit
-from test_laws import RECOVERED
-
-EDGES = {"edge_x_mm": 20.0, "edge_y_mm": 17.0, "thickness_mm": 1.1}
-SMOOTH = {"C1": 7.0, "k1": 23.0, "k2": 2.8, "alpha": 42.0, "kappa": 0.1}
-"""What a misfit is relative to: near the truth, but not it."""
-TRUTH = {"C1": 8.0, "k1": 20.0, "k2": 3.0, "alpha": 40.0, "kappa": 0.12}
-
+from typical_laws import RECOVERED
 
 # --- specimens -------------------------------------------------------------------------------
-
-
-def specimen_of(
-    pair="force", geometry="unloaded", *, protocols=1, rest=1, rows=14, noise=0.01, seed=3, **extra
-):
-    """A specimen made with the second implementation."""
-    rng = np.random.default_rng(seed)
-    theta = (TRUTH["C1"], TRUTH["k1"], TRUTH["k2"], np.deg2rad(TRUTH["alpha"]), TRUTH["kappa"])
-    lm = np.array([1.03, 1.05])
-    area = np.array([EDGES["edge_y_mm"], EDGES["edge_x_mm"]]) * EDGES["thickness_mm"] / 1000
-    section = area if pair == "force" else np.ones(2)
-    made = []
-    for i in range(protocols):
-        path = np.concatenate([np.zeros(rest), np.linspace(0.02, 1, rows - rest)])
-        x, y = 1 + 0.25 * path, 1 + 0.2 * path / (i + 1)
-        load = carried(theta, lm, (x, y), section, geometry == "mounted", False)
-        if pair == "cauchy":
-            load = load * [x, y]
-        load = load + noise * rng.standard_normal(load.shape)
-        made.append(Protocol(f"p{i}", x, y, *load, rest_rows=rest))
-    return Specimen("test", tuple(made), pair, geometry, load_noise=noise, metadata=extra, **EDGES)
 
 
 def random_values(specimen, rng, labels=("",)):
@@ -235,28 +209,6 @@ def test_a_misfit_is_relative_to_loads_of_fibres_with_the_switch():
     p = specimen.protocols[0]
     squeezed = replace(p, stretch_y=2.0 - p.stretch_y)
     compare(replace(specimen, protocols=(squeezed,)), noise="misfit", switch=True)
-
-
-def test_what_is_left_out_of_a_misfit_is_below_its_noise(monkeypatch):
-    """Eigenvectors in which the largest misfit does not reach a tenth of the noise's variance."""
-    specimen = specimen_of(protocols=2, rows=20, noise=0.005)
-    values = [random_values(specimen, np.random.default_rng(i)) for i in range(40)]
-    found = []
-    for least in (0.0, misfit.LEAST_EIGENVALUE):
-        monkeypatch.setattr(misfit, "LEAST_EIGENVALUE", least)
-        posterior = Posterior(specimen)
-        near = posterior.natural(posterior.coordinates(start_parameters(posterior)))
-        near = {name: v[0] for name, v in near.items()}
-        # from the mode to where the density is next to nothing
-        points = [{n: near[n] + s * (v[n] - near[n]) for n in posterior.free}
-                  for v in values for s in (0.0, 0.01, 0.03)]  # fmt: skip
-        found.append(np.array([posterior.log_density(p) for p in points]))
-    exact, used = found
-    close = exact > exact.max() - 20.0
-    assert close.sum() > 60
-    # ln(1 + e) - z^2 e / (1 + e) over the vectors left out: of z^2 = 1 each it is e^2 / 2, and
-    # e < 0.1 at an amplitude of 0.4
-    assert np.ptp((used - exact)[close]) < 0.1
 
 
 # --- the compiled density --------------------------------------------------------------------

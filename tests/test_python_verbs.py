@@ -298,7 +298,6 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
         ("predict", {"stretch": 1.1, "points": 1}, "points"),
         ("predict", {"stretch": 20.0}, "not strains"),
         ("predict", {"stretch": 1.1, "suffix": "gif"}, "suffix"),
-        ("export", {"to": "febio", "draws": 2, "at": "map"}, "exclude each other"),
         ("export", {"to": "febio", "units": "psi"}, "units"),
         ("plot", {"figure": "trace", "truth": {"C1": 1.0}}, "does not go with"),
         ("plot", {"figure": "bands", "truth": {"C1": 1.0}}, "the truth names no k1"),

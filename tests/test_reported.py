@@ -86,12 +86,6 @@ def test_a_clean_record_identifies_and_holds_the_truth(clean):
     assert sum(row.verdict == "identified" for row in result.values()) >= 4
 
 
-def test_numbers_are_the_quantiles_of_the_draws_whatever_the_verdict(clean):
-    for name, row in rows(clean).items():
-        e = clean[name].diagnostics
-        assert (row.low, row.median, row.high) == (e.low, e.median, e.high)
-
-
 def test_ends_that_hold(clean):
     row = rows(identified(clean, "C1"))["C1"]
     for verdict, bound, ends in (
@@ -179,24 +173,3 @@ def test_a_prior_that_contradicts_the_data_takes_all_of_the_law_away(clean):
 
 
 # --- no verdict ---
-
-
-def test_draws_that_have_not_converged_identify_nothing(clean):
-    no = Assessment("no verdict", "chains have not converged")
-    parameters = tuple(replace(p, assessment=no) for p in clean.parameters)
-    result = replace(clean, parameters=parameters, state="tentative")
-    assert {(r.verdict, r.reason) for r in result.reported} == {
-        ("no verdict", "chains have not converged")
-    }
-    assert all(math.isnan(v) for r in result.reported for v in (r.low, r.median, r.high))
-
-
-def test_fixed_and_tied_parameters_have_no_row(clean):
-    fixed = Assessment("fixed", "")
-    parameters = tuple(
-        replace(p, assessment=fixed, diagnostics=None) if p.name == "kappa" else p
-        for p in clean.parameters
-    )
-    assert list(rows(replace(clean, parameters=parameters))) == [
-        n for n in (*TRUTH, *STRETCHES) if n != "kappa"
-    ]

@@ -18,7 +18,7 @@ from biaxbayes.specimens.keys import measured_stretch
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.specimens.specimen_file import specimen_text
 from biaxbayes.specimens.table import read_stretches
-from test_hostile_inputs import GOOD, protocols
+from good_specimen import GOOD, protocols
 
 
 def write(path: Path, text: str) -> Path:

@@ -97,26 +97,3 @@ def test_ensembles_that_stay_at_their_modes_make_a_run_unusable(tmp_path, capsys
     assert convergence["worst_rhat"] > 1.1
     assert table[CELLS].isna().all(axis=None)
     assert (table["rhat"] > 1.1).any()
-
-
-@pytest.mark.long
-def test_a_walker_that_never_moves_is_noticed(tmp_path, capsys, monkeypatch):
-    """One of 128 walkers, at a point of the posterior's tail where nothing reaches it."""
-    real = Ensembles.run
-
-    def run(self, steps):
-        walkers = self.members[0].state
-        if not hasattr(self, "frozen"):
-            z = walkers.coords - np.median(walkers.coords, axis=0)
-            far = np.argmax(np.abs(z / z.std(axis=0)).max(axis=1))
-            self.frozen = walkers.coords[far].copy(), float(walkers.log_prob[far])
-        chain, log_prob = real(self, steps)
-        walkers = self.members[0].state
-        chain[0, :, 0], log_prob[0, :, 0] = self.frozen
-        walkers.coords[0], walkers.log_prob[0] = self.frozen
-        return chain, log_prob
-
-    monkeypatch.setattr(Ensembles, "run", run)
-    code, convergence, table = sample(tmp_path / "run", capsys)
-    assert code == 3 and convergence["state"] != "converged"
-    assert table[["ess_bulk", "ess_tail"]].isna().all(axis=None)

@@ -16,63 +16,7 @@ from biaxbayes.reports.study_page import write_study
 from biaxbayes.studies.groups import group_contrasts, group_summaries, layer_contrasts
 from biaxbayes.studies.result import STUDY_COLUMNS, StudyResult, donor_groups
 from biaxbayes.verbs.batch import closing_message
-
-LAYERS = ("intima", "media", "<b>adventitia</b>")
-QUANTITIES = {
-    "C1": ("kPa", 10.0, "log"),
-    "k1": ("kPa", 50.0, "log"),
-    "k2": ("1", 12.0, "log"),
-    "alpha": ("deg", 40.0, "linear"),
-    "kappa": ("1", 0.15, "linear"),
-    "mounting_stretch_x": ("1", 1.02, "linear"),
-    "noise_sd": ("N", 0.002, "log"),
-    "Hx": ("1", 0.4, "linear"),
-    "stiffness_x at 1": ("kPa", 60.0, "log"),
-}
-VERDICTS = ("identified", "only in combination", "bounded", "not identified", "fixed")
-
-
-def table(count: int) -> pd.DataFrame:
-    rng = np.random.default_rng(3)
-    rows = []
-    for n in range(count):
-        head = {
-            "specimen": f"<img src=x onerror=alert(1)> {n}" if n == 1 else f"specimen {n}",
-            "donor": f"D{n // 3} $x_1$ \N{RIGHT-TO-LEFT OVERRIDE}",
-            "layer": LAYERS[n % 3],
-            "file": f"s{n}.csv",
-            "folder": f"runs/s{n}",
-            "state": "tentative" if n == 4 else "converged",
-            "reason": "",
-        }
-        if n == 2:
-            failed = {"state": "failed", "reason": "s2.csv: is no table & <worse>"}
-            rows.append(head | failed | {"kind": "parameter", "quantity": "C1"})
-            continue
-        for k, (name, (unit, middle, scale)) in enumerate(QUANTITIES.items()):
-            low, median, high = np.sort(middle * np.exp(rng.normal(0.0, 0.2, 3)))
-            curve = name in ("Hx", "stiffness_x at 1")
-            verdict = "" if name == "noise_sd" else VERDICTS[(n + k) % len(VERDICTS)]
-            rows.append(
-                head
-                | {"kind": "curve" if curve else "parameter", "quantity": name, "unit": unit}
-                | {"verdict": "identified" if curve else verdict, "scale": scale}
-                | {"q05": low, "q50": median, "q95": high, "scale_sd": 0.1}
-            )
-    return pd.DataFrame(rows, columns=list(STUDY_COLUMNS))
-
-
-def distances(count: int) -> pd.DataFrame:
-    rows = []
-    for donor in range(count // 3):
-        for quantity, kind in (("C1", "parameter"), ("Hx", "structure tensor")):
-            rows.append(
-                {"donor": f"D{donor}", "layer_a": LAYERS[0], "layer_b": LAYERS[2], "kind": kind}
-                | {"quantity": quantity, "unit": "kPa", "total_stretch": np.nan}
-                | {"difference_q05": 1.0, "difference_q50": 2.0 + donor, "difference_q95": 9.0}
-                | {"identified_in_both": donor != 1}
-            )
-    return pd.DataFrame(rows)
+from made_up import distances, table
 
 
 @pytest.fixture(scope="module", params=[9, 40])

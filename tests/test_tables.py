@@ -17,6 +17,7 @@ from biaxbayes.machines.conversion import convert
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import read_tables
+from workbooks import xlsx
 
 T = np.linspace(0.0, 1.0, 31)
 NAMES = ["F11", "F22", "P11_kPa", "P22_kPa"]
@@ -152,20 +153,6 @@ def test_a_specimen_file_says_which_readings_are_missing(tmp_path):
 
 
 # --- workbooks, MATLAB, LabVIEW -------------------------------------------------------------------
-
-
-def xlsx(sheets: dict[str, list[list[object]]]) -> bytes:
-    import openpyxl
-
-    book = openpyxl.Workbook()
-    book.remove(book.active)
-    for name, rows in sheets.items():
-        sheet = book.create_sheet(name)
-        for row in rows:
-            sheet.append(row)
-    out = io.BytesIO()
-    book.save(out)
-    return out.getvalue()
 
 
 def xls(sheets: dict[str, list[list[object]]]) -> bytes:

@@ -7,7 +7,7 @@ arteries, a smooth misfit of 2 % in every curve, each piece with its own mountin
 stiffnesses of strips off by factors of 10 %. The same tissues are tested as a square, as a square
 with two strips, by three biaxial protocols, and by these with strips. Factors of 25 % are sampled
 with the 10 % that the prior states. Pieces left out are predicted from the others.
-``docs/pieces-evidence.md`` quotes the tables.
+``docs/pieces.md`` quotes the tables.
 """
 
 from __future__ import annotations

@@ -91,9 +91,8 @@ KEYS = {
     "specimen": Key("Name of the specimen", "name of the file"),
     "test": Key(
         "Kind of test: `biaxial`; `strip x` or `strip y`, a strip pulled along x or y, whose file "
-        "has stretch and load of that direction, and the other stretch if the width was measured "
-        "(a strip cut at another angle shears and cannot be stated); `tube`, a pressurised tube, "
-        "whose circumference is x and whose axis is y",
+        "has stretch and load of that direction, and the other stretch if the width was measured; "
+        "`tube`, a pressurised tube, whose circumference is x and whose axis is y",
         "biaxial",
         choices=TESTS,
     ),
@@ -132,14 +131,14 @@ KEYS = {
         extra=True,
     ),
     "opening_angle_fung_deg": Key(
-        "Opening angle of a ring of a tube cut open, as Fung defines it: between the lines from "
-        "the middle of its inner wall to the ends of the inner wall; half the missing sector",
+        "Opening angle of a ring of a tube cut open, between the lines from the middle of its "
+        "inner wall to the ends of the inner wall; half the missing sector",
         "0, no residual stress",
         (0.0, 175.0),
         extra=True,
     ),
     "missing_sector_deg": Key(
-        "The same as the angle that the opened ring lacks of a full circle, at its centre",
+        "Angle that the opened ring lacks of a full circle, at its centre",
         "0, no residual stress",
         (0.0, 350.0),
         extra=True,

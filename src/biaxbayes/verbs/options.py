@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError, NotConverged
-from biaxbayes.options import ModelOptions, Option, Options, options_of
+from biaxbayes.options import WORKERS_HELP, ModelOptions, Option, Options, options_of
 from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
@@ -146,9 +146,7 @@ def overwrite_option(kind: str) -> Decorator:
 
 
 executor_options = together(
-    click.option(
-        "--workers", type=int, default=None, help="Local processes [processors, at most 4]."
-    ),
+    click.option("--workers", type=int, default=None, help=WORKERS_HELP),
     click.option(
         "--scheduler",
         metavar="ADDRESS",
