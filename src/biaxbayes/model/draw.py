@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.fitting.residuals import Readings
-from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import (
@@ -138,19 +137,11 @@ def _extra_starts(
     posterior: Posterior, base: dict[str, float], rng: np.random.Generator
 ) -> np.ndarray:
     """Sampling coordinates of materials that fit in other ways than the best fit, (n, d)."""
-    settings = posterior.settings
     law = posterior.law
-    point, free = fixed_and_free(settings.fixed_material, law)
-    if not free.size:
+    setup = FitSetup.from_settings(posterior.specimen, posterior.settings)
+    if not setup.free.size:
         return np.empty((0, posterior.dimension))
-    data = Readings.from_specimen(
-        posterior.specimen,
-        shared=settings.shared,
-        zeroed=settings.mounting == "zeroed",
-    )
-    materials, stretches = screened_points(
-        data, EXTRA_STARTS, rng, law, point=point, free=free, with_mounting=settings.infers_mounting
-    )
+    materials, stretches = setup.starting_points(EXTRA_STARTS, rng)
     starts = []
     for material, lm in zip(materials, stretches, strict=True):
         inner = law.clip_inside(law.from_fit_coordinates(material))

@@ -23,7 +23,7 @@ from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.sampler import Checkpoint
 from biaxbayes.text_files import atomic_write_bytes, read_bytes, sync_folder
 
-FORMAT = 6
+FORMAT = 7
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 NAMES = (NAME, PREVIOUS)
@@ -54,8 +54,7 @@ def run_state(record: Mapping[str, Any]) -> Checkpoint:
         steps=int(record["steps"]),
         thin=int(record["thin"]),
         warmup=WarmUp(**record["warmup"]),
-        evaluations=int(record["evaluations"]),
-        rejected=record["rejected"],
+        counts=record["counts"],
     )
     ensembles, stored, walkers, d = state.chain.shape
     fits = [

@@ -125,7 +125,6 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "thinning": draws.thin,
             "target_ess": plan.ess,
             "evaluations": draws.evaluations,
-            "zero_density": draws.rejected,
             "acceptance": draws.acceptance,
             "adaptation_rounds": draws.warmup.rounds,
             "message": draws.warmup.message,

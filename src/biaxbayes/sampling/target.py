@@ -63,7 +63,7 @@ class Target:
         """Number of coordinates."""
         return len(self.bounds)
 
-    def rejections(self, counts: np.ndarray) -> dict[str, int]:
+    def evaluations(self, counts: np.ndarray) -> dict[str, int]:
         """Evaluations counted, and those of zero density by reason; empty without reasons."""
         if not self.reasons:
             return {}

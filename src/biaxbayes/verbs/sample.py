@@ -29,7 +29,7 @@ from biaxbayes.identifiability.fit_quality import swapped_columns
 from biaxbayes.laws import law_named
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import prepare
+from biaxbayes.model.preparation import fitted
 from biaxbayes.model.prior_checks import (
     bracket_findings,
     prior_findings,
@@ -78,6 +78,7 @@ class SampleJob:
     """Checked inputs of one sampling run; ``batch`` checks all before it samples the first."""
 
     specimen: Specimen
+    posterior: Posterior
     source: str
     folder: Path
     options: dict[str, Any]
@@ -129,8 +130,8 @@ class SampleJob:
                 file=hooked[0],
                 remedy="sample it alone, and give specimen.csv of that run, which is corrected",
             )
-        # raises before a folder is made
-        Posterior(mark_grip_corrected(specimen), **options)
+        # refuses options before a folder is made
+        posterior = Posterior(mark_grip_corrected(specimen), **options)
         plan = Plan(
             ess=amount.ess,
             max_steps=amount.max_steps,
@@ -138,7 +139,7 @@ class SampleJob:
             workers=amount.processors,
         )
         folder = Path(f"{stem}-posterior") if out is None or out == "" else Path(out)
-        return cls(specimen, source, folder, options, plan, findings)
+        return cls(specimen, posterior, source, folder, options, plan, findings)
 
     def run(
         self,
@@ -158,7 +159,7 @@ class SampleJob:
             job = self
             if self.specimen.needs_grip_correction:
                 job = self._correct_for_grips(progress)
-            posterior = prepare(job.specimen, **self.options, seed=self.plan.seed)
+            posterior = fitted(job.posterior, self.plan.seed)
             swapped = swapped_columns(
                 posterior.specimen,
                 posterior.fit.residuals,
@@ -233,7 +234,8 @@ class SampleJob:
         correction = correct_for_grips(self.specimen, fit_specimen)
         specimen = correction.specimen
         specimen = replace(specimen, notes=(*specimen.notes, correction.sentence))
-        return replace(self, specimen=specimen, correction=correction)
+        posterior = Posterior(specimen, **self.options)
+        return replace(self, specimen=specimen, posterior=posterior, correction=correction)
 
     def _write_files(
         self,
