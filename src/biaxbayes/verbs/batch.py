@@ -367,9 +367,7 @@ STUDY_FILE_ENTRIES = {
 @opt.options(SamplingPlan, "ess", "max_steps")
 @opt.anyway_option
 @opt.quiet_option
-@click.pass_context
 def command(
-    context: click.Context,
     sources: tuple[Path, ...],
     workers: int | None,
     scheduler: str | None,
@@ -404,7 +402,6 @@ def command(
             )
         for name, key in STUDY_FILE_ENTRIES.items():
             opt.refuse_options(
-                context,
                 (name,),
                 "{} is for CSV files",
                 file=study,

@@ -311,10 +311,7 @@ TUBE_OPTION_NAMES = (
 @opt.options(FigureOptions, style={"type": click.Path(path_type=Path)})
 @opt.file_option("out", "Folder  [default: the run]", "DIR")
 @opt.unconverged_option
-@click.pass_context
-def command(
-    context: click.Context, run: Path, out: Path | None, anyway: bool, **given: Any
-) -> None:
+def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     r"""Stress with credible and predictive bands on any path, or the inflation of a tube.
 
     Writes a CSV and a figure. States outside what was tested are marked row by row.
@@ -329,7 +326,6 @@ def command(
     inflated = given.pop("inflate")
     relation = "with" if inflated else "without"
     opt.refuse_options(
-        context,
         PATH_OPTION_NAMES if inflated else TUBE_OPTION_NAMES,
         f"{{}} does not go {relation} `inflate`",
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import json
+import sys
 import time
 import warnings
 from collections.abc import Sequence
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from biaxbayes.errors import InputError, Interrupted, TaredSpecimen
 from biaxbayes.fitting.result import FitResult
@@ -332,10 +331,10 @@ def _warn(progress: Progress) -> None:
     """Without a progress callback, notes are issued as warnings."""
     if progress.note:
         # past this package, and NumPy, whose error state wraps every verb
-        ours = (str(Path(__file__).parents[1]), str(Path(np.__file__).parent))
-        stack = enumerate(inspect.stack(0))
-        level = next((i for i, f in stack if not f.filename.startswith(ours)), 0)
-        warnings.warn(progress.note, RuntimeWarning, stacklevel=level + 1)
+        frame, level = sys._getframe(), 1
+        while frame.f_back and frame.f_globals["__name__"].startswith(("biaxbayes.", "numpy.")):
+            frame, level = frame.f_back, level + 1
+        warnings.warn(progress.note, RuntimeWarning, stacklevel=level)
 
 
 def _resolve_mounting(
