@@ -128,9 +128,8 @@ class FitSetup:
                 remedy="give the force before taring with `mounting_force` X Y, or fit without "
                 "prestretch (zeroed)",
             )
-        data = Readings.from_specimen(
-            specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed"
-        )
+        shared = mounting_stretch == "shared"
+        data = Readings.from_specimen(specimen, shared=shared, mounting=mounting)
         sd = piece_sd if specimen.further else 0.0
         return cls(specimen, chosen, mounting, data, *fixed_and_free(fixed, chosen), sd)
 

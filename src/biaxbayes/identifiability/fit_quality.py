@@ -11,6 +11,7 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.result import FitResult, misfit_sentence, root_mean_square
 from biaxbayes.options import FitOptions
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 
@@ -108,8 +109,8 @@ def thinned(specimen: Specimen) -> Specimen:
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)
-        at = np.linspace(0, moving.size - 1, min(MAX_FIT_ROWS, moving.size)).round().astype(int)
-        index = np.concatenate([np.arange(p.rest_rows), moving[np.unique(at)]])
+        chosen = moving[evenly_chosen(moving.size, MAX_FIT_ROWS)]
+        index = np.concatenate([np.arange(p.rest_rows), chosen])
         time = None if p.time_s is None else p.time_s[index]
         protocols.append(replace(p.at_rows(index), time_s=time))
     return replace(specimen, protocols=tuple(protocols)).with_noise_of(specimen)

@@ -11,13 +11,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, RunError
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.priors import parse_priors, prior_value
 from biaxbayes.options import Settings
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.runs.folder import PROVENANCE, read_json
 from biaxbayes.sampling.convergence import STATES
 
@@ -151,7 +150,7 @@ def _misfit_amplitude(posterior: Posterior, draws: Draws) -> float | None:
         return None
     flat = {name: v.ravel() for name, v in draws.quantities.items()}
     count = len(flat["lp"])
-    rows = np.linspace(0, count - 1, min(count, AMPLITUDE_DRAWS)).round().astype(int)
+    rows = evenly_chosen(count, AMPLITUDE_DRAWS)
     residual = posterior.residuals({name: v[rows] for name, v in flat.items()}, piece=0)
     return posterior.misfit.amplitude(residual)
 

@@ -26,9 +26,11 @@ from biaxbayes.populations.tables import (
     specimens_table,
 )
 from biaxbayes.reports.population import (
+    BANDS,
     FIGURE_TEXTS,
     LATEX,
     PAGE,
+    TABLES,
     population_latex,
     population_page,
 )
@@ -46,8 +48,6 @@ from biaxbayes.runs.result import json_values
 from biaxbayes.tasks import kept_warning_filters
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
-TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
-BANDS = "new-specimen-bands"
 MAKE_POPULATION = "make one with 'biaxbayes population'"
 
 
@@ -167,7 +167,7 @@ def write_population(
         "contrasts": contrasts_table(result),
     }
     for key, table in tables.items():
-        write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
+        write_csv(folder / TABLES[key][0], table, digits=8)
     atomic_write_bytes(folder / "population.nc", archive(result))
     if result.state != "unusable":
         draw_figures(folder, result, tables)

@@ -11,6 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError, listed
 from biaxbayes.identifiability.verdict import IDENTIFIED
+from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIGURE_FORMATS, Options, PredictionOptions, option, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
@@ -121,7 +122,7 @@ def predict(
         opened.posterior(), opened.draws, states, **where, probability=bands.probability
     )
     if out is not None:
-        recorded = specimen.zeroed() if opened.settings.mounting == "zeroed" else specimen
+        recorded = specimen.as_compared(opened.settings.mounting)
         measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
         figure = stress_figure(
             table,
@@ -351,7 +352,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     if lost > 0.0:
         click.echo(
             f"warning: up to {100 * lost:.2g} % of the draws have no state of equilibrium "
-            "between stretches of 0.3 and 4; they are left out of the bands",
+            "between stretches of {:g} and {:g}; they are left out of the bands".format(*BRACKET),
             err=True,
         )
     stem = folder / ("inflation" if inflated else "prediction")

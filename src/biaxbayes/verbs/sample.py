@@ -60,7 +60,7 @@ from biaxbayes.specimens.check import Finding, check_round_trip, refuse_no_loadi
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.tasks import process_lock
-from biaxbayes.text_files import as_path, atomic_write_text, write_csv
+from biaxbayes.text_files import as_path, atomic_write_text, safe_file_name, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, PiecesLike, Stop
@@ -100,8 +100,7 @@ class SampleJob:
         first = specimen[0] if isinstance(specimen, list | tuple) and specimen else specimen
         if isinstance(first, Specimen):
             file: object = first.name
-            safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in first.name)
-            source, stem = first.name, safe.strip(".-")[:60] or "specimen"
+            source, stem = first.name, safe_file_name(first.name, "specimen")
             for piece in first.pieces:
                 check_round_trip(piece, piece.name)
         else:
