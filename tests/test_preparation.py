@@ -68,11 +68,9 @@ def test_drawing_leaves_the_posterior_as_it_is():
 
 def test_another_chart_is_another_posterior_of_the_same_density():
     posterior = prepared()
-    softer = with_sampling_constants(posterior, 3.0 * posterior.sampling_constants.softening)
-    assert (
-        softer is not posterior
-        and softer.sampling_constants.softening == 3.0 * posterior.sampling_constants.softening
-    )
+    scale = 3.0 * posterior.sampling_constants.isotropy_scale
+    softer = with_sampling_constants(posterior, scale)
+    assert softer is not posterior and softer.sampling_constants.isotropy_scale == scale
     assert (
         softer.sampling_constants.reference_stretch
         == posterior.sampling_constants.reference_stretch

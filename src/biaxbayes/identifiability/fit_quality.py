@@ -40,12 +40,12 @@ def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
     """Finding on the misfit of the best fit: a warning beyond 7 % of the largest load."""
     if not np.isfinite(best.rms):
         text = f"the least-squares fit of {best.material.law.short_name} has no solution"
-        return Finding("goh-misfit", "warning", text)
+        return Finding("misfit", "warning", text)
     text, poor = _misfit(specimen, best)
     if len(best.residuals) > 1:
         misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
         text += f"; most in {specimen.protocols[int(np.argmax(misfits))].name}"
-    return Finding("goh-misfit", "warning" if poor else "note", text + poor)
+    return Finding("misfit", "warning" if poor else "note", text + poor)
 
 
 def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:

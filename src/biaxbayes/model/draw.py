@@ -55,7 +55,7 @@ def draw_posterior(
     that were used. Raises :class:`NotConverged` if no region of positive density is found.
     """
     if state is not None:
-        target = with_sampling_constants(posterior, state.frame["softening"]).target()
+        target = with_sampling_constants(posterior, state.constants["isotropy_scale"]).target()
         return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)
     seconds = {}
     clock = time.perf_counter()
@@ -106,15 +106,15 @@ def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Targe
         return target, start
     rng, half = start.rng, len(start.points) // 2
     typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])
-    softening = posterior.law.softening(typical)
-    if 0.5 < softening / posterior.sampling_constants.softening < 2.0:
+    isotropy_scale = posterior.law.isotropy_scale(typical)
+    if 0.5 < isotropy_scale / posterior.sampling_constants.isotropy_scale < 2.0:
         return target, start
     # Weights are ratios of densities in the same coordinates: they carry over.
     inside = np.isfinite(start.log_weight)
     points, weights = start.points[inside], start.log_weight[inside]
     label = start.proposal.nearest_part(points)
     rescaled = posterior.replaced(
-        sampling_constants=replace(posterior.sampling_constants, softening=softening)
+        sampling_constants=replace(posterior.sampling_constants, isotropy_scale=isotropy_scale)
     )
     with np.errstate(divide="ignore"):
         u = rescaled.coordinates(posterior.natural(points))

@@ -339,7 +339,7 @@ class Posterior:
             skip_diagnostics=("log_likelihood",),
             counts=seen,
             reasons=REASONS,
-            frame={"softening": self.sampling_constants.softening},
+            constants={"isotropy_scale": self.sampling_constants.isotropy_scale},
         )
 
     def log_density(self, parameters: Mapping[str, Any]) -> Any:

@@ -48,19 +48,19 @@ def fitted(posterior: Posterior, seed: int = 0) -> Posterior:
 
 
 def with_sampling_constants(
-    posterior: Posterior, softening: float | None = None, fit: FitResult | None = None
+    posterior: Posterior, isotropy_scale: float | None = None, fit: FitResult | None = None
 ) -> Posterior:
     """The same posterior with the sampling coordinates that suit a least-squares fit.
 
-    ``softening`` is that of stored coordinates, which can only be read with the scale that they
+    ``isotropy_scale`` is that of stored coordinates, which can only be read with the one that they
     were written with; by default it is that of the fitted material. ``fit`` is by default that of
     the posterior.
     """
     fit = posterior.fit if fit is None else fit
-    if softening is None:
+    if isotropy_scale is None:
         law = posterior.law
-        softening = law.softening(dict(zip(law.names, fit.material.values, strict=True)))
-    constants = SamplingConstants(softening, _reference_stretch(posterior, fit))
+        isotropy_scale = law.isotropy_scale(dict(zip(law.names, fit.material.values, strict=True)))
+    constants = SamplingConstants(isotropy_scale, _reference_stretch(posterior, fit))
     return posterior.replaced(sampling_constants=constants, fit=fit)
 
 

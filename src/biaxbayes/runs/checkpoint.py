@@ -40,14 +40,14 @@ class DamagedCheckpoint(Exception):
 
 def run_record(state: Checkpoint) -> dict[str, Any]:
     """Arrays and plain values of a run."""
-    plain = {**vars(state), "frame": dict(state.frame), "warmup": vars(state.warmup)}
+    plain = {**vars(state), "constants": dict(state.constants), "warmup": vars(state.warmup)}
     return plain | {"proposal": state.proposal.arrays()}
 
 
 def run_state(record: Mapping[str, Any]) -> Checkpoint:
     """Inverse of :func:`run_record`; ValueError if its parts do not fit together."""
     state = Checkpoint(
-        frame={"softening": float(record["frame"]["softening"])},
+        constants={"isotropy_scale": float(record["constants"]["isotropy_scale"])},
         proposal=MixtureProposal.from_arrays(record["proposal"]),
         members=[m | {"walker_random": tuple(m["walker_random"])} for m in record["members"]],
         chain=record["chain"],

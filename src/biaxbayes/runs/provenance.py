@@ -135,7 +135,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "worst_rhat": convergence.worst_rhat if converged else None,
             "interrupted": draws.interrupted,
         },
-        "evidence": marginal_likelihood_record(posterior, draws, plan.seed),
+        "marginal_likelihood": marginal_likelihood_record(posterior, draws, plan.seed),
         "seconds": {k: round(v, 3) for k, v in draws.seconds.items()},
         "versions": dict(_versions()),
     }

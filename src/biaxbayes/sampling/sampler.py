@@ -95,7 +95,7 @@ class Checkpoint:
 
     Attributes
     ----------
-    frame : mapping of str to float
+    constants : mapping of str to float
         Coordinate constants of the target.
     proposal : MixtureProposal
         The frozen proposal of the independence move.
@@ -108,7 +108,7 @@ class Checkpoint:
         The target's counts so far, search and warm-up included.
     """
 
-    frame: Mapping[str, float]
+    constants: Mapping[str, float]
     proposal: MixtureProposal
     members: list[dict[str, Any]]
     chain: np.ndarray
@@ -251,7 +251,7 @@ def start_ensembles(
     )
     assert ensembles.proposal is not None
     return ensembles, Checkpoint(
-        frame=target.frame,
+        constants=target.constants,
         proposal=ensembles.proposal,
         members=[m.snapshot() for m in ensembles.members],
         chain=np.empty((plan.ensembles, 0, walkers, target.dimension)),

@@ -233,7 +233,7 @@ def inflate(
         :class:`FigureOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
-    from biaxbayes.prediction.inflation import Tube, predict_diameter, predict_pressure
+    from biaxbayes.prediction.inflation import ThinTube, predict_diameter, predict_pressure
 
     chosen, rest = TubeOptions.split(options)
     bands, rest = PredictionOptions.split(rest)
@@ -250,7 +250,7 @@ def inflate(
     if not anyway:
         _refuse_unknown_total(opened)
     try:
-        tube = Tube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
+        tube = ThinTube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
     except ValueError as error:
         raise InputError(str(error)) from None
     data = (opened.posterior(), opened.draws, tube)
