@@ -24,7 +24,6 @@ from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.readings import ReadingVector
-from biaxbayes.prediction.bands import compared_protocols
 from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Plan
@@ -183,7 +182,7 @@ def predicted_readings(
     if part is not None:
         return _of_part(tissue, specimen, part)
     parts = []
-    for i, p in enumerate(compared_protocols(specimen, posterior.settings)):
+    for i, p in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
         rows = band_rows(p)
         loads, per_kPa = (
             tissue.tested(i, p.stretch, rows),
@@ -199,8 +198,7 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
     """Readings of a part that was left out, averaged as the likelihood would."""
     posterior = tissue.posterior
     settings, single = posterior.settings, len(specimen.protocols) == 1
-    source = specimen.zeroed() if settings.mounting == "zeroed" else specimen
-    thinned = thinned_specimen(only(source, part), settings.thin)
+    thinned = thinned_specimen(only(specimen.as_compared(settings.mounting), part), settings.thin)
     rows = MeasuredRows.from_thinned(thinned)
     readings = ReadingVector.from_rows(rows, thinned, states=0, average=settings.has_misfit)
     count = len(readings.weight) // 2

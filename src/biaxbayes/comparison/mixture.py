@@ -150,8 +150,7 @@ def mixture_bands(
         rows = band_rows(p)
         here = slice(first, first := first + len(rows))
         stretch = p.stretch[rows]
-        # a Cauchy stress is the nominal one times the measured stretch
-        scale = stretch if specimen.stress_pair == "cauchy" else np.ones_like(stretch)
+        scale = specimen.per_nominal(stretch)
         for axis, direction in enumerate("xy"):
             cells: dict[str, Any] = {
                 "protocol": p.name,

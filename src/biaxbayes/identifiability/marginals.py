@@ -29,13 +29,14 @@ import pandas as pd
 from biaxbayes.identifiability.bounded_density import Span, curve
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
+from biaxbayes.prediction.percentiles import QUANTILES
 
 # --- the scale on which a parameter's prior and posterior are compared ---------------------------
 
 
 LEVELS = (np.arange(4096) + 0.5) / 4096
 """Cumulative probabilities whose values represent a prior."""
-INTERVAL = (0.05, 0.95)
+INTERVAL = (QUANTILES["q05"], QUANTILES["q95"])
 """Ends of the intervals of verdicts and tables."""
 Z90 = 1.645
 """Standard deviations from the mean of a normal to the ends of its central 90 % interval."""

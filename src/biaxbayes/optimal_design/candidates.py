@@ -24,7 +24,7 @@ from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import DesignOptions
 from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.prediction.draws import mounting_labels
-from biaxbayes.prediction.percentiles import evenly_chosen
+from biaxbayes.prediction.percentiles import evenly_chosen, quantiles
 from biaxbayes.specimens.specimen import Specimen
 
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
@@ -178,8 +178,8 @@ class FurtherProtocol:
 
     def peak_load(self, draws: pd.DataFrame) -> tuple[float, float]:
         """5 and 95 % of the largest load (N or kPa) that the specimen and cell must bear."""
-        low, high = np.quantile(np.abs(self.load(draws)).max(axis=(1, 2)), [0.05, 0.95])
-        return float(low), float(high)
+        low, _, high = quantiles(np.abs(self.load(draws)).max(axis=(1, 2)))
+        return low, high
 
 
 STRIP_REACH = 1.2

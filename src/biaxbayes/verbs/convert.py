@@ -20,8 +20,8 @@ from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import aligned, atomic_write_text
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, check_new
-from biaxbayes.verbs.options import Decorator, argument, file_option, flag, options, together
 
 if TYPE_CHECKING:
     from biaxbayes.machines.conversion import Conversion
@@ -231,7 +231,7 @@ HEADER_OPTIONS = {
 """Header keys that have an option, and what the help prints for their values."""
 
 
-def _header_option(key: str, metavar: str) -> Decorator:
+def _header_option(key: str, metavar: str) -> opt.Decorator:
     """An option for a header key of a specimen file."""
     meaning, default = KEYS[key].meaning, KEYS[key].default
     default = "what the names of the files begin with" if key == "specimen" else default
@@ -243,14 +243,14 @@ def _header_option(key: str, metavar: str) -> Decorator:
 
 
 @click.command("convert")
-@argument("raw", nargs=-1, required=True)
+@opt.argument("raw", nargs=-1, required=True)
 @click.option(
     "--machine",
     type=click.Choice(list(FORMATS)),
     help="; ".join(f"{name}: {format_.description}" for name, format_ in FORMATS.items()) + ".",
 )
-@file_option("out", "Specimen file.", required=True)
-@options(
+@opt.file_option("out", "Specimen file.", required=True)
+@opt.options(
     Choice,
     columns={"multiple": True, "show_default": False},
     sets={"multiple": True, "show_default": False},
@@ -259,9 +259,9 @@ def _header_option(key: str, metavar: str) -> Decorator:
 @click.option(
     "--protocol-names", metavar="NAME,...", help="One per protocol (default: names of the files)."
 )
-@file_option("recipe", "Answers of an earlier conversion, for files of the same kind.")
-@flag("overwrite", "Replace files of the same names.")
-@together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
+@opt.file_option("recipe", "Answers of an earlier conversion, for files of the same kind.")
+@opt.flag("overwrite", "Replace files of the same names.")
+@opt.together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
 def command(
     raw: tuple[Path, ...],
     out: Path,
@@ -280,8 +280,6 @@ def command(
     """
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     values = {key: given.pop(key.lower()) for key in HEADER_OPTIONS}
-    source = click.get_current_context().get_parameter_source
-    was_given = lambda name: source(name) is click.core.ParameterSource.COMMANDLINE  # noqa: E731
     try:
         result = convert(
             raw,
@@ -290,7 +288,7 @@ def command(
             recipe=recipe,
             out=out,
             overwrite=overwrite,
-            **{name: value for name, value in given.items() if was_given(name)},
+            **{name: value for name, value in given.items() if opt.was_given(name)},
         )
     except Question as question:
         _print_choices(question)

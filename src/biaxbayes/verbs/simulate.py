@@ -33,7 +33,7 @@ DEFAULT_HOOKS = 5
 
 
 @dataclass(frozen=True)
-class VirtualTest(Options):
+class SimulateOptions(Options):
     """A virtual test.
 
     ``material`` is the name of a published one, or one of your own: ``biaxbayes.law("fung", ...)``.
@@ -85,7 +85,7 @@ class VirtualTest(Options):
     name: str | None = option(None, "Name of the specimen  [default: that of the file]")
 
 
-@takes_options(VirtualTest)
+@takes_options(SimulateOptions)
 def simulate(
     out: str | Path | None = None, *, overwrite: bool = False, **options: Any
 ) -> tuple[Specimen, Truth]:
@@ -107,7 +107,7 @@ def simulate(
     """
     from biaxbayes.specimens.virtual_specimen import write_truth
 
-    test = VirtualTest.from_values(options)
+    test = SimulateOptions.from_values(options)
     if out is not None:
         if not Path(out).parent.is_dir():
             raise InputError("no such folder", file=Path(out).parent, remedy="make it first")
@@ -126,7 +126,7 @@ def truth_file(out: Path) -> Path:
     return out.with_name(f"{out.stem}.truth.json")
 
 
-def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
+def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
     from biaxbayes.laws.goh import GOH
@@ -196,7 +196,7 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     return specimen, truth
 
 
-def _material(test: VirtualTest) -> tuple[Any, PublishedMaterial]:
+def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
     """The material to test, and what is published with it."""
     from biaxbayes.laws.goh import GOH
     from biaxbayes.laws.materials import CheckedMaterial, MaterialResponse
@@ -224,7 +224,7 @@ def _material(test: VirtualTest) -> tuple[Any, PublishedMaterial]:
     return material, published
 
 
-def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any]:
+def _stretches(test: SimulateOptions, published: PublishedMaterial) -> dict[str, Any]:
     """Mounting stretch and stretch range from the options or as published."""
     mounting = test.prestretch or published.mounting_stretch
     if not test.prestretch and published.mounting_stretch == (1.0, 1.0):
@@ -263,7 +263,7 @@ def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any
 
 
 @click.command("simulate")
-@options(VirtualTest, "material")
+@options(SimulateOptions, "material")
 @click.option(
     "--goh",
     nargs=5,
@@ -278,8 +278,8 @@ def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any
     help="All parameters of --law, as c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2.",
 )
 @options(
-    VirtualTest,
-    *(name for name in options_of(VirtualTest) if name != "material"),
+    SimulateOptions,
+    *(name for name in options_of(SimulateOptions) if name != "material"),
     prestretch={"nargs": 2, "type": float},
     ratios={"multiple": True, "type": RATIO, "show_default": False},
     edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
