@@ -271,7 +271,7 @@ def _print_result(result: Checked) -> None:
         "force": "force",
         "piola": "first Piola-Kirchhoff stress",
         "cauchy": "Cauchy stress",
-        "tube": "pressure, and axial force in N," if 1 in specimen.experiment.axes else "pressure",
+        "tube": "axial force in N, pressure" if 1 in specimen.experiment.axes else "pressure",
     }
     rows = sum(p["rows"] for p in about["protocols"])
     count = len(about["protocols"])

@@ -186,13 +186,14 @@ def _check_choice(choice: Choice) -> Choice:
     """Refuse options of another machine format, and a cycle that is not a number."""
     values = {
         "--columns": choice.columns,
+        "--test": choice.test,
         "--set": choice.sets,
         "--stretch-from": choice.stretch_from != STRETCH_SOURCES[0],
     }
     own = FORMATS[choice.machine].options if choice.machine in FORMATS else ()
     for machine, format_ in FORMATS.items():
-        foreign = [option for option in format_.options if option not in own]
-        if any(values[option] for option in foreign):
+        foreign = [o for o in format_.options if o not in own and values[o]]
+        if foreign:
             verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
             raise InputError(
                 f"{' and '.join(foreign)} {verb} for `machine={machine}`",
@@ -220,8 +221,13 @@ HEADER_OPTIONS = {
     "edge_x_mm": "MM",
     "edge_y_mm": "MM",
     "thickness_mm": "MM",
+    "unloaded_outer_diameter_mm": "MM",
+    "unloaded_length_mm": "MM",
+    "opening_angle_fung_deg": "DEG",
+    "missing_sector_deg": "DEG",
     "load_noise_N": "N",
     "load_noise_kPa": "KPA",
+    "axial_force_noise_N": "N",
     "edge_sd_mm": "MM",
     "thickness_sd_mm": "MM",
     "mounting_stretch_x": "'M +- SD'",
@@ -277,6 +283,12 @@ def command(
         --cycles last --branch loading --edge-x-mm 10 --edge-y-mm 10 --thickness-mm 1.2
     biaxbayes convert tests.xlsx --machine generic --sheet all --out specimen.csv \
         --columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa
+    biaxbayes convert strip.csv --machine generic --test "strip x" --out strip-x.csv \
+        --columns "stretch_x=Disp [mm],force_x_N=Load [N]" --gauge-x-mm 20 --edge-y-mm 3 \
+        --thickness-mm 1.2 --geometry unloaded
+    biaxbayes convert tube.csv --machine generic --test tube --out tube-specimen.csv \
+        --columns "outer_diameter_mm=OD [um],stretch_z=lambda z,pressure_kPa=P [mmHg]" \
+        --unloaded-outer-diameter-mm 8 --thickness-mm 0.9
     """
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     values = {key: given.pop(key.lower()) for key in HEADER_OPTIONS}
@@ -320,11 +332,11 @@ def _print_conversion(conversion: Conversion, out: Path) -> None:
     readings, sds = specimen.mounting_readings(shared=False)
     for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
         if p.rest_rows:
-            click.echo(
-                f"  {p.name}: mounting force x {reading[0]:.4g} +- {sd[0]:.2g}, "
-                f"y {reading[1]:.4g} +- {sd[1]:.2g} {specimen.unit}"
+            read = ", ".join(
+                f"{'xy'[k]} {reading[k]:.4g} +- {sd[k]:.2g}" for k in specimen.experiment.axes
             )
-    if not conversion.geometry_given:
+            click.echo(f"  {p.name}: mounting force {read} {specimen.unit}")
+    if not conversion.geometry_given and specimen.experiment.is_mounted:
         click.echo("  geometry not stated: the stresses are taken to refer to the unloaded state")
     shear: Any = specimen.metadata.get("largest_shear")
     if shear is not None:
