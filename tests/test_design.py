@@ -386,4 +386,4 @@ def test_a_planned_tube_has_the_pressure_of_its_wall(run):
         r / np.sqrt(25.0 - (outer**2 - r**2) * along), np.full(r.size, along)
     )
     assert tube.load(one)[0, -1, 0] == pytest.approx(trapezoid(stress / r, r), rel=1e-4)
-    assert design(posterior, draws, [tube]).peaks == (None,)
+    assert design(posterior, draws.iloc[::20], [tube], outcomes=10).peaks == (None,)

@@ -13,6 +13,7 @@ import inspect
 import math
 import numbers
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import dropwhile
@@ -198,7 +199,8 @@ def for_users(verb: Verb) -> Verb:
     parameters = inspect.signature(verb).parameters
     known: dict[str, list[tuple[tuple[type, ...], str]]] = {}
     for name, p in parameters.items():
-        parts = {part.partition("[")[0] for part in str(p.annotation).split(" | ")} - {"None"}
+        # a kind is what stands outside of brackets, where "|" may stand as well
+        parts = set(re.sub(r"\[.*\]", "", str(p.annotation)).split(" | ")) - {"None"}
         if parts <= KINDS.keys():
             known[name] = [KINDS[part] for part in sorted(parts)]
 
