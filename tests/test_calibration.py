@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binom, binomtest, kstest, norm
 
-from biaxbayes.calibration.calibration import Calibration, replicate, run_replications
+from biaxbayes.calibration.calibration import Calibration, replicate
 from biaxbayes.calibration.ranks import (
     band_level,
     calibration_table,
@@ -83,15 +83,6 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
 
 
 # --- ranks and bands ---
-
-
-def test_one_possible_threshold_is_a_binomial_test():
-    # With one draw there is one count, binomial with probability 1/2.
-    for level in (0.01, 0.2, 0.7):
-        k = np.arange(41)
-        p = 2.0 * np.minimum(binom.cdf(k, 40, 0.5), binom.sf(k - 1, 40, 0.5))
-        expected = binom.pmf(k[p > level], 40, 0.5).sum()
-        assert probability_inside(40, 1, level) == pytest.approx(expected, rel=1e-12)
 
 
 def test_two_thresholds_are_a_multinomial():
@@ -417,12 +408,6 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
         assert (folder / name).stat().st_size > 0
     with pytest.raises(RunError, match="another study"):
         run_calibration(replace(study(), seed=9), tmp_path / "parts", 2, resume=True)
-
-
-@pytest.mark.long
-def test_processes_find_what_one_process_finds(alone):
-    two = {r.index: r.rank for r in run_replications(study(), list(alone), executor=Processes(2))}
-    assert two == {index: columns["rank"] for index, columns in alone.items()}
 
 
 def test_command_line(tmp_path, capsys):

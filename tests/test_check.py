@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from biaxbayes import GOH, Protocol, Specimen, write_specimen
 from biaxbayes.identifiability.fit_quality import misfit_finding, quick_fit
@@ -207,29 +206,6 @@ def test_resampled_loads():
 
 
 # --- branches ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.003])
-@pytest.mark.parametrize("amplitudes", [(1.0,), (0.6, 0.8, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0)])
-def test_cycles_are_detected_with_their_rest(noise, amplitudes):
-    rng = np.random.default_rng(0)
-    rest, rise, fall, gap = 8, 40, 30, 5
-    path, starts, peaks = [], [], []
-    for amplitude in amplitudes:
-        starts.append(len(path))
-        path += [0.0] * rest
-        path += list(amplitude * np.linspace(0.0, 1.0, rise + 1)[1:])
-        peaks.append(len(path) - 1)
-        path += list(amplitude * np.linspace(1.0, 0.0, fall + 1)[1:])
-        path += [0.0] * gap
-    values = np.array(path) + rng.normal(0.0, noise, len(path))
-    result = cut(values)
-    assert len(result) == len(amplitudes)
-    for number, cycle in enumerate(result):
-        first = 0 if number == 0 else starts[number] - gap
-        assert abs(cycle.loading[0] - first) <= 3
-        assert abs(cycle.loading[-1] - peaks[number]) <= (0 if noise == 0.0 else 2)
-        assert cycle.unloading[0] >= cycle.loading[-1]
 
 
 def test_a_record_that_only_rises_keeps_every_row():

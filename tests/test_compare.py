@@ -43,13 +43,6 @@ def test_distance_agrees_with_scipy_ties_included():
     assert result.probability_greater == pytest.approx(mannwhitneyu(b, a).statistic / 300 / 200)
 
 
-def test_distance_to_itself_is_nothing():
-    a = np.random.default_rng(3).normal(size=500)
-    result = distance(a, a)
-    assert (result.standardised, result.kolmogorov) == (0.0, 0.0)
-    assert result.probability_greater == pytest.approx(0.5)
-
-
 def test_contraction_is_that_of_the_variance_of_a_log_where_there_is_a_unit():
     z = norm.ppf((np.arange(4000) + 0.5) / 4000)
 

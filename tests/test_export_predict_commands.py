@@ -230,7 +230,6 @@ def test_predict_inflates_a_tube_both_ways(run):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--inflate"], "--radius and --wall"),
         (["--inflate", "--radius", "1", "--wall", "2"], "thicker than the mid radius"),
         (["--inflate", "--radius", "9", "--wall", "1", "--stretch", "1.2"], "--stretch does not"),
         (["--radius", "9"], "--radius does not go without --inflate"),

@@ -88,20 +88,6 @@ def test_markers_reach_the_stretch_and_hooks_carry_less_than_uniform_edges():
     assert np.all((share > 0.8) & (share < 0.97))
 
 
-@pytest.mark.slow
-def test_refinement_of_the_hooked_sheet_converges():
-    force, stretch = [], []
-    for elements in (10, 20, 40, 80):
-        tester = hooked(MEDIA, elements=elements, control="grips")
-        state = tester.mount((1.2, 1.2), increments=8)
-        force.append(tester.force_N(state))
-        stretch.append(tester.stretch(state))
-    for values in (np.array(force), np.array(stretch)):
-        change = np.abs(np.diff(values, axis=0))
-        assert np.all(change[1:] < 0.5 * change[:-1])
-        assert np.all(change[-1] < 2e-3 * values[-1])
-
-
 def test_elements_of_eight_nodes_give_the_same_force():
     nine = Sheet(20.0, 20.0, elements=20)
     eight = Sheet(20.0, 20.0, elements=20, serendipity=True)

@@ -68,12 +68,6 @@ def test_shift_is_in_standard_deviations_on_the_sampling_scale(variants):
     assert rows.loc["mounting_stretch_y", "shift_zeroed_sd"] == pytest.approx(expected, rel=0.02)
 
 
-def test_same_draws_three_times_do_not_move(variants):
-    same = dict.fromkeys(MOUNTING_MODELS, variants["inferred"])
-    result = ledger(same)
-    assert np.all(result.table[["shift_ignored_sd", "shift_zeroed_sd"]] == 0.0)
-
-
 def test_what_does_not_vary_has_no_standard_deviation_to_shift_by(variants):
     fixed = {
         name: MountingModelDraws(one.posterior, one.draws.assign(C1=value), one.state)

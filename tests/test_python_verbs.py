@@ -18,7 +18,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.cli import VERBS
-from biaxbayes.errors import InputError, RunError, as_options
+from biaxbayes.errors import InputError, as_options
 from biaxbayes.progress_bar import Progress, minute_lines, terminal_line, with_progress
 from biaxbayes.specimens.specimen_file import write_specimen
 from commands import exit_code
@@ -309,15 +309,6 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
 def test_what_a_run_cannot_do(run, verb, arguments, message):
     with pytest.raises(InputError, match=message):
         getattr(biaxbayes, verb)(run, **arguments)
-
-
-def test_a_run_of_an_earlier_version_is_not_opened(small_run, copied):
-    run = copied(small_run.path)
-    record = json.loads((run / "provenance.json").read_text())
-    del record["format"]
-    (run / "provenance.json").write_text(json.dumps(record))
-    with pytest.raises(RunError, match="made by an earlier version: sample again"):
-        biaxbayes.open_run(run)
 
 
 # --- what somebody types first ---

@@ -2,7 +2,6 @@
 
 import json
 import warnings
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import norm
 
 import biaxbayes
 from biaxbayes.model.draw import draw_posterior
@@ -30,7 +28,6 @@ with warnings.catch_warnings():
 
 DATA = Path(__file__).parents[1] / "data"
 THETA = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x", "mounting_stretch_y")
-QUICK = Plan(ess=3000, workers=2, walkers=32)
 
 
 def specimen(name="donor2-media"):
@@ -43,66 +40,7 @@ def prepared(name="donor2-media", noise="misfit"):
     return prepare(specimen(name), noise=noise)
 
 
-def departures(first, second, names=THETA, levels=(0.05, 0.5, 0.95)):
-    """z-scores of the quantiles of two posteriors, each with its own effective sample size."""
-    out = []
-    for name in names:
-        a, b = first.quantities[name], second.quantities[name]
-        pooled = np.concatenate([a.ravel(), b.ravel()])
-        for level in levels:
-            below = [(x < np.quantile(pooled, level)).astype(float) for x in (a, b)]
-            # all draws on one side of a level, as of posteriors far apart, are one effective draw
-            sizes = (max(effective_sample_size(x), 1.0) for x in below)
-            error = np.sqrt(sum(level * (1 - level) / size for size in sizes))
-            out.append((below[0].mean() - below[1].mean()) / error)
-    return np.abs(out)
-
-
-def limit(tests, level=1e-3):
-    return norm.isf(0.5 * level / tests)
-
-
 # --- ways to the same posterior ----------------------------------------------------------------
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "noise"), [("donor2-media", "misfit"), ("donor2-adventitia", "independent")]
-)
-def test_free_and_noisy_are_the_same_posterior(name, noise):
-    runs = [
-        draw_posterior(Posterior(specimen(name), mounting=m, noise=noise), QUICK)
-        for m in ("noisy", "free")
-    ]
-    assert [r.convergence.state for r in runs] == ["converged"] * 2
-    z = departures(*runs)
-    assert z.size == 21
-    assert z.max() < limit(z.size)
-    # the check has teeth: a posterior with another prior fails it
-    other = Posterior(
-        specimen(name),
-        noise=noise,
-        priors={"mounting_stretch": {"distribution": "normal", "mean": 1.03, "sd": 0.01}},
-    )
-    assert departures(runs[1], draw_posterior(other, QUICK)).max() > 2 * limit(z.size)
-
-
-@pytest.mark.long
-def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_determinant():
-    """The determinant matters where the toe is soft and there are few readings."""
-    media = specimen()
-    few = tuple(p.at_rows(np.r_[0, 20 : p.rows : 20]) for p in media.protocols)
-    media = replace(media, protocols=few)
-    options = {"noise": "independent"}
-    exact = draw_posterior(Posterior(media, mounting="exact", **options), QUICK)
-    still = replace(media, load_noise=1e-7)
-    noisy = draw_posterior(Posterior(still, mounting="noisy", **options), QUICK)
-    assert exact.convergence.state == noisy.convergence.state == "converged"
-    z = departures(exact, noisy)
-    assert z.max() < limit(z.size)
-    wrong = draw_posterior(Posterior(still, mounting="noisy", determinant=False, **options), QUICK)
-    assert wrong.convergence.state == "converged"
-    assert departures(exact, wrong).max() > 3 * limit(z.size)
 
 
 def test_draws_with_a_misfit_are_those_of_the_density_on_a_grid():

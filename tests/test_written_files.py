@@ -153,17 +153,8 @@ def test_convert_does_not_replace_a_file_unasked(capsys, tmp_path):
     raw, out = tmp_path / "export.csv", tmp_path / "specimen.csv"
     raw.write_text(biotester_export().text())
     words = ["convert", raw, "--machine", "biotester", "--out", out]
-    words += ["--cycles", "last", "--branch", "loading"]
-    words += [
-        "--edge-x-mm",
-        10,
-        "--edge-y-mm",
-        10,
-        "--thickness-mm",
-        1.2,
-        "--geometry",
-        "unloaded",
-    ]
+    words += ["--cycles", "last", "--branch", "loading", "--geometry", "unloaded"]
+    words += ["--edge-x-mm", 10, "--edge-y-mm", 10, "--thickness-mm", 1.2]
     assert run(capsys, *words)[0] == 0
     out.write_text("mine\n")
     err = refused(capsys, *words)
