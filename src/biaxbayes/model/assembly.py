@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.chart import DEFAULT_ISOTROPY_SCALE
 from biaxbayes.laws.law import Law, TransformInputs
 from biaxbayes.model.density import (
@@ -81,14 +80,9 @@ class Assembly:
     quantities: Quantities
 
     @property
-    def forward(self) -> ForwardModel:
-        """The forward model of the first piece."""
-        return self.pieces[0].forward
-
-    @property
     def law(self) -> Law:
         """The material law."""
-        return self.forward.law
+        return self.pieces[0].settings.material_law
 
     @property
     def mounts(self) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import click
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, STRETCH_SOURCES, Choice
 from biaxbayes.options import takes_options
+from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.question import Question
@@ -324,9 +325,9 @@ def _print_choices(question: Question) -> None:
 def _print_conversion(conversion: Conversion, out: Path) -> None:
     from biaxbayes.machines.account import account
 
-    specimen, count = conversion.specimen, len(conversion.specimen.protocols)
+    specimen = conversion.specimen
     rows = sum(p.rows for p in specimen.protocols)
-    click.echo(f"{out}: {rows} rows in {count} {'protocol' if count == 1 else 'protocols'}")
+    click.echo(f"{out}: {rows} rows in {plural(len(specimen.protocols), 'protocol')}")
     for line in account(conversion):
         click.echo(f"  {line}")
     readings, sds = specimen.mounting_readings(shared=False)

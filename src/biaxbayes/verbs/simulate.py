@@ -15,6 +15,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.mechanics.experiments import TESTS
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
+from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import NO_GRIPS
 from biaxbayes.specimens.specimen import Specimen
@@ -339,7 +340,7 @@ def command(
         chosen = _given_material(law, values)
     specimen, truth = simulate(out, overwrite=overwrite, material=chosen, **test)
     rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
-    paths = f"{len(specimen.protocols)} protocol{'s' if len(specimen.protocols) > 1 else ''}"
+    paths = plural(len(specimen.protocols), "protocol")
     click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
     x, y = next(iter(truth.disturbed_mounting_force.values()))
     click.echo(f"mounting load {x:.4g}, {y:.4g} {unit}; truth in {truth_file(out)}")
