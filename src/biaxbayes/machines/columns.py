@@ -179,6 +179,8 @@ def column_map(
                 with contextlib.suppress(*[InputError] * (target in OPTIONAL)):
                     columns[target] = _column(table, target, (index,))
     for name, (standard, _) in TUBE_COLUMNS.items():
+        if standard in wanted and name not in wanted:  # found by its name
+            columns.pop(name, None)
         if name in columns and standard in columns:
             remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
             names = f"{columns[standard].name!r} and {columns[name].name!r}"
