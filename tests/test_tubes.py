@@ -365,3 +365,8 @@ def test_a_fit_of_a_tube_has_no_mounting_stretch(tmp_path, capsys):
     code, shown, _ = commands.run(capsys, "fit", square, tube, "--starts", 1)
     assert code == 0 and "mounting stretch x" in shown and "mounting stretch x tube" not in shown
     assert "stiffness tube" in shown
+
+
+def test_a_tube_has_no_mounting_stretch_whose_cost_could_be_shown():
+    with pytest.raises(InputError, match="stretches of a tube are total"):
+        biaxbayes.ledger(virtual_tube(1.2))
