@@ -29,11 +29,6 @@ def strain_energy(C1, k1, k2, alpha, kappa, *stretch, fibre_switch=False):
     return at(C1, k1, k2, alpha, kappa, fibre_switch=fibre_switch).strain_energy(*stretch)
 
 
-def cauchy_stress_by_parameter(C1, k1, k2, alpha, kappa, *stretch, fibre_switch=False):
-    material = at(C1, k1, k2, alpha, kappa, fibre_switch=fibre_switch)
-    return material.cauchy_by_parameter(*stretch)
-
-
 def stress_response(point, stretch, *, fibre_switch=False):
     return GOHLaw(fibre_switch).response(np.asarray(point), stretch)
 

@@ -272,19 +272,6 @@ def test_a_left_out_part_is_predicted_with_the_misfit_that_the_rest_shows(protoc
     np.testing.assert_allclose(found.measured, left.readings.means(left.rows.load).reshape(2, -1).T)
 
 
-def test_averaged_readings_are_predicted():
-    specimen = specimen_of(GOH(14.0, 60.0, 8.0, 38.0, 0.1), increments=80)
-    part = left_out_parts(specimen)[0]
-    posterior = Posterior(without(specimen, part))
-    values = {"C1": 14.0, "k1": 60.0, "k2": 8.0, "alpha": 38.0, "kappa": 0.1}
-    table = pd.DataFrame([values | {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}] * 9)
-    readings = predicted_readings(posterior, table, specimen, part)
-    assert len(readings.measured) == 32
-    p = specimen.protocols[0]
-    rest = p.load[p.rest_rows :] if hasattr(p, "load") else specimen.load(p)[p.rest_rows :]
-    np.testing.assert_allclose(readings.measured.mean(axis=0), rest.mean(axis=0), rtol=0.05)
-
-
 def test_laws_that_failed_or_have_not_converged_are_named():
     specimen, result = predicted(hgo="tentative")
     judged = weigh_laws(specimen, result, ["goh", "hgo"])
@@ -334,14 +321,10 @@ def test_the_law_of_the_truth_predicts_best(compared):
     table = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
     assert list(table.index) == ["goh", "hgo", STACKED]
     assert table["weight"]["goh"] > 0.9
-    assert table["weight"][["goh", "hgo"]].sum() == pytest.approx(1.0, abs=1e-5)
     assert table["left_out_rms_kPa"]["goh"] < table["left_out_rms_kPa"]["hgo"]
     assert table["left_out_density_nats"][STACKED] > table["left_out_density_nats"]["goh"] - 2.0
     assert table["mounting_stretch_x_q05"]["goh"] < table["mounting_stretch_x_q95"]["goh"]
     parts = pd.read_csv(folder / "out" / "left-out.csv")
-    sums = parts.groupby("law")["left_out_density_nats"].sum()
-    for law in table.index:
-        assert sums[law] == pytest.approx(table["left_out_density_nats"][law], rel=1e-5)
     # weights that have seen a part predict it better, but for what their prior asks for
     mixture = parts[parts["law"] == STACKED]
     assert mixture["density_final_weights"].sum() > mixture["left_out_density_nats"].sum() - 0.5

@@ -538,7 +538,7 @@ def test_preconditioning_in_several_files_or_sheets(several, tmp_path):
         paths: object = [written(tmp_path, table_of(t), f"{k}.csv") for k, t in tables.items()]
         more = {}
     else:
-        from test_tables import xlsx
+        from workbooks import xlsx
 
         paths, more = tmp_path / "cycles.xlsx", {"sheets": "all"}
         paths.write_bytes(xlsx({k: [list(NAMES), *t.tolist()] for k, t in tables.items()}))

@@ -119,6 +119,11 @@ def test_rooms_import_from_rooms_above_them_alone():
     assert {b for a, b in imported if a == "sampling"} <= general  # nothing of tissue
 
 
+def test_no_test_module_imports_another():
+    for path in (ROOT / "tests").glob("*.py"):
+        assert not re.search(r"^ *(from|import) test_", text_of(path), re.MULTILINE), path
+
+
 def test_no_imports_go_round_in_a_circle():
     wanted: dict[str, set[str]] = {}
     for path in SOURCE.rglob("*.py"):

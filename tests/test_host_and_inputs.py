@@ -37,27 +37,6 @@ def test_numpy_that_raises_in_the_caller_raises_nowhere_here(tmp_path):
         assert np.geterr()["under"] == "raise"
 
 
-HOST = """
-import os, sys, warnings
-environment, filters = dict(os.environ), list(warnings.filters)
-import biaxbayes
-from biaxbayes.tasks import one_blas_thread
-with one_blas_thread():
-    pass
-run = biaxbayes.open_run(sys.argv[1])
-run.draws
-print({k: v for k, v in os.environ.items() if environment.get(k) != v})
-print([f for f in warnings.filters if f[1] and "decode" in f[1].pattern])
-"""
-
-
-def test_libraries_leave_no_variable_and_no_filter(run):
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("KMP_")}
-    command = [sys.executable, "-c", HOST, run.path]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
-    assert done.stdout.splitlines() == ["{}", "[]"]
-
-
 def test_arviz_reads_into_memory_and_closes_the_file(run):
     before = list(warnings.filters)
     tree = run.arviz
@@ -80,11 +59,6 @@ def test_a_closed_pipe_ends_as_other_programs_do(words):
     said = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 141 and not said
-
-
-def test_a_run_without_an_inferred_mounted_state_warns_of_nothing(tmp_path):
-    """pytest makes an error of the warning that the mean of no mounting reading gave."""
-    biaxbayes.sample(DATA, out=tmp_path / "run", mounting="zeroed", ess=50, max_steps=128)
 
 
 # --- tables and files ---

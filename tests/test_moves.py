@@ -249,25 +249,6 @@ def test_proposal_density_is_normalised_and_matches_its_draws(bounds):
     assert (z**2).mean() == pytest.approx(1.0, abs=4.5 * np.sqrt(2 / big.sum()))
 
 
-@pytest.mark.parametrize("bounds", [BOUNDS["low"], BOUNDS["both"]], ids=["low", "both"])
-def test_folding_adds_up_the_images_exactly(bounds):
-    q = small_proposal(bounds)
-    j = int(np.flatnonzero(np.isfinite(q.bounds).any(axis=1))[0])
-    rng = np.random.default_rng(2)
-    x = q.sample(rng, 400)
-    x = x[np.isfinite(q.log_density(x))]
-    r, log_jacobian = q.transport.to_reference(x)
-    total = q.mixture.density(r)
-    for edge in q.bounds[j][np.isfinite(q.bounds[j])]:
-        image = r.copy()
-        image[:, j] = 2 * edge - image[:, j]
-        total += q.mixture.density(image)
-    np.testing.assert_allclose(q.log_density(x), np.log(total) + log_jacobian, rtol=1e-10)
-    beyond = x.copy()
-    beyond[:, 0] = -1e-9
-    assert np.isneginf(q.log_density(beyond)).all()
-
-
 @pytest.mark.parametrize("d", [3, 4])
 def test_folding_at_two_coordinates_adds_up_every_combination(d):
     """Even and odd powers, one edge and two, against SciPy image by image."""

@@ -289,9 +289,6 @@ def test_words_for_difficult_studies(study):
     states = ["converged", "unusable", "converged", "converged"]
     _, left_out = open_sources(changed(state=states), anyway=True)
     assert list(left_out) == ["b"] and "did not converge" in left_out["b"]
-    with pytest.raises(InputError, match="1 of 4 specimens can be pooled"):
-        states = ["converged", "unusable", "unusable", "failed"]
-        open_sources(changed(state=states), anyway=True)
 
 
 def test_columns_of_the_study_file(study, tmp_path, capsys):
@@ -416,25 +413,6 @@ def pool(whole, longer, tmp_path, capsys):
 
 def tables(folder) -> tuple[pd.DataFrame, pd.DataFrame]:
     return pd.read_csv(folder / "population.csv"), pd.read_csv(folder / "specimens.csv")
-
-
-@pytest.mark.long
-def test_one_donor_has_the_priors_spread_of_donors(pool):
-    code, out, _, folder = pool(["m0", "m1", "m2"], donor=dict.fromkeys(DIFFICULT, "D"))
-    assert code == 0
-    assert "media: 3 specimens of 1 donor\n" in out
-    assert "all specimens are of one donor" in out and "sd_donors is the prior's" in out
-    groups, _ = tables(folder)
-    pooled = groups[groups["in_words"].notna()]
-    assert set(pooled["quantity"]) == {"C1", "k1", "k2", "alpha"}
-    assert (pooled["sd_donors_verdict"] == NOT_IDENTIFIED).all()
-    assert (pooled["sd_donors_contraction"] < 0.5).all()
-    assert "* not identified" in out
-    for r in pooled.to_dict("records"):
-        line = next(x for x in out.splitlines() if x.startswith(f"{r['quantity']} "))
-        assert f" {r['verdict']}" in line and "*" in line
-    page = (folder / "population.html").read_text(encoding="utf-8")
-    assert "all specimens are of one donor" in page and "<small>not identified</small>" in page
 
 
 @pytest.mark.long

@@ -16,11 +16,10 @@ from biaxbayes.sampling.population_monte_carlo import (
     effective_fraction,
     resample,
     resample_clusters,
-    search,
     tempering_power,
 )
 from biaxbayes.sampling.proposal import MixtureProposal, first_proposal
-from biaxbayes.sampling.target import Target, bounds_array
+from biaxbayes.sampling.target import bounds_array
 
 FREE = bounds_array({}, 2)
 
@@ -112,24 +111,3 @@ def test_points_of_every_ridge_are_as_many_whatever_it_weighs():
     for own, at in ((points[~right], 0.0), (points[right], 20.0)):
         assert own.mean(axis=0) == pytest.approx([at, 0.0], abs=4 / np.sqrt(CLUSTER_POINTS))
         assert own.var(axis=0) == pytest.approx([1.0, 1.0], rel=0.25)
-
-
-def test_a_search_finds_every_peak_with_its_mass():
-    def log_density(x):
-        left = norm.logpdf(x).sum(axis=1)
-        right = norm.logpdf(x, [20.0, 5.0], [0.5, 2.0]).sum(axis=1)
-        return np.logaddexp(np.log(0.3) + left, np.log(0.7) + right)
-
-    starts = np.array([[1.0, 1.0], [19.0, 4.0], [10.0, 0.0]])
-    result = search(
-        Target(log_density, FREE), starts, np.full(2, 15.0), np.random.default_rng(2), 2048
-    )
-    assert len(result.proposal.parts) == 2
-    right = result.points[:, 0] > 10.0
-    w = np.exp(result.log_weight - result.log_weight.max())
-    share = w[right].sum() / w.sum()
-    assert share == pytest.approx(0.7, abs=0.03)
-    # normalised densities: the mean weight is the evidence, one
-    mean = np.logaddexp.reduce(result.log_weight) - np.log(len(result.log_weight))
-    assert mean == pytest.approx(0.0, abs=0.06)
-    assert effective_fraction(result.log_weight) > 0.4

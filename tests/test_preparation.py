@@ -12,7 +12,7 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import prepare, start_parameters, with_sampling_constants
+from biaxbayes.model.preparation import prepare, start_parameters
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
@@ -64,23 +64,6 @@ def test_drawing_leaves_the_posterior_as_it_is():
     assert vars(posterior).keys() == attributes.keys()
     assert all(v is attributes[k] for k, v in vars(posterior).items())
     np.testing.assert_array_equal(posterior.log_prob(points), before)
-
-
-def test_another_chart_is_another_posterior_of_the_same_density():
-    posterior = prepared()
-    scale = 3.0 * posterior.sampling_constants.isotropy_scale
-    softer = with_sampling_constants(posterior, scale)
-    assert softer is not posterior and softer.sampling_constants.isotropy_scale == scale
-    assert (
-        softer.sampling_constants.reference_stretch
-        == posterior.sampling_constants.reference_stretch
-    )
-    parameters = posterior.natural(posterior.coordinates(start_parameters(posterior)))
-    there = softer.coordinates(parameters)
-    assert not np.allclose(there, posterior.coordinates(parameters))
-    natural = softer.natural(there)
-    for name, value in parameters.items():
-        np.testing.assert_allclose(natural[name], value, rtol=1e-9)
 
 
 def test_a_sampler_counts_for_itself():

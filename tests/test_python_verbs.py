@@ -52,9 +52,6 @@ def shown(thing) -> str:
 
 
 def test_the_summary_of_a_run_is_indexed_by_parameter(run):
-    low, median = run.draws["C1"].quantile([0.05, 0.5])
-    assert run.summary.loc["C1", "q50"] == pytest.approx(median, rel=1e-4)
-    assert run.summary.loc["C1", "q05"] == pytest.approx(low, rel=1e-4)
     assert list(run.summary.index) == list(run.summary["parameter"])
 
 
