@@ -11,6 +11,7 @@ from scipy.integrate import quad
 
 import biaxbayes
 import commands
+from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior
 from biaxbayes.errors import InputError
 from biaxbayes.figures.record import protocols_figure
 from biaxbayes.figures.specimen import fits_figure, specimen_figure
@@ -21,6 +22,7 @@ from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.experiments import MMHG_PER_KPA, Tube
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import Settings
 from biaxbayes.prediction.stress import predict_stress
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.protocol import Protocol
@@ -370,3 +372,15 @@ def test_a_fit_of_a_tube_has_no_mounting_stretch(tmp_path, capsys):
 def test_a_tube_has_no_mounting_stretch_whose_cost_could_be_shown():
     with pytest.raises(InputError, match="stretches of a tube are total"):
         biaxbayes.ledger(virtual_tube(1.2))
+
+
+def test_truths_of_a_tube_are_drawn_at_the_stress_of_its_wall():
+    data = virtual_tube(1.2)
+    prior = protocol_prior(data, Settings())
+    # the wall carries p r / h, several times the pressure
+    pressure = replace(data, metadata={**HEADER, "unloaded_outer_diameter_mm": 16.0})
+    wider = protocol_prior(pressure, Settings())
+    assert wider["C1"].location > 1.8 * prior["C1"].location
+    model = Posterior(data, priors=prior)
+    truth, rejected = draw_truth(model, np.random.default_rng(1))
+    assert rejected < 50 and not any(name.startswith("mounting_force") for name in truth)
