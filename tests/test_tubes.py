@@ -11,7 +11,11 @@ from scipy.integrate import quad
 
 import biaxbayes
 import commands
-from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior
+from biaxbayes.calibration.simulated_specimen import (
+    draw_truth,
+    protocol_prior,
+    simulate_specimen,
+)
 from biaxbayes.errors import InputError
 from biaxbayes.figures.record import protocols_figure
 from biaxbayes.figures.specimen import fits_figure, specimen_figure
@@ -384,3 +388,10 @@ def test_truths_of_a_tube_are_drawn_at_the_stress_of_its_wall():
     model = Posterior(data, priors=prior)
     truth, rejected = draw_truth(model, np.random.default_rng(1))
     assert rejected < 50 and not any(name.startswith("mounting_force") for name in truth)
+    # pressure and force have noise of their own
+    loud = replace(data, load_noise=2.0, metadata={**HEADER, "axial_force_noise_N": 0.1})
+    model = Posterior(loud, priors=prior)
+    made = [simulate_specimen(model, truth, np.random.default_rng(seed)) for seed in range(20)]
+    ratio = [s.high_frequency_scatter(0) / s.high_frequency_scatter(1) for s in made]
+    assert np.median(ratio) == pytest.approx(20.0, rel=0.2)
+    np.testing.assert_allclose(made[0].noise_sds, [2.0, 0.1])

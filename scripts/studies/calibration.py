@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 SPECIMENS = ("donor2-media", "donor2-adventitia")
 THREE_RATIOS = "three-ratios"
 """Three protocols of the media of donor 2, 0.6 mN noise."""
-PIECES = {"square-and-strips": "square + strips", "strips": "strips"}
+PIECES = {"square-and-strips": "square + strips", "strips": "strips", "tube": "tube"}
 """Pieces of a tissue of the study of pieces."""
 
 

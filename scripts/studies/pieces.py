@@ -180,6 +180,8 @@ def virtual_tube(
 def pieces_of(tissue: Tissue, case: str) -> Specimen:
     """What a case knows of a tissue, as one specimen."""
     strip_x, strip_y = tissue.strips
+    if case == "tube":
+        return tissue.tube
     alone = tissue.square.only(tissue.square.protocols[0].name)
     first = tissue.square if case.startswith("three") else alone
     if case == "strips":

@@ -109,10 +109,10 @@ def _simulated_piece(
     piece, settings = model.pieces[index], model.settings
     specimen, forward, label = piece.specimen, piece.forward, piece.labels.label
     read = np.isin([0, 1], specimen.experiment.axes)
-    least = LEAST_NOISE * specimen.peak_load if settings.has_misfit else 0.0
-    noise = max(specimen.noise_sd, least)
+    least = LEAST_NOISE * specimen.peak_loads * settings.has_misfit
+    noise = np.maximum(specimen.noise_sds, least)
     if not settings.has_misfit:
-        noise = truth[name_of(NOISE_SD.name, label)]
+        noise = truth[name_of(NOISE_SD.name, label)] * specimen.load_scale
     (misfit, scatter), offset = _misfits(model, index, rng), forward.offset(truth)[0, 0]
     # nothing pulls across a strip
     forces = [mounting_names("force", state) for state in piece.labels.states]
@@ -132,7 +132,10 @@ def _simulated_piece(
         load = load * specimen.per_nominal(p.known_stretch)
         protocols.append(replace(p, load_x=load[:, 0], load_y=load[:, 1]))
     fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
-    fields["load_noise"] = noise if settings.has_misfit else specimen.load_noise
+    if settings.has_misfit:
+        fields["load_noise"] = float(noise[0])
+        if specimen.experiment.force_unit:
+            fields["metadata"] = {**specimen.metadata, "axial_force_noise_N": float(noise[1])}
     return SimulatedSpecimen(
         **fields | {"protocols": tuple(protocols)},
         reading=tuple((float(x), float(y)) for x, y in reading),
