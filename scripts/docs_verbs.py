@@ -18,7 +18,7 @@ import click
 from biaxbayes.cli import VERBS, group
 from biaxbayes.options import FIT_DESCRIPTIONS, WHICH_FIT
 from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY
-from biaxbayes.specimens.keys import COLUMNS, KEYS, Column, Key
+from biaxbayes.specimens.keys import COLUMNS, KEYS, FileColumn, Key
 from biaxbayes.text_files import atomic_write_text
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"
@@ -214,7 +214,7 @@ def specimen_file() -> str:
     )
 
 
-def _meanings(names: Mapping[str, Column | Key]) -> str:
+def _meanings(names: Mapping[str, FileColumn | Key]) -> str:
     """A row a name; x and y together where they mean the same."""
     rows = ["| name | meaning | without it |", "|---|---|---|"]
     for name, entry in names.items():

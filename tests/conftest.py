@@ -15,10 +15,10 @@ import reported
 import shared
 
 LONG = (
-    "test_moves", "test_population", "test_figures", "test_sampler", "test_identifiability",
-    "test_pages", "test_posterior", "test_fit", "test_design", "test_batch", "test_python_verbs",
-    "test_plot_command", "test_profile", "test_resume", "test_compare", "test_evidence",
-    "test_calibration", "test_check", "test_hierarchy", "test_processes",
+    "test_studies", "test_moves", "test_population", "test_figures", "test_sampler",
+    "test_identifiability", "test_pages", "test_posterior", "test_fit", "test_design", "test_batch",
+    "test_python_verbs", "test_plot_command", "test_profile", "test_resume", "test_compare",
+    "test_evidence", "test_calibration", "test_check", "test_hierarchy", "test_processes",
 )  # fmt: skip
 """Files that take longest, the longest first: the workers end together if they begin with them."""
 
@@ -69,7 +69,7 @@ def media_run(session_folder):
     return biaxbayes.open_run(
         shared.made_once(
             "media.run",
-            lambda folder: biaxbayes.sample(data, out=folder, seed=11, ess=500, workers=1),
+            lambda folder: biaxbayes.sample(data, out=folder, seed=11, ess=800, workers=1),
         )
     )
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binom, binomtest, kstest, norm
 
-from biaxbayes.calibration.calibration import Study, replicate
+from biaxbayes.calibration.calibration import Calibration, replicate
 from biaxbayes.calibration.ranks import (
     band_level,
     calibration_table,
@@ -67,10 +67,10 @@ def media(rows: int = 101) -> Specimen:
     return replace(specimen, protocols=(replace(p, **columns),))
 
 
-def study(specimen: Specimen | None = None, broken: str = "", **options: object) -> Study:
+def study(specimen: Specimen | None = None, broken: str = "", **options: object) -> Calibration:
     specimen = specimen or media(21)
     given = {**OPTIONS, **options}
-    return Study(
+    return Calibration(
         specimen,
         given,
         protocol_prior(specimen, Settings(**given)),

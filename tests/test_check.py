@@ -129,15 +129,18 @@ def test_a_jump_and_a_cut_last_number():
 
 def test_units():
     p = GOOD.protocols[0]
-    for factor, words in ((1000.0, "is the file in Pa?"), (1e-3, "is the file in MPa?")):
+    for pair, factor, words in (
+        ("piola", 1e3, "in Pa?"),
+        ("piola", 1e-3, "in MPa?"),
+        ("force", 102.0, "in gf or mN?"),
+        ("force", 1e-3, "in kgf or kN?"),
+    ):
         scaled = replace(p, load_x=p.load_x * factor, load_y=p.load_y * factor)
-        messages = [
-            f.message
-            for f in check_specimen(
-                Specimen("a", (scaled,), "piola", metadata={"stress_limit_kPa": 1e6})
-            )
-        ]
-        assert any(words in message for message in messages)
+        # loads in kPa are forces in N on a section of 1000 mm2
+        given = {"edge_x_mm": 1e3, "edge_y_mm": 1e3, "thickness_mm": 1.0} if pair == "force" else {}
+        units = Specimen("a", (scaled,), pair, metadata={"stress_limit_kPa": 1e6}, **given)
+        messages = [f.message for f in check_specimen(units)]
+        assert any(f"is the file {words}" in message for message in messages)
     one = replace(p, load_x=p.load_x * 1000.0)
     assert any(
         "same unit" in f.message

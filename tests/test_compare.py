@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import ks_2samp, mannwhitneyu, norm
 
-from biaxbayes.comparison.compare import Member, compare, differing_settings, run_labels
+from biaxbayes.comparison.compare import ComparedRun, compare, differing_settings, run_labels
 from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.figures.comparisons import forest_figure, matrix_figure
@@ -105,7 +105,7 @@ def members():
     ):
         data = specimen(material, increments=10, **({"ratios": ratios} if ratios else {}))
         result = sampled(data, ess=60.0)
-        out.append(Member(label, result.target, result.draws, result.state))
+        out.append(ComparedRun(label, result.target, result.draws, result.state))
     return out
 
 
@@ -148,7 +148,7 @@ def test_stiffness_is_compared_at_rest_and_at_the_largest_common_stretch(result)
 
 def test_common_stretches_were_reached_by_every_run(members):
     short = Posterior(specimen(SOFT, total_stretch=1.1, increments=10), noise="independent")
-    result = compare([members[0], Member("short", short, members[0].draws, "converged")])
+    result = compare([members[0], ComparedRun("short", short, members[0].draws, "converged")])
     assert result.stretches[-1] == pytest.approx(1.1, abs=2e-3)
 
 
@@ -181,12 +181,12 @@ def test_distances_and_forest_are_of_the_draws_that_the_report_is_of(members, re
 
 
 def test_unreliable_runs_determine_nothing(members):
-    shaky = Member("shaky", members[0].posterior, members[0].draws, "tentative")
+    shaky = ComparedRun("shaky", members[0].posterior, members[0].draws, "tentative")
     result = compare([members[0], shaky])
     assert not result.converged
     assert not result.distances["identified_in_b"].any()
     assert any("same measurements" in note for note in result.notes)
-    bad = Member("bad", members[0].posterior, members[0].draws, "unusable")
+    bad = ComparedRun("bad", members[0].posterior, members[0].draws, "unusable")
     with pytest.raises(InputError, match="not converged"):
         compare([members[0], bad])
     with pytest.raises(InputError, match="same label"):
@@ -218,7 +218,7 @@ def test_runs_of_different_laws_are_compared_by_what_both_have():
         draws = {n: values[n] * rng.uniform(0.9, 1.1, 50) for n in names}
         draws |= {f"mounting_stretch_{axis}": rng.uniform(1.01, 1.02, 50) for axis in "xy"}
         row = Reported("C1", "kPa", 10.0, 9.0, 11.0, "identified", "the data determine it")
-        members.append(Member(law, posterior, pd.DataFrame(draws), "converged", [row]))
+        members.append(ComparedRun(law, posterior, pd.DataFrame(draws), "converged", [row]))
     for pair in (members, members[::-1]):
         result = compare(pair)
         shared = set(result.distances["quantity"])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
@@ -17,7 +18,7 @@ from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.optimal_design import information_gain
-from biaxbayes.optimal_design.candidates import STRIP_MOUNTING, Reading, standard_candidates
+from biaxbayes.optimal_design.candidates import PIECE_MOUNTING, Reading, standard_candidates
 from biaxbayes.optimal_design.design import design
 from biaxbayes.optimal_design.information_gain import (
     OutcomePosterior,
@@ -353,7 +354,7 @@ def test_strips_are_those_of_a_virtual_test_and_their_unknowns_are_errors(run):
     load = pair.load(one)[0]
     values = {name: float(one[name].iloc[0]) for name in posterior.law.names}
     material = posterior.law.material_at(tuple(values[name] for name in posterior.law.names))
-    area, along = posterior.specimen.area, 1.0 + STRIP_MOUNTING[0]
+    area, along = posterior.specimen.area, 1.0 + PIECE_MOUNTING[0]
     for k in (0, 1):
         total = along * pair.stretch[-1, k]
 
@@ -369,3 +370,20 @@ def test_strips_are_those_of_a_virtual_test_and_their_unknowns_are_errors(run):
     assert np.all(sd > posterior.settings.piece_sd * 0.8 * np.abs(pair.load(pair.median)[0, -1]))
     found = design(posterior, draws, [pair, *standard_candidates(posterior, draws)[:1]])
     assert found.expected[0].name == "strips x and y"
+    assert found.peaks[0].unit == "N"
+
+
+def test_a_planned_tube_has_the_pressure_of_its_wall(run):
+    posterior, draws = run.target, run.draws
+    tube = next(c for c in standard_candidates(posterior, draws) if c.name.startswith("tube"))
+    one = draws.iloc[[7]]
+    values = [float(one[name].iloc[0]) for name in posterior.law.names]
+    around, along = tube.stretch[-1]
+    # a wall of 1 and an outer radius of 5: (ro^2 - r^2) lz = B^2 - R^2
+    outer = 5.0 * around
+    r = np.linspace(np.sqrt(outer**2 - 9.0 / along), outer, 2001)
+    stress, _ = posterior.law.material_at(tuple(values)).cauchy(
+        r / np.sqrt(25.0 - (outer**2 - r**2) * along), np.full(r.size, along)
+    )
+    assert tube.load(one)[0, -1, 0] == pytest.approx(trapezoid(stress / r, r), rel=1e-4)
+    assert design(posterior, draws.iloc[::20], [tube], outcomes=10).peaks == (None,)

@@ -249,7 +249,7 @@ def test_descent_is_never_beaten_by_scipy_on_a_noisy_specimen():
         specimen = with_misfit(
             specimen_of(published.material, (1.01, 1.015), measured_stretch=1.15), seed=seed
         )
-        data = Readings.from_specimen(specimen, shared=True, zeroed=True)
+        data = Readings.from_specimen(specimen, shared=True, mounting="zeroed")
         make = (data, "load", np.zeros(5), np.arange(5), data.peak, np.ones((2, 1)), GOH_LAW)
         start = np.array([5.0, 5.0, 10.0, 0.4, 0.15])
         ours = descend(LoadResiduals(*make), start, LOWER, UPPER)

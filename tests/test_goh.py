@@ -188,19 +188,19 @@ def test_only_stable_roots_inside_the_bracket_count():
 
 # --- sampling charts -------------------------------------------------------------------------
 
-SOFTENINGS = (0.02, 0.3, 1.0)
+ISOTROPY_SCALES = (0.02, 0.3, 1.0)
 
 
-def chart_and_back(softening):
+def chart_and_back(isotropy_scale):
     return (
-        lambda d, v: angles_from_chart(d, v, softening),
-        lambda a, k: chart_from_angles(a, k, softening),
+        lambda d, v: angles_from_chart(d, v, isotropy_scale),
+        lambda a, k: chart_from_angles(a, k, isotropy_scale),
     )
 
 
-@pytest.mark.parametrize("softening", SOFTENINGS)
-def test_chart_round_trip_and_jacobian(softening):
-    forward, back = chart_and_back(softening)
+@pytest.mark.parametrize("isotropy_scale", ISOTROPY_SCALES)
+def test_chart_round_trip_and_jacobian(isotropy_scale):
+    forward, back = chart_and_back(isotropy_scale)
     rng = np.random.default_rng(6)
     for alpha, kappa in zip(
         rng.uniform(0.01, 1.56, 300), rng.uniform(0.001, 0.333, 300), strict=True
@@ -221,9 +221,9 @@ def test_chart_round_trip_and_jacobian(softening):
             assert there[2] == pytest.approx(np.log(det), abs=2e-4)
 
 
-@pytest.mark.parametrize("softening", SOFTENINGS)
-def test_chart_edges_are_the_physical_ones(softening):
-    forward, back = chart_and_back(softening)
+@pytest.mark.parametrize("isotropy_scale", ISOTROPY_SCALES)
+def test_chart_edges_are_the_physical_ones(isotropy_scale):
+    forward, back = chart_and_back(isotropy_scale)
     for d in (-2.0, -0.3, 0.4, 3.0):
         alpha, kappa, log_jacobian = forward(d, 0.0)
         assert alpha == pytest.approx(0.0 if d > 0 else np.pi / 2, abs=1e-12)
@@ -239,8 +239,8 @@ def test_chart_edges_are_the_physical_ones(softening):
 
 def test_area_of_the_chart_is_that_of_the_box():
     """Integrated over the chart, the Jacobian gives the area of (alpha, kappa) exactly."""
-    for softening in SOFTENINGS:
-        forward, _ = chart_and_back(softening)
+    for isotropy_scale in ISOTROPY_SCALES:
+        forward, _ = chart_and_back(isotropy_scale)
         # Gauss-Legendre in v and in s, d = tan s, which reaches the far ends of d
         s, ws = np.polynomial.legendre.leggauss(200)
         v, wv = np.polynomial.legendre.leggauss(200)

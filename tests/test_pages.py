@@ -12,7 +12,7 @@ import pytest
 
 import browser
 import reported
-from biaxbayes.comparison.compare import Member, compare
+from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.comparison.law_weights import weigh_laws
 from biaxbayes.figures.comparisons import law_misfit_figure, law_mounting_figure
 from biaxbayes.identifiability.reported import Reported
@@ -41,7 +41,7 @@ def write_a_comparison(folder) -> None:
     for label, material in (("soft", SOFT), ("<b>media</b>", STIFF)):
         run = sampled(specimen(material, increments=10), ess=60.0)
         row = Reported("mounting_stretch_x", "", 1.02, 1.0123, 1.03, "bounded", REASON, "low")
-        members.append(Member(label, run.target, run.draws, "converged", (row,)))
+        members.append(ComparedRun(label, run.target, run.draws, "converged", (row,)))
     write_comparison(compare(members), folder)
 
 

@@ -34,7 +34,7 @@ from biaxbayes.populations.tables import (
     contradictions,
 )
 from biaxbayes.populations.text import contrast_rows, group_rows
-from biaxbayes.reports.population import FIGURE_TEXTS
+from biaxbayes.reports.population import FIGURE_TEXTS, TABLES
 from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.verbs import population as job
@@ -45,7 +45,7 @@ from biaxbayes.verbs.population import (
     open_sources,
     sample_population,
 )
-from biaxbayes.verbs.population_files import TABLES, members_of_study
+from biaxbayes.verbs.population_files import members_of_study
 from commands import refused, run
 from made_population import MATERIALS, QUICK, quick_job, sample_study
 
@@ -121,8 +121,8 @@ def test_tables_have_their_columns_and_hold_together(population):
 
 def test_files_say_the_same(population):
     record = json.loads((population.folder / POPULATION).read_text())
-    for name, stem in TABLES.items():
-        written, table = pd.read_csv(population.folder / f"{stem}.csv"), getattr(population, name)
+    for name, (file, _) in TABLES.items():
+        written, table = pd.read_csv(population.folder / file), getattr(population, name)
         numbers = table.select_dtypes("number")
         assert np.allclose(written[numbers.columns], numbers, rtol=1e-6, equal_nan=True)
         stored = pd.DataFrame(record[name])[numbers.columns].astype(float)

@@ -15,7 +15,7 @@ from biaxbayes.options import Settings
 from biaxbayes.prediction.bands import bands
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.inflation import (
-    Tube,
+    ThinTube,
     inflation_axial_force,
     inflation_pressure,
     inflation_stretch,
@@ -195,7 +195,7 @@ def test_total_stretches_below_the_mounted_state_are_marked():
 
 
 def test_pressure_and_diameter_tables_are_inverses_of_each_other():
-    tube = Tube(9.0, 1.2, 1.05)
+    tube = ThinTube(9.0, 1.2, 1.05)
     frame = draws(400)
     at = predict_diameter(posterior(), frame, tube, [4.0, 13.3])
     for _, row in at.iterrows():
@@ -208,7 +208,7 @@ def test_pressure_and_diameter_tables_are_inverses_of_each_other():
 
 
 def test_pressure_bands_are_those_of_the_draws():
-    tube = Tube(9.0, 1.2, 1.05, "y")
+    tube = ThinTube(9.0, 1.2, 1.05, "y")
     frame = draws(300, noise=0.0)
     table = predict_pressure(posterior(), frame, tube, [1.1])
     each = [
@@ -219,7 +219,7 @@ def test_pressure_bands_are_those_of_the_draws():
 
 
 def test_the_residual_of_the_stress_widens_pressure_and_diameter():
-    tube = Tube(9.0, 1.2)
+    tube = ThinTube(9.0, 1.2)
     sample = posterior()
     certain = draws(2000, spread=0.0)
     p = predict_pressure(sample, certain, tube, [1.15])
@@ -241,11 +241,11 @@ def test_draws_without_a_state_are_counted_and_left_out():
     frame = draws(10, spread=0.0)
     frame.loc[:3, "k1"] = 0.0
     frame.loc[:3, "C1"] = 1.0
-    table = predict_diameter(posterior(), frame, Tube(9.0, 1.2), [15.0, 1e6])
+    table = predict_diameter(posterior(), frame, ThinTube(9.0, 1.2), [15.0, 1e6])
     assert table["share_without_equilibrium"].tolist() == pytest.approx([0.4, 0.4])
     assert np.isfinite(table["outer_diameter_mm_median"]).all()
     soft = frame.iloc[:3]
-    table = predict_diameter(posterior(), soft, Tube(9.0, 1.2), [15.0])
+    table = predict_diameter(posterior(), soft, ThinTube(9.0, 1.2), [15.0])
     assert np.isnan(table["outer_diameter_mm_median"][0])
     assert table["extrapolation"][0] == BEYOND
 
@@ -356,7 +356,7 @@ def test_all_paths_begin_at_one_mounted_state():
 def test_a_tube_carries_the_misfit_of_its_wall(smooth):
     """The same draws, with the misfit and as if the law were the tissue."""
     of, frame = smooth
-    tube, p = Tube(9.0, 1.2, 1.05), [4.0, 13.3]
+    tube, p = ThinTube(9.0, 1.2, 1.05), [4.0, 13.3]
     exact = of.replaced(noise="independent")
     alone = frame.assign(noise_sd=of.specimen.noise_sd)
     for predict, name, where in (
@@ -438,7 +438,7 @@ def test_readings_are_those_of_the_protocols_along_the_path():
 @pytest.mark.parametrize("axial", [1.0, 1.15])
 def test_pressure_is_the_derivative_of_energy_by_enclosed_volume(circumferential, axial):
     """Virtual work: p dV = dW, with V inside the mid surface, by complex step."""
-    tube = Tube(9.0, 1.2, axial, circumferential)
+    tube = ThinTube(9.0, 1.2, axial, circumferential)
     stretch, h = 1.13, 1e-30
     state = complex(stretch, h)
     x, y = (state, axial) if circumferential == "x" else (axial, state)
@@ -452,7 +452,7 @@ def test_pressure_is_the_derivative_of_energy_by_enclosed_volume(circumferential
 def test_axial_force_is_the_derivative_of_energy_by_length_at_constant_pressure():
     """f = d(W - p V)/dL at fixed radius and pressure."""
     stretch, axial, h = 1.1, 1.2, 1e-30
-    tube = Tube(9.0, 1.2, axial, "x")
+    tube = ThinTube(9.0, 1.2, axial, "x")
     p = inflation_pressure(at(*MEDIA.theta), tube, stretch)
     state = complex(axial, h)
     energy = 2.0 * np.pi * 9.0 * 1.2 * strain_energy(*MEDIA.theta, stretch, state)
@@ -469,7 +469,7 @@ def test_neo_hookean_tube_by_hand():
     s_t = 2 * 50 * (1.44 - 1/1.44) = 74.5556 kPa;  h = 1/1.2 = 0.83333 mm;  r = 12 mm
     p = 74.5556 * 0.83333 / 12 = 5.17747 kPa
     """
-    tube = Tube(10.0, 1.0)
+    tube = ThinTube(10.0, 1.0)
     p = inflation_pressure(at(50.0, 0.0, 1.0, 0.5, 0.1), tube, 1.2)
     assert p == pytest.approx(5.177469135802469, rel=1e-12)
     assert tube.mid_diameter_mm(1.2) == pytest.approx(24.0)
@@ -486,7 +486,7 @@ def test_stretch_inverts_pressure_for_many_draws():
         rng.uniform(0.3, 1.2, n),
         rng.uniform(0.0, 0.3, n),
     )
-    tube = Tube(8.0, 1.5, 1.1, "y")
+    tube = ThinTube(8.0, 1.5, 1.1, "y")
     wanted = np.array([0.0, 2.0, 10.7, 16.0])
     stretch = inflation_stretch(at(*(v[:, None] for v in theta)), tube, wanted)
     assert np.isfinite(stretch).all()
@@ -496,22 +496,22 @@ def test_stretch_inverts_pressure_for_many_draws():
 
 
 def test_unloaded_tube_rests_at_its_own_radius():
-    assert inflation_stretch(at(*MEDIA.theta), Tube(9.0, 1.0), [0.0])[0, 0] == pytest.approx(
+    assert inflation_stretch(at(*MEDIA.theta), ThinTube(9.0, 1.0), [0.0])[0, 0] == pytest.approx(
         1.0, abs=1e-12
     )
-    pulled = inflation_stretch(at(*MEDIA.theta), Tube(9.0, 1.0, 1.2), [0.0])[0, 0]
+    pulled = inflation_stretch(at(*MEDIA.theta), ThinTube(9.0, 1.0, 1.2), [0.0])[0, 0]
     assert pulled < 1.0  # it narrows
 
 
 def test_a_soft_tube_has_no_state_at_a_high_pressure():
     # Neo-Hookean: p = 2 C1 H/R (1 - lt^-4) la^-1 never reaches 2 C1 H / R = 1 kPa
-    stretch = inflation_stretch(at(5.0, 0.0, 1.0, 0.5, 0.1), Tube(10.0, 1.0), [0.5, 1.1])
+    stretch = inflation_stretch(at(5.0, 0.0, 1.0, 0.5, 0.1), ThinTube(10.0, 1.0), [0.5, 1.1])
     assert stretch[0, 0] == pytest.approx(0.5**-0.25, rel=1e-10)
     assert np.isnan(stretch[0, 1])
 
 
 def test_stiff_exponential_overflow_is_a_wall_not_a_warning():
-    stretch = inflation_stretch(at(2.0, 30.0, 4000.0, 0.7, 0.2), Tube(10.0, 1.0), [16.0])
+    stretch = inflation_stretch(at(2.0, 30.0, 4000.0, 0.7, 0.2), ThinTube(10.0, 1.0), [16.0])
     assert 1.0 < stretch[0, 0] < 1.2
 
 
@@ -520,4 +520,4 @@ def test_stiff_exponential_overflow_is_a_wall_not_a_warning():
 )
 def test_impossible_tubes_are_refused(values):
     with pytest.raises(ValueError):
-        Tube(*values)
+        ThinTube(*values)

@@ -60,7 +60,7 @@ def test_drawing_leaves_the_posterior_as_it_is():
     plan = Plan(ess=1e9, max_steps=64, first_block=64, population=1024, ensembles=2, walkers=32)
     first, again = (draw_posterior(posterior, plan) for _ in range(2))
     np.testing.assert_array_equal(first.chain, again.chain)
-    assert first.rejected == again.rejected
+    assert first.evaluations == again.evaluations
     assert vars(posterior).keys() == attributes.keys()
     assert all(v is attributes[k] for k, v in vars(posterior).items())
     np.testing.assert_array_equal(posterior.log_prob(points), before)
@@ -74,7 +74,7 @@ def test_a_sampler_counts_for_itself():
     outside[:, list(posterior.free).index("kappa")] = 2.0
     one, other = posterior.target(), posterior.target()
     one.log_prob(np.vstack([inside, outside, outside]))
-    assert one.rejections(one.counts) == {
+    assert one.evaluations(one.counts) == {
         "evaluated": 3, "out_of_range": 2, "no_mounting_root": 0, "overflow": 0
     }  # fmt: skip
     assert not other.counts.any()

@@ -301,3 +301,13 @@ def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     message = json.loads((out / "profile-provenance.json").read_text())
     assert message["deviance_of_90_percent"] == pytest.approx(2.71, abs=0.01)
     assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_command_profiles_a_run_with_its_own_model(small_run, tmp_path):
+    arguments = [str(small_run.path), "--parameter", "C1", "--json", "--out", str(tmp_path)]
+    printed = CliRunner().invoke(command, arguments)
+    assert printed.exit_code == 0, printed.output
+    (expected,) = profiles(small_run.posterior(), ["C1"])
+    assert json.loads(printed.output)[0]["estimate"] == pytest.approx(expected.estimate, rel=1e-6)
+    about = json.loads((tmp_path / "profile-provenance.json").read_text())["about"]
+    assert f"mounting {small_run.settings.mounting}" in about

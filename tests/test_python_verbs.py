@@ -277,8 +277,10 @@ def test_the_help_of_a_verb_lists_its_options(verb):
 
 
 def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
-    assert exit_code("ledger", run.path, "--thin", "50", "--out", tmp_path / "out") == 2
-    assert "--thin does not go with a run" in capsys.readouterr().err
+    for verb, option in (("ledger", "thin"), ("profile", "law")):
+        value = {"thin": "50", "law": "fung"}[option]
+        assert exit_code(verb, run.path, f"--{option}", value, "--out", tmp_path / "out") == 2
+        assert f"--{option} does not go with a run" in capsys.readouterr().err
     with pytest.raises(InputError, match="`thin` does not go with a run"):
         biaxbayes.ledger(run, thin=50)
     with pytest.raises(InputError, match="no option 'colour'"):

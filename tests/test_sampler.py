@@ -99,15 +99,15 @@ def test_ensembles_do_not_depend_on_the_number_of_threads(workers):
     for block, same in zip(made, alone, strict=True):
         np.testing.assert_array_equal(block[0], same[0])
         np.testing.assert_array_equal(block[1], same[1])
-    assert result.evaluations == expected.evaluations
     assert result.acceptance == expected.acceptance > 0.0
     np.testing.assert_array_equal(result.run(4)[0], expected.run(4)[0])
 
 
 def test_an_error_in_one_thread_ends_the_block():
-    calls = []
+    calls, seen = [], []
 
     def log_density(x):
+        seen.append(len(x))
         if x[0, 0] > 5.0:
             calls.append(len(x))
             if len(calls) > 3:
@@ -118,7 +118,7 @@ def test_an_error_in_one_thread_ends_the_block():
     ensembles = Ensembles(log_density, starts, np.random.SeedSequence(1), workers=2)
     with pytest.raises(RuntimeError, match="the density failed"):
         ensembles.run(100_000)  # minutes, if the other ensemble went on
-    assert ensembles.evaluations < 100_000
+    assert sum(seen) < 100_000
 
 
 @pytest.mark.long

@@ -37,10 +37,10 @@ PLAN = Plan(ess=150, max_steps=1500, ensembles=2, walkers=32, population=2048, f
 MISFIT, NOISE, PIECE_SD, ROWS = 0.02, 0.0015, 0.1, 40
 LENGTHS = (0.15, 0.25, 0.5, 1.0)
 RATIOS = ((1.0, 1.0), (1.0, 0.6), (0.6, 1.0))
-LEFT_OUT = {"square + strip x": "strip-y", "strips": "square"}
+LEFT_OUT = {"square + strip x": "strip-y", "strips": "square", "three + strips": "tube"}
 PARTS = (
     ("square", "square + strips"),
-    ("square + strips, 25 %", *LEFT_OUT),
+    ("square + strips, 25 %", "square + strip x", "strips"),
     ("three", "three + strips"),
 )
 """Cases, in the order in which all tissues go through them."""
@@ -84,6 +84,7 @@ class Tissue:
 
     square: Specimen  # of three protocols
     strips: tuple[Specimen, Specimen]
+    tube: Specimen
     truth: dict[str, float]
     load: dict[str, np.ndarray]  # of the law alone, by name of the piece, rows (n, 2)
 
@@ -132,7 +133,7 @@ def virtual_tissue(seed: int, factor_sd: float = PIECE_SD) -> Tissue:
         stress = np.array([strip_stress(material, axis, t) for t in total])
         law = stiffness * stress / total * width * thickness * 1e-3
         force = law * (1.0 + MISFIT * root @ rng.standard_normal(ROWS))
-        noise = NOISE * float(force.max())
+        noise = NOISE * float(np.max(force))
         columns = np.full((2, ROWS), np.nan), np.zeros((2, ROWS))
         columns[0][axis], columns[1][axis] = measured, force + noise * rng.standard_normal(ROWS)
         size = {f"edge_{'yx'[axis]}_mm": width, "thickness_mm": thickness, "load_noise": noise}
@@ -143,7 +144,37 @@ def virtual_tissue(seed: int, factor_sd: float = PIECE_SD) -> Tissue:
         truth[f"stiffness[{name}]"] = stiffness
         truth[f"mounting_stretch_{letter}[{name}]"] = mounting
     known = {name: float(value) for name, value in truth.items()}
-    return Tissue(square, (strips[0], strips[1]), known, loads)
+    tube, loads["tube"] = virtual_tube(material, top, root, np.random.default_rng([seed, 59]))
+    return Tissue(square, (strips[0], strips[1]), tube, known, loads)
+
+
+def virtual_tube(
+    material: dict[str, float], top: float, root: np.ndarray, rng: np.random.Generator
+) -> tuple[Specimen, np.ndarray]:
+    """A tube that is inflated at a length of 1.1, and the pressures of the law alone, rows (n, 2).
+
+    Its outer surface reaches 0.6 times the strain of the square, its inner one about as much.
+    """
+    outside, wall, axial, count = 5.0, 1.0, 1.1, 400
+    around = 1.0 + np.linspace(0.0, 0.6, ROWS) * (top - 1.0)
+    # (ro^2 - r^2) lz = B^2 - R^2
+    outer = around[:, None] * outside
+    inner = np.sqrt(outer**2 - (outside**2 - (outside - wall) ** 2) / axial)
+    dr = (outer - inner) / count
+    r = inner + dr * (np.arange(count) + 0.5)
+    unloaded = np.sqrt(outside**2 - (outer**2 - r**2) * axial)
+    # p = int (s_t - s_r) / r dr
+    pressure = (stresses(material, r / unloaded, axial)[0] / r * dr).sum(axis=1)
+    noise = NOISE * float(pressure.max())
+    read = pressure * (1.0 + MISFIT * root @ rng.standard_normal(ROWS))
+    read += noise * rng.standard_normal(ROWS)
+    nothing = np.zeros(ROWS)
+    protocol = Protocol("1.1", around, np.full(ROWS, axial), read, nothing)
+    size = {"unloaded_outer_diameter_mm": 2.0 * outside}
+    tube = Specimen(
+        "tube", (protocol,), "tube", test="tube", thickness_mm=wall, load_noise=noise, metadata=size
+    )
+    return tube, np.column_stack([pressure, nothing])
 
 
 def pieces_of(tissue: Tissue, case: str) -> Specimen:
@@ -194,32 +225,33 @@ def left_out(
 ) -> dict[str, float]:
     """Shares of a piece that bands from the other pieces hold, and their widths.
 
-    The piece has a stiffness of its own (10 %) and a mounting stretch that balances its reading of
-    the mounting force, which the misfit and its toe may have moved.
+    The piece has a stiffness of its own (10 %) and, if it is no tube, a mounting stretch that
+    balances its reading of the mounting force, which the misfit and its toe may have moved.
     """
     alone = tissue.square.only(tissue.square.protocols[0].name)
-    piece = alone if name == "square" else next(s for s in tissue.strips if s.name == name)
+    piece = next(p for p in (alone, *tissue.strips, tissue.tube) if p.name == name)
     rng = np.random.default_rng([seed, 58])
     law, axes = posterior.law, list(piece.experiment.axes)
     forward = ForwardModel.from_specimen(piece, posterior.settings)
-    (reading,), (sd,) = piece.mounting_readings(shared=True)
     flat = {n: q.ravel() for n, q in draws.quantities.items()}
     chosen = rng.choice(flat["C1"].size, PREDICTIONS, replace=False)
     values = {n: flat[n][chosen] for n in law.names}
     stiffness = np.exp(PIECE_SD * rng.standard_normal(PREDICTIONS))
-    relative = np.hypot(posterior.settings.toe, MISFIT)
-    p0 = reading + np.hypot(sd, relative * reading) * rng.standard_normal((PREDICTIONS, 2))
-    p0 *= np.isin([0, 1], axes)
-    points = [law.to_fit_coordinates(m) for m in zip(*values.values(), strict=True)]
-    lm = np.array(
-        [
-            forward.solve_mounting(point, (load / c)[:, None])[:, 0]
-            for point, load, c in zip(points, p0, stiffness, strict=True)
-        ]
-    )
-    values |= {"stiffness": stiffness, "mounting_stretch_x": lm[:, 0]}
-    values["mounting_stretch_y"] = lm[:, 1]
-    values = {n: v[np.isfinite(lm).all(axis=1)] for n, v in values.items()}
+    values |= {"stiffness": stiffness}
+    if piece.experiment.is_mounted:
+        (reading,), (sd,) = piece.mounting_readings(shared=True)
+        relative = np.hypot(posterior.settings.toe, MISFIT)
+        p0 = reading + np.hypot(sd, relative * reading) * rng.standard_normal((PREDICTIONS, 2))
+        p0 *= np.isin([0, 1], axes)
+        points = [law.to_fit_coordinates(m) for m in zip(*map(values.get, law.names), strict=True)]
+        lm = np.array(
+            [
+                forward.solve_mounting(point, (load / c)[:, None])[:, 0]
+                for point, load, c in zip(points, p0, stiffness, strict=True)
+            ]
+        )
+        values |= {"mounting_stretch_x": lm[:, 0], "mounting_stretch_y": lm[:, 1]}
+        values = {n: v[np.isfinite(lm).all(axis=1)] for n, v in values.items()}
     stretch = piece.protocols[0].stretch[1:]
     credible = forward.load(values, stretch)[..., axes]
     fitted = {n: np.median(v) for n, v in values.items()}

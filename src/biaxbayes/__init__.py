@@ -47,7 +47,7 @@ _EXPORTS = {
 }
 
 _OTHER_NAMES = {"law": "material"}
-"""What is called otherwise where it stands."""
+"""Names in the module, where they differ."""
 
 __all__ = ["__version__", *_EXPORTS]
 

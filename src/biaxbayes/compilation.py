@@ -113,6 +113,7 @@ def first_alone() -> Iterator[None]:
         yield
         return
     with contextlib.ExitStack() as stack:
+        # file systems of clusters may have no locks, for which filelock raises NotImplementedError
         with contextlib.suppress(OSError, NotImplementedError):
             stack.enter_context(FileLock(CACHE / ".filling"))
         if (CACHE / FILLED).exists():

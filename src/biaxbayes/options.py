@@ -16,6 +16,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from itertools import dropwhile
 from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -172,9 +173,10 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
                 entries += f"default {default!r}\n"
                 entries += f"    {option.help}\n" if option.help else ""
         verb.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-        # In place of the entry ``**options`` of the docstring.
-        doc = f"{inspect.getdoc(verb)}\n"
-        verb.__doc__ = re.sub(r"(?m)^\*\*options.*\n( .*\n)*", lambda _: entries, doc).rstrip("\n")
+        # In place of the entry ``**options`` of the docstring and its indented lines.
+        before, _, after = (inspect.getdoc(verb) or "").partition("**options\n")
+        rest = dropwhile(lambda line: line.startswith(" "), after.splitlines())
+        verb.__doc__ = (before + entries + "\n".join(rest)).rstrip("\n")
         return for_users(verb)
 
     return with_signature
@@ -197,6 +199,7 @@ def for_users(verb: Verb) -> Verb:
     parameters = inspect.signature(verb).parameters
     known: dict[str, list[tuple[tuple[type, ...], str]]] = {}
     for name, p in parameters.items():
+        # a kind is what stands outside of brackets, where "|" may stand as well
         parts = set(re.sub(r"\[.*\]", "", str(p.annotation)).split(" | ")) - {"None"}
         if parts <= KINDS.keys():
             known[name] = [KINDS[part] for part in sorted(parts)]

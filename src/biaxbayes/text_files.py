@@ -222,6 +222,11 @@ def rows_of(
 # --- writing --------------------------------------------------------------------------------------
 
 
+def safe_file_name(text: str, default: str = "", limit: int = 60) -> str:
+    """Text as a part of a file name that every file system accepts."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", text).strip(".-")[:limit] or default
+
+
 def as_path(value: Any, name: str) -> Path:
     """The path that an argument of this name gives; refuses what is none."""
     if not isinstance(value, str | os.PathLike):

@@ -56,5 +56,5 @@ def agreement(ours: Outcome, other: Outcome) -> Agreement:
             error += variance / max(count, 1.0)
             found.append(((below.mean() - level) / np.sqrt(error), f"{name} {100 * level:.0f} %"))
     z = np.array([value for value, _ in found])
-    worst = int(np.abs(z).argmax())
+    worst = int(np.argmax(np.abs(z)))
     return Agreement(float(z[worst]), found[worst][1], float(np.sqrt((z**2).mean())), len(z))

@@ -53,7 +53,7 @@ def _beyond_criterion(posterior: Posterior, seed: int, steps: int) -> Outcome:
     first = draw_posterior(posterior, plan, on_block=kept.append)
     warmup = sum(v for k, v in first.seconds.items() if k != "sampling")
     ensembles = restore_ensembles(first.target, plan, kept[-1])
-    before = ensembles.evaluations
+    before = first.target.counts.sum()
     clock = time.perf_counter()
     chain, _ = ensembles.run(steps)
     seconds = time.perf_counter() - clock
@@ -65,7 +65,7 @@ def _beyond_criterion(posterior: Posterior, seed: int, steps: int) -> Outcome:
         told = (integral.log_evidence, integral.error)
     return Outcome(
         ess,
-        ensembles.evaluations - before,
+        int(first.target.counts.sum() - before),
         seconds,
         warmup,
         rhat,

@@ -65,7 +65,12 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
                 "reason": row.reason,
             }
         )
-    out = {"state": state, "seconds": seconds, "evaluations": drawn.evaluations, "rows": rows}
+    out = {
+        "state": state,
+        "seconds": seconds,
+        "evaluations": drawn.evaluations["evaluated"],
+        "rows": rows,
+    }
     if request["path"] is not None:
         out["bands"] = bands(posterior, draws, np.array(request["path"]))
     seconds["processor"] = time.process_time() - processor

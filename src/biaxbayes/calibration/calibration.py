@@ -40,7 +40,7 @@ WRONG_SD = 1.2
 
 
 @dataclass(frozen=True)
-class Study:
+class Calibration:
     """A calibration study; with an index, it determines a replication."""
 
     specimen: Specimen  # protocols, dimensions, load noise, and the loads a misfit is relative to
@@ -120,7 +120,7 @@ class Replication:
     seconds: float = 0.0
 
 
-def replicate(study: Study, index: int) -> Replication:
+def replicate(study: Calibration, index: int) -> Replication:
     """Draw true values, simulate, sample and rank; study and index determine the result."""
     clock = time.perf_counter()
     model = study.model()
@@ -180,7 +180,7 @@ def replicate(study: Study, index: int) -> Replication:
 
 
 def run_replications(
-    study: Study,
+    study: Calibration,
     indices: Sequence[int],
     *,
     executor: Executor | None = None,

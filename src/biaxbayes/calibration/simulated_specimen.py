@@ -128,8 +128,7 @@ def _simulated_piece(
         errors[p.rest_rows :] += misfit[i][1:]
         load = read * (forward.load(truth, p.stretch, p.name)[0] + offset + noise_factor * errors)
         load[: p.rest_rows] = reading[0 if settings.shared else i]
-        if specimen.stress_pair == "cauchy":
-            load = load * p.known_stretch
+        load = load * specimen.per_nominal(p.known_stretch)
         protocols.append(replace(p, load_x=load[:, 0], load_y=load[:, 1]))
     fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
     fields["load_noise"] = noise if settings.has_misfit else specimen.load_noise

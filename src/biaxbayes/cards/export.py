@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -44,36 +44,10 @@ def export_cards(
     law: Law,
     rows: Sequence[int],
     out: Path,
-    *,
-    program: str,
-    units: str = "kPa-mm",
-    bulk_ratio: float | None = None,
-    origin: str = "posterior draw",
-    warnings: Sequence[str] = (),
-    overwrite: bool = False,
+    **how: Any,
 ) -> pd.DataFrame:
-    """Write a card for each row of the draws, equally weighted, and a manifest; check every card.
-
-    ``bulk_ratio`` is the bulk modulus over the larger of the matrix's shear modulus and the largest
-    stress in the tested range; the change of volume at that stress is about its inverse. Default:
-    incompressible for Abaqus, 1000 for FEBio. ``origin`` describes the draws in the header, where
-    ``warnings`` stand last. Raises InputError for a ratio that is not positive, an earlier export
-    in the folder or a material that cannot be written, BiaxbayesError if a card fails its check.
-    Files of an earlier export stay whole until every new one is on the disk.
-    """
-    manifest, files = made_cards(
-        draws,
-        specimen,
-        law,
-        rows,
-        out,
-        program=program,
-        units=units,
-        bulk_ratio=bulk_ratio,
-        origin=origin,
-        warnings=warnings,
-        overwrite=overwrite,
-    )
+    """Write the cards and the manifest of :func:`made_cards`."""
+    manifest, files = made_cards(draws, specimen, law, rows, out, **how)
     write_cards(files)
     return manifest
 
@@ -86,13 +60,23 @@ def made_cards(
     out: Path,
     *,
     program: str,
-    units: str,
-    bulk_ratio: float | None,
-    origin: str,
+    units: str = "kPa-mm",
+    bulk_ratio: float | None = None,
+    origin: str = "posterior draw",
     warnings: Sequence[str] = (),
-    overwrite: bool,
+    overwrite: bool = False,
 ) -> tuple[pd.DataFrame, dict[Path, bytes]]:
-    """The manifest and all files of an export, checked and not yet written."""
+    """A card for each row of the draws, equally weighted, and their manifest, all checked.
+
+    Returns the manifest and the content of all files, its own included; nothing is written.
+
+    ``bulk_ratio`` is the bulk modulus over the larger of the matrix's shear modulus and the largest
+    stress in the tested range; the change of volume at that stress is about its inverse. Default:
+    incompressible for Abaqus, 1000 for FEBio. ``origin`` describes the draws in the header, where
+    ``warnings`` stand last. Raises InputError for a ratio that is not positive, an earlier export
+    in the folder or a material that cannot be written, BiaxbayesError if a card fails its check.
+    Files of an earlier export stay whole until every new one is on the disk.
+    """
     _check_law(law, program)
     if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
         raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")

@@ -70,7 +70,7 @@ def _fung_parts(p: Mapping[str, float]) -> list[Part]:
     values = {
         "E1": young[0],
         "E2": young[1],
-        "E3": THROUGH_THICKNESS_RATIO * young.min(),
+        "E3": THROUGH_THICKNESS_RATIO * np.min(young),
         "c": p["c"],
     }
     values |= dict.fromkeys(("G12", "G23", "G31"), shear)

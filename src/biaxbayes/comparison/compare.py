@@ -96,7 +96,7 @@ PARAMETER = "parameter"
 
 
 @dataclass(frozen=True)
-class Member:
+class ComparedRun:
     """One run of a comparison.
 
     Attributes
@@ -132,7 +132,7 @@ class Comparison:
         Differences between the runs that are not of tissue.
     """
 
-    members: tuple[Member, ...]
+    members: tuple[ComparedRun, ...]
     reported: tuple[Sequence[Reported], ...]
     derived: tuple[list[Derived], ...]
     identified: tuple[dict[str, bool], ...]
@@ -175,12 +175,12 @@ class Comparison:
         )
 
 
-def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) -> Comparison:
+def compare(members: Sequence[ComparedRun], *, thresholds: Thresholds | None = None) -> Comparison:
     """Compare runs of different layers, specimens or settings.
 
     Parameters
     ----------
-    members : sequence of Member
+    members : sequence of ComparedRun
         Two or more, with different labels.
     thresholds : Thresholds, optional
         Of the verdicts. A derived quantity counts as identified where the data shrink the variance
@@ -246,7 +246,7 @@ def run_labels(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
 
 
 def _distances(
-    members: Sequence[Member],
+    members: Sequence[ComparedRun],
     derived: Sequence[list[Derived]],
     identified: Sequence[dict[str, bool]],
     i: int,
@@ -283,7 +283,7 @@ def _distances(
     return rows
 
 
-def _parameters(m: Member) -> list[Derived]:
+def _parameters(m: ComparedRun) -> list[Derived]:
     """The parameters of a run; a mounting stretch is a state of the test, not of the tissue."""
     return [
         Derived(PARAMETER, s.name, s.unit, None, m.draws[s.name].to_numpy(dtype=float))

@@ -17,6 +17,7 @@ from biaxbayes.identifiability.marginals import parameter_scales
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
+from biaxbayes.prediction.percentiles import quantiles
 
 # --- how far two posteriors of one quantity lie apart --------------------------------------------
 
@@ -60,7 +61,7 @@ def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
     rng = np.random.default_rng(seed)
     n = max(a.size, b.size)
     difference = np.resize(rng.permutation(b), n) - np.resize(rng.permutation(a), n)
-    low, median, high = np.quantile(difference, [0.05, 0.5, 0.95])
+    low, median, high = quantiles(difference)
     spread = float(np.sqrt(a.var() + b.var()))
     apart = float(b.mean() - a.mean())
     if spread > 0.0:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.special import logsumexp
 
 from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
@@ -23,7 +24,6 @@ from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.readings import ReadingVector
-from biaxbayes.prediction.bands import compared_protocols
 from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Plan
@@ -129,7 +129,7 @@ class PredictedReadings:
             each = log_likelihood(self.mean, self.reading_sd, self.measured)
         each = np.where(np.isfinite(each), each, -np.inf)
         # ln p(y_i | rest) = ln mean_s N(y_i | m_si, sd_si)
-        return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(len(each))).ravel()
+        return np.asarray(logsumexp(each, axis=0) - np.log(len(each))).ravel()
 
     def curves(self, *, of_readings: bool) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (draws, 2 m), of readings or the tissue, without draws that overflow."""
@@ -182,7 +182,7 @@ def predicted_readings(
     if part is not None:
         return _of_part(tissue, specimen, part)
     parts = []
-    for i, p in enumerate(compared_protocols(specimen, posterior.settings)):
+    for i, p in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
         rows = band_rows(p)
         loads, per_kPa = (
             tissue.tested(i, p.stretch, rows),
@@ -198,8 +198,7 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
     """Readings of a part that was left out, averaged as the likelihood would."""
     posterior = tissue.posterior
     settings, single = posterior.settings, len(specimen.protocols) == 1
-    source = specimen.zeroed() if settings.mounting == "zeroed" else specimen
-    thinned = thinned_specimen(only(source, part), settings.thin)
+    thinned = thinned_specimen(only(specimen.as_compared(settings.mounting), part), settings.thin)
     rows = MeasuredRows.from_thinned(thinned)
     readings = ReadingVector.from_rows(rows, thinned, states=0, average=settings.has_misfit)
     count = len(readings.weight) // 2

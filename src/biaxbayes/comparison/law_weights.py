@@ -36,12 +36,11 @@ from biaxbayes.comparison.mixture import (
 )
 from biaxbayes.errors import NotConverged
 from biaxbayes.options import CONTENT
-from biaxbayes.prediction.percentiles import tails
+from biaxbayes.prediction.percentiles import quantile_columns, tails
 from biaxbayes.specimens.specimen import Specimen
 
 STACKED = "stacked"
 UNUSABLE = ("unusable", "failed")
-QUANTILES_90 = (0.05, 0.5, 0.95)
 
 
 @dataclass(frozen=True)
@@ -211,11 +210,7 @@ def _law_table(
 
 
 def _quantiles(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
-    return {
-        f"{name}_q{round(100 * q):02d}": float(np.quantile(table[name], q))
-        for name in names
-        for q in QUANTILES_90
-    }
+    return {k: v for name in names for k, v in quantile_columns(name, table[name]).items()}
 
 
 def _part_table(

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.special import logsumexp
 
 from biaxbayes.comparison.law_comparison import (
     MAX_LAW_DRAWS,
@@ -63,7 +64,7 @@ def stacking_weights(log_density: np.ndarray) -> np.ndarray:
 def weighted_density(log_density: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Log density (readings,) of a mixture, from log densities (models, readings)."""
     with np.errstate(divide="ignore"):
-        mixed: np.ndarray = np.logaddexp.reduce(log_density + np.log(weight)[:, None], axis=0)
+        mixed: np.ndarray = logsumexp(log_density + np.log(weight)[:, None], axis=0)
     return mixed
 
 
@@ -149,8 +150,7 @@ def mixture_bands(
         rows = band_rows(p)
         here = slice(first, first := first + len(rows))
         stretch = p.stretch[rows]
-        # a Cauchy stress is the nominal one times the measured stretch
-        scale = stretch if specimen.stress_pair == "cauchy" else np.ones_like(stretch)
+        scale = specimen.per_nominal(stretch)
         for axis, direction in enumerate("xy"):
             cells: dict[str, Any] = {
                 "protocol": p.name,

@@ -26,6 +26,7 @@ from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.parameters import Quantities, mounting_names
+from biaxbayes.prediction.percentiles import quantiles
 from biaxbayes.prediction.stress import covered_stretches
 from biaxbayes.sampling.sampler import Plan, Progress
 from biaxbayes.specimens.specimen import Specimen
@@ -195,7 +196,7 @@ def ledger(
 def _compared(values: Mapping[str, np.ndarray], scale: ComparisonScale | None) -> dict[str, float]:
     out: dict[str, float] = {}
     for name in MOUNTING_MODELS:
-        q05, q50, q95 = np.quantile(values[name], [0.05, 0.5, 0.95])
+        q05, q50, q95 = quantiles(values[name])
         out |= {f"{name}_median": q50, f"{name}_q05": q05, f"{name}_q95": q95}
     scaled = {name: v if scale is None else scale.to_scale(v) for name, v in values.items()}
     sd = float(scaled["inferred"].std(ddof=1))

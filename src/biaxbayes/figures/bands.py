@@ -127,7 +127,7 @@ def figure_from_bands(
             if len(specimen.protocols) > 1:
                 load.set_title(plain(name, int(width_mm / len(panels) ** 0.5 / 3.0)), pad=2.0)
             if first:
-                for ax, label in zip(loads, load_labels(specimen), strict=True):
+                for ax, (label, _) in zip(loads, load_panels(specimen), strict=True):
                     ax.set_ylabel(label, linespacing=1.1)
         figure.align_ylabels()
         handles = _handles(specimen, probability, law="law" in table, truth=truth is not None)
@@ -147,12 +147,12 @@ def _most_columns(specimen: Specimen, width_mm: float) -> int:
     return min(max_columns, 3 if len(specimen.protocols) <= 6 else 4)
 
 
-def load_labels(specimen: Specimen) -> list[str]:
-    """Labels of the panels of loads: one, or one per reading where their units differ."""
+def load_panels(specimen: Specimen) -> list[tuple[str, list[int]]]:
+    """Labels and directions of the panels of loads: one, or one per reading of another unit."""
     test = specimen.experiment
     if not test.force_unit:
-        return [LOAD_LABELS[specimen.stress_pair]]
-    return [f"{test.curves[k]} ({specimen.units[k]})" for k in test.axes]
+        return [(LOAD_LABELS[specimen.stress_pair], list(test.axes))]
+    return [(f"{test.curves[k]} ({specimen.units[k]})", [k]) for k in test.axes]
 
 
 def _panels(
@@ -164,7 +164,7 @@ def _panels(
     across = math.ceil(count / down)
     load_mm = min((width_mm - LEFT_MM) / across - 3.0, 66.0 if across == 1 else 50.0)
     legend_mm = 5.0 if width_mm >= SIDE_BY_SIDE_MM else 13.0
-    directions, of_loads = len(specimen.experiment.axes), len(load_labels(specimen))
+    directions, of_loads = len(specimen.experiment.axes), len(load_panels(specimen))
     height = of_loads * load_mm + directions * RESIDUAL_MM + 18.0
     figure = blank_figure(width_mm, legend_mm + down * height)
     ratios = [*[load_mm] * of_loads, *[RESIDUAL_MM] * directions]

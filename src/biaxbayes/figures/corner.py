@@ -59,7 +59,7 @@ OVERLAY = "filled 50 %, outline 90 % of the draws"
 
 
 @dataclass(frozen=True)
-class Column:
+class CornerAxis:
     """A quantity of the figure: its axis, and the draws (None: not varied) and axis by run."""
 
     name: str
@@ -174,7 +174,7 @@ def _columns(
     *,
     include: Sequence[Mapping[str, Any]] = (),
     known: Quantities | None = None,
-) -> list[Column]:
+) -> list[CornerAxis]:
     """Quantities in the order of the first run that has them; axes contain `include`."""
     by_run = [corner_columns(run, known) for run in runs]
     names = list(dict.fromkeys(name for columns in by_run for name in columns))
@@ -192,11 +192,11 @@ def _columns(
         )
         axis = axis_span(q, *(d for d in draws if d is not None), include=values)
         own = [None if d is None else span(d, edges=q.edges, log=axis.log) for d in draws]
-        result.append(Column(name, q, axis, draws, own))
+        result.append(CornerAxis(name, q, axis, draws, own))
     return result
 
 
-def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]:
+def _panels(columns: list[CornerAxis], width_mm: float) -> tuple[Figure, np.ndarray]:
     """Panels of a lower triangle; labels at the outer ones only."""
     count = len(columns)
     if (width_mm - MARGIN_MM) / count < MIN_PANEL_MM:
@@ -221,7 +221,7 @@ def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]
     return figure, grid
 
 
-def _set_axes(grid: np.ndarray, columns: list[Column], width_mm: float) -> None:
+def _set_axes(grid: np.ndarray, columns: list[CornerAxis], width_mm: float) -> None:
     """Ranges and few ticks, after the corner package has set its own."""
     narrow = (width_mm - MARGIN_MM) / len(grid) < TURNED_MM
     for i, j in np.argwhere(np.tri(len(grid))).tolist():
@@ -241,7 +241,9 @@ def _set_axes(grid: np.ndarray, columns: list[Column], width_mm: float) -> None:
         ax.tick_params(axis="x", labelrotation=90.0 if narrow else 0.0)
 
 
-def _draw_pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | None) -> None:
+def _draw_pairs(
+    grid: np.ndarray, columns: list[CornerAxis], run: int, *, filled: bool | None
+) -> None:
     """Regions of a run in the panels of the pairs that it varies."""
     for i, j in np.argwhere(np.tri(len(columns), k=-1)):
         pair = [columns[k].draws[run] for k in (j, i)]
@@ -252,7 +254,7 @@ def _draw_pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bo
 
 
 def _draw_marginal(
-    ax: Axes, column: Column, fixed: Sequence[Mapping[str, float]], probability: float
+    ax: Axes, column: CornerAxis, fixed: Sequence[Mapping[str, float]], probability: float
 ) -> list[str]:
     """Draw the densities, the interval of the first run shaded; return the texts by run."""
     texts = []

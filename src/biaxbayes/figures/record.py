@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from biaxbayes.figures.bands import load_panels
 from biaxbayes.figures.quantities import plain
-from biaxbayes.figures.style import LOAD_LABELS, PAGE_MM, blank_figure, colour, print_style
+from biaxbayes.figures.style import PAGE_MM, blank_figure, colour, print_style
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 
@@ -61,7 +62,7 @@ def conversion_figure(conversion: Conversion) -> Figure:
         rows.parts = {r.source: first[id(r)] for r in records}
     else:
         rows.lines = records[0].lines
-    return _figure(rows, conversion.specimen.stress_pair)
+    return _figure(rows, conversion.specimen)
 
 
 def protocols_figure(specimen: Specimen) -> Figure:
@@ -75,16 +76,20 @@ def protocols_figure(specimen: Specimen) -> Figure:
         rows.kept[p.name] = np.arange(first, first + p.rows)
         rows.reference += range(first, first + p.rest_rows)
         first += p.rows
-    return _figure(rows, specimen.stress_pair)
+    return _figure(rows, specimen)
 
 
-def _figure(rows: Rows, stress_pair: str) -> Figure:
+def _figure(rows: Rows, specimen: Specimen) -> Figure:
+    """Stretches, and loads in a panel for each unit."""
+    loads = load_panels(specimen)
+    measured = [k for k in (0, 1) if np.isfinite(specimen.protocols[0].stretch[0, k])]
     with print_style():
-        figure = blank_figure(PAGE_MM, 130.0)
-        axes = figure.subplots(2, 1, sharex=True)
-        labels = ("stretch as measured", LOAD_LABELS[stress_pair])
-        for ax, curves, label in zip(axes, (rows.stretch, rows.load), labels, strict=True):
-            _draw(ax, curves, rows)
+        figure = blank_figure(PAGE_MM, 65.0 * (1 + len(loads)))
+        axes = figure.subplots(1 + len(loads), 1, sharex=True)
+        _draw(axes[0], rows.stretch, measured, rows)
+        axes[0].set_ylabel("stretch as measured")
+        for ax, (label, directions) in zip(axes[1:], loads, strict=True):
+            _draw(ax, rows.load, directions, rows)
             ax.set_ylabel(label)
         ends = [*rows.parts.values(), len(rows.stretch)][1:]
         for (name, first), end in zip(rows.parts.items(), ends, strict=True):
@@ -92,15 +97,16 @@ def _figure(rows: Rows, stress_pair: str) -> Figure:
             if letters > 3:
                 place = (first + 1, 1.0)
                 axes[0].annotate(plain(name, letters), place, xycoords=("data", "axes fraction"))
-        axes[1].set_xlabel("row" if rows.lines is None else "line of the file")
-        figure.legend(handles=_handles(rows), loc="outside upper center", ncols=3)
+        axes[-1].set_xlabel("row" if rows.lines is None else "line of the file")
+        figure.legend(handles=_handles(rows, specimen), loc="outside upper center", ncols=3)
     return figure
 
 
-def _draw(ax: Axes, curves: np.ndarray, rows: Rows) -> None:
-    """Both directions of stretch or load over the rows."""
+def _draw(ax: Axes, curves: np.ndarray, directions: list[int], rows: Rows) -> None:
+    """Directions of stretch or load over the rows."""
     x = np.arange(1, len(curves) + 1) if rows.lines is None else rows.lines
-    for marker, face, curve in zip("os", (None, "none"), curves.T, strict=True):
+    for k in directions:
+        marker, face, curve = "os"[k], (None, "none")[k], curves[:, k]
         for look, group in ((GREYS, rows.left), (marker, rows.kept)):
             _draw_groups(ax, x, curve, group, look, face)
         reference = np.array(rows.reference, dtype=int)
@@ -129,12 +135,14 @@ def _draw_groups(
             ax.plot(x[at], curve[at], markers[k % len(markers)], color="0.6", ms=3.0, mew=0.5)
 
 
-def _handles(rows: Rows) -> list[Line2D]:
+def _handles(rows: Rows, specimen: Specimen) -> list[Line2D]:
     handles = [
         Line2D([], [], ls="", marker="o", color="0.2", ms=3.0, label="x"),
         Line2D([], [], ls="", marker="s", color="0.2", mfc="none", ms=3.0, label="y"),
-        Line2D([], [], ls="", marker="+", color="black", ms=6.0, label="reference (at rest)"),
     ]
+    if specimen.experiment.is_mounted:
+        label = "reference (at rest)"
+        handles.append(Line2D([], [], ls="", marker="+", color="black", ms=6.0, label=label))
     for k, (name, at) in enumerate(list(rows.kept.items())[:NAMED]):
         label = f"{plain(name, 34)}: {at.size} rows"
         handles.append(Line2D([], [], ls="", marker="o", color=colour(k), ms=3.0, label=label))

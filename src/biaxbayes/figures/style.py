@@ -44,7 +44,6 @@ LOAD_LABELS = {
     "force": "force (N)",
     "piola": "first Piola-Kirchhoff\nstress (kPa)",
     "cauchy": "Cauchy stress (kPa)",
-    "tube": "pressure (kPa), axial force (N)",
 }
 """Labels of the load axis by the kind of loads in a file."""
 FINER_UNIT = {"N": "mN", "kPa": "Pa"}

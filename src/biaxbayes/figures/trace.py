@@ -23,12 +23,12 @@ from biaxbayes.figures.style import (
     small_text,
 )
 from biaxbayes.parameters import MATERIAL, NOISE_SD, STRETCH, Parameter, Quantities
-from biaxbayes.prediction.percentiles import evenly_chosen
+from biaxbayes.prediction.percentiles import QUANTILES, evenly_chosen
 
+WALKER_QUANTILES = tuple(QUANTILES.values())
+"""Of the walkers of an ensemble, drawn at each step."""
 DRAWN_STEPS = 200
 """Steps that are drawn; more could not be distinguished in print."""
-WALKER_QUANTILES = (0.05, 0.5, 0.95)
-"""Quantiles of the walkers of an ensemble that are drawn at each step."""
 RANK_BINS = 20
 ROW_MM = 17.2
 

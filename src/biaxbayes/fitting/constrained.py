@@ -35,7 +35,7 @@ from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import MOUNTING_STRETCH, FitOptions
+from biaxbayes.options import MOUNTING_STRETCH, FitOptions, Settings
 from biaxbayes.specimens.specimen import Specimen
 
 FIT_MOUNTING = ("exact", "noisy", "ignored", "zeroed")
@@ -86,8 +86,7 @@ def constrained_fit(
         piece_sd=piece_sd,
     )
     points, _ = setup.starting_points(starts, seed, initial)
-    problem, descent = minimum(setup, points, compiled=compiled)
-    return setup.constrained_result(problem, descent)
+    return setup.fitted(points, compiled=compiled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +128,25 @@ class FitSetup:
                 remedy="give the force before taring with `mounting_force` X Y, or fit without "
                 "prestretch (zeroed)",
             )
-        data = Readings.from_specimen(
-            specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed"
-        )
+        shared = mounting_stretch == "shared"
+        data = Readings.from_specimen(specimen, shared=shared, mounting=mounting)
         sd = piece_sd if specimen.further else 0.0
         return cls(specimen, chosen, mounting, data, *fixed_and_free(fixed, chosen), sd)
+
+    @classmethod
+    def from_settings(
+        cls, specimen: Specimen, settings: Settings, fixed: Mapping[str, float] | None = None
+    ) -> FitSetup:
+        """Inputs of the fit of a statistical model; ``fixed`` in place of its fixed values."""
+        return cls.from_options(
+            specimen,
+            settings.fit_mounting,
+            settings.mounting_stretch,
+            settings.fixed_material if fixed is None else fixed,
+            settings.law,
+            fibre_switch=settings.fibre_switch,
+            piece_sd=settings.piece_sd,
+        )
 
     @property
     def balanced(self) -> bool:
@@ -146,7 +159,10 @@ class FitSetup:
         return self.law.lower[self.free], self.law.upper[self.free]
 
     def starting_points(
-        self, starts: int, seed: int, initial: MaterialResponse | None
+        self,
+        starts: int,
+        seed: int | np.random.Generator,
+        initial: MaterialResponse | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Materials (n, p) and mounting stretches (n, 2): screened ones, and the initial one."""
         points, stretches = np.empty((0, self.point.size)), np.empty((0, 2))
@@ -166,8 +182,9 @@ class FitSetup:
             stretches = np.vstack([stretches, np.ones(2)])
         return points, stretches
 
-    def constrained_result(self, problem: LoadResiduals, descent: Descent) -> FitResult:
-        """The fit result of a minimum."""
+    def fitted(self, points: np.ndarray, *, compiled: bool = True, **limits: Any) -> FitResult:
+        """The least-squares fit from materials (n, p); arguments as in :func:`minimum`."""
+        problem, descent = minimum(self, points, compiled=compiled, **limits)
         method = "zeroed" if self.mounting == "zeroed" else "standard"
         return self.result(
             "constrained" if self.balanced else method,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.fitting.constrained import FitSetup, minimum
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
 from biaxbayes.fitting.residuals import FreeMounting, LoadResiduals
 from biaxbayes.fitting.result import FitResult
@@ -152,7 +152,7 @@ def fit(
     )
     points, stretches = setup.starting_points(starts, seed, initial)
     if method == "constrained":
-        return setup.constrained_result(*minimum(setup, points, compiled=True))
+        return setup.fitted(points)
     data, free = setup.data, setup.free
     refuse_other_tests(specimen, method)
     area = specimen.area[:, None]

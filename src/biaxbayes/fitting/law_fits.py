@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from biaxbayes.fitting.constrained import FitSetup, minimum
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import has_smooth_misfit
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.options import FitOptions
@@ -57,9 +57,8 @@ def fit_law(
     setup = FitSetup.from_options(
         specimen, mounting, mounting_stretch, fixed, law, fibre_switch=fibre_switch
     )
-    points, _ = setup.starting_points(starts, 0, None)
-    problem, descent = minimum(setup, points, compiled=False, **LAW_FIT_LIMITS)
-    fitted = setup.constrained_result(problem, descent)
+    points, _ = setup.starting_points(starts, 0)
+    fitted = setup.fitted(points, compiled=False, **LAW_FIT_LIMITS)
     return LawFit(
         law_named(law).name,
         fitted.rms,

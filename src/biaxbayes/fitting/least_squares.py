@@ -23,7 +23,7 @@ INTERIOR_FRACTION = 0.9  # of the way to a bound, until then
 ROUNDING_FLOOR = 1e-26  # mean square of residuals scaled to order one: rounding alone
 
 
-class Problem(Protocol):
+class LeastSquares(Protocol):
     """Residuals with an analytic Jacobian."""
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +46,7 @@ class Descent:
 
 @np.errstate(all="ignore")
 def descend(
-    problem: Problem,
+    problem: LeastSquares,
     start: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
@@ -103,7 +103,9 @@ def descend(
     return Descent(x, cost, accepted, False)
 
 
-def _evaluate(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+def _evaluate(
+    problem: LeastSquares, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
     """Residual, Jacobian, sum of squares (infinite if not finite), norms of the columns."""
     r, J = problem.evaluate(x)
     cost = float(r @ r)
@@ -175,7 +177,7 @@ FINALISTS = 3
 
 
 def best_descent(
-    problem: Problem,
+    problem: LeastSquares,
     starts: Iterable[np.ndarray],
     lower: np.ndarray,
     upper: np.ndarray,

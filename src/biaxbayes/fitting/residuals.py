@@ -48,9 +48,9 @@ class Readings:
     rows: tuple[slice, ...]  # of each protocol
 
     @classmethod
-    def from_specimen(cls, specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readings:
+    def from_specimen(cls, specimen: Specimen, *, shared: bool, mounting: str = "") -> Readings:
         """Rows of a tissue with one mounted state for all protocols of a piece, or one each."""
-        pieces = tuple(piece.zeroed() if zeroed else piece for piece in specimen.pieces)
+        pieces = tuple(piece.as_compared(mounting) for piece in specimen.pieces)
         loads, stretches, at_rest, group, readings, sds = ([] for _ in range(6))
         of_state: list[int] = []
         for i, piece in enumerate(pieces):

@@ -296,9 +296,7 @@ def _apply_ratios(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen
     protocols = []
     for p, r in zip(specimen.protocols, ratios, strict=True):
         stretch = np.column_stack([p.stretch_x, p.stretch_y]) * r.stretch
-        load = np.column_stack([p.load_x, p.load_y]) / r.force
-        if specimen.stress_pair == "cauchy":  # a Cauchy stress is the nominal one times the stretch
-            load = load * r.stretch
+        load = np.column_stack([p.load_x, p.load_y]) / r.force * specimen.per_nominal(r.stretch)
         protocols.append(
             replace(
                 p,

@@ -16,8 +16,6 @@ TAIL = 0.0005
 """Fraction of the draws on each side that a range may leave out."""
 MARGIN = 0.08
 """Fraction of the range of the draws added on either side."""
-TOUCHING = 0.5
-"""A density at an edge above this fraction of its maximum is piled up there."""
 
 
 @dataclass(frozen=True)

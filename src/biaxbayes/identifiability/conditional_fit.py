@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from biaxbayes.fitting.residuals import Readings
-from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.model.assembly import Assembly, assemble, natural_values, sampling_coordinates
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
@@ -94,18 +93,8 @@ class ConditionalLikelihood:
         fixed = dict(settings.fixed_material)
         if value is not None and self.parameter in law.names:
             fixed[self.parameter] = value
-        point, free = fixed_and_free(fixed, law)
-        materials, stretches = screened_points(
-            Readings.from_specimen(
-                self.specimen, shared=settings.shared, zeroed=settings.mounting == "zeroed"
-            ),
-            count,
-            np.random.default_rng(0),
-            law,
-            point=point,
-            free=free,
-            with_mounting=settings.infers_mounting,
-        )
+        setup = FitSetup.from_settings(self.specimen, settings, fixed)
+        materials, stretches = setup.starting_points(count, 0)
         out = []
         for material, pair in zip(materials, stretches, strict=True):
             start = dict(zip(law.names, law.from_fit_coordinates(material), strict=True))

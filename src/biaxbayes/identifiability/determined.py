@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting, with_free_sides
-from biaxbayes.prediction.percentiles import percentiles
+from biaxbayes.prediction.percentiles import QUANTILES, percentiles
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -202,7 +201,7 @@ def _row(
     if np.any(spread):
         finite = np.isfinite(values[:, 0])
         values, spread = values[finite], spread[finite]
-    low, median, high = percentiles(values, spread, (INTERVAL[0], 0.5, INTERVAL[1]))[:, 0]
+    low, median, high = percentiles(values, spread, list(QUANTILES.values()))[:, 0]
     return {
         "quantity": name,
         "unit": unit,

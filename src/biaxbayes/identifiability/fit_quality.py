@@ -11,6 +11,7 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.result import FitResult, misfit_sentence, root_mean_square
 from biaxbayes.options import FitOptions
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 
@@ -39,12 +40,12 @@ def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
     """Finding on the misfit of the best fit: a warning beyond 7 % of the largest load."""
     if not np.isfinite(best.rms):
         text = f"the least-squares fit of {best.material.law.short_name} has no solution"
-        return Finding("goh-misfit", "warning", text)
+        return Finding("misfit", "warning", text)
     text, poor = _misfit(specimen, best)
     if len(best.residuals) > 1:
         misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
         text += f"; most in {specimen.protocols[int(np.argmax(misfits))].name}"
-    return Finding("goh-misfit", "warning" if poor else "note", text + poor)
+    return Finding("misfit", "warning" if poor else "note", text + poor)
 
 
 def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
@@ -108,8 +109,8 @@ def thinned(specimen: Specimen) -> Specimen:
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)
-        at = np.linspace(0, moving.size - 1, min(MAX_FIT_ROWS, moving.size)).round().astype(int)
-        index = np.concatenate([np.arange(p.rest_rows), moving[np.unique(at)]])
+        chosen = moving[evenly_chosen(moving.size, MAX_FIT_ROWS)]
+        index = np.concatenate([np.arange(p.rest_rows), chosen])
         time = None if p.time_s is None else p.time_s[index]
         protocols.append(replace(p.at_rows(index), time_s=time))
     return replace(specimen, protocols=tuple(protocols)).with_noise_of(specimen)

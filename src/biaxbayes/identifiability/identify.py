@@ -19,7 +19,6 @@ from biaxbayes.fitting.law_fits import ASKED_LAWS, LawFits, better_law_message, 
 from biaxbayes.identifiability import power_scaling
 from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
-    INTERVAL,
     LEVELS,
     ComparisonScale,
     count_modes,
@@ -41,6 +40,7 @@ from biaxbayes.model.prior_checks import prior_conflicts
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH, mounting_names
 from biaxbayes.prediction.draws import protocol_mounting, with_free_sides
+from biaxbayes.prediction.percentiles import quantiles
 
 MAX_DIAGNOSTIC_DRAWS = 20_000
 """Draws, evenly chosen, that the diagnostics are computed from; medians and intervals are those of
@@ -244,12 +244,12 @@ def diagnostics_from_draws(
         before, after = scale.to_scale(prior.ppf(LEVELS)), density(x, limits)
         # posterior over prior density: the density of the draws' cumulative prior probability
         likelihood = density(prior.cdf(values), (0.0, 1.0))
-        q05, q50, q95 = np.quantile(all_draws[scale.name], [INTERVAL[0], 0.5, INTERVAL[1]])
+        q05, q50, q95 = quantiles(all_draws[scale.name])
         out[scale.name] = Diagnostics(
             parameter=scale.parameter,
-            median=float(q50),
-            low=float(q05),
-            high=float(q95),
+            median=q50,
+            low=q05,
+            high=q95,
             prior_sd=float(before.std()),
             posterior_sd=float(x.std()),
             prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),

@@ -29,13 +29,14 @@ import pandas as pd
 from biaxbayes.identifiability.bounded_density import Span, curve
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
+from biaxbayes.prediction.percentiles import QUANTILES
 
 # --- the scale on which a parameter's prior and posterior are compared ---------------------------
 
 
 LEVELS = (np.arange(4096) + 0.5) / 4096
 """Cumulative probabilities whose values represent a prior."""
-INTERVAL = (0.05, 0.95)
+INTERVAL = (QUANTILES["q05"], QUANTILES["q95"])
 """Ends of the intervals of verdicts and tables."""
 Z90 = 1.645
 """Standard deviations from the mean of a normal to the ends of its central 90 % interval."""
@@ -169,7 +170,7 @@ def _peaks(shape: Density) -> int:
     while valleys:
         depth = [h[v] / min(h[a], h[b]) for v, a, b in zip(valleys, peaks, peaks[1:], strict=False)]
         ends = [0, *valleys, h.size - 1]
-        mass = [h[a : b + 1].sum() / h.sum() for a, b in pairwise(ends)]
+        mass = [float(np.sum(h[a : b + 1]) / np.sum(h)) for a, b in pairwise(ends)]
         shallow, light = int(np.argmax(depth)), int(np.argmin(mass))
         if depth[shallow] > MAX_VALLEY_RATIO:
             join = shallow

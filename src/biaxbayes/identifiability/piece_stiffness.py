@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import STIFFNESS, name_of
+from biaxbayes.prediction.percentiles import quantiles
 
 FAR = 2.0
 """Stated standard deviations beyond which a stiffness disagrees, if its interval excludes 1."""
@@ -51,7 +51,7 @@ def piece_stiffnesses(posterior: Posterior, draws: pd.DataFrame) -> tuple[PieceS
     out, (first, *further) = [], posterior.specimen.pieces
     for piece in further:
         values = draws[name_of(STIFFNESS.name, piece.name)].to_numpy(dtype=float)
-        low, median, high = map(float, np.quantile(values, (INTERVAL[0], 0.5, INTERVAL[1])))
+        low, median, high = quantiles(values)
         sds = float(np.log(median)) / posterior.settings.piece_sd
         out.append(PieceStiffness(piece.name, first.name, median, low, high, sds))
     return tuple(out)

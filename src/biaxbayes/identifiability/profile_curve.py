@@ -30,7 +30,7 @@ STEPS_OF_STRETCH = (0.0005, 1e-6, 0.01)
 
 
 @dataclass(frozen=True)
-class Axis:
+class ProfiledParameter:
     """Scale and range of a profiled parameter."""
 
     parameter: Parameter
@@ -62,8 +62,8 @@ class Axis:
         return np.clip(centre + np.array([-0.05, -0.02, 0.02, 0.05]), self.low, self.high)
 
 
-def profile_axis(parameter: Parameter) -> Axis:
-    """Axis of a parameter."""
+def profile_axis(parameter: Parameter) -> ProfiledParameter:
+    """The parameter as it is profiled."""
     if parameter.logarithmic:
         ends, steps = (
             (float(np.log(MIN_STEP_OF_SCALE)), float(np.log(parameter.largest))),
@@ -74,7 +74,7 @@ def profile_axis(parameter: Parameter) -> Axis:
         steps = STEPS_OF_ANGLE if parameter.unit == DEGREE else STEPS_OF_SHARE
     else:
         ends, steps = BRACKET, STEPS_OF_STRETCH
-    return Axis(parameter, *ends, *steps)
+    return ProfiledParameter(parameter, *ends, *steps)
 
 
 # --- the curve -----------------------------------------------------------------------------------
@@ -97,7 +97,7 @@ THRESHOLD_TOLERANCE = 0.01  # of a point to the threshold, in deviance
 class ProfileCurve:
     """Points of a profile in the order of the axis, from the overall optimum."""
 
-    def __init__(self, likelihood: ConditionalLikelihood, axis: Axis) -> None:
+    def __init__(self, likelihood: ConditionalLikelihood, axis: ProfiledParameter) -> None:
         self.likelihood, self.axis = likelihood, axis
         starts = [likelihood.fitted_start(), *likelihood.other_starts(None, EXTRA_STARTS)]
         best = self._lowest_from(None, starts)

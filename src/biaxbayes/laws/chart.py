@@ -14,7 +14,7 @@ degrees, to h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
     v = asinh(h / s) / asinh(h_max / s)
 
 runs from 0 to 1. The density is regular on both edges, and both are straight in v, which the
-independence move folds its proposals at. The softening s, a constant of the specimen near its
+independence move folds its proposals at. The scale s, a constant of the specimen near its
 |D|, makes the density 1/R of the polar coordinates flat in v, however close to isotropy (R = 0) the
 tissue is. One chart thus serves every specimen; (alpha, kappa) themselves are used where one of
 the two is fixed.
@@ -26,17 +26,17 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 
-DEFAULT_SOFTENING = 0.3
+DEFAULT_ISOTROPY_SCALE = 0.3
 
 
 @inlined
-def angles_from_chart(d, v, softening):
+def angles_from_chart(d, v, scale):
     """(alpha, kappa, ln |d(alpha, kappa)/d(d, v)|); ``alpha`` in radians."""
     t = 1.0 / (1.0 + np.exp(-d))
     tt = 1.0 / ((1.0 + np.exp(-d)) * (1.0 + np.exp(d)))  # t (1 - t), without cancellation
     h_max = 2.0 * np.sqrt(tt)
-    span = np.arcsinh(h_max / softening)
-    h = softening * np.sinh(v * span)
+    span = np.arcsinh(h_max / scale)
+    h = scale * np.sinh(v * span)
     # D = Hx - Hy = g (2 + R) with g = (2 t - 1) / 3, since Hx + Hy = 1 - kappa = (2 + R) / 3
     g = (2.0 * t - 1.0) / 3.0
     g2 = g * g
@@ -46,12 +46,12 @@ def angles_from_chart(d, v, softening):
     D = g * (2.0 + R)
     # d kappa d alpha = dD dh / (6 R);  dD/dd = (2 + R) R / (R - g D) * (2/3) t (1 - t) at fixed h
     # dh/dv = span sqrt(h^2 + s^2) at fixed d
-    slope = span * np.sqrt(h * h + softening * softening)
+    slope = span * np.sqrt(h * h + scale * scale)
     log_jacobian = np.log((2.0 + R) * tt * slope / (9.0 * (R - g * D)))
     return 0.5 * np.arctan2(h, D), (1.0 - R) / 3.0, log_jacobian
 
 
-def chart_from_angles(alpha, kappa, softening):
+def chart_from_angles(alpha, kappa, scale):
     """(d, v) from the angle (radians) and the dispersion; arrays broadcast."""
     R = 1.0 - 3.0 * kappa
     D = R * np.cos(2.0 * alpha)
@@ -59,11 +59,11 @@ def chart_from_angles(alpha, kappa, softening):
     d = np.log((1.0 - kappa + D) / (1.0 - kappa - D))
     h = R * np.sin(2.0 * alpha)
     h_max = 1.0 / np.cosh(0.5 * d)  # 2 sqrt(t (1 - t))
-    v = np.arcsinh(h / softening) / np.arcsinh(h_max / softening)
+    v = np.arcsinh(h / scale) / np.arcsinh(h_max / scale)
     return d, np.clip(v, 0.0, 1.0)
 
 
-def median_softening(alpha, kappa) -> float:
+def median_isotropy_scale(alpha, kappa) -> float:
     """Median |Hx - Hy|, at least 0.02, of tissue around these angles (radians) and dispersions."""
     D = (1.0 - 3.0 * np.asarray(kappa)) * np.cos(2.0 * np.asarray(alpha))
     return float(np.clip(np.median(np.abs(D)), 0.02, 1.0))

@@ -64,7 +64,7 @@ class Transform(NamedTuple):
         Whether rho is sampled in its place.
     alpha, kappa : int
         The angle and the dispersion that are sampled in their chart; -1 without.
-    softening : float
+    isotropy_scale : float
         Of the chart.
     roots : bool
         Whether roots are sampled in place of logs.
@@ -86,7 +86,7 @@ class Transform(NamedTuple):
     as_share: bool
     alpha: int
     kappa: int
-    softening: float
+    isotropy_scale: float
     roots: bool
     log_scale: float
     X: float
@@ -176,7 +176,9 @@ def to_slots(transform, value):
             return -np.inf
     log_jacobian = 0.0
     if t.alpha >= 0:
-        alpha, kappa, log_jacobian = angles_from_chart(value[t.alpha], value[t.kappa], t.softening)
+        alpha, kappa, log_jacobian = angles_from_chart(
+            value[t.alpha], value[t.kappa], t.isotropy_scale
+        )
         value[t.alpha], value[t.kappa] = alpha, kappa
     for k in range(size):  # ln q in place of exponents
         if t.exponential[k] >= 0 and t.sampled[k]:
@@ -225,5 +227,5 @@ def from_slots(transform: Transform, slots: np.ndarray) -> np.ndarray:
         out[c] = root(log_S - t.log_scale) if t.roots else log_S
     if t.alpha >= 0:
         alpha, kappa = slots[t.alpha], slots[t.kappa]
-        out[t.alpha], out[t.kappa] = chart_from_angles(alpha, kappa, t.softening)
+        out[t.alpha], out[t.kappa] = chart_from_angles(alpha, kappa, t.isotropy_scale)
     return out

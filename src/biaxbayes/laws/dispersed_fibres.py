@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.chart import median_softening
+from biaxbayes.laws.chart import median_isotropy_scale
 from biaxbayes.laws.coordinates import Transform
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
@@ -104,9 +104,9 @@ class DispersedFibreLaw(Law):
         """Width of kappa itself, where the chart is not used."""
         return {} if self.has_isotropy_scale(transform) else {"kappa": 0.06}
 
-    def softening(self, values: Mapping[str, Any]) -> float:
+    def isotropy_scale(self, values: Mapping[str, Any]) -> float:
         """Scale of the chart near isotropy for materials by parameter, in their own units."""
-        return median_softening(np.deg2rad(values["alpha"]), values["kappa"])
+        return median_isotropy_scale(np.deg2rad(values["alpha"]), values["kappa"])
 
     def derived_quantities(self, material: MaterialResponse) -> dict[str, np.ndarray]:
         """The structure tensor: what an axis-aligned test sees of the fibres."""

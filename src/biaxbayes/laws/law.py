@@ -71,7 +71,7 @@ class TransformInputs(NamedTuple):
     free: tuple[str, ...]  # parameters that are neither fixed nor tied
     # squared reference stretches (X, Y, Z), both in-plane ones above 1
     reference: tuple[float, float, float]
-    softening: float  # s of asinh(h / s) in the coordinates near isotropy
+    isotropy_scale: float  # s of asinh(h / s) in the coordinates near isotropy
     # True: stresses and exponents at the reference state, which the data determine well and which
     # are regular at the bounds; False: the slots themselves
     reparametrised: bool
@@ -303,7 +303,7 @@ class Law:
             as_share=share,
             alpha=alpha,
             kappa=kappa,
-            softening=float(inputs.softening),
+            isotropy_scale=float(inputs.isotropy_scale),
             roots=self.roots,
             log_scale=log_stress_scale(inputs.peak_kPa),
             **dict(zip("XYZ", reference, strict=True)),
@@ -329,10 +329,10 @@ class Law:
         return {n: ROOT_WIDTH for n, sampled in rooted if sampled and n in stretched}
 
     def has_isotropy_scale(self, transform: Transform) -> bool:
-        """True if the sampling coordinates have a scale that :meth:`softening` suits."""
+        """True if the sampling coordinates have a scale that :meth:`isotropy_scale` suits."""
         return transform.alpha >= 0
 
-    def softening(self, values: Mapping[str, Any]) -> float:
+    def isotropy_scale(self, values: Mapping[str, Any]) -> float:
         """The s of asinh(h / s) for materials around these natural values, by parameter."""
         return 1.0
 
@@ -490,7 +490,7 @@ class Law:
         """Largest value of each exponent and draw at some total stretches, shape (n,) each."""
         states = [squared_stretches(top[:, :1], top[:, 1:]) for top in max_stretches]
         at_states = [self.exponents_at(constants, *state) for state in states]
-        return [np.maximum.reduce(list(q))[:, 0] for q in zip(*at_states, strict=True)]
+        return [np.max(list(q), axis=0)[:, 0] for q in zip(*at_states, strict=True)]
 
     def bound_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]

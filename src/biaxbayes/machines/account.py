@@ -42,9 +42,11 @@ def _rows_of(record: Record, conversion: Conversion) -> list[Sequence[str]]:
                 str(p.rows),
                 f"protocol {p.name}" + (f", cycle {r.cycle}" if r.cycle else "") + f", {side}:",
                 f"lines {in_lines(r.lines)};",
-                f"reference {p.reference[0]:.4f}, {p.reference[1]:.4f} (rows: {p.rest_rows});",
-                f"largest stretch {stretch[0]:.4f}, {stretch[1]:.4f},",
-                f"load {load[0]:.4g}, {load[1]:.4g} {record.unit}",
+                f"reference {record.stretches_text(p.reference, '.4f')} (rows: {p.rest_rows});"
+                if p.rest_rows
+                else "",
+                f"largest stretch {record.stretches_text(stretch, '.4f')},",
+                f"load {record.loads_text(load, 4)}",
             )
         )
     for reason in dict.fromkeys(record.reasons[left].tolist()):

@@ -261,7 +261,7 @@ def _rake_stretch(
             raise InputError(
                 f"the rake distance of {length.min():g} mm in {axis} is not positive",
                 file=table.path,
-                row=int(table.lines[rows[int(length.argmin())]]),
+                row=int(table.lines[rows[int(np.argmin(length))]]),
                 remedy="check the size and displacement columns",
             )
         columns.append(length)

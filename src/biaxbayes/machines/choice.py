@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from biaxbayes.errors import InputError
+from biaxbayes.mechanics.experiments import TESTS
 from biaxbayes.options import Options, option
 from biaxbayes.tables.units import STRAINS, units_of
 
@@ -27,7 +28,7 @@ class Format:
 
 FORMATS = {
     "biotester": Format("exports of a CellScale BioTester", ("--set", "--stretch-from")),
-    "generic": Format("any table, by a map of its columns", ("--columns",)),
+    "generic": Format("any table, by a map of its columns", ("--columns", "--test")),
 }
 """Formats by the name that ``--machine`` takes, which is that of their module."""
 
@@ -41,12 +42,19 @@ class Choice(Options):
         (),
         "generic: stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,... Targets are stretch_x, _y, "
         "force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, protocol, cycle, shear_xy, "
-        "shear_yx (F12, F21: then stretches are F11, F22), and ignore for a column of labels that "
+        "shear_yx (F12, F21: then stretches are F11, F22), of a tube outer_diameter_mm, length_mm "
+        "or stretch_z, pressure_kPa, axial_force_N, and ignore for a column of labels that "
         "separates nothing. A column may be given by its position, as #3; A+B adds the "
         "displacements of opposite actuators. Units and kinds of strain are read from the column's "
         "name where it is clear, or given behind a colon: "
         f"{units_of('force', 'stress', 'length', 'displacement', *STRAINS, 'time')}.",
         metavar="TARGET=COLUMN[:UNIT],...",
+    )
+    test: str | None = option(
+        None,
+        "generic: kind of test; a strip has columns of its direction alone (the other stretch "
+        "where its width was measured), a tube those named above.",
+        choices=TESTS,
     )
     gauge_x_mm: float | None = option(
         None,

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.keys import TUBE_COLUMNS
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import MISSING, Table
@@ -44,8 +45,15 @@ TARGETS = {
     "cycle": "text",
     "specimen": "text",
     **dict.fromkeys(SHEAR, "shear"),
+    "pressure_kPa": "stress",
+    "axial_force_N": "force",
+    "outer_diameter_mm": "stretch",
+    "length_mm": "stretch",
+    "stretch_z": "stretch",
 }
 """Targets of a column, and their quantity."""
+OF_TUBES = STRESS_PAIRS["tube"]
+OF_ALL_TESTS = ("stretch_x", "stretch_y", "time_s", "protocol", "cycle", "specimen")
 PLAIN_UNITS = {"time": "s", "shear": "mm/mm"}
 """Units of a name without one, by quantity."""
 LENGTHS = ("length", "displacement")
@@ -54,7 +62,10 @@ IGNORE = "ignore"
 """Target of columns that mean nothing here."""
 OPTIONAL = ("time_s", *SHEAR)
 """Targets that are mapped automatically if a single column of numbers has their name and a unit."""
-LENGTH_WORDS = r"distance|length|size|gap|separation|abstand|l[äa]nge|laenge|gauge"
+LENGTH_WORDS = (
+    r"distance|length|size|gap|separation|abstand|l[äa]nge|laenge|gauge|width|breite|diameter|od"
+    r"|durchmesser"
+)
 DISPLACEMENT_WORDS = (
     r"disp(lacement)?s?|extension|elongation|travel|stroke|crosshead|weg|verschiebung|change|delta"
 )
@@ -122,20 +133,61 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
     return wanted
 
 
-def column_map(table: Table, wanted: Mapping[str, str]) -> tuple[dict[str, Column], frozenset[int]]:
-    """The requested columns of a table and others named as a target, and those to ignore."""
-    loads_named = any(TARGETS.get(target) in ("force", "stress") for target in wanted)
+def directions_of(test: str | None) -> str:
+    """Directions in which a kind of test reads stretch and load; without a name, both."""
+    return test[-1] if test and test.startswith("strip") else "xy"
+
+
+def _targets_of(test: str | None) -> tuple[str, ...]:
+    """Targets of the columns of a kind of test."""
+    if test == "tube":
+        lengths = (name for name in TUBE_COLUMNS if name in TARGETS)
+        return (*OF_ALL_TESTS, *OF_TUBES, *lengths)
+    directions = directions_of(test)
+    loads = (names for pair, names in STRESS_PAIRS.items() if pair != "tube")
+    read = (name for names in loads for k, name in enumerate(names) if "xy"[k] in directions)
+    return (*OF_ALL_TESTS, *read, *(SHEAR if directions == "xy" else ()))
+
+
+def column_map(
+    table: Table, wanted: Mapping[str, str], test: str | None = None
+) -> tuple[dict[str, Column], frozenset[int]]:
+    """The requested columns of a table and others named as a target, and those to ignore.
+
+    ``test`` is the kind of test as a specimen file names it; where it is not stated, a biaxial one,
+    and columns of another kind are asked about.
+    """
+    targets = _targets_of(test)
+    for target in wanted:
+        if test is None and target in _targets_of("tube") and target not in targets:
+            raise Question(f"{target} is read from a tube", {"test=tube": ""}, file=table.path)
+        if target not in (*targets, IGNORE):
+            raise InputError(
+                f"`columns`: {target} is not read from a {test or 'biaxial'} test",
+                file=table.path,
+                remedy=f"leave it out, or give another `test`; it reads {', '.join(targets)}",
+            )
+    loads_named = test != "tube" and any(TARGETS.get(t) in ("force", "stress") for t in wanted)
     ignored = {table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name}
     columns: dict[str, Column] = {}
-    for target, quantity in TARGETS.items():
+    for target in (target for target in TARGETS if target in targets):
         if target in wanted:
             columns[target] = _requested(table, target, wanted[target])
-        elif not (loads_named and quantity in ("force", "stress")):
+        elif not (loads_named and TARGETS[target] in ("force", "stress")):
             index = _by_name(table, target)
             if index is not None and index not in ignored:
                 with contextlib.suppress(*[InputError] * (target in OPTIONAL)):
                     columns[target] = _column(table, target, (index,))
-    _check_complete(table, columns)
+    for name, (standard, _) in TUBE_COLUMNS.items():
+        if standard in wanted and name not in wanted:  # found by its name
+            columns.pop(name, None)
+        if name in columns and standard in columns:
+            remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
+            names = f"{columns[standard].name!r} and {columns[name].name!r}"
+            raise InputError(f"{names} both give {standard}", file=table.path, remedy=remedy)
+        if name in columns:
+            columns[standard] = columns.pop(name)
+    _check_complete(table, columns, test)
     return columns, frozenset(ignored)
 
 
@@ -157,7 +209,7 @@ def _requested(table: Table, target: str, text: str) -> Column:
         if all(map(table.has_column, ends[::2])):
             parts, signs = ends[::2], [1, *(1 if sign == "+" else -1 for sign in ends[1::2])]
     indices = tuple(map(table.column, parts))
-    if TARGETS[target] == "stress" and not confirmed:
+    if TARGETS[target] == "stress" and target not in OF_TUBES and not confirmed:
         _check_kind_of_stress(table, table.names[indices[0]], target)
     return _column(table, target, indices, tuple(signs), given)
 
@@ -339,17 +391,28 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
     raise _open(table, index, problem, remedy)
 
 
-def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
-    """Refuse a map without both stretches and one pair of loads."""
+def _needed(pair: str, test: str | None) -> list[str]:
+    """Targets that a kind of test cannot do without."""
+    both = [("stretch_x", "stretch_y"), STRESS_PAIRS[pair]]
+    read = [name for names in both for axis, name in zip("xy", names, strict=True)
+            if axis in directions_of(test)]  # fmt: skip
+    return [name for name in read if name != "axial_force_N"]
+
+
+def _check_complete(table: Table, columns: Mapping[str, Column], test: str | None) -> None:
+    """Refuse a map without the stretches and one pair of loads; ask where another test fits."""
     pairs = [p for p, names in STRESS_PAIRS.items() if any(name in columns for name in names)]
     problem = "more than one stress pair" if len(pairs) > 1 else ""
-    if not pairs and "stretch_x" in columns and "stretch_y" in columns:
-        problem = "no column for a force or stress"
-    for target in ("stretch_x", "stretch_y", *STRESS_PAIRS[pairs[0] if pairs else "force"]):
-        if not problem and target not in columns:
-            problem = f"no column for {target}"
+    needed = _needed(pairs[0] if pairs else "tube" if test == "tube" else "force", test)
+    missing = [target for target in needed if target not in columns]
+    if missing and not problem:
+        _ask_about_test(table, columns, missing, test)
+        problem = f"no column for {missing[0]}"
+        if not pairs and not missing[0].startswith("stretch"):
+            problem = "no column for a force or stress"
     if problem:
-        raise InputError(problem, file=table.path, remedy=f"{table.listing}; {_example(table)}")
+        example = _example(table, test)
+        raise InputError(problem, file=table.path, remedy=f"{table.listing}; {example}")
     used: dict[int, str] = {}
     for target, column in columns.items():
         for index in column.indices:
@@ -359,7 +422,24 @@ def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
             used[index] = target
 
 
-def _example(table: Table) -> str:
+def _ask_about_test(
+    table: Table, columns: Mapping[str, Column], missing: Sequence[str], test: str | None
+) -> None:
+    """Ask whether a table without a direction is of a strip, and one with a pressure of a tube."""
+    others = {f"columns={','.join(f'{target}=COLUMN' for target in missing)}": "other columns"}
+    for axis, across in ("xy", "yx"):
+        along = [target for target in columns if f"_{axis}" in target and target not in SHEAR]
+        lost = [target for target in missing if f"_{across}" in target]
+        if test is None and len(along) == 2 and lost == list(missing):
+            gives = {f"test=strip {axis}": f"a strip pulled along {axis}, whose sides are free"}
+            problem = f"no column for {' and '.join(missing)}"
+            raise Question(problem, gives | others, file=table.path)
+    if test is None and any(stem_of(name) == "pressure" for name in table.names):
+        gives = {"test=tube": "a tube under pressure"}
+        raise Question("there is a pressure, as of a tube", gives | others, file=table.path)
+
+
+def _example(table: Table, test: str | None) -> str:
     """A --columns option with columns of the file, if enough of them are likely."""
     likely: dict[str, list[str]] = {"stretch": [], "force": [], "stress": []}
     for index, name in enumerate(table.names):
@@ -367,12 +447,15 @@ def _example(table: Table) -> str:
         if quantity in (*LENGTHS, *STRAINS) or strain_kinds(name):
             quantity = "stretch"
         likely.setdefault(quantity, []).append(name)
+    count = len(directions_of(test))
     pair, loads = ("piola", likely["stress"])
-    if len(likely["force"]) >= 2:
+    if test == "tube":
+        pair, loads = ("tube", likely["stress"][:1])
+    elif len(likely["force"]) >= count:
         pair, loads = ("force", likely["force"])
-    names = [*likely["stretch"][:2], *loads[:2]]
-    names = names if len(names) == 4 else ["COLUMN"] * 4
-    pairs = zip(("stretch_x", "stretch_y", *STRESS_PAIRS[pair]), names, strict=True)
+    targets, names = _needed(pair, test), [*likely["stretch"][:count], *loads[:count]]
+    names = names if len(names) == len(targets) else ["COLUMN"] * len(targets)
+    pairs = zip(targets, names, strict=True)
     return f"for example --columns {shlex.quote(','.join(f'{t}={name}' for t, name in pairs))}"
 
 
@@ -438,8 +521,13 @@ def ask_about_opposites(
         if i not in used and any(u.quantity in LENGTHS for u in table.units(i))
     }
     for target in ("stretch_x", "stretch_y"):
-        column = columns[target]
-        if column.unit is None or column.unit.quantity != LENGTHS[1] or len(column.indices) > 1:
+        column = columns.get(target)
+        if (
+            column is None
+            or column.unit is None
+            or column.unit.quantity != LENGTHS[1]
+            or len(column.indices) > 1
+        ):
             continue
         moved, others = table.values(column.indices[0], none), {}
         for i, values in lengths.items():

@@ -11,6 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.columns import directions_of
 from biaxbayes.machines.gauge import Gauge
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.machines.selection import select, without_repeats
@@ -74,9 +75,12 @@ def convert(
     timed = all(r.time_s is not None for r in recordings)
     protocols = []
     for r in recordings:
-        (x, y), (load_x, load_y) = r.stretch.T, r.load.T
+        # across a strip the width may not be measured
+        measured = [bool(name) for name in r.record.columns[:2]]
+        (x, y), (load_x, load_y) = np.where(measured, r.stretch, np.nan).T, r.load.T
         protocols.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
-    _check_references(protocols, header, paths[0])
+    if choice.test != "tube":
+        _check_references(protocols, header, paths[0])
     stress_pair = recordings[0].record.stress_pair
     unit, other = ("N", "kPa") if stress_pair == "force" else ("kPa", "N")
     if f"load_noise_{other}" in header:
@@ -89,6 +93,7 @@ def convert(
         name=choice.specimen or paths[0].stem,
         protocols=tuple(protocols),
         stress_pair=stress_pair,
+        test=choice.test or "biaxial",
         geometry=str(header.get("geometry", "unloaded")),
         load_noise=None if noise is None else float(noise),
         metadata=_metadata(recordings, paths, choice, header),
@@ -105,9 +110,13 @@ def _text(value: object) -> str | None:
     return None if value is None else str(value)
 
 
+def _number(header: Header, key: str) -> float | None:
+    return float(header[key]) if key in header else None
+
+
 def _check_references(protocols: Sequence[Protocol], header: Header, file: Path) -> None:
     """Ask for the reference of protocols that start at different stretches."""
-    starts = np.array([p.stretch[: max(p.rest_rows, 1)].mean(axis=0) for p in protocols])
+    starts = np.array([p.known_stretch[: max(p.rest_rows, 1)].mean(axis=0) for p in protocols])
     if "reference" in header or np.ptp(starts, axis=0).max() <= LARGE_DRIFT:
         return
     shown = "; ".join(
@@ -124,15 +133,16 @@ def _check_start(p: Protocol, r: Recording) -> None:
     """Refuse a loading branch that falls below the state that it starts from."""
     if r.branch != "loading" or p.rest_rows == 0:
         return
-    start = p.stretch[: p.rest_rows].mean(axis=0)
+    stretch = p.known_stretch
+    start = stretch[: p.rest_rows].mean(axis=0)
     total = p.recorded_load.sum(axis=1)
-    rise = p.stretch[total.argmax()] - p.stretch[total.argmin()]
-    along = (p.stretch - start) @ rise / max(float(np.linalg.norm(rise)), 1e-300)
+    rise = stretch[np.argmax(total)] - stretch[np.argmin(total)]
+    along = (stretch - start) @ rise / max(float(np.linalg.norm(rise)), 1e-300)
     low, scatter = int(along.argmin()), second_difference_scatter(along)
     if along[low] < -max(BELOW_START * float(np.ptp(along)), 6.0 * scatter):
         raise InputError(
-            f"the loading branch {r.name!r} falls to {p.stretch[low, 0]:.4f}, "
-            f"{p.stretch[low, 1]:.4f} of the state that it starts from",
+            f"the loading branch {r.name!r} falls to "
+            f"{r.record.stretches_text(p.stretch[low], '.4f')} of the state that it starts from",
             file=r.record.path,
             row=int(r.lines[low]),
             remedy="give the lines of the loading side with `rows`",
@@ -161,7 +171,7 @@ def _named_recordings(
             remedy="convert them with the same columns",
         )
     for r in recordings:
-        _check(r, header)
+        _check(r, choice.test, header)
     if protocol_names and len(protocol_names) != len(recordings):
         of = ", ".join(f"{r.name} from {r.source}" for r in recordings)
         raise InputError(
@@ -182,10 +192,17 @@ def _named_recordings(
 def _records(path: Path, choice: Choice, header: Header) -> list[Record]:
     """Records of all tables of a file; sheets without the columns are left out."""
     tables, skipped = read_tables(path, choice.sheets, choice.hidden)
-    edges = None
-    if "edge_x_mm" in header and "edge_y_mm" in header:
-        edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
-    gauge = Gauge((choice.gauge_x_mm, choice.gauge_y_mm), edges, choice.gauge_at or "")
+    is_tube = choice.test == "tube"
+    lengths = [choice.gauge_x_mm, choice.gauge_y_mm]
+    if is_tube:
+        if any(lengths):
+            raise InputError(
+                "a tube has no gauge length",
+                remedy="give `unloaded_outer_diameter_mm` and `unloaded_length_mm`",
+            )
+        lengths = [_number(header, k) for k in ("unloaded_outer_diameter_mm", "unloaded_length_mm")]
+    edges = _number(header, "edge_x_mm"), _number(header, "edge_y_mm")
+    gauge = Gauge((lengths[0], lengths[1]), edges, choice.gauge_at or "", is_tube)
     reader = import_module(f"biaxbayes.machines.{choice.machine}")
     records: list[Record] = []
     for sheet, table in tables.items():
@@ -204,11 +221,21 @@ def _records(path: Path, choice: Choice, header: Header) -> list[Record]:
     return records
 
 
-def _check(r: Recording, header: Header) -> None:
+def _check(r: Recording, test: str | None, header: Header) -> None:
     """Refuse a recording whose numbers cannot be what their columns say."""
-    sections: tuple[float | None, float | None] = (None, None)
+    sections: list[float | None] = [None, None]
+    if test == "tube":
+        of_tube = ("unloaded_outer_diameter_mm", "thickness_mm")
+        if lacking := [key for key in of_tube if key not in header]:
+            remedy = "give " + " and ".join(f"`{key}`" for key in lacking)
+            raise InputError(f"a tube needs {' and '.join(lacking)}", remedy=remedy)
+        diameter, thickness = (float(header[key]) for key in of_tube)
+        # force over the section of the wall
+        sections[1] = np.pi * max(diameter - thickness, 0.0) * thickness
     if r.record.stress_pair == "force":
-        missing = [key for key in (*DIMENSIONS, "geometry") if key not in header]
+        gauge_length = f"edge_{directions_of(test)}_mm"  # of a strip, which no section depends on
+        needed = tuple(key for key in (*DIMENSIONS, "geometry") if key != gauge_length)
+        missing = [key for key in needed if key not in header]
         if missing:
             options = [f"`{key}`" for key in missing]
             state = ""
@@ -217,13 +244,13 @@ def _check(r: Recording, header: Header) -> None:
             raise InputError(
                 f"forces need {', '.join(missing)}", remedy=f"give {', '.join(options)}{state}"
             )
-        edge_x, edge_y, thickness = (float(header[key]) for key in DIMENSIONS)
-        sections = edge_y * thickness, edge_x * thickness
+        edge_x, edge_y, thickness = (_number(header, key) or 0.0 for key in DIMENSIONS)
+        sections = [edge_y * thickness, edge_x * thickness]
     limit = float(header["stress_limit_kPa"]) if "stress_limit_kPa" in header else None
     try:
         Protocol("", *r.stretch.T, *r.load.T)
-        for name, load, section in zip(LOAD_ROWS, r.load.T, sections, strict=True):
-            check_load(load, section, limit, argument=name)
+        for k in r.record.read:
+            check_load(r.load[:, k], sections[k], limit, argument=LOAD_ROWS[k])
     except ReadingError as error:
         raise error.at(
             r.record.path, r.lines, dict(zip(CURVES, r.record.columns, strict=True))

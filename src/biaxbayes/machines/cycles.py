@@ -187,7 +187,7 @@ def ratio_name(change: np.ndarray) -> str:
 
 
 def settling(
-    stretch: np.ndarray, load: np.ndarray, before: np.ndarray, last: np.ndarray
+    stretch: np.ndarray, load: np.ndarray, names: str, before: np.ndarray, last: np.ndarray
 ) -> tuple[str, bool]:
     """Change between the loading sides of two cycles as text, and whether they repeat.
 
@@ -212,9 +212,10 @@ def settling(
         text = f"the last two cycles reach different stretches; their curves differ by {curve:.1%}"
         settled = curve <= limit
     else:
+        changes = " and ".join(f"{c:+.1%} in {n}" for c, n in zip(change, names, strict=True))
         text = (
-            f"between the last two cycles the peak load changes by {change[0]:+.1%} in x and "
-            f"{change[1]:+.1%} in y, the curve by {curve:.1%} (of the largest load)"
+            f"between the last two cycles the peak load changes by {changes}, the curve by "
+            f"{curve:.1%} (of the largest load)"
         )
         settled = max(curve, *np.abs(change).tolist()) <= limit
     return (text if settled else f"preconditioning has not settled: {text}"), settled

@@ -19,19 +19,28 @@ class Gauge:
     """Lengths in x and y that displacements and distances refer to."""
 
     given_mm: tuple[float | None, float | None] = (None, None)  # by the user
-    edges_mm: tuple[float, float] | None = None  # which lengths have to fit on
+    edges_mm: tuple[float | None, float | None] = (None, None)  # which lengths have to fit on
     at: str = ""  # as `gauge_at` of `Choice`
+    is_of_tube: bool = False  # lengths are those of the unloaded tube
+
+    @property
+    def _reference(self) -> str:
+        return "that of the unloaded tube" if self.is_of_tube else "the stated gauge length"
+
+    def _key(self, k: int) -> str:
+        """The option or header key that gives a length."""
+        of_tube = ("unloaded_outer_diameter_mm", "unloaded_length_mm")
+        return of_tube[k] if self.is_of_tube else f"gauge_{'xy'[k]}_mm"
 
     def from_displacement(
         self, moved_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
     ) -> tuple[np.ndarray, str]:
         """Stretches from a displacement and its first reading in the file, and a note."""
-        axis, length = "xy"[k], self.given_mm[k]
-        edge = None if self.edges_mm is None else self.edges_mm[k]
+        axis, length, edge = "xy"[k], self.given_mm[k], self.edges_mm[k]
         if length is None:
-            gives = {f"gauge_{axis}_mm=MM": "the length between marks or grips"}
+            gives = {f"{self._key(k)}=MM": "the length between marks or grips"}
             if edge is not None:
-                gives[f"gauge_{axis}_mm={edge:g}"] = (
+                gives[f"{self._key(k)}={edge:g}"] = (
                     "the edge; where that is of the unloaded state and the displacement is zero in "
                     "the mounted state, strains are too large by the mounting stretch"
                 )
@@ -50,7 +59,7 @@ class Gauge:
         # lambda = 1 + (d - d0) / L0
         stretch = 1.0 + (moved_mm - origin) / length
         formula = "displacement" if origin == 0.0 else f"(displacement - {origin:g} mm)"
-        note = f"stretch {axis} is 1 + {formula} / {length:g} mm, the stated gauge length"
+        note = f"stretch {axis} is 1 + {formula} / {length:g} mm, {self._reference}"
         return stretch, note + self._doubt(length, k, column, file)
 
     def from_distance(
@@ -62,8 +71,11 @@ class Gauge:
             remedy = f"for a displacement write stretch_{'xy'[k]}={column}:displacement_mm"
             raise InputError(problem, file=file, column=column, remedy=remedy)
         given = self.given_mm[k]
+        if given is None and self.is_of_tube:
+            gives = {f"{self._key(k)}=MM": "the same of the tube without pressure and force"}
+            raise Question(f"{column!r} needs the {self._key(k)}", gives, file=file)
         reference = first_mm if given is None else given
-        origin = "its first value" if given is None else "the stated gauge length"
+        origin = "its first value" if given is None else self._reference
         doubt = self._doubt(first_mm, k, column, file)
         return length_mm / reference, (
             f"stretch {'xy'[k]} is {column} over {origin}, {reference:g} mm{doubt}"
@@ -71,7 +83,7 @@ class Gauge:
 
     def _doubt(self, length_mm: float, k: int, column: str, file: object) -> str:
         """Refuse a length that does not fit on the tissue; return a note on a very short one."""
-        axis, edge = "xy"[k], None if self.edges_mm is None else self.edges_mm[k]
+        axis, edge = "xy"[k], self.edges_mm[k]
         if edge is not None and length_mm > MAX_LENGTH_OVER_EDGE * edge:
             raise InputError(
                 f"the length of {length_mm:g} mm in {axis} does not fit on a tissue with an edge "

@@ -1,4 +1,4 @@
-"""Any table of a biaxial test, by a map of its columns: ``stretch_x=F11,piola_x_kPa=P11_kPa``."""
+"""Any table of a test, by a map of its columns: ``stretch_x=F11,piola_x_kPa=P11_kPa``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from biaxbayes.machines.columns import (
     ask_about_labels,
     ask_about_opposites,
     column_map,
+    directions_of,
     parse_columns,
 )
 from biaxbayes.machines.cycles import Cycle, cut, quieter_path
@@ -29,8 +30,10 @@ from biaxbayes.machines.record import Record
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
-from biaxbayes.tables.units import STRAINS, Unit
+from biaxbayes.tables.units import STRAINS
 
+INFLATES = 0.5
+"""Change of a pressure over its largest value, from which a tube is inflated."""
 PER_CENT_RANGE = 0.01
 """Strains in a column of per cent within this range are fractions, as spreadsheets store them."""
 
@@ -44,7 +47,7 @@ def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
     ):
         if column is not None:
             wanted[target] = column
-    columns, ignored = column_map(table, wanted)
+    columns, ignored = column_map(table, wanted, choice.test)
     ask_about_labels(table, columns, ignored)
     ask_about_opposites(table, columns, ignored)
     reasons = _left_out(table, columns, choice)
@@ -107,7 +110,7 @@ def _cycles(
 ) -> list[Cycle]:
     """Cycles of a protocol, by the labels of a column, otherwise from the curves."""
     path = np.full(table.rows, np.nan)
-    path[rows] = quieter_path(record.stretch[rows], record.load[rows])
+    path[rows] = quieter_path(*(curves[rows] for curves in record.pulled))
     groups = {"": rows}
     if labels is not None:
         groups = {str(k): rows[labels[rows] == k] for k in dict.fromkeys(labels[rows].tolist())}
@@ -139,7 +142,9 @@ def _converted(
         for target, column in columns.items()
         if column.unit is not None
     }
-    pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
+    pair = next(p for p, names in STRESS_PAIRS.items() if set(names) & set(columns))
+    nothing = np.zeros(table.rows)
+    load = np.column_stack([values.get(target, nothing) for target in STRESS_PAIRS[pair]])
     stretch, notes = _stretches(table, columns, values, rows, gauge)
     gradient = None
     if any(target in columns for target in SHEAR):
@@ -157,16 +162,25 @@ def _converted(
         path=table.path,
         lines=table.lines,
         stretch=stretch,
-        load=np.column_stack([values[target] for target in STRESS_PAIRS[pair]]) * choice.signs,
+        load=load * choice.signs,
         time_s=values.get("time_s"),
         gradient=gradient,
-        columns=tuple(columns[target].name for target in targets),
+        columns=tuple(columns[t].name if t in columns else "" for t in targets),
         stress_pair=pair,
         cycles={},
         reasons=reasons,
         notes=(*table.notes, read),
         assumptions=(*conflicts, *notes, *choice.sign_notes),
+        axes=_pulled_axes(choice.test, load[rows]),
     )
+
+
+def _pulled_axes(test: str | None, load: np.ndarray) -> tuple[int, ...]:
+    """Directions in which stretch and load of a record rise together."""
+    if test == "tube":
+        # at constant pressure a tube is pulled along its axis
+        return (0,) if np.ptp(load[:, 0]) > INFLATES * np.abs(load[:, 0]).max() else (1,)
+    return tuple("xy".index(axis) for axis in directions_of(test))
 
 
 def _stretches(
@@ -179,9 +193,12 @@ def _stretches(
     """Stretches in x and y from strains, displacements or distances, and notes on them."""
     stretches, notes = [], []
     for k, axis in enumerate("xy"):
+        if f"stretch_{axis}" not in columns:  # across a strip
+            stretches.append(np.ones(table.rows))
+            continue
         column, along = columns[f"stretch_{axis}"], values[f"stretch_{axis}"]
         if column.unit is not None and column.unit.quantity in STRAINS:
-            stretches.append(_stretch_from_strain(table, column, column.unit, along, rows))
+            stretches.append(_stretch_from_strain(table, column, along, rows, gauge))
         else:
             stretch, note = _stretch_from_length(table, column, along, rows[0], k, gauge)
             stretches.append(stretch)
@@ -203,7 +220,7 @@ def _stretch_from_length(
     unit = column.unit
     assert unit is not None
     displaced = unit.quantity == "displacement"
-    if unit.name == "px":
+    if unit.name == "px" and not gauge.is_of_tube:
         note = f"stretch {'xy'[k]} is {column.name} over its first value, {lengths_mm[first]:g} px"
         return lengths_mm / lengths_mm[first], note
     convert = gauge.from_displacement if displaced else gauge.from_distance
@@ -211,11 +228,14 @@ def _stretch_from_length(
 
 
 def _stretch_from_strain(
-    table: Table, column: Column, unit: Unit, e: np.ndarray, rows: np.ndarray
+    table: Table, column: Column, e: np.ndarray, rows: np.ndarray, gauge: Gauge
 ) -> np.ndarray:
     """Stretches from stretches or strains, which must start near no deformation."""
+    unit = column.unit
+    assert unit is not None
     is_stretch = unit.quantity == "stretch"
-    if abs(e[rows[0]] - is_stretch) > 0.6:
+    # an artery in place is up to twice as long as one cut out
+    if abs(e[rows[0]] - is_stretch) > (1.2 if gauge.is_of_tube else 0.6):
         raise InputError(
             f"{column.name!r} starts at {e[rows[0]] / unit.factor:g}, which is not possible for a "
             f"{unit.name}{'' if is_stretch else ' strain'}",
@@ -248,7 +268,9 @@ def _check_per_cent(table: Table, columns: Mapping[str, Column], stretch: np.nda
     """Refuse per cent in a name where the values are fractions, as spreadsheets keep them."""
     in_per_cent = []
     for k, axis in enumerate("xy"):
-        column = columns[f"stretch_{axis}"]
+        column = columns.get(f"stretch_{axis}")
+        if column is None:
+            continue
         written = any(u.name == "percent" for u in table.units(column.indices[0]))
         if written and column.unit is not None and column.unit.factor < 1.0:
             in_per_cent.append((column.name, float(np.ptp(stretch[:, k]))))

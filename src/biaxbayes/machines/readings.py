@@ -49,13 +49,14 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
 
 def ask_about_steps(record: Record, rows: np.ndarray) -> None:
     """Ask where a load changes at once and stays so, although the stretch goes on evenly."""
-    path, load = record.stretch[rows].sum(axis=1), record.load[rows]
+    stretch, load = (curves[rows] for curves in record.pulled)
+    path = stretch.sum(axis=1)
     if rows.size < 4 * LEAST_ROWS:
         return
     way = np.pad(np.sign(np.diff(path)), 1)
     onward = (way[:-2] == way[1:-1]) & (way[1:-1] == way[2:]) & (way[1:-1] != 0.0)
     even = onward & (_step_over_others(path) < STEEP)  # no turn of the stretch, where loads fall
-    for k, curve in enumerate(load.T):
+    for k, curve in zip(record.axes, load.T, strict=True):
         step = np.abs(np.diff(curve))
         limit = max(LOST_LOAD * float(np.ptp(load)), 10.0 * second_difference_scatter(curve))
         at = np.flatnonzero(even & (step > limit) & (_step_over_others(curve) > 1.5 * STEEP))
@@ -63,8 +64,9 @@ def ask_about_steps(record: Record, rows: np.ndarray) -> None:
             row = int(at[0])
             verb = "falls" if curve[row + 1] < curve[row] else "rises"
             problem = (
-                f"the load in {'xy'[k]} {verb} at once behind line {record.lines[rows[row]]} while "
-                "the stretch goes on evenly: a tear, a slip, or another gain"
+                f"the {record.load_named(k)} {verb} at once behind line "
+                f"{record.lines[rows[row]]} while the stretch goes on "
+                "evenly: a tear, a slip, or another gain"
             )
             _ask_for_rows(record, problem, rows[row + 1 :])
 
@@ -89,7 +91,7 @@ def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
 
 def ask_about_falls_of_one(record: Record, rows: np.ndarray, cycles: Sequence[Cycle]) -> None:
     """Ask for `rows` where the stretch falls back before a rise and the load does not."""
-    total, path = record.load.sum(axis=1), record.stretch.sum(axis=1)
+    path, total = (curves.sum(axis=1) for curves in record.pulled)
     noise, lowest = second_difference_scatter(total[rows]), float(total[rows].min())
     ends = [rows[0], *(int(cycle.loading[-1]) for cycle in cycles)]
     for end, cycle in zip(ends, cycles, strict=False):
@@ -111,8 +113,9 @@ def ask_about_falls_of_one(record: Record, rows: np.ndarray, cycles: Sequence[Cy
 
 def check_signs(record: Record, rows: np.ndarray) -> None:
     """Refuse loads that fall where the stretch is largest, as from a cell with tension negative."""
-    largest = float(np.ptp(record.load[rows], axis=0).max())
-    for k, axis in enumerate("xy"):
+    largest = float(np.ptp(record.pulled[1][rows], axis=0).max())
+    for k in record.axes:
+        axis, name = "xy"[k], record.load_named(k)
         stretch, load = record.stretch[rows, k], record.load[rows, k]
         change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
         if change >= -NEGATIVE * largest:
@@ -120,7 +123,7 @@ def check_signs(record: Record, rows: np.ndarray) -> None:
         strain = stretch - stretch[0]
         if load[np.abs(strain).argmax()] > load[0] and -strain.min() > strain.max():
             raise InputError(
-                f"the load in {axis} rises by {-change:.3g} while the stretch in {axis} falls to "
+                f"the {name} rises by {-change:.3g} while the stretch in {axis} falls to "
                 f"{stretch.min():.4g}: the machine may count extension as negative, or the strain "
                 "may be inverse",
                 file=record.path,
@@ -128,7 +131,7 @@ def check_signs(record: Record, rows: np.ndarray) -> None:
                 remedy="multiply the column by -1 (a displacement) in the table, and convert again",
             )
         raise InputError(
-            f"the load in {axis} falls by {-change:.3g} while the stretch in {axis} rises to "
+            f"the {name} falls by {-change:.3g} while the stretch in {axis} rises to "
             "its largest value: the load cell may count tension as negative",
             file=record.path,
             column=record.columns[2 + k],
@@ -142,11 +145,12 @@ def check_signs(record: Record, rows: np.ndarray) -> None:
 def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recording:
     """A loading branch whose load and stretch go on together; asks where they do not."""
     rest = rest_rows(taken.stretch[:, 0], taken.stretch[:, 1], taken.load)
-    held = taken.record.load[cycle.hold]
+    _, loads = taken.pulled
+    held = taken.record.pulled[1][cycle.hold]
     falling = None if choice.rows else _falls(taken, rest)
     stuck = max(_runs(taken.stretch[rest:]), key=len, default=held)
     steps = repeats(taken.stretch, rest) or any(
-        _rises(load, taken.load) for load in (held, taken.load[rest:][stuck]) if len(load) > 2
+        _rises(load, loads) for load in (held, loads[rest:][stuck]) if len(load) > 2
     )
     relaxes = falling is not None and _relaxes(taken, falling)
     if choice.still in ("first", "last") or (choice.still is None and (steps or relaxes)):
@@ -205,11 +209,12 @@ def _rises(held: np.ndarray, load: np.ndarray) -> bool:
 
 def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
     """Direction and rows of a load that falls although the stretch does not, or None."""
-    path = taken.stretch.sum(axis=1)
-    for k, curve in enumerate(taken.load.T):
+    stretch, loads = taken.pulled
+    path = stretch.sum(axis=1)
+    for k, curve in zip(taken.record.axes, loads.T, strict=True):
         smooth = median_filter(curve, 5, mode="nearest")
         behind = np.maximum.accumulate(smooth) - smooth
-        limit = LOST_LOAD * float(np.ptp(taken.load)) + 6.0 * second_difference_scatter(curve)
+        limit = LOST_LOAD * float(np.ptp(loads)) + 6.0 * second_difference_scatter(curve)
         low = rest + int(behind[rest:].argmax()) if curve.size > rest else 0
         top = int(smooth[: low + 1].argmax())
         if behind[low] > limit and path[low] >= path[top] - JUMP * float(np.ptp(path)):
@@ -219,7 +224,7 @@ def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
 
 def _relaxes(taken: Recording, falling: tuple[int, np.ndarray]) -> bool:
     """Whether the stretch stands still while the load falls."""
-    stretch, rows = taken.stretch.sum(axis=1), falling[1]
+    stretch, rows = taken.pulled[0].sum(axis=1), falling[1]
     after = stretch[rows[0] - 1 : rows[0] + 5]
     mean = float(np.ptp(stretch)) / stretch.size
     return bool(
@@ -230,18 +235,20 @@ def _relaxes(taken: Recording, falling: tuple[int, np.ndarray]) -> bool:
 def _ask_about_fall(taken: Recording, cycle: Cycle, falling: tuple[int, np.ndarray]) -> None:
     k, rows = falling
     problem = (
-        f"the load in {'xy'[k]} falls behind line {taken.lines[rows[0] - 1]} while the stretch "
-        f"rises{f' ({taken.name})' if taken.name else ''}: a tear, a grip that slips, or lost rows"
+        f"the {taken.record.load_named(k)} falls behind line {taken.lines[rows[0] - 1]} while the "
+        f"stretch rises{f' ({taken.name})' if taken.name else ''}: a tear, a grip that slips, "
+        "or lost rows"
     )
     _ask_for_rows(taken.record, problem, np.union1d(taken.rows[rows], cycle.hold))
 
 
 def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
     """Ask where a load stays while the stretch goes on as far as it rose with before."""
-    path = np.abs(taken.stretch - taken.stretch[0]).sum(axis=1)
-    for k, curve in enumerate(taken.load.T):
+    stretch, loads = taken.pulled
+    path = np.abs(stretch - stretch[0]).sum(axis=1)
+    for k, curve in zip(taken.record.axes, loads.T, strict=True):
         scatter, span = second_difference_scatter(curve), float(np.ptp(curve))
-        if span < max(0.1 * float(np.ptp(taken.load)), 10.0 * scatter):
+        if span < max(0.1 * float(np.ptp(loads)), 10.0 * scatter):
             continue
         level = max(4.0 * scatter, LEVEL * span)
         stays = np.zeros(curve.size, dtype=bool)
@@ -253,8 +260,9 @@ def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
                 stays[first : curve.size if to_the_end else last + 1] = True
         at = np.flatnonzero(stays)
         if at.size:
+            value = taken.record.load_text(k, float(curve[at].mean()))
             problem = (
-                f"the load in {'xy'[k]} stays at {curve[at].mean():.4g} {taken.record.unit} in "
+                f"the {taken.record.load_named(k)} stays at {value} in "
                 f"lines {in_lines(taken.lines[at])} while the stretch goes on: the load cell at "
                 "its limit, creep, or a grip that slips"
             )
@@ -264,18 +272,20 @@ def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
 
 def _ask_about_delay(taken: Recording, cycle: Cycle) -> None:
     """Ask where the load goes on rising after the stretch has turned back."""
-    load, path = taken.record.load, taken.record.stretch[cycle.unloading].sum(axis=1)
+    stretch, load = taken.record.pulled
+    path = stretch[cycle.unloading].sum(axis=1)
     if cycle.hold.size >= LEAST_ROWS or cycle.unloading.size < LEAST_ROWS:
         return
-    for k in range(2):
+    for k, axis in enumerate(taken.record.axes):
         curve = load[cycle.unloading, k]
         turned = int(curve.argmax())
         late = int(cycle.unloading[turned] - taken.rows[-1])
         rise = curve[turned] - load[taken.rows[-3:], k].mean()
         noise = 8.0 * second_difference_scatter(load[taken.rows, k])
-        if late > 1 and path[turned] < path[0] and rise > JUMP * np.ptp(taken.load) + noise:
+        extent = np.ptp(load[taken.rows])
+        if late > 1 and path[turned] < path[0] and rise > JUMP * extent + noise:
             raise Question(
-                f"the load in {'xy'[k]} goes on rising for {late} rows behind line "
+                f"the {taken.record.load_named(axis)} goes on rising for {late} rows behind line "
                 f"{taken.lines[-1]}, where the stretch turns back: it is recorded late",
                 {"rows=all": f"as it is; otherwise shift the loads {late} rows up in the table"},
                 file=taken.record.path,

@@ -18,7 +18,10 @@ OF_ONE_FILE = ("rows", "specimen")
 """Answers that hold for one file only."""
 OF_ONE_SPECIMEN = ("gauge_x_mm", "gauge_y_mm")
 """Answers that a recipe may hold, but that are not written: they may differ by specimen."""
-OF_A_LAB = ("geometry", "reference", "load_noise_N", "load_noise_kPa", "stress_limit_kPa")
+OF_A_LAB = (
+    "geometry", "reference", "load_noise_N", "load_noise_kPa", "axial_force_noise_N",
+    "stress_limit_kPa",
+)  # fmt: skip
 """Header keys that hold for all specimens of a lab; edges and thickness do not."""
 FOUND = "found"
 """Table of what the first export held."""
@@ -50,7 +53,7 @@ def _toml(value: Any) -> str:
 
 def _found(result: Conversion) -> dict[str, Any]:
     """What a file of the same kind holds, too."""
-    columns = dict.fromkeys(name for r in result.recordings for name in r.record.columns)
+    columns = dict.fromkeys(name for r in result.recordings for name in r.record.columns if name)
     return {
         "columns": list(columns),
         "loads": result.specimen.stress_pair,

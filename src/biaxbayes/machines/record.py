@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from biaxbayes.machines.cycles import Cycle, peak_change, ratio_name
+from biaxbayes.mechanics.experiments import Tube
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +29,21 @@ class Record:
     reasons: np.ndarray  # why each row was left out; empty for a row that was not
     notes: tuple[str, ...]  # how the file was read
     assumptions: tuple[str, ...]  # of stretches and loads; written into the specimen file
+    axes: tuple[int, ...] = (0, 1)  # directions that are pulled
+
+    @property
+    def pulled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stretch and load (n, directions) in the directions that are pulled."""
+        return self.stretch[:, self.axes], self.load[:, self.axes]
+
+    @property
+    def read(self) -> list[int]:
+        """Directions whose load was read."""
+        return [k for k in (0, 1) if self.columns[2 + k]]
+
+    def load_named(self, axis: int) -> str:
+        """What the load of a direction is called."""
+        return Tube.curves[axis] if self.stress_pair == "tube" else f"load in {'xy'[axis]}"
 
     @property
     def source(self) -> str:
@@ -35,8 +52,24 @@ class Record:
 
     @property
     def unit(self) -> str:
-        """Unit of the loads."""
+        """Unit of the loads, of a tube of its pressure."""
         return "N" if self.stress_pair == "force" else "kPa"
+
+    def load_text(self, axis: int, load: float, digits: int = 4) -> str:
+        """A load with its unit."""
+        unit = Tube.force_unit if self.stress_pair == "tube" and axis == 1 else self.unit
+        return f"{load:.{digits}g} {unit}"
+
+    def loads_text(self, load: np.ndarray, digits: int) -> str:
+        """Loads of the directions that were read, with their unit."""
+        texts = [self.load_text(k, load[k], digits) for k in self.read]
+        if self.stress_pair != "tube":  # one unit
+            texts[:-1] = [text.removesuffix(f" {self.unit}") for text in texts[:-1]]
+        return ", ".join(texts)
+
+    def stretches_text(self, stretch: Sequence[float] | np.ndarray, form: str) -> str:
+        """Stretches that were measured."""
+        return ", ".join(format(stretch[k], form) for k in (0, 1) if self.columns[k])
 
     def leave_out(self, rows: np.ndarray, reason: str) -> None:
         """Note why rows are left out, unless another reason is known."""
@@ -45,10 +78,10 @@ class Record:
     def shown(self, rows: np.ndarray) -> str:
         """Number, ratio and peaks of some rows, for a question."""
         stretch, load = self.stretch[rows], self.load[rows]
-        peaks = ", ".join(f"{v:.4g}" for v in stretch.max(axis=0))
-        loads = ", ".join(f"{v:.3g}" for v in load.max(axis=0))
+        peaks, loads = stretch.max(axis=0), self.loads_text(load.max(axis=0), 3)
         ratio = ratio_name(peak_change(self.stretch, rows))
-        return f"{rows.size} rows, {ratio}, stretch to {peaks}, load to {loads} {self.unit}"
+        to = self.stretches_text(peaks, ".4g")
+        return f"{rows.size} rows, {ratio}, stretch to {to}, load to {loads}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +115,12 @@ class Recording:
     def load(self) -> np.ndarray:
         """Loads, shape (n, 2)."""
         return self.record.load[self.rows]
+
+    @property
+    def pulled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stretch and load (n, directions) in the directions that are pulled."""
+        stretch, load = self.record.pulled
+        return stretch[self.rows], load[self.rows]
 
     @property
     def time_s(self) -> np.ndarray | None:

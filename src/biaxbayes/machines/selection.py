@@ -169,7 +169,8 @@ def _branch(
         taken = followed_by_load(taken, cycle, choice)
     if before is None or choice.cycles == "all":
         return taken
-    text, settled = settling(record.stretch, record.load, before.loading, cycle.loading)
+    names = "".join("xy"[k] for k in record.axes)
+    text, settled = settling(*record.pulled, names, before.loading, cycle.loading)
     text = f"{name}: {text}" if name else text
     if settled:
         return replace(taken, notes=(text,))

@@ -121,8 +121,8 @@ class Strip(Experiment):
         return Points(stretch, weight, np.arange(len(stretch)))
 
 
-MMHG_PER_KPA = 7.500616827
-"""Millimetres of mercury per kPa (1 mmHg = 133.322 Pa)."""
+MMHG_PER_KPA = 1.0 / 0.133322387415
+"""Millimetres of mercury per kPa, as in the table of units."""
 GAUSS_POINTS = 5
 """Points through the wall of a tube: for a wall as thick as its inner radius, pressures of GOH
 materials differ by less than 1e-4 from those of 40 points."""

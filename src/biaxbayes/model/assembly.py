@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.forward import ForwardModel
-from biaxbayes.laws.chart import DEFAULT_SOFTENING
+from biaxbayes.laws.chart import DEFAULT_ISOTROPY_SCALE
 from biaxbayes.laws.law import Law, TransformInputs
 from biaxbayes.model.density import (
     MODE_FORCE,
@@ -58,14 +57,14 @@ class SamplingConstants:
 
     Attributes
     ----------
-    softening : float
+    isotropy_scale : float
         Scale near isotropy (see :mod:`~biaxbayes.laws.dispersed_fibres`).
     reference_stretch : (float, float) or None
         Total stretches at which the fibre stress and exponent are taken as coordinates; None for
         the largest measured ones.
     """
 
-    softening: float = DEFAULT_SOFTENING
+    isotropy_scale: float = DEFAULT_ISOTROPY_SCALE
     reference_stretch: tuple[float, float] | None = None
 
 
@@ -81,14 +80,9 @@ class Assembly:
     quantities: Quantities
 
     @property
-    def forward(self) -> ForwardModel:
-        """The forward model of the first piece."""
-        return self.pieces[0].forward
-
-    @property
     def law(self) -> Law:
         """The material law."""
-        return self.forward.law
+        return self.pieces[0].settings.material_law
 
     @property
     def mounts(self) -> tuple[str, ...]:
@@ -156,7 +150,7 @@ def assemble(
         TransformInputs(
             free=tuple(n for n in law.names if n in free),
             reference=reference,
-            softening=constants.softening,
+            isotropy_scale=constants.isotropy_scale,
             reparametrised=sampling,
             max_I1_state=max_I1_state,
             peak_kPa=max(peak_kPa, 1e-9),

@@ -308,16 +308,15 @@ def _walker(problem, u, value, residual):
 
 
 @compiled(error_model="numpy", nogil=True)
-def _walkers(problem, u, counts):
-    """The arrays of :class:`Evaluation` for each walker; counts the reasons."""
+def _walkers(problem, u):
+    """The arrays of :class:`Evaluation` for each walker."""
     n = u.shape[0]
-    total, jacobian = np.empty(n), np.empty(n)
+    total, jacobian, outcome = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
     values = np.empty((n, problem.slot.size))
     residual = np.zeros((n, problem.measured.size))
     for i in range(n):
-        total[i], jacobian[i], reason = _walker(problem, u[i], values[i], residual[i])
-        counts[reason] += 1
-    return total, residual, jacobian, values
+        total[i], jacobian[i], outcome[i] = _walker(problem, u[i], values[i], residual[i])
+    return total, residual, jacobian, values, outcome
 
 
 class Evaluation(NamedTuple):
@@ -335,19 +334,17 @@ class Evaluation(NamedTuple):
     values : ndarray, shape (walkers, s)
         Parameters of the law (angles in radians), noise sd, factors of edges and thickness,
         offsets, then the mounting *stretches*.
+    outcome : int64 ndarray, shape (walkers,)
+        0 inside, or one more than the index of the reason in :data:`REASONS`.
     """
 
     log_prior: np.ndarray
     residual: np.ndarray
     log_jacobian: np.ndarray
     values: np.ndarray
+    outcome: np.ndarray
 
 
-def evaluate(problem: Problem, u: np.ndarray, counts: np.ndarray | None = None) -> Evaluation:
-    """Evaluate walkers (n, d); ``counts`` of shape (4,) is added to.
-
-    It counts walkers inside, out of range, without a root, and overflowed.
-    """
-    if counts is None:
-        counts = np.zeros(1 + len(REASONS), dtype=np.int64)
-    return Evaluation(*_walkers(problem, u, counts))
+def evaluate(problem: Problem, u: np.ndarray) -> Evaluation:
+    """Evaluate walkers (n, d)."""
+    return Evaluation(*_walkers(problem, np.ascontiguousarray(u)))

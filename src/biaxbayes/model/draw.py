@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.fitting.residuals import Readings
-from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import (
@@ -56,7 +55,7 @@ def draw_posterior(
     that were used. Raises :class:`NotConverged` if no region of positive density is found.
     """
     if state is not None:
-        target = with_sampling_constants(posterior, state.frame["softening"]).target()
+        target = with_sampling_constants(posterior, state.constants["isotropy_scale"]).target()
         return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)
     seconds = {}
     clock = time.perf_counter()
@@ -107,15 +106,15 @@ def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Targe
         return target, start
     rng, half = start.rng, len(start.points) // 2
     typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])
-    softening = posterior.law.softening(typical)
-    if 0.5 < softening / posterior.sampling_constants.softening < 2.0:
+    isotropy_scale = posterior.law.isotropy_scale(typical)
+    if 0.5 < isotropy_scale / posterior.sampling_constants.isotropy_scale < 2.0:
         return target, start
     # Weights are ratios of densities in the same coordinates: they carry over.
     inside = np.isfinite(start.log_weight)
     points, weights = start.points[inside], start.log_weight[inside]
     label = start.proposal.nearest_part(points)
     rescaled = posterior.replaced(
-        sampling_constants=replace(posterior.sampling_constants, softening=softening)
+        sampling_constants=replace(posterior.sampling_constants, isotropy_scale=isotropy_scale)
     )
     with np.errstate(divide="ignore"):
         u = rescaled.coordinates(posterior.natural(points))
@@ -138,19 +137,11 @@ def _extra_starts(
     posterior: Posterior, base: dict[str, float], rng: np.random.Generator
 ) -> np.ndarray:
     """Sampling coordinates of materials that fit in other ways than the best fit, (n, d)."""
-    settings = posterior.settings
     law = posterior.law
-    point, free = fixed_and_free(settings.fixed_material, law)
-    if not free.size:
+    setup = FitSetup.from_settings(posterior.specimen, posterior.settings)
+    if not setup.free.size:
         return np.empty((0, posterior.dimension))
-    data = Readings.from_specimen(
-        posterior.specimen,
-        shared=settings.shared,
-        zeroed=settings.mounting == "zeroed",
-    )
-    materials, stretches = screened_points(
-        data, EXTRA_STARTS, rng, law, point=point, free=free, with_mounting=settings.infers_mounting
-    )
+    materials, stretches = setup.starting_points(EXTRA_STARTS, rng)
     starts = []
     for material, lm in zip(materials, stretches, strict=True):
         inner = law.clip_inside(law.from_fit_coordinates(material))

@@ -41,8 +41,7 @@ class Piece:
     @cached_property
     def thinned(self) -> ThinnedSpecimen:
         """The rows that enter the likelihood: zeroed and thinned according to the settings."""
-        zeroed = self.settings.mounting == "zeroed"
-        source = self.specimen.zeroed() if zeroed else self.specimen
+        source = self.specimen.as_compared(self.settings.mounting)
         return thinned_specimen(source, self.settings.thin)
 
     @cached_property

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.law import Law
@@ -35,7 +35,7 @@ from biaxbayes.model.misfit import SmoothMisfit
 from biaxbayes.model.piece import Piece
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
-from biaxbayes.options import ModelOptions, Settings, takes_options
+from biaxbayes.options import FitOptions, ModelOptions, Settings, takes_options
 from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.specimen import Specimen
@@ -113,16 +113,8 @@ class Posterior:
 
     def least_squares(self, seed: int = 0) -> FitResult:
         """Least-squares fit of the settings, without priors, from random starts of this seed."""
-        return constrained_fit(
-            self.specimen,
-            mounting=self.settings.fit_mounting,
-            mounting_stretch=self.settings.mounting_stretch,
-            fixed=self.settings.fixed_material,
-            seed=seed,
-            law=self.settings.law,
-            fibre_switch=self.settings.fibre_switch,
-            piece_sd=self.settings.piece_sd,
-        )
+        setup = FitSetup.from_settings(self.specimen, self.settings)
+        return setup.fitted(setup.starting_points(FitOptions.starts, seed)[0])
 
     # --- layout ---
 
@@ -218,7 +210,7 @@ class Posterior:
     @property
     def law(self) -> Law:
         """The material law."""
-        return self.assembly.law
+        return self.settings.material_law
 
     @property
     def quantities(self) -> Quantities:
@@ -310,10 +302,10 @@ class Posterior:
     # --- densities ---
 
     def evaluate(
-        self, problem: Problem, u: np.ndarray, counts: np.ndarray | None = None
+        self, problem: Problem, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, Evaluation]:
         """Log density and log likelihood of walkers (n, d), and what they are made of."""
-        at = density.evaluate(problem, u, counts)
+        at = density.evaluate(problem, u)
         likelihood = np.full(len(u), -np.inf)
         inside = np.isfinite(at.log_prior)
         if inside.any():
@@ -326,13 +318,8 @@ class Posterior:
 
     def log_prob(self, coordinates: np.ndarray) -> np.ndarray:
         """Log density in the sampling coordinates, shape (walkers,); finite or -inf."""
-        return self._counted(coordinates)[0]
-
-    def _counted(self, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Log density, and the number of evaluations by outcome (see :data:`REASONS`)."""
-        u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
-        counts = np.zeros(1 + len(REASONS), dtype=np.int64)
-        return self.evaluate(self.assembly.problem, u, counts)[0], counts
+        u = np.atleast_2d(np.asarray(coordinates, dtype=float))
+        return self.evaluate(self.assembly.problem, u)[0]
 
     def target(self, counts: np.ndarray | None = None) -> Target:
         """The density for a sampler; evaluations are added to ``counts``, by outcome."""
@@ -340,9 +327,9 @@ class Posterior:
         lock = threading.Lock()  # ensembles are advanced by several threads
 
         def log_prob(coordinates: np.ndarray) -> np.ndarray:
-            out, new = self._counted(coordinates)
+            out, _, at = self.evaluate(self.assembly.problem, coordinates)
             with lock:
-                np.add(seen, new, out=seen)
+                np.add.at(seen, at.outcome, 1)
             return out
 
         return Target(
@@ -352,7 +339,7 @@ class Posterior:
             skip_diagnostics=("log_likelihood",),
             counts=seen,
             reasons=REASONS,
-            frame={"softening": self.sampling_constants.softening},
+            constants={"isotropy_scale": self.sampling_constants.isotropy_scale},
         )
 
     def log_density(self, parameters: Mapping[str, Any]) -> Any:
@@ -394,7 +381,7 @@ class Posterior:
             )
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
-        problem, u = self.natural_assembly.problem, np.ascontiguousarray(u)
+        problem = self.natural_assembly.problem
         # in blocks: every point has residuals of all readings
         blocks = range(0, len(u), MAX_POINTS)
         parts = [self.evaluate(problem, u[i : i + MAX_POINTS])[0] for i in blocks]
@@ -408,7 +395,7 @@ class Posterior:
         ``lp`` is that of :meth:`log_density`, whatever the sampling coordinates;
         ``log_likelihood`` that of all readings.
         """
-        u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
+        u = np.atleast_2d(np.asarray(coordinates, dtype=float))
         log_density, likelihood, at = self.evaluate(self.assembly.problem, u)
         values = natural_values(self.assembly, at.values, u)
         out = {name: values[name] for name in self.parameter_names}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.fitting.result import root_mean_square
+from biaxbayes.fitting.result import FitResult, root_mean_square
 from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
@@ -39,30 +39,36 @@ def prepare(specimen: Specimen, *, seed: int = 0, **options: Any) -> Posterior:
     InputError
         If the options do not fit the specimen.
     """
-    posterior = Posterior(specimen, **options)
-    return with_sampling_constants(posterior.replaced(fit=posterior.least_squares(seed)))
+    return fitted(Posterior(specimen, **options), seed)
 
 
-def with_sampling_constants(posterior: Posterior, softening: float | None = None) -> Posterior:
-    """The same posterior with the sampling coordinates that suit its least-squares fit.
+def fitted(posterior: Posterior, seed: int = 0) -> Posterior:
+    """The same posterior with its least-squares fit, in sampling coordinates that suit it."""
+    return with_sampling_constants(posterior, fit=posterior.least_squares(seed))
 
-    ``softening`` is that of stored coordinates, which can only be read with the scale that they
-    were written with; by default it is that of the fitted material.
+
+def with_sampling_constants(
+    posterior: Posterior, isotropy_scale: float | None = None, fit: FitResult | None = None
+) -> Posterior:
+    """The same posterior with the sampling coordinates that suit a least-squares fit.
+
+    ``isotropy_scale`` is that of stored coordinates, which can only be read with the one that they
+    were written with; by default it is that of the fitted material. ``fit`` is by default that of
+    the posterior.
     """
-    if softening is None:
+    fit = posterior.fit if fit is None else fit
+    if isotropy_scale is None:
         law = posterior.law
-        fitted = dict(zip(law.names, posterior.fit.material.values, strict=True))
-        softening = law.softening(fitted)
-    return posterior.replaced(
-        sampling_constants=SamplingConstants(softening, _reference_stretch(posterior))
-    )
+        isotropy_scale = law.isotropy_scale(dict(zip(law.names, fit.material.values, strict=True)))
+    constants = SamplingConstants(isotropy_scale, _reference_stretch(posterior, fit))
+    return posterior.replaced(sampling_constants=constants, fit=fit)
 
 
-def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
+def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, float] | None:
     """Largest total stretches of a specimen, at the fitted mounting stretch."""
     if not posterior.settings.infers_mounting:
         return None
-    lm = np.clip(np.max(posterior.fit.mounting_stretch, axis=0), 1.0, 1.5)
+    lm = np.clip(np.max(fit.mounting_stretch, axis=0), 1.0, 1.5)
     pieces = posterior.specimen.pieces
     tops = [p.known_stretch.max(axis=0) for piece in pieces for p in piece.protocols]
     x, y = np.max(tops, axis=0) * lm

@@ -172,7 +172,7 @@ class TestedPaths:
     def reach(self) -> np.ndarray:
         """Largest distance from the mounted state of each protocol, (protocols,)."""
         far = [
-            np.linalg.norm(known(p.stretch) - 1.0, axis=1).max() for p in self.specimen.protocols
+            np.max(np.linalg.norm(known(p.stretch) - 1.0, axis=1)) for p in self.specimen.protocols
         ]
         return np.maximum(far, 1e-6)
 
@@ -227,7 +227,7 @@ class TestedPaths:
         best, least = None, SAME_PATH
         for i, p in enumerate(self.specimen.protocols):
             inside = far <= (1.0 + SAME_PATH) * self.reach[i]
-            if not inside.any() or far[inside].max() < 0.5 * min(self.reach[i], far.max()):
+            if not inside.any() or np.max(far[inside]) < 0.5 * min(self.reach[i], np.max(far)):
                 continue
             apart = np.linalg.norm(stretch[inside, None] - p.stretch[None], axis=2).min(axis=1)
             if apart.max() / self.reach[i] < least:

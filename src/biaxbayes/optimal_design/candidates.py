@@ -1,4 +1,4 @@
-"""Candidates for the next measurement: a further protocol, strips, histology, an image.
+"""Candidates for the next measurement: a protocol, strips, a tube, histology, an image.
 
 A candidate simulates outcomes from draws of the posterior, each with its own material, mounted
 state and noise, and gives the probability of an outcome for any other draw.
@@ -6,7 +6,7 @@ state and noise, and gives the probability of an outcome for any other draw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -15,7 +15,8 @@ import pandas as pd
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from biaxbayes.mechanics.experiments import Strip
+from biaxbayes.forward import ForwardModel
+from biaxbayes.mechanics.experiments import Experiment, Strip, Tube
 from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
@@ -23,7 +24,7 @@ from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import DesignOptions
 from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.prediction.draws import mounting_labels
-from biaxbayes.prediction.percentiles import evenly_chosen
+from biaxbayes.prediction.percentiles import evenly_chosen, quantiles
 from biaxbayes.specimens.specimen import Specimen
 
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
@@ -90,6 +91,11 @@ class FurtherProtocol:
     stretch: np.ndarray  # (n + 1, 2), measured; the first row is the mounted state
     repeats: float  # rows of a record that a planned row stands for
     shares: np.ndarray  # posterior weights of the misfit, (components, amplitudes)
+
+    @property
+    def loads_as_tested(self) -> bool:
+        """Whether its loads compare with those of the record."""
+        return True
 
     @property
     def first(self) -> int:
@@ -172,59 +178,66 @@ class FurtherProtocol:
 
     def peak_load(self, draws: pd.DataFrame) -> tuple[float, float]:
         """5 and 95 % of the largest load (N or kPa) that the specimen and cell must bear."""
-        low, high = np.quantile(np.abs(self.load(draws)).max(axis=(1, 2)), [0.05, 0.95])
-        return float(low), float(high)
+        low, _, high = quantiles(np.abs(self.load(draws)).max(axis=(1, 2)))
+        return low, high
 
 
 STRIP_REACH = 1.2
 """Largest strain of a planned strip over that of the square; a strip bears more."""
-STRIP_MOUNTING = (0.015, 0.01)
-"""Mean and sd of the mounting strain of planned strips."""
-STRIP_DRAWS = 400
+TUBE_REACH, TUBE_LENGTH, TUBE_RADIUS = 0.6, 0.5, 5.0
+"""Largest strain around the outside of a planned tube, and its axial strain, over those of the
+square; its outer radius over its thickness. Strains inside are about those of the square."""
+PIECE_MOUNTING = (0.015, 0.01)
+"""Mean and sd of the mounting strain of planned pieces."""
+PIECE_DRAWS = 400
 
 
 @dataclass(frozen=True, eq=False)
-class PairOfStrips(FurtherProtocol):
-    """Two strips of the same tissue, along x and y, with the section and load noise of the square.
+class FurtherPieces(FurtherProtocol):
+    """Other pieces of the same tissue, with the thickness and relative load noise of the square.
 
-    The readings of a draw are loads of strips mounted at a typical stretch. That their mounting
+    The readings of a draw are those of pieces mounted at a typical stretch. That their mounting
     stretches and stiffnesses are unknown counts as an error of the readings, with the covariance
     that drawing them gives at the median of the draws, as the misfit and the noise do:
 
         y = f + e,    e ~ N(0, C_unknown + a^2 D K_h D + t^2 V G V + s0^2)
 
-    ``stretch`` is that along either strip.
+    ``stretch`` is that of all pieces, each in the directions of its test.
     """
 
     median: pd.DataFrame  # one row
+    experiments: tuple[Experiment, ...]  # of each piece; together they read x and y once
 
     def load(self, draws: pd.DataFrame) -> np.ndarray:
         """See :class:`FurtherProtocol`."""
-        return self._load(draws, np.full((1, 2), 1.0 + STRIP_MOUNTING[0]), np.ones((1, 2)))
+        lm = np.full((1, 2), 1.0 + PIECE_MOUNTING[0])
+        return self._load(draws, lm, np.ones((1, len(self.experiments))))
 
     def _load(self, draws: pd.DataFrame, lm: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-        """Loads of strips at mounting stretches and stiffnesses, (draws, rows, 2)."""
-        forward, loads = self.posterior.forward, []
-        for axis in (0, 1):
-            strip = replace(forward, experiment=Strip(axis), states={}, piece="")
-            path = np.full(self.stretch.shape, np.nan)
-            path[:, axis] = self.stretch[:, axis]
-            columns = {name: draws[name].to_numpy(dtype=float) for name in self.posterior.law.names}
-            columns |= {mounting_names("stretch")[axis]: lm[:, axis]}
-            loads.append(stiffness[:, axis, None] * strip.load(columns, path)[..., axis])
-        return np.stack(loads, axis=-1)
+        """Readings at mounting stretches and stiffnesses of the pieces, (draws, rows, 2)."""
+        out = np.zeros((len(draws), *self.stretch.shape))
+        columns = {name: draws[name].to_numpy(dtype=float) for name in self.posterior.law.names}
+        columns |= dict(zip(mounting_names("stretch"), lm.T, strict=True))
+        for experiment, c in zip(self.experiments, stiffness.T, strict=True):
+            area = self.posterior.forward.area if experiment.is_mounted else np.ones(2)
+            piece = ForwardModel(self.posterior.law, area, False, experiment)
+            path, free = self.stretch.copy(), experiment.free_side
+            if free is not None:
+                path[:, free] = np.nan
+            out += c[:, None, None] * piece.load(columns, path)
+        return out
 
     @cached_property
     def _errors(self) -> tuple[np.ndarray | None, np.ndarray]:
         """Nothing of the run's residuals, and the root of the covariance of the errors."""
         posterior, rng = self.posterior, np.random.default_rng(0)
         settings, specimen = posterior.settings, posterior.specimen
-        mean, sd = STRIP_MOUNTING
-        lm = 1.0 + np.abs(rng.normal(mean, sd, (STRIP_DRAWS, 2)))
-        stiffness = np.exp(settings.piece_sd * rng.standard_normal((STRIP_DRAWS, 2)))
-        copies = self.median.loc[self.median.index.repeat(STRIP_DRAWS)]
-        drawn = self._load(copies, lm, stiffness)[:, self.first :].reshape(STRIP_DRAWS, -1)
-        covariance = np.cov(drawn, rowvar=False)
+        mean, sd = PIECE_MOUNTING
+        lm = 1.0 + np.abs(rng.normal(mean, sd, (PIECE_DRAWS, 2)))
+        normal = rng.standard_normal((PIECE_DRAWS, len(self.experiments)))
+        copies = self.median.loc[self.median.index.repeat(PIECE_DRAWS)]
+        drawn = self._load(copies, lm, np.exp(settings.piece_sd * normal))
+        covariance = np.cov(drawn[:, self.first :].reshape(PIECE_DRAWS, -1), rowvar=False)
         load = self.load(self.median)[0]
         position = np.linspace(0.0, 1.0, len(load))
         for axis in (0, 1) if settings.has_misfit else ():
@@ -241,8 +254,9 @@ class PairOfStrips(FurtherProtocol):
             for component, shares in zip(posterior.misfit.components, self.shares, strict=True):
                 misfit += (shares @ AMPLITUDES**2) * component.structure.covariance(at, at)
             covariance[np.ix_(own, own)] += misfit
-        noise = max(specimen.noise_sd, LEAST_NOISE * np.abs(load).max())
-        rows = np.full((len(load) - self.first, 2), noise / np.sqrt(self.repeats))
+        relative = max(specimen.noise_sd / specimen.peak_load, LEAST_NOISE)
+        noise = relative * np.abs(load).max(axis=0)
+        rows = np.tile(noise / np.sqrt(self.repeats), (len(load) - self.first, 1))
         if self.first == 0:
             rows[0] = noise
         return None, np.linalg.cholesky(covariance + np.diag(rows.ravel() ** 2))
@@ -250,6 +264,11 @@ class PairOfStrips(FurtherProtocol):
     def scale(self, draws: pd.DataFrame) -> np.ndarray:
         """See :class:`FurtherProtocol`."""
         return np.ones((len(draws), 2 * (len(self.stretch) - self.first)))
+
+    @property
+    def loads_as_tested(self) -> bool:
+        """See :class:`FurtherProtocol`."""
+        return all(e.is_mounted for e in self.experiments)
 
 
 def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.ndarray]:
@@ -302,15 +321,23 @@ def standard_candidates(
     out: list[Any] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):
         end = np.array([x, y]) / max(x, y) * top
-        same = [np.allclose(end, e, atol=0.03 * top.max()) for e in ends]
+        same = [np.allclose(end, e, atol=0.03 * np.max(top)) for e in ends]
         out.append(protocol(f"{'repeat ' if any(same) else ''}{x:g}:{y:g}", end))
     if further != 1.0:
         stretch = " × ".join(f"{v:.3g}" for v in 1.0 + further * top)
         out.append(protocol(f"1:1 to {stretch}", further * top))
     if specimen.test == "biaxial" and settings.infers_mounting:
-        path = 1.0 + np.linspace(0.0, 1.0, planned + 1)[:, None] * STRIP_REACH * top
         median = draws[list(posterior.law.names)].median().to_frame().T
-        out.append(PairOfStrips("strips x and y", posterior, path, rows / planned, shares, median))
+        position = np.linspace(0.0, 1.0, planned + 1)[:, None]
+        strips = 1.0 + position * STRIP_REACH * top
+        inflated = 1.0 + position * [TUBE_REACH, 0.0] * top + [0.0, TUBE_LENGTH] * top
+        tube = Tube(TUBE_RADIUS, 1.0)
+        for name, path, tests in (
+            ("strips x and y", strips, (Strip(0), Strip(1))),
+            ("tube, pressure and force", inflated, (tube,)),
+        ):
+            pieces = (posterior, path, rows / planned, shares, median, tests)
+            out.append(FurtherPieces(name, *pieces))
     free = {n for n, p in posterior.priors.items() if isinstance(p, Prior)}
     for name, sd, unit in (("alpha", alpha_sd_deg, "°"), ("kappa", kappa_sd, "")):
         if name in free:

@@ -226,7 +226,7 @@ def design(
     specimen = posterior.specimen
     peaks = [
         PeakLoad(*c.peak_load(thinned), specimen.peak_load, specimen.unit)
-        if isinstance(c, FurtherProtocol)
+        if isinstance(c, FurtherProtocol) and c.loads_as_tested
         else None
         for _, c in ranked
     ]

@@ -86,15 +86,21 @@ class Chains:
 
     def pareto_k(self) -> np.ndarray:
         """Pareto k of the weights of every chain and specimen, (C, n)."""
-        import arviz
+        try:
+            from arviz import psislw
+        except ImportError:  # from ArviZ 1.0
+            from arviz_stats.base import array_stats
+
+            psislw = array_stats.psislw
 
         m, P = self.common.m(), self.common.precisions()
         out = []
         for i, specimen in enumerate(self.specimens):
             log = specimen.log_weights(self.ensemble, m[:, i], P[:, i])
-            with np.errstate(over="ignore"):
-                out.append(arviz.psislw((log - log.max(axis=0)).T)[1])
-        return np.stack(out, axis=1)
+            with np.errstate(over="ignore", invalid="ignore"):
+                out.append(psislw((log - log.max(axis=0)).T)[1])
+        # not a number where a few draws have all the weight
+        return np.nan_to_num(np.stack(out, axis=1), nan=np.inf)
 
     def snapshot(self) -> dict[str, Any]:
         """Copy of all that later sweeps depend on."""

@@ -18,6 +18,7 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import STRETCH
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.reweighting import RunDraws
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.runs.run import Run
 from biaxbayes.sampling.sampler import Plan
 
@@ -108,7 +109,7 @@ def run_draws(
         chosen = [e for e in range(own) if e % ensembles == k] or [k % own]
         flat = {name: v[chosen].reshape(-1) for name, v in chains.items()}
         size = len(next(iter(flat.values())))
-        rows = np.linspace(0, size - 1, min(size, MAX_DRAWS)).round().astype(int)
+        rows = evenly_chosen(size, MAX_DRAWS)
         if own < ensembles:  # another part of the same ensemble for each
             rows = (rows + (k // own) * max(1, size // (MAX_DRAWS * ensembles))) % size
         finite = np.all([np.isfinite(v.to_scale(flat[v.name][rows])) for v in values], axis=0)

@@ -26,9 +26,8 @@ from biaxbayes.populations.verdicts import (
     spread_verdicts,
 )
 from biaxbayes.prediction.draws import protocol_mounting
-from biaxbayes.prediction.percentiles import evenly_chosen
+from biaxbayes.prediction.percentiles import QUANTILES, evenly_chosen, quantile_columns
 
-QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 SDS = ("sd_donors", "sd_specimens", "sd_total")
 PARTS = ("mean", *SDS, "new_specimen", "new_donor")
 NEEDS_SEVERAL_PER_DONOR = ("sd_donors", "sd_specimens", "new_donor")
@@ -59,11 +58,6 @@ JOINT_P, SINGLE_P = 0.05, 0.01
 DERIVED_DRAWS = 400
 SPECIMENS_PER_DRAW, DONORS_PER_DRAW = 60, 30
 """Specimens of the typical donor, and donors, made for each draw of a derived quantity."""
-
-
-def _quantiles(part: str, values: np.ndarray) -> dict[str, float]:
-    ends = np.quantile(values, list(QUANTILES.values()))
-    return {f"{part}_{q}": float(v) for q, v in zip(QUANTILES, ends, strict=True)}
 
 
 def groups_table(population: Population) -> pd.DataFrame:
@@ -180,7 +174,9 @@ def _numbers(population: Population, parts: dict[str, np.ndarray]) -> dict[str, 
         return {}
     empty = NEEDS_SEVERAL_PER_DONOR if population.grouping.one_specimen_per_donor else ()
     shown = {part: values for part, values in parts.items() if part not in empty}
-    return {k: x for part, values in shown.items() for k, x in _quantiles(part, values).items()}
+    return {
+        k: x for part, values in shown.items() for k, x in quantile_columns(part, values).items()
+    }
 
 
 def specimens_table(population: Population) -> pd.DataFrame:
@@ -206,8 +202,8 @@ def specimens_table(population: Population) -> pd.DataFrame:
         for q in (q for q in kinds if q.name in pooled and q.name in source.run.draws):
             own = single.get(q.name, {})
             numbers = (
-                _quantiles("single", source.run.draws[q.name].to_numpy())
-                | _quantiles("pooled", pooled[q.name])
+                quantile_columns("single", source.run.draws[q.name].to_numpy())
+                | quantile_columns("pooled", pooled[q.name])
                 | {"specimen_predictive_p": joint}
             )
             if q.name in names:
@@ -261,7 +257,7 @@ def _difference(population: Population, values: np.ndarray) -> dict[str, Any]:
     if population.state == "unusable":
         return {}
     share = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
-    out: dict[str, Any] = _quantiles("difference", values) | {"probability_positive": share}
+    out: dict[str, Any] = quantile_columns("difference", values) | {"probability_positive": share}
     if population.state == "converged":
         low, high = out["difference_q05"], out["difference_q95"]
         out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else INCONCLUSIVE

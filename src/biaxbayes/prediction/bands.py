@@ -16,7 +16,6 @@ from biaxbayes.options import CONTENT, Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced, tails
 from biaxbayes.prediction.tissue import Tissue
-from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
 
@@ -66,10 +65,10 @@ def bands(
         for level in levels
     ]
     tables = []
-    for i, protocol in enumerate(compared_protocols(specimen, posterior.settings)):
+    for i, protocol in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
         rows = evenly_spaced(protocol.rows, max_rows)
         stretch, measured = protocol.stretch[rows], specimen.load(protocol)[rows]
-        scale = _scale(specimen, stretch)
+        scale = specimen.per_nominal(stretch)
         tested = tissue.tested(i, protocol.stretch, rows)
         quantiles = np.concatenate([*tested.percentiles(levels), [np.median(tested.law, axis=0)]])
         for axis in specimen.experiment.axes:
@@ -133,7 +132,7 @@ def true_loads(
     loads = []
     for protocol in specimen.protocols:
         stretch = protocol.stretch[evenly_spaced(protocol.rows, max_rows)]
-        load = forward.load(values, stretch, protocol.name)[0] * _scale(specimen, stretch)
+        load = forward.load(values, stretch, protocol.name)[0] * specimen.per_nominal(stretch)
         if settings.mounting == "zeroed":
             load = load - load[0]
         loads.append(load.T.ravel())
@@ -157,22 +156,12 @@ def curves_of_draws(
     """The law's curves, one per draw; arguments as of :func:`bands`."""
     out, specimen = [], posterior.pieces[piece].specimen
     forward = posterior.pieces[piece].forward
-    for protocol in compared_protocols(specimen, posterior.settings):
+    for protocol in specimen.as_compared(posterior.settings.mounting).protocols:
         rows = evenly_spaced(protocol.rows, max_rows)
         stretch = protocol.stretch[rows]
-        scale = _scale(specimen, stretch)
+        scale = specimen.per_nominal(stretch)
         with np.errstate(over="ignore", invalid="ignore"):
             load = forward.load(draws, stretch, protocol.name) + forward.offset(draws)
         measured = specimen.load(protocol)[rows]
         out.append(DrawnCurves(protocol.name, rows, stretch, measured * scale, load * scale))
     return out
-
-
-def compared_protocols(specimen: Specimen, settings: Settings) -> tuple[Protocol, ...]:
-    """Protocols with the loads that a run compares: for ``zeroed`` less their mounting reading."""
-    return (specimen.zeroed() if settings.mounting == "zeroed" else specimen).protocols
-
-
-def _scale(specimen: Specimen, stretch: np.ndarray) -> np.ndarray:
-    """Factor from a nominal load to the file's: the measured stretch for Cauchy stresses."""
-    return stretch if specimen.stress_pair == "cauchy" else np.ones_like(stretch)

@@ -46,7 +46,7 @@ ROOT_TOLERANCE = 1e-13  # of the stretch
 
 
 @dataclass(frozen=True)
-class Tube:
+class ThinTube:
     """An unloaded thin-walled tube at a fixed axial stretch.
 
     Parameters
@@ -99,7 +99,7 @@ class Tube:
 
 
 def inflation_pressure(
-    material: MaterialResponse, tube: Tube, circumferential_stretch, *, piola_offset_kPa=0.0
+    material: MaterialResponse, tube: ThinTube, circumferential_stretch, *, piola_offset_kPa=0.0
 ) -> Any:
     """Pressure that holds the tube at a circumferential stretch.
 
@@ -128,7 +128,9 @@ def inflation_pressure(
     )
 
 
-def inflation_axial_force(material: MaterialResponse, tube: Tube, circumferential_stretch) -> Any:
+def inflation_axial_force(
+    material: MaterialResponse, tube: ThinTube, circumferential_stretch
+) -> Any:
     """Reduced axial force of the closed tube in mN (kPa mm^2); arguments as for the pressure."""
     stretch_x, stretch_y = tube.stretches(circumferential_stretch)
     s = material.cauchy(stretch_x, stretch_y)
@@ -143,7 +145,7 @@ def inflation_axial_force(material: MaterialResponse, tube: Tube, circumferentia
 
 
 def inflation_stretch(
-    material: MaterialResponse, tube: Tube, pressure_kPa, *, piola_offset_kPa=0.0
+    material: MaterialResponse, tube: ThinTube, pressure_kPa, *, piola_offset_kPa=0.0
 ) -> np.ndarray:
     """Circumferential stretch at a pressure: the first state met from the unpressurised one.
 
@@ -217,7 +219,7 @@ def _branch(
 def predict_pressure(
     posterior: Posterior,
     draws: pd.DataFrame,
-    tube: Tube,
+    tube: ThinTube,
     circumferential_stretch: np.ndarray,
     *,
     probability: float = PredictionOptions.probability,
@@ -293,7 +295,10 @@ def predict_pressure(
 
 
 def _wall_misfit(
-    posterior: Posterior, draws: pd.DataFrame, tube: Tube, circumferential_stretch: np.ndarray
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    tube: ThinTube,
+    circumferential_stretch: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Misfit of the wall's nominal stress: mean, sd, and sd of noise; kPa, (draws, m, 2)."""
     lm = prediction_mounting(draws, posterior.specimen, None)
@@ -306,7 +311,7 @@ def _wall_misfit(
 def predict_diameter(
     posterior: Posterior,
     draws: pd.DataFrame,
-    tube: Tube,
+    tube: ThinTube,
     pressure_kPa: np.ndarray,
     *,
     probability: float = PredictionOptions.probability,

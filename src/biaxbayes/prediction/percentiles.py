@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,20 @@ BANDS = ("median", "credible_low", "credible_high", "predictive_low", "predictiv
 
 MIXTURE_DRAWS = 4000  # draws that carry a predictive percentile
 MAX_BISECTIONS = 60
+
+
+QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
+"""Quantiles of every table, by the endings of its columns: the median and the 90 % interval."""
+
+
+def quantiles(values: Any) -> list[float]:
+    """5, 50 and 95 % quantile of values."""
+    return [float(v) for v in np.quantile(values, list(QUANTILES.values()))]
+
+
+def quantile_columns(name: str, values: Any) -> dict[str, float]:
+    """The same as columns of a table, ``name_q05`` and so on."""
+    return {f"{name}_{q}": v for q, v in zip(QUANTILES, quantiles(values), strict=True)}
 
 
 def tails(probability: float) -> tuple[float, float]:

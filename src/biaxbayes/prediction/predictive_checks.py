@@ -9,7 +9,6 @@ from biaxbayes.error_model import standard_cdf
 from biaxbayes.fitting.result import EXPLAINED
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.prediction.bands import compared_protocols
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.prediction.tissue import Tissue
 
@@ -55,7 +54,7 @@ def predictive_checks(
     """
     tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
     specimen, rows = posterior.pieces[piece].specimen, []
-    for i, protocol in enumerate(compared_protocols(specimen, posterior.settings)):
+    for i, protocol in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
         stretch = protocol.stretch[protocol.rest_rows :]
         measured = specimen.load(protocol)[protocol.rest_rows :]
         if not len(measured):

@@ -97,7 +97,7 @@ def covered_stretches(
     """
     factor = np.broadcast_to(np.asarray(mounting_stretch, float), (len(specimen.protocols), 2))
     state = np.vstack([p.stretch * lm for p, lm in zip(specimen.protocols, factor, strict=True)])
-    shift = float(np.linalg.norm(factor - 1.0, axis=1).max())
+    shift = float(np.max(np.linalg.norm(factor - 1.0, axis=1)))
     return CoveredStretches(_convex_hull(state), state.min(axis=0), state.max(axis=0), shift)
 
 
@@ -234,7 +234,7 @@ def predict_stress(
             model = material.piola(total[:, :, 0], total[:, :, 1])
         finite = np.isfinite(model).all(axis=(0, 1))
         if not finite.all():
-            x, y = path[first + np.argmin(finite)]
+            x, y = path[first + int(np.argmin(finite))]
             raise InputError(
                 f"the stress of some draws overflows at stretches of {x:g} and {y:g}",
                 remedy="end the path earlier: nothing was tested near there",

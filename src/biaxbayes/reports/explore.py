@@ -142,7 +142,7 @@ def _numbered_in_order(page: str) -> str:
 
 
 @dataclass(frozen=True)
-class Axis:
+class ExploredAxis:
     """A quantity with panels of its own."""
 
     name: str
@@ -154,7 +154,7 @@ class Axis:
     all_draws: str  # median and interval of all draws, as in the report
 
 
-def _axes(quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame) -> list[Axis]:
+def _axes(quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame) -> list[ExploredAxis]:
     axes = []
     whole = corner_columns(draws, quantities)
     for name, (text, values) in corner_columns(thinned, quantities).items():
@@ -166,7 +166,7 @@ def _axes(quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame) ->
         median, low, high = quantile_texts(float(q50), float(q05), float(q95), parameter)
         symbol = as_html(Quantity(parameter))
         axes.append(
-            Axis(
+            ExploredAxis(
                 name,
                 Markup("mean {}").format(symbol) if len(states) > 1 else symbol,
                 text.unit,
@@ -179,7 +179,7 @@ def _axes(quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame) ->
     return axes
 
 
-def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, list[Any]]:
+def _corner(axes: list[ExploredAxis], source: Any, hues: dict[str, str]) -> tuple[Any, list[Any]]:
     """Panels of pairs and histograms, and the sources of the histograms."""
     ranges = [Range1d(a.span.low, a.span.high) for a in axes]
     kinds: Any = ["log" if a.span.log else "linear" for a in axes]
@@ -228,7 +228,7 @@ def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, l
     return gridplot(grid, toolbar_location="right", merge_tools=True), histograms
 
 
-def _histogram(panel: Any, axis: Axis, hue: str) -> Any:
+def _histogram(panel: Any, axis: ExploredAxis, hue: str) -> Any:
     """Draw all draws as a line, the selected ones as bars; return the source of both."""
     edges = axis.span.back(np.linspace(0.0, 1.0, HISTOGRAM_BINS + 1))
     counts = np.histogram(axis.values, edges)[0] / len(axis.values)

@@ -27,11 +27,16 @@ from biaxbayes.reports.text import derived_text, latex_text, plural, truncate
 from biaxbayes.studies.groups import USABLE_VERDICTS
 
 PAGE, LATEX = "population.html", "population.tex"
+TABLES = {
+    "groups": ("population.csv", "groups"),
+    "specimens": ("specimens.csv", "every specimen alone and pooled"),
+    "contrasts": ("contrasts.csv", "differences between groups"),
+}
+"""File and content of each table of a population."""
+BANDS = "new-specimen-bands"
 FILES = {
-    "population.csv": "groups",
-    "specimens.csv": "every specimen alone and pooled",
-    "contrasts.csv": "differences between groups",
-    "new-specimen-bands.csv": "stress of a new specimen",
+    **dict(TABLES.values()),
+    f"{BANDS}.csv": "stress of a new specimen",
     LATEX: "the table of the groups as LaTeX, with both paragraphs",
     "population.nc": "all draws",
 }
@@ -51,7 +56,7 @@ FIGURE_TEXTS = {
         "Contours of new specimens for every pair of parameters, with the tested specimens as "
         "points.",
     ),
-    "new-specimen-bands": (
+    BANDS: (
         "Stress of a new specimen",
         "Equibiaxial Cauchy stress: the band contains 90 % of new specimens; thin lines are the "
         "records of the tested ones.",

@@ -36,8 +36,11 @@ KNOWN_QUANTITIES = Quantities(all_parameters())
 """Symbol, unit and range by the names in the tables of a study."""
 
 
-def study_page(result: StudyResult, files: Sequence[str] = ()) -> str:
-    """The page as HTML: no scripts, no network; the links lead to the reports of the runs."""
+def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> str:
+    """The page as HTML, with its files and their content: no scripts, no network.
+
+    The links lead to the reports of the runs.
+    """
     states = result.states
     assessed = [
         q for q in KNOWN_QUANTITIES.assessed() if (result.table["quantity"] == q.name).any()
@@ -60,7 +63,7 @@ def study_page(result: StudyResult, files: Sequence[str] = ()) -> str:
             for d in group_differences(result.group_contrasts)
         ],
         missed=[f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()],
-        files=[(name, FILES[name]) for name in files],
+        files=files,
         contrasts=_contrasts(result.contrasts),
         warning=WARNING,
         notes=[truncate(n, 400) for n in result.notes],
@@ -225,33 +228,27 @@ def _contrasts(contrasts: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
 
 TABLE, PAGE = "study", "study.html"
 FILES = {
-    "study.csv": "one row per specimen and quantity",
-    "study-group-contrasts.csv": "how the groups differ",
-    "study-groups.csv": "summaries of layers, donors and groups",
-    "study-contrasts.csv": "layers of a donor compared, over all donors",
-    "study-distances.csv": "the same, donor by donor",
+    "table": ("study.csv", "one row per specimen and quantity"),
+    "group_contrasts": ("study-group-contrasts.csv", "how the groups differ"),
+    "groups": ("study-groups.csv", "summaries of layers, donors and groups"),
+    "contrasts": ("study-contrasts.csv", "layers of a donor compared, over all donors"),
+    "distances": ("study-distances.csv", "the same, donor by donor"),
 }
-"""Tables of a study, with their content."""
+"""File and content of each table of a result."""
 
 
 def write_study(result: StudyResult) -> list[Path]:
     """Write the files of a study into its folder; ``study.parquet`` if pyarrow is installed."""
     folder = result.folder
-    written = []
-    tables = {
-        TABLE: result.table,
-        "study-group-contrasts": result.group_contrasts,
-        "study-groups": result.groups,
-        "study-contrasts": result.contrasts,
-        "study-distances": result.distances,
-    }
-    for stem, table in tables.items():
-        path = folder / f"{stem}.csv"
-        if table.empty and stem != TABLE:
+    written, files = [], []
+    for name, (file, content) in FILES.items():
+        path, table = folder / file, getattr(result, name)
+        if table.empty and name != "table":
             path.unlink(missing_ok=True)
             continue
         write_csv(path, table, digits=8)
         written.append(path)
+        files.append((file, content))
     if find_spec("pyarrow"):
         buffer = io.BytesIO()
         result.table.convert_dtypes().to_parquet(buffer, engine="pyarrow", index=False)
@@ -262,6 +259,5 @@ def write_study(result: StudyResult) -> list[Path]:
     figure = study_figure(result.table, result.group_of) if has_numbers else None
     written += save_pictures(figure, folder, FIGURE)
     page = folder / PAGE
-    names = [path.name for path in written if path.name in FILES]
-    atomic_write_text(page, study_page(result, names))
+    atomic_write_text(page, study_page(result, files))
     return [*written, page]

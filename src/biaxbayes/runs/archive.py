@@ -23,6 +23,7 @@ from biaxbayes.errors import RunError
 from biaxbayes.model.piece import Piece
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import name_of
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.tasks import kept_warning_filters
@@ -150,7 +151,7 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "lp": (by_draw, flat["lp"]),
         "log_likelihood": (by_draw, flat["log_likelihood"]),
     }
-    pick = np.linspace(0, count - 1, min(count, PREDICTIVE_DRAWS)).round().astype(int)
+    pick = evenly_chosen(count, PREDICTIVE_DRAWS)
     thinned = {name: flat[name][:, pick] for name in posterior.parameter_names}
     observed: dict[str, Any] = {}
     constant: dict[str, Any] = {}

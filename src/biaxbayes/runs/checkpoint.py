@@ -23,7 +23,7 @@ from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.sampler import Checkpoint
 from biaxbayes.text_files import atomic_write_bytes, read_bytes, sync_folder
 
-FORMAT = 6
+FORMAT = 7
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 NAMES = (NAME, PREVIOUS)
@@ -40,22 +40,21 @@ class DamagedCheckpoint(Exception):
 
 def run_record(state: Checkpoint) -> dict[str, Any]:
     """Arrays and plain values of a run."""
-    plain = {**vars(state), "frame": dict(state.frame), "warmup": vars(state.warmup)}
+    plain = {**vars(state), "constants": dict(state.constants), "warmup": vars(state.warmup)}
     return plain | {"proposal": state.proposal.arrays()}
 
 
 def run_state(record: Mapping[str, Any]) -> Checkpoint:
     """Inverse of :func:`run_record`; ValueError if its parts do not fit together."""
     state = Checkpoint(
-        frame={"softening": float(record["frame"]["softening"])},
+        constants={"isotropy_scale": float(record["constants"]["isotropy_scale"])},
         proposal=MixtureProposal.from_arrays(record["proposal"]),
         members=[m | {"walker_random": tuple(m["walker_random"])} for m in record["members"]],
         chain=record["chain"],
         steps=int(record["steps"]),
         thin=int(record["thin"]),
         warmup=WarmUp(**record["warmup"]),
-        evaluations=int(record["evaluations"]),
-        rejected=record["rejected"],
+        counts=record["counts"],
     )
     ensembles, stored, walkers, d = state.chain.shape
     fits = [

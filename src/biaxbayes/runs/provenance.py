@@ -11,13 +11,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, RunError
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.priors import parse_priors, prior_value
 from biaxbayes.options import Settings
+from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.runs.folder import PROVENANCE, read_json
 from biaxbayes.sampling.convergence import STATES
 
@@ -125,7 +124,6 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "thinning": draws.thin,
             "target_ess": plan.ess,
             "evaluations": draws.evaluations,
-            "zero_density": draws.rejected,
             "acceptance": draws.acceptance,
             "adaptation_rounds": draws.warmup.rounds,
             "message": draws.warmup.message,
@@ -137,7 +135,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "worst_rhat": convergence.worst_rhat if converged else None,
             "interrupted": draws.interrupted,
         },
-        "evidence": marginal_likelihood_record(posterior, draws, plan.seed),
+        "marginal_likelihood": marginal_likelihood_record(posterior, draws, plan.seed),
         "seconds": {k: round(v, 3) for k, v in draws.seconds.items()},
         "versions": dict(_versions()),
     }
@@ -152,7 +150,7 @@ def _misfit_amplitude(posterior: Posterior, draws: Draws) -> float | None:
         return None
     flat = {name: v.ravel() for name, v in draws.quantities.items()}
     count = len(flat["lp"])
-    rows = np.linspace(0, count - 1, min(count, AMPLITUDE_DRAWS)).round().astype(int)
+    rows = evenly_chosen(count, AMPLITUDE_DRAWS)
     residual = posterior.residuals({name: v[rows] for name, v in flat.items()}, piece=0)
     return posterior.misfit.amplitude(residual)
 

@@ -37,7 +37,6 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING_MODES
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
-from biaxbayes.prediction.bands import compared_protocols
 from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
 from biaxbayes.runs.folder import EVIDENCE
 from biaxbayes.text_files import atomic_write_text, write_csv
@@ -214,7 +213,7 @@ def _fit_in_words(posterior: Posterior) -> str:
     axes = list(specimen.experiment.same_unit(0))
     residuals = [
         (specimen.load(p) - paths.load(p.stretch, i))[p.rest_rows :, axes]
-        for i, p in enumerate(compared_protocols(specimen, posterior.settings))
+        for i, p in enumerate(specimen.as_compared(posterior.settings.mounting).protocols)
     ]
     rms = root_mean_square(residuals)
     noise, peak = specimen.noise_sd, specimen.peak_load

@@ -19,6 +19,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities
+from biaxbayes.prediction.percentiles import quantiles
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import quantity_name, read_archive
 from biaxbayes.runs.folder import (
@@ -72,7 +73,7 @@ def summarise(
         row |= {"parameter": name, "unit": known[name].unit}
         i = position.get(name)
         if convergence.state != "unusable" and draws.size:
-            q05, q50, q95 = np.quantile(draws, [0.05, 0.5, 0.95])
+            q05, q50, q95 = quantiles(draws)
             sd = draws.std(ddof=1) if i is not None else 0.0
             row |= {"mean": draws.mean(), "sd": sd, "q05": q05, "q50": q50, "q95": q95}
         if i is not None:

@@ -68,7 +68,7 @@ def longest_stuck(chain: np.ndarray) -> int:
     moved = (chain[:, 1:] != chain[:, :-1]).any(axis=-1)
     steps = np.arange(1, chain.shape[1])[None, :, None]
     last_move = np.maximum.accumulate(np.where(moved, steps, 0), axis=1)
-    return int((steps - last_move).max(initial=0)) + 1
+    return int(np.max(steps - last_move, initial=0)) + 1
 
 
 @dataclass(frozen=True)

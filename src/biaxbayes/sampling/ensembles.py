@@ -43,7 +43,6 @@ class Ensemble:
         self.state = emcee.State(
             start, log_prob=log_density(start), random_state=random.get_state()
         )
-        self.evaluations = len(start)
         self.independence_share = 0.0
         self.stop = threading.Event()
         # In the neck of a funnel (Neal, Ann. Stat. 31 (2003) 705) only steps much shorter than the
@@ -56,10 +55,9 @@ class Ensemble:
             (emcee.moves.DEMove(gamma0=1.0), 0.05),
         ]
 
-    def _counted(self, x: np.ndarray) -> np.ndarray:
+    def _stoppable(self, x: np.ndarray) -> np.ndarray:
         if self.stop.is_set():
             raise CancelledError
-        self.evaluations += len(x)
         return self.log_density(x)
 
     def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -68,8 +66,8 @@ class Ensemble:
         share = self.independence_share if self.independence.proposal is not None else 0.0
         moves: list[tuple[Any, float]] = [(m, w * (1.0 - share)) for m, w in self._de]
         moves.append((self.independence, share))
-        sampler = emcee.EnsembleSampler(walkers, d, self._counted, moves=moves, vectorize=True)
-        sampler.log_prob_fn = self._counted  # emcee's wrapper prints a traceback
+        sampler = emcee.EnsembleSampler(walkers, d, self._stoppable, moves=moves, vectorize=True)
+        sampler.log_prob_fn = self._stoppable  # emcee's wrapper prints a traceback
         self.state = sampler.run_mcmc(self.state, steps, skip_initial_state_check=True)
         return sampler.get_chain(), sampler.get_log_prob()
 
@@ -81,7 +79,6 @@ class Ensemble:
             "walker_random": self.state.random_state,
             "proposal_random": self.independence.rng.bit_generator.state,
             "independence_share": self.independence_share,
-            "evaluations": self.evaluations,
             "tried": self.independence.tried,
             "accepted": self.independence.accepted,
         }
@@ -96,7 +93,6 @@ class Ensemble:
         )
         self.independence.rng.bit_generator.state = snapshot["proposal_random"]
         self.independence_share = float(snapshot["independence_share"])
-        self.evaluations = int(snapshot["evaluations"])
         self.independence.tried = int(snapshot["tried"])
         self.independence.accepted = int(snapshot["accepted"])
 
@@ -136,11 +132,6 @@ class Ensembles:
                     member.stop.set()
                 raise
         return np.stack([c for c, _ in runs]), np.stack([p for _, p in runs])
-
-    @property
-    def evaluations(self) -> int:
-        """Density evaluations so far."""
-        return sum(m.evaluations for m in self.members)
 
     @property
     def acceptance(self) -> float:

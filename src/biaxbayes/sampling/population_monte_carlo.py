@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from biaxbayes.errors import NotConverged
 from biaxbayes.sampling.modes import Mode, find_modes, mode_clusters
@@ -155,7 +156,7 @@ def adapt_proposal(
             inside, np.array(powers)[label] * np.where(inside, log_weight, 0.0), -np.inf
         )
         chosen = resample_clusters(tempered, label, len(u) // 2, rng)
-        max_components = components * (int(label.max()) + 1)
+        max_components = components * (int(np.max(label)) + 1)
         with one_blas_thread():
             proposal = fit_mixture_proposal(
                 u[chosen], rng, bounds=bounds, components=max_components, label=label[chosen]
@@ -181,7 +182,7 @@ def resample_clusters(
     log_weight: np.ndarray, label: np.ndarray, size: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Indices of ``size`` points drawn by their weights, equally many from each cluster."""
-    clusters = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
+    clusters = [np.flatnonzero(label == k) for k in range(int(np.max(label)) + 1)]
     count = size // len(clusters)
     return np.concatenate([own[resample(log_weight[own], count, rng)] for own in clusters])
 
@@ -226,7 +227,7 @@ def draw_cluster_points(start: Start) -> np.ndarray:
     inside = np.isfinite(start.log_weight)
     points, log_weight = start.points[inside], start.log_weight[inside]
     label = np.unique(start.proposal.nearest_part(points), return_inverse=True)[1]
-    size = CLUSTER_POINTS * (int(label.max()) + 1)
+    size = CLUSTER_POINTS * (int(np.max(label)) + 1)
     return points[resample_clusters(log_weight, label, size, start.rng)]
 
 
@@ -252,6 +253,6 @@ def _tempered_log_weight(start: Start) -> np.ndarray:
     for k in range(len(start.proposal.parts)):
         cluster = (label == k) & np.isfinite(log_weight)
         if cluster.any():
-            log_mass = np.logaddexp.reduce(log_weight[cluster])
-            tempered[cluster] += log_mass - np.logaddexp.reduce(tempered[cluster])
+            log_mass = logsumexp(log_weight[cluster])
+            tempered[cluster] += log_mass - logsumexp(tempered[cluster])
     return tempered

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.special import logsumexp
 
 from biaxbayes.sampling.mixture import StudentMixture, fit_mixture
 from biaxbayes.sampling.target import bounds_array
@@ -135,7 +136,7 @@ class MixtureProposal:
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond a bound."""
-        return np.asarray(np.logaddexp.reduce(self.log_densities(x), axis=0))
+        return np.asarray(logsumexp(self.log_densities(x), axis=0))
 
     def nearest_part(self, x: np.ndarray) -> np.ndarray:
         """Index of the part that is densest at points of shape (n, d); shape (n,)."""

@@ -95,7 +95,7 @@ class Checkpoint:
 
     Attributes
     ----------
-    frame : mapping of str to float
+    constants : mapping of str to float
         Coordinate constants of the target.
     proposal : MixtureProposal
         The frozen proposal of the independence move.
@@ -104,19 +104,18 @@ class Checkpoint:
     chain : ndarray, shape (ensembles, stored steps, walkers, d)
     steps, thin : int
         Steps of each ensemble so far, of which every ``thin``-th is stored.
-    evaluations, rejected
-        Numbers of density evaluations so far, warm-up included; zero densities by reason.
+    counts : int64 ndarray
+        The target's counts so far, search and warm-up included.
     """
 
-    frame: Mapping[str, float]
+    constants: Mapping[str, float]
     proposal: MixtureProposal
     members: list[dict[str, Any]]
     chain: np.ndarray
     steps: int
     thin: int
     warmup: WarmUp
-    evaluations: int
-    rejected: np.ndarray
+    counts: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ class Draws:
     chain : ndarray, shape (ensembles, steps, walkers, d)
     quantities : dict of ndarray, shape (ensembles, steps, walkers)
         The target's quantities.
-    rejected : dict
+    evaluations : dict
         Evaluations, and those of zero density by reason, over the whole run; empty where the
         target does not count.
     acceptance : float
@@ -147,8 +146,7 @@ class Draws:
     convergence: Convergence
     warmup: WarmUp
     proposal: MixtureProposal
-    evaluations: int
-    rejected: dict[str, int]
+    evaluations: dict[str, int]
     acceptance: float
     thin: int
     seconds: dict[str, float] = field(default_factory=dict)
@@ -221,8 +219,7 @@ def draw(
         convergence=convergence,
         warmup=state.warmup,
         proposal=state.proposal,
-        evaluations=state.evaluations,
-        rejected=target.rejections(state.rejected),
+        evaluations=target.evaluations(state.counts),
         acceptance=ensembles.acceptance,
         thin=state.thin,
         seconds=seconds,
@@ -254,15 +251,14 @@ def start_ensembles(
     )
     assert ensembles.proposal is not None
     return ensembles, Checkpoint(
-        frame=target.frame,
+        constants=target.constants,
         proposal=ensembles.proposal,
         members=[m.snapshot() for m in ensembles.members],
         chain=np.empty((plan.ensembles, 0, walkers, target.dimension)),
         steps=0,
         thin=1,
         warmup=result,
-        evaluations=ensembles.evaluations,
-        rejected=target.counts.copy(),
+        counts=target.counts.copy(),
     )
 
 
@@ -279,7 +275,7 @@ def restore_ensembles(target: Target, plan: Plan, state: Checkpoint) -> Ensemble
     ensembles.freeze()
     for member, snapshot in zip(ensembles.members, state.members, strict=True):
         member.restore(snapshot)
-    target.counts[:] = state.rejected
+    target.counts[:] = state.counts
     return ensembles
 
 
@@ -297,8 +293,7 @@ def _advance(ensembles: Ensembles, state: Checkpoint, block: int, target: Target
         chain=stored,
         steps=state.steps + block,
         thin=thin,
-        evaluations=ensembles.evaluations,
-        rejected=target.counts.copy(),
+        counts=target.counts.copy(),
     )
 
 

@@ -45,7 +45,7 @@ class Target:
         of zero density, by reason.
     reasons : tuple of str
         Names of the reasons of a zero density.
-    frame : mapping of str to float
+    constants : mapping of str to float
         Constants of the coordinates, which are stored with the state of a run so that it can be
         continued.
     """
@@ -56,14 +56,14 @@ class Target:
     skip_diagnostics: tuple[str, ...] = ()
     counts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     reasons: tuple[str, ...] = ()
-    frame: Mapping[str, float] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
         """Number of coordinates."""
         return len(self.bounds)
 
-    def rejections(self, counts: np.ndarray) -> dict[str, int]:
+    def evaluations(self, counts: np.ndarray) -> dict[str, int]:
         """Evaluations counted, and those of zero density by reason; empty without reasons."""
         if not self.reasons:
             return {}

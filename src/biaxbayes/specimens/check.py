@@ -310,8 +310,8 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
     span = np.ptp(starts, axis=0)
     off = float(np.abs(starts - 1.0).max())
     if span.max() > DRIFT:
-        k = int(span.argmax())
-        low, high = int(starts[:, k].argmin()), int(starts[:, k].argmax())
+        k = int(np.argmax(span))
+        low, high = int(np.argmin(starts[:, k])), int(np.argmax(starts[:, k]))
         remedy = (
             ", as stated by '# reference: each protocol' in the header"
             if specimen.reference
@@ -436,7 +436,7 @@ def _resampled(specimen: Specimen) -> Iterator[Finding]:
         tiny = 1e-6 * np.ptp(load, axis=0)
         step = np.abs(np.diff(load, axis=0))[1:]
         even = (np.abs(np.diff(load, 2, axis=0)) < tiny) & (step > tiny)
-        if p.rows >= 12 and even.mean(axis=0).min() >= 0.8:
+        if p.rows >= 12 and np.min(even.mean(axis=0)) >= 0.8:
             names.append(p.name)
     if names:
         where = "" if len(names) == len(specimen.protocols) else f" of {', '.join(names)}"
@@ -544,10 +544,10 @@ def _stress(specimen: Specimen) -> Iterator[Finding]:
     low, high = USUAL_PEAK_KPA
     if peak > high:
         message = f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: "
-        yield warning("units", f"{message}is the file in {'mN' if forces else 'Pa'}?")
+        yield warning("units", f"{message}is the file in {'gf or mN' if forces else 'Pa'}?")
     elif peak < low:
         message = f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in"
-        yield warning("units", f"{message} {'kN or gf' if forces else 'MPa'}?")
+        yield warning("units", f"{message} {'kgf or kN' if forces else 'MPa'}?")
     if peaks.min() > 0.0 and peaks.max() / peaks.min() > 100.0:
         message = f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
         yield warning("units", f"{message}are both columns in the same unit?")

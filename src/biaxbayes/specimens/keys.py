@@ -29,7 +29,7 @@ REFERENCES = ("each protocol", "common")
 """References of measured stretches: the first rows of each protocol, or one state for all."""
 
 
-class Column(NamedTuple):
+class FileColumn(NamedTuple):
     """Meaning of a column, and its default."""
 
     meaning: str
@@ -47,41 +47,41 @@ class Key(NamedTuple):
 
 
 COLUMNS = {
-    "stretch_x": Column(
+    "stretch_x": FileColumn(
         "Stretch along x relative to the mounted state; each protocol is divided by its own value "
         "at rest where that is not 1, unless `reference` is common",
         REQUIRED,
     ),
-    "stretch_y": Column("The same along y", REQUIRED),
-    "protocol": Column(
+    "stretch_y": FileColumn("The same along y", REQUIRED),
+    "protocol": FileColumn(
         "Name of the loading path, the same in all its rows, which are together", "one protocol"
     ),
-    "time_s": Column("Time of the row; may not run backwards in a protocol", NONE),
-    "force_x_N": Column("Force along x, tension positive, not tared after mounting", ONE_PAIR),
-    "force_y_N": Column("The same along y", ONE_PAIR),
-    "piola_x_kPa": Column(
+    "time_s": FileColumn("Time of the row; may not run backwards in a protocol", NONE),
+    "force_x_N": FileColumn("Force along x, tension positive, not tared after mounting", ONE_PAIR),
+    "force_y_N": FileColumn("The same along y", ONE_PAIR),
+    "piola_x_kPa": FileColumn(
         "First Piola-Kirchhoff stress: force over the section in the state of `geometry`", ONE_PAIR
     ),
-    "piola_y_kPa": Column("The same along y", ONE_PAIR),
-    "cauchy_x_kPa": Column(
+    "piola_y_kPa": FileColumn("The same along y", ONE_PAIR),
+    "cauchy_x_kPa": FileColumn(
         "Cauchy stress as the lab computes it: that stress times the measured stretch", ONE_PAIR
     ),
-    "cauchy_y_kPa": Column("The same along y", ONE_PAIR),
-    "pressure_kPa": Column("Of a tube: pressure inside less that outside", OF_TUBES),
-    "pressure_mmHg": Column("The same in millimetres of mercury", "pressure_kPa"),
-    "axial_force_N": Column(
+    "cauchy_y_kPa": FileColumn("The same along y", ONE_PAIR),
+    "pressure_kPa": FileColumn("Of a tube: pressure inside less that outside", OF_TUBES),
+    "pressure_mmHg": FileColumn("The same in millimetres of mercury", "pressure_kPa"),
+    "axial_force_N": FileColumn(
         "Of a tube: force of the transducer at its closed end, that is the axial force of the wall "
         "less pressure times lumen",
         "not read",
     ),
-    "outer_diameter_mm": Column(
+    "outer_diameter_mm": FileColumn(
         "Of a tube: outer diameter under load; or `stretch_x`, the same over the unloaded one",
         OF_TUBES,
     ),
-    "length_mm": Column(
+    "length_mm": FileColumn(
         "Of a tube: length under load between the marks of `unloaded_length_mm`", "stretch_z"
     ),
-    "stretch_z": Column(
+    "stretch_z": FileColumn(
         "Of a tube: axial stretch, relative to the unloaded tube; `stretch_y` means the same",
         OF_TUBES,
     ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -213,7 +213,7 @@ class Protocol:
     def __repr__(self) -> str:
         return f"Protocol({self.name!r}, {self.rows} rows)"
 
-    def divided_by(self, reference: Sequence[float], stress_pair: str) -> Protocol:
+    def divided_by(self, reference: Iterable[float], stress_pair: str) -> Protocol:
         """The same path with stretches relative to a state of the given (measured) stretches.
 
         A Cauchy stress is divided as well: the lab multiplied the nominal stress by its own

@@ -256,7 +256,8 @@ class Specimen:
                 remedy = "count its first row, or state '# reference: common'"
                 raise ReadingError(problem, argument="rest_rows", protocol=p.name, remedy=remedy)
         return tuple(
-            p.divided_by(p.stretch[: p.rest_rows].mean(axis=0), self.stress_pair) for p in protocols
+            p.divided_by(np.mean(p.stretch[: p.rest_rows], axis=0), self.stress_pair)
+            for p in protocols
         )
 
     def __hash__(self) -> int:
@@ -360,9 +361,11 @@ class Specimen:
         A Cauchy stress, computed by the lab with the mounted state as reference, is divided
         by the measured stretch.
         """
-        if self.stress_pair == "cauchy":
-            return protocol.recorded_load / protocol.known_stretch
-        return protocol.recorded_load
+        return protocol.recorded_load / self.per_nominal(protocol.known_stretch)
+
+    def per_nominal(self, stretch: np.ndarray) -> np.ndarray:
+        """What the file has per nominal load: the measured stretch for Cauchy stresses, else 1."""
+        return stretch if self.stress_pair == "cauchy" else np.ones_like(stretch)
 
     def mounting_reading(self, protocol: Protocol) -> np.ndarray:
         """Mean load of the rows at rest, (x, y), in :attr:`unit`; NaN where there are none."""
@@ -512,6 +515,10 @@ class Specimen:
         protocols = tuple(self._shifted(p, x, y) for p in self.protocols)
         return replace(self, protocols=protocols, notes=(*self.notes, note))
 
+    def as_compared(self, mounting: str) -> Specimen:
+        """The record as a model with this mounting mode compares it."""
+        return self.zeroed() if mounting == "zeroed" else self
+
     def zeroed(self) -> Specimen:
         """The same specimen with the mounting reading of each protocol subtracted.
 
@@ -524,8 +531,8 @@ class Specimen:
 
     def _shifted(self, p: Protocol, x: float, y: float) -> Protocol:
         """A protocol with a nominal load added to every row."""
-        by = (p.stretch_x, p.stretch_y) if self.stress_pair == "cauchy" else (1.0, 1.0)
-        return replace(p, load_x=p.load_x + x * by[0], load_y=p.load_y + y * by[1])
+        added_x, added_y = (self.per_nominal(p.stretch) * [x, y]).T
+        return replace(p, load_x=p.load_x + added_x, load_y=p.load_y + added_y)
 
     def only(self, *names: str) -> Specimen:
         """The same specimen with only the named protocols."""

@@ -47,9 +47,10 @@ class Dimensions:
         lx, ly = mounting_stretch
         return Dimensions(self.edge_x_mm * lx, self.edge_y_mm * ly, self.thickness_mm / (lx * ly))
 
-    def section_mm2(self) -> np.ndarray:
-        """Sections (x, y) that the forces act on: edge of the other direction x thickness."""
-        return np.array([self.edge_y_mm, self.edge_x_mm]) * self.thickness_mm
+    @property
+    def area(self) -> np.ndarray:
+        """N per kPa (x, y): the section in mm^2, edge of the other direction x thickness, 1e-3."""
+        return np.array([self.edge_y_mm, self.edge_x_mm]) * self.thickness_mm * 1e-3
 
 
 @dataclass(frozen=True)
@@ -303,8 +304,8 @@ def record_tests(
     """
     machine, labels = machine or Machine(), labels or {}
     nominal = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
-    # N per unit of the record: 1 for forces, section in mm^2 times 1e-3 (kPa mm^2) for stresses.
-    divisor = np.ones(2) if machine.stress_pair == "force" else nominal.section_mm2() * 1e-3
+    # N per unit of the record
+    divisor = np.ones(2) if machine.stress_pair == "force" else nominal.area
     # One header value stands for both directions; sections differ by the mounting stretch only.
     noise = machine.noise_N / float(np.sqrt(divisor.prod()))
     rng, axes = np.random.default_rng(seed), experiment_of(test).axes
@@ -322,7 +323,7 @@ def record_tests(
         axis_y=labels.get("axis_y"),
     )
     # f0_k = A0_k P_k(theta, lm)
-    mounting = np.array(material.piola(*mounting_stretch)) * dimensions.section_mm2() * 1e-3
+    mounting = np.array(material.piola(*mounting_stretch)) * dimensions.area
     force_x, force_y = (mounting / divisor).tolist()
     truth = Truth(
         specimen=name,

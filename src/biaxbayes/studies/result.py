@@ -18,6 +18,7 @@ from biaxbayes.comparison.distance import contractions, prior_material
 from biaxbayes.identifiability.determined import derived_quantities, thin_draws
 from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED, Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.prediction.percentiles import quantiles
 from biaxbayes.runs.run import Run
 from biaxbayes.studies.groups import group_contrasts, group_names, group_summaries, layer_contrasts
 from biaxbayes.studies.study_file import LoadedSpecimen
@@ -120,7 +121,7 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     rows = []
     for quantity, share in zip(after, contractions(before, after), strict=True):
         scale = LOG if quantity.unit else LINEAR
-        q05, q50, q95 = np.quantile(quantity.values, [0.05, 0.5, 0.95])
+        q05, q50, q95 = quantiles(quantity.values)
         narrow = scale == LINEAR or q95 <= Thresholds().max_ratio * q05
         known = run.state == "converged" and share >= Thresholds().contraction and narrow
         rows.append(

@@ -28,7 +28,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,7 +43,7 @@ from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.check import with_force
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.text_files import one_line, read_toml
+from biaxbayes.text_files import one_line, read_toml, safe_file_name
 
 DEFAULT_OPTIONS: dict[str, Any] = {
     name: getattr(ModelOptions, name) for name in options_of(ModelOptions)
@@ -308,8 +307,7 @@ def load_specimens(study: Study) -> list[LoadedSpecimen]:
     out = []
     slugs: set[str] = set()
     for entry in study.specimens:
-        # a folder name that every file system accepts
-        stem = re.sub(r"[^A-Za-z0-9_.-]+", "-", entry.label).strip(".-")[:60] or "specimen"
+        stem = safe_file_name(entry.label, "specimen")
         slug, number = stem, 1
         while slug.casefold() in slugs:
             number += 1

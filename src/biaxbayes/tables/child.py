@@ -15,14 +15,14 @@ from importlib import import_module
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.tables.sheets import MAX_CELLS, Reader, Sheet
+from biaxbayes.tables.sheets import MAX_CELLS, Reader, Worksheet
 
 MEMORY_BYTES = 1_000_000_000
 SECONDS = 120
 MAX_LETTERS = 200_000_000
 
 
-def read_in_child(path: Path, reader: Reader) -> dict[str, Sheet]:
+def read_in_child(path: Path, reader: Reader) -> dict[str, Worksheet]:
     """Sheets of a file by name, as the reader's module finds them in a process of its own."""
     package = str(Path(__file__).parents[2])
     more = os.environ.get("PYTHONPATH")
@@ -47,7 +47,7 @@ def read_in_child(path: Path, reader: Reader) -> dict[str, Sheet]:
         raise too_large
     answer = json.loads(done.stdout)
     if "sheets" in answer:
-        return {name: Sheet(**sheet) for name, sheet in answer["sheets"].items()}
+        return {name: Worksheet(**sheet) for name, sheet in answer["sheets"].items()}
     problem, remedy = answer["problem"], answer["remedy"]
     if answer["kind"] == "ImportError":
         problem = f"is a {reader.kind}, and {reader.package} is not installed"

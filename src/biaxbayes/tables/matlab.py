@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.tables.sheets import Sheet, sheet_from
+from biaxbayes.tables.sheets import Worksheet, sheet_from
 
 LEAST_ROWS = 3
 TOP = "variables"
 """Name of the sheet of arrays that are in no struct or cell."""
 
 
-def sheets(path: Path) -> dict[str, Sheet]:
+def sheets(path: Path) -> dict[str, Worksheet]:
     """Numeric variables of a file as sheets."""
     with path.open("rb") as file:
         first = file.read(10)
@@ -46,7 +46,7 @@ def sheets(path: Path) -> dict[str, Sheet]:
 
 def _sheets(
     groups: Mapping[tuple[str, int], Mapping[str, np.ndarray]], path: Path
-) -> dict[str, Sheet]:
+) -> dict[str, Worksheet]:
     """A sheet for the arrays of each struct and length."""
     groups = {key: columns for key, columns in groups.items() if len(columns) > 1}
     if not groups:

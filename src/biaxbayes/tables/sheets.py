@@ -28,7 +28,7 @@ SEPARATOR_LINES = 200
 
 
 @dataclass
-class Sheet:
+class Worksheet:
     """Rows of text cells without blank lines and comments."""
 
     rows: list[list[str]]
@@ -72,7 +72,7 @@ READERS = {
 """Readers by the first bytes of a file; anything else is an archive or text."""
 
 
-def read_sheets(path: Path) -> dict[str, Sheet]:
+def read_sheets(path: Path) -> dict[str, Worksheet]:
     """Sheets of a file by name; a text file has one without a name."""
     raw = read_bytes(path, limit=MAX_WORKBOOK_BYTES)
     reader = next((r for first, r in READERS.items() if raw.startswith(first)), None)
@@ -103,7 +103,7 @@ def _archive_reader(path: Path) -> Reader:
     return WORKBOOK
 
 
-def sheet_from(values: Sequence[Sequence[object]], note: str) -> Sheet:
+def sheet_from(values: Sequence[Sequence[object]], note: str) -> Worksheet:
     """A sheet from rows of values, as typed formats hold them."""
     rows, lines = [], []
     for number, row in enumerate(values, start=1):
@@ -111,7 +111,7 @@ def sheet_from(values: Sequence[Sequence[object]], note: str) -> Sheet:
         if cells and not cells[0].startswith("#"):
             rows.append(cells)
             lines.append(number)
-    return Sheet(rows, lines, [note])
+    return Worksheet(rows, lines, [note])
 
 
 def _cell_text(value: object) -> str:
@@ -124,7 +124,7 @@ def _cell_text(value: object) -> str:
 # --- text files -----------------------------------------------------------------------------------
 
 
-def _text_sheet(raw: bytes, path: Path) -> Sheet:
+def _text_sheet(raw: bytes, path: Path) -> Worksheet:
     """The cells of a text file in any usual separator and encoding."""
     text, encoding = _decoded(raw, path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -134,7 +134,7 @@ def _text_sheet(raw: bytes, path: Path) -> Sheet:
         raise InputError(problem, file=path, remedy="cut out the cycle of interest")
     if separator == " ":
         lines = ["\t".join(line.split()) for line in lines]
-    sheet = Sheet([], [], [] if encoding == "UTF-8" else [f"read as {encoding}"], text=True)
+    sheet = Worksheet([], [], [] if encoding == "UTF-8" else [f"read as {encoding}"], text=True)
     if separator != ",":
         sheet.notes.append(f"columns separated by {SEPARATORS[separator]}")
     cut = "\t" if separator == " " else separator

@@ -13,7 +13,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.tables.question import Question
-from biaxbayes.tables.sheets import Sheet, read_sheets
+from biaxbayes.tables.sheets import Worksheet, read_sheets
 from biaxbayes.tables.units import Unit, split_units, stem_of, unit_named, unknown_unit
 from biaxbayes.text_files import (
     DECIMAL_COMMA,
@@ -279,8 +279,8 @@ def read_tables(
 
 
 def _seen(
-    sheets: dict[str, Sheet], wanted: Sequence[str], hidden: str | None, path: Path
-) -> tuple[dict[str, Sheet], dict[str, str]]:
+    sheets: dict[str, Worksheet], wanted: Sequence[str], hidden: str | None, path: Path
+) -> tuple[dict[str, Worksheet], dict[str, str]]:
     """Sheets without the hidden ones, and why those are left out; asks about them."""
     unseen = {k: "hidden" for k, s in sheets.items() if s.unseen and (not wanted or k in wanted)}
     rows = {k: len(s.hidden) for k, s in sheets.items() if s.hidden and (not wanted or k in wanted)}
@@ -294,7 +294,7 @@ def _seen(
     return {k: replace(s, hidden=[]) for k, s in sheets.items()}, {}
 
 
-def table_from_sheet(sheet: Sheet, path: Path) -> Table:
+def table_from_sheet(sheet: Worksheet, path: Path) -> Table:
     """Names, an optional row of units, and the body of a table, below any preamble."""
     rows, lines = sheet.rows, sheet.lines
     start = _first_row_of_numbers(rows, path)
@@ -384,7 +384,7 @@ def _is_row_of_units(cells: Sequence[str], above: Sequence[str], numeric: Sequen
 
 
 def _squared(
-    rows: Sequence[Sequence[str]], lines: Sequence[int], width: int, sheet: Sheet, path: Path
+    rows: Sequence[Sequence[str]], lines: Sequence[int], width: int, sheet: Worksheet, path: Path
 ) -> list[list[str]]:
     """Rows of equal width; in text, one that lacks more than sparse columns may be cut off."""
     sample = rows[:: max(1, len(rows) // SAMPLE_ROWS)]

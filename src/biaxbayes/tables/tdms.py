@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import zip_longest
 from pathlib import Path
 
-from biaxbayes.tables.sheets import Sheet, sheet_from
+from biaxbayes.tables.sheets import Worksheet, sheet_from
 
 
-def sheets(path: Path) -> dict[str, Sheet]:
+def sheets(path: Path) -> dict[str, Worksheet]:
     """All groups of a TDMS file."""
     import nptdms
 

@@ -6,13 +6,13 @@ import contextlib
 import zipfile
 from pathlib import Path
 
-from biaxbayes.tables.sheets import MAX_CELLS, Sheet, sheet_from
+from biaxbayes.tables.sheets import MAX_CELLS, Worksheet, sheet_from
 
 MOST_CELLS_LOOKED_AT = 400_000
 """Cells of a workbook up to which its hidden rows are looked for."""
 
 
-def sheets(path: Path) -> dict[str, Sheet]:
+def sheets(path: Path) -> dict[str, Worksheet]:
     """All worksheets of a workbook."""
     import python_calamine as calamine
 

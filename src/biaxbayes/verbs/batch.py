@@ -21,7 +21,7 @@ from typing import Any
 import click
 
 import biaxbayes
-from biaxbayes.comparison.compare import Member, compare
+from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.compilation import first_alone
 from biaxbayes.errors import (
     BiaxbayesError,
@@ -207,7 +207,7 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
             for label, folder in zip(task.labels, task.folders, strict=True):
                 run = open_run(folder)
                 reported = run.result.reported
-                members.append(Member(label, run.posterior(), run.draws, run.state, reported))
+                members.append(ComparedRun(label, run.posterior(), run.draws, run.state, reported))
             comparison = compare(members)
         except BiaxbayesError as error:
             return ComparedLayers(task.donor, notes=[f"no comparison: {error}"])
@@ -342,7 +342,7 @@ def _record_runs(study: Study, folder: Path, finished: dict[str, str]) -> None:
     record = {"biaxbayes": biaxbayes.__version__, "name": study.name, "done": finished}
     if study.columns:
         values = {e.label: dict(e.columns) for e in study.specimens}
-        record |= {"columns": list(study.columns), "stated": values}
+        record |= {"columns": list(study.columns), "values": values}
     atomic_write_text(folder / STUDY, json.dumps(record, indent=2) + "\n")
 
 
@@ -367,9 +367,7 @@ STUDY_FILE_ENTRIES = {
 @opt.options(SamplingPlan, "ess", "max_steps")
 @opt.anyway_option
 @opt.quiet_option
-@click.pass_context
 def command(
-    context: click.Context,
     sources: tuple[Path, ...],
     workers: int | None,
     scheduler: str | None,
@@ -404,7 +402,6 @@ def command(
             )
         for name, key in STUDY_FILE_ENTRIES.items():
             opt.refuse_options(
-                context,
                 (name,),
                 "{} is for CSV files",
                 file=study,

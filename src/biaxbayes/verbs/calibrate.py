@@ -15,7 +15,12 @@ import click
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.calibration.calibration import RANKED_DRAWS, Replication, Study, run_replications
+from biaxbayes.calibration.calibration import (
+    RANKED_DRAWS,
+    Calibration,
+    Replication,
+    run_replications,
+)
 from biaxbayes.calibration.ranks import calibration_table, verdict
 from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, protocol_prior
 from biaxbayes.errors import Interrupted, NotConverged, RunError
@@ -84,7 +89,9 @@ class CalibrationResult:
         return f"CalibrationResult(replications {states}; p of uniform ranks {self.p:.3g})"
 
 
-def make_study(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
+def make_study(
+    specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan
+) -> Calibration:
     """The study, with priors for the protocols or around the posterior of the specimen."""
     model = {name: value for name, value in options.items() if name != "priors"}
     given = dict(options["priors"])
@@ -101,7 +108,7 @@ def make_study(specimen: Specimen, options: Mapping[str, Any], plan: Calibration
         priors = local_prior(drawn.quantities, wide, posterior.quantities)
     else:
         priors = {**protocol_prior(specimen, settings), **given}
-    study = Study(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
+    study = Calibration(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
     return (
         replace(study, **SETTINGS_OF_SAMPLE)
         if len(settings.material_law.parameters) >= MANY_PARAMETERS
@@ -123,7 +130,7 @@ SETTINGS_OF_SAMPLE: dict[str, Any] = {
 
 
 def run_calibration(
-    study: Study,
+    study: Calibration,
     folder: Path,
     replications: int,
     executor: Executor | None = None,
@@ -168,7 +175,9 @@ def run_calibration(
     return CalibrationResult(table, {str(k): int(v) for k, v in states.items()}, *verdict(table))
 
 
-def _stored_rows(study: Study, folder: Path, *, resume: bool) -> dict[int, list[dict[str, Any]]]:
+def _stored_rows(
+    study: Calibration, folder: Path, *, resume: bool
+) -> dict[int, list[dict[str, Any]]]:
     """Rows of the replications already done, by replication; the record of the study is written."""
     identity = {
         "specimen": study.specimen.name,

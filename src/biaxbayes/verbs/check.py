@@ -15,6 +15,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.options import for_users
+from biaxbayes.reports.text import plural
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
@@ -271,13 +272,12 @@ def _print_result(result: Checked) -> None:
         "force": "force",
         "piola": "first Piola-Kirchhoff stress",
         "cauchy": "Cauchy stress",
-        "tube": "pressure, and axial force in N," if 1 in specimen.experiment.axes else "pressure",
+        "tube": "axial force in N, pressure" if 1 in specimen.experiment.axes else "pressure",
     }
     rows = sum(p["rows"] for p in about["protocols"])
-    count = len(about["protocols"])
     click.echo(
-        f"  readings   {kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in {count} "
-        f"{'protocol' if count == 1 else 'protocols'}"
+        f"  readings   {kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in "
+        + plural(len(about["protocols"]), "protocol")
     )
     origin = "stated" if specimen.load_noise is not None else "from the scatter of the rows"
     click.echo(f"  load noise {specimen.noise_sd:.3g} {specimen.unit}, {origin}")
@@ -309,4 +309,4 @@ def _print_result(result: Checked) -> None:
     if errors:
         click.echo("'sample' refuses it without --anyway")
     if count or not errors:
-        click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")
+        click.echo(plural(count, "warning") if count else "no warnings")

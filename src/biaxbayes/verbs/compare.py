@@ -57,7 +57,7 @@ def compare(
     **options
         For specimens to sample, as in :func:`biaxbayes.sample`.
     """
-    from biaxbayes.comparison.compare import Member, run_labels
+    from biaxbayes.comparison.compare import ComparedRun, run_labels
     from biaxbayes.comparison.compare import compare as lay_out
     from biaxbayes.reports.comparison import write_comparison
     from biaxbayes.verbs.sample import sample
@@ -93,7 +93,7 @@ def compare(
     states = ["tentative" if r.state == "unusable" else r.state for r in opened]
     result = lay_out(
         [
-            Member(name, run.posterior(), run.draws, state, run.result.reported)
+            ComparedRun(name, run.posterior(), run.draws, state, run.result.reported)
             for name, run, state in zip(names, opened, states, strict=True)
         ]
     )

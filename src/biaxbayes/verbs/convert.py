@@ -15,13 +15,14 @@ import click
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, STRETCH_SOURCES, Choice
 from biaxbayes.options import takes_options
+from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import aligned, atomic_write_text
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, check_new
-from biaxbayes.verbs.options import Decorator, argument, file_option, flag, options, together
 
 if TYPE_CHECKING:
     from biaxbayes.machines.conversion import Conversion
@@ -186,13 +187,14 @@ def _check_choice(choice: Choice) -> Choice:
     """Refuse options of another machine format, and a cycle that is not a number."""
     values = {
         "--columns": choice.columns,
+        "--test": choice.test,
         "--set": choice.sets,
         "--stretch-from": choice.stretch_from != STRETCH_SOURCES[0],
     }
     own = FORMATS[choice.machine].options if choice.machine in FORMATS else ()
     for machine, format_ in FORMATS.items():
-        foreign = [option for option in format_.options if option not in own]
-        if any(values[option] for option in foreign):
+        foreign = [o for o in format_.options if o not in own and values[o]]
+        if foreign:
             verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
             raise InputError(
                 f"{' and '.join(foreign)} {verb} for `machine={machine}`",
@@ -220,8 +222,13 @@ HEADER_OPTIONS = {
     "edge_x_mm": "MM",
     "edge_y_mm": "MM",
     "thickness_mm": "MM",
+    "unloaded_outer_diameter_mm": "MM",
+    "unloaded_length_mm": "MM",
+    "opening_angle_fung_deg": "DEG",
+    "missing_sector_deg": "DEG",
     "load_noise_N": "N",
     "load_noise_kPa": "KPA",
+    "axial_force_noise_N": "N",
     "edge_sd_mm": "MM",
     "thickness_sd_mm": "MM",
     "mounting_stretch_x": "'M +- SD'",
@@ -231,7 +238,7 @@ HEADER_OPTIONS = {
 """Header keys that have an option, and what the help prints for their values."""
 
 
-def _header_option(key: str, metavar: str) -> Decorator:
+def _header_option(key: str, metavar: str) -> opt.Decorator:
     """An option for a header key of a specimen file."""
     meaning, default = KEYS[key].meaning, KEYS[key].default
     default = "what the names of the files begin with" if key == "specimen" else default
@@ -243,14 +250,14 @@ def _header_option(key: str, metavar: str) -> Decorator:
 
 
 @click.command("convert")
-@argument("raw", nargs=-1, required=True)
+@opt.argument("raw", nargs=-1, required=True)
 @click.option(
     "--machine",
     type=click.Choice(list(FORMATS)),
     help="; ".join(f"{name}: {format_.description}" for name, format_ in FORMATS.items()) + ".",
 )
-@file_option("out", "Specimen file.", required=True)
-@options(
+@opt.file_option("out", "Specimen file.", required=True)
+@opt.options(
     Choice,
     columns={"multiple": True, "show_default": False},
     sets={"multiple": True, "show_default": False},
@@ -259,9 +266,9 @@ def _header_option(key: str, metavar: str) -> Decorator:
 @click.option(
     "--protocol-names", metavar="NAME,...", help="One per protocol (default: names of the files)."
 )
-@file_option("recipe", "Answers of an earlier conversion, for files of the same kind.")
-@flag("overwrite", "Replace files of the same names.")
-@together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
+@opt.file_option("recipe", "Answers of an earlier conversion, for files of the same kind.")
+@opt.flag("overwrite", "Replace files of the same names.")
+@opt.together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
 def command(
     raw: tuple[Path, ...],
     out: Path,
@@ -277,11 +284,15 @@ def command(
         --cycles last --branch loading --edge-x-mm 10 --edge-y-mm 10 --thickness-mm 1.2
     biaxbayes convert tests.xlsx --machine generic --sheet all --out specimen.csv \
         --columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa
+    biaxbayes convert strip.csv --machine generic --test "strip x" --out strip-x.csv \
+        --columns "stretch_x=Disp [mm],force_x_N=Load [N]" --gauge-x-mm 20 --edge-y-mm 3 \
+        --thickness-mm 1.2 --geometry unloaded
+    biaxbayes convert tube.csv --machine generic --test tube --out tube-specimen.csv \
+        --columns "outer_diameter_mm=OD [um],stretch_z=lambda z,pressure_kPa=P [mmHg]" \
+        --unloaded-outer-diameter-mm 8 --thickness-mm 0.9
     """
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     values = {key: given.pop(key.lower()) for key in HEADER_OPTIONS}
-    source = click.get_current_context().get_parameter_source
-    was_given = lambda name: source(name) is click.core.ParameterSource.COMMANDLINE  # noqa: E731
     try:
         result = convert(
             raw,
@@ -290,7 +301,7 @@ def command(
             recipe=recipe,
             out=out,
             overwrite=overwrite,
-            **{name: value for name, value in given.items() if was_given(name)},
+            **{name: value for name, value in given.items() if opt.was_given(name)},
         )
     except Question as question:
         _print_choices(question)
@@ -314,19 +325,19 @@ def _print_choices(question: Question) -> None:
 def _print_conversion(conversion: Conversion, out: Path) -> None:
     from biaxbayes.machines.account import account
 
-    specimen, count = conversion.specimen, len(conversion.specimen.protocols)
+    specimen = conversion.specimen
     rows = sum(p.rows for p in specimen.protocols)
-    click.echo(f"{out}: {rows} rows in {count} {'protocol' if count == 1 else 'protocols'}")
+    click.echo(f"{out}: {rows} rows in {plural(len(specimen.protocols), 'protocol')}")
     for line in account(conversion):
         click.echo(f"  {line}")
     readings, sds = specimen.mounting_readings(shared=False)
     for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
         if p.rest_rows:
-            click.echo(
-                f"  {p.name}: mounting force x {reading[0]:.4g} +- {sd[0]:.2g}, "
-                f"y {reading[1]:.4g} +- {sd[1]:.2g} {specimen.unit}"
+            read = ", ".join(
+                f"{'xy'[k]} {reading[k]:.4g} +- {sd[k]:.2g}" for k in specimen.experiment.axes
             )
-    if not conversion.geometry_given:
+            click.echo(f"  {p.name}: mounting force {read} {specimen.unit}")
+    if not conversion.geometry_given and specimen.experiment.is_mounted:
         click.echo("  geometry not stated: the stresses are taken to refer to the unloaded state")
     shear: Any = specimen.metadata.get("largest_shear")
     if shear is not None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
+from biaxbayes.reports.text import plural
 from biaxbayes.text_files import as_path
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
 from biaxbayes.verbs.options import (
@@ -104,6 +105,7 @@ def export(
         folder = _folder(source, to, chosen.units, out)
         return _export_population(source, population, to, chosen, folder, anyway)
     opened = usable_run(run, anyway=anyway)
+    better = opened.result.better_law
     rows, origin = chosen_draws(
         opened.draws,
         opened.specimen,
@@ -122,14 +124,9 @@ def export(
         units=chosen.units,
         bulk_ratio=chosen.bulk_ratio,
         origin=origin,
-        warnings=law_warnings(opened.result.better_law),
+        warnings=(f"WARNING: {better}.",) if better else (),
         overwrite=chosen.overwrite,
     )
-
-
-def law_warnings(better_law: str) -> tuple[str, ...]:
-    """The warning of a card whose law another one beats; none if ``better_law`` is empty."""
-    return (f"WARNING: {better_law}.",) if better_law else ()
 
 
 def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
@@ -222,8 +219,7 @@ def command(run: Path, out: Path | None, **given: Any) -> None:
         opened = open_usable_run(run, anyway=given["anyway"])
     folder = _folder(run, given["to"], given["units"], out)
     manifest = export(opened, out=folder, **given)
-    number = len(manifest)
-    click.echo(f"{number} card{'s' if number > 1 else ''}; {folder / MANIFEST} maps cards to draws")
+    click.echo(f"{plural(len(manifest), 'card')}; {folder / MANIFEST} maps cards to draws")
     click.echo(
         "stress of the written cards agrees with the draws to "
         f"{manifest['check_relative_deviation'].max():.1e}"
@@ -234,8 +230,9 @@ def command(run: Path, out: Path | None, **given: Any) -> None:
     changed = manifest[manifest["switch_changes_stress_kPa"] > 0.0]
     if len(changed):
         click.echo(
-            f"warning: the fibre strain is negative in tested states of {len(changed)} of {number} "
-            "draws; there the program ignores the fibres, and the fit did not (difference up to "
-            f"{changed['switch_changes_stress_kPa'].max():.3g} kPa); sample with --fibre-switch",
+            f"warning: the fibre strain is negative in tested states of {len(changed)} of "
+            f"{len(manifest)} draws; there the program ignores the fibres, and the fit did not "
+            f"(difference up to {changed['switch_changes_stress_kPa'].max():.3g} kPa); sample with "
+            "--fibre-switch",
             err=True,
         )

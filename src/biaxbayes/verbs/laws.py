@@ -219,8 +219,11 @@ def _sample_parts(
         if file is not None:
             _store(file, outcome.value)
         done += 1
+        # one that does not converge takes many times the mean of the others: it is named
+        running = [tasks[i].name for i in missing if results[i] is None][:1]
+        named = f", {running[0]} is running" if running else ""
         left = time_left(clock, done - before, len(tasks) - done)
-        text = f"{done} of {len(tasks)} posteriors, last {tasks[index].name}{left}"
+        text = f"{done} of {len(tasks)} posteriors{named}{left}"
         progress(Progress(text, done / len(tasks)))
     if done < len(tasks):
         saved = ""

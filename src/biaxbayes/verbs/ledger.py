@@ -125,30 +125,16 @@ def ledger(
 @opt.options(LedgerPlan, "ess", "workers")
 @opt.anyway_option
 @opt.quiet_option
-@click.pass_context
-def command(
-    context: click.Context, source: Path, out: Path | None, quiet: bool, **given: Any
-) -> int:
+def command(source: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     """Sample a specimen with its mounting stretch inferred, ignored and zeroed, side by side.
 
     Writes ledger.csv, ledger.pdf and ledger.png. A RUN folder serves as the inferred posterior,
     with its own model options; a specimen CSV is sampled. Exit code 3 when one of the three is
     not converged.
     """
-    data: Any = source
-    if source.is_dir():
-        own = (*opt.MODEL, "fix", "priors")
-        opt.refuse_options(
-            context,
-            ("mounting_force", *own),
-            "{} does not go with a run, which has its own",
-            remedy="give the specimen's CSV instead",
-        )
-        data = opt.open_usable_run(source, anyway=False)
-        given = {name: value for name, value in given.items() if name not in own}
-    else:
-        given = opt.with_priors(**given)
+    data = opt.open_usable_run(source, anyway=False) if source.is_dir() else source
     folder = out or Path(f"{source.name if source.is_dir() else source.stem}-ledger")
+    given = opt.model_of(source, **given)
     with progress_line(quiet=quiet) as progress:
         result = ledger(data, out=folder, progress=progress, **given)
     if not quiet:

@@ -204,6 +204,14 @@ def with_priors(
     return {**others, "law": law, "priors": chosen}
 
 
+def model_of(source: Path, **given: Any) -> dict[str, Any]:
+    """Options of a command for a specimen; for a run, which has a model, without defaults of it."""
+    if not source.is_dir():
+        return with_priors(**given)
+    own = (*MODEL, "fix", "priors")
+    return {name: v for name, v in given.items() if name not in own or was_given(name)}
+
+
 def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
     """Numbers of ``--fix``, not checked against the range of their parameter."""
     fixed = {}
@@ -238,13 +246,16 @@ def progress_and_stop(quiet: bool) -> Iterator[dict[str, Any]]:
         yield {"progress": progress, "stop": stop}
 
 
-def refuse_options(
-    context: click.Context, names: tuple[str, ...], problem: str, **more: Any
-) -> None:
+def was_given(name: str) -> bool:
+    """Whether an option stands on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is click.core.ParameterSource.COMMANDLINE
+
+
+def refuse_options(names: tuple[str, ...], problem: str, **more: Any) -> None:
     """Refuse the first of these options that was given; ``{}`` in the problem is its name."""
-    for name in names:
-        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            raise InputError(problem.format(f"`{name}`"), **more)
+    for name in filter(was_given, names):
+        raise InputError(problem.format(f"`{name}`"), **more)
 
 
 def open_usable_run(path: Path, *, anyway: bool) -> Run:

@@ -27,7 +27,7 @@ from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option, for_users
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
 from biaxbayes.tasks import process_lock
-from biaxbayes.text_files import as_path, read_text
+from biaxbayes.text_files import as_path, read_text, safe_file_name
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
 
@@ -264,8 +264,8 @@ def command(
     parts = [PLOTS[figure], *dict.fromkeys(given["parameters"])]
     parts += [] if compare is None else ["with", compare.resolve().name]
     name = "-".join([*parts, f"{given['width_mm']:g}mm"])
-    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
-    target = picture_file(out or run / f"{safe[:120]}.{suffix or FIGURE_FORMATS[0]}", suffix)
+    file = f"{safe_file_name(name, limit=120)}.{suffix or FIGURE_FORMATS[0]}"
+    target = picture_file(out or run / file, suffix)
     usable = figure not in FIGURES_OF_UNCONVERGED_RUNS
     opened: Any = opt.open_usable_run(run, anyway=anyway) if usable else run
     other = None if compare is None else opt.open_usable_run(compare, anyway=anyway)

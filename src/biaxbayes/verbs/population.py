@@ -40,8 +40,8 @@ from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.batch import batch
 from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop
 from biaxbayes.verbs.population_files import (
-    Member,
     PopulationResult,
+    StudyRun,
     members_of_study,
     write_population,
 )
@@ -118,7 +118,7 @@ def population(
 
 def sample_population(
     name: str,
-    members: list[Member],
+    members: list[StudyRun],
     folder: Path,
     options: PopulationOptions | None = None,
     priors: PopulationPriors | None = None,
@@ -182,7 +182,7 @@ def sample_population(
         return replace(written, folder=folder)
 
 
-def open_sources(members: list[Member], *, anyway: bool) -> tuple[list[Source], dict[str, str]]:
+def open_sources(members: list[StudyRun], *, anyway: bool) -> tuple[list[Source], dict[str, str]]:
     """The runs that can be pooled, and why the others cannot."""
     usable = ("converged", "tentative") if anyway else ("converged",)
     sources, left_out = [], {}
@@ -248,7 +248,7 @@ MAX_STRAIN_RATIO = 1.25
 """Ratio of the largest strains of two specimens from which a note says so."""
 
 
-def group_sources(members: list[Member], sources: list[Source]) -> tuple[Grouping, list[str]]:
+def group_sources(members: list[StudyRun], sources: list[Source]) -> tuple[Grouping, list[str]]:
     """Groups and donors of the pooled specimens, and notes that a reader needs first."""
     by_label = {m.label: m for m in members}
     pooled = [by_label[s.label] for s in sources]

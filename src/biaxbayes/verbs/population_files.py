@@ -26,9 +26,11 @@ from biaxbayes.populations.tables import (
     specimens_table,
 )
 from biaxbayes.reports.population import (
+    BANDS,
     FIGURE_TEXTS,
     LATEX,
     PAGE,
+    TABLES,
     population_latex,
     population_page,
 )
@@ -46,8 +48,6 @@ from biaxbayes.runs.result import json_values
 from biaxbayes.tasks import kept_warning_filters
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
-TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
-BANDS = "new-specimen-bands"
 MAKE_POPULATION = "make one with 'biaxbayes population'"
 
 
@@ -55,7 +55,7 @@ MAKE_POPULATION = "make one with 'biaxbayes population'"
 
 
 @dataclass(frozen=True)
-class Member:
+class StudyRun:
     """A specimen of a finished study."""
 
     label: str
@@ -66,7 +66,7 @@ class Member:
     reason: str = ""
 
 
-def members_of_study(folder: Path) -> tuple[str, list[Member]]:
+def members_of_study(folder: Path) -> tuple[str, list[StudyRun]]:
     """Name and specimens of a finished study."""
     try:
         record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
@@ -74,7 +74,7 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
         rows = table.drop_duplicates("specimen").to_dict("records")
         names = [str(r["specimen"]) for r in rows]
         columns = [str(c) for c in record.get("columns", [])]
-        columns_of: dict[str, dict[str, str]] = record.get("stated", {})
+        columns_of: dict[str, dict[str, str]] = record.get("values", {})
     except (OSError, ValueError, KeyError, AttributeError, RecursionError):
         raise InputError(
             "is not the folder of a finished study",
@@ -96,7 +96,7 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
                     )
             group = ", ".join(own[column] for column in columns or ["layer"])
         run, state, reason = (str(row[key]) for key in ("folder", "state", "reason"))
-        out.append(Member(label, str(row["donor"]), group, folder / run, state, reason))
+        out.append(StudyRun(label, str(row["donor"]), group, folder / run, state, reason))
     return str(record.get("name", folder.name)), out
 
 
@@ -167,7 +167,7 @@ def write_population(
         "contrasts": contrasts_table(result),
     }
     for key, table in tables.items():
-        write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
+        write_csv(folder / TABLES[key][0], table, digits=8)
     atomic_write_bytes(folder / "population.nc", archive(result))
     if result.state != "unusable":
         draw_figures(folder, result, tables)

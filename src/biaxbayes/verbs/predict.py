@@ -11,6 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError, listed
 from biaxbayes.identifiability.verdict import IDENTIFIED
+from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIGURE_FORMATS, Options, PredictionOptions, option, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
@@ -121,7 +122,7 @@ def predict(
         opened.posterior(), opened.draws, states, **where, probability=bands.probability
     )
     if out is not None:
-        recorded = specimen.zeroed() if opened.settings.mounting == "zeroed" else specimen
+        recorded = specimen.as_compared(opened.settings.mounting)
         measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
         figure = stress_figure(
             table,
@@ -232,7 +233,7 @@ def inflate(
         :class:`FigureOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
-    from biaxbayes.prediction.inflation import Tube, predict_diameter, predict_pressure
+    from biaxbayes.prediction.inflation import ThinTube, predict_diameter, predict_pressure
 
     chosen, rest = TubeOptions.split(options)
     bands, rest = PredictionOptions.split(rest)
@@ -249,7 +250,7 @@ def inflate(
     if not anyway:
         _refuse_unknown_total(opened)
     try:
-        tube = Tube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
+        tube = ThinTube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
     except ValueError as error:
         raise InputError(str(error)) from None
     data = (opened.posterior(), opened.draws, tube)
@@ -311,10 +312,7 @@ TUBE_OPTION_NAMES = (
 @opt.options(FigureOptions, style={"type": click.Path(path_type=Path)})
 @opt.file_option("out", "Folder  [default: the run]", "DIR")
 @opt.unconverged_option
-@click.pass_context
-def command(
-    context: click.Context, run: Path, out: Path | None, anyway: bool, **given: Any
-) -> None:
+def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     r"""Stress with credible and predictive bands on any path, or the inflation of a tube.
 
     Writes a CSV and a figure. States outside what was tested are marked row by row.
@@ -329,7 +327,6 @@ def command(
     inflated = given.pop("inflate")
     relation = "with" if inflated else "without"
     opt.refuse_options(
-        context,
         PATH_OPTION_NAMES if inflated else TUBE_OPTION_NAMES,
         f"{{}} does not go {relation} `inflate`",
     )
@@ -351,11 +348,11 @@ def command(
         if "path" not in chosen:
             chosen.setdefault("stretch", TESTED)
         table = predict(opened, out=folder, anyway=anyway, **chosen)
-    lost = table.get("share_without_equilibrium", np.zeros(1)).max()
+    lost = np.max(table.get("share_without_equilibrium", 0.0))
     if lost > 0.0:
         click.echo(
             f"warning: up to {100 * lost:.2g} % of the draws have no state of equilibrium "
-            "between stretches of 0.3 and 4; they are left out of the bands",
+            "between stretches of {:g} and {:g}; they are left out of the bands".format(*BRACKET),
             err=True,
         )
     stem = folder / ("inflation" if inflated else "prediction")

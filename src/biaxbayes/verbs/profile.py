@@ -155,7 +155,7 @@ def profiles_as_json(profiles: Sequence[Profile]) -> str:
 
 
 @click.command("profile")
-@opt.argument("source", metavar="SPECIMEN")
+@opt.argument("source", metavar="SPECIMEN|RUN")
 @click.option(
     "--parameter",
     "parameters",
@@ -171,16 +171,17 @@ def profiles_as_json(profiles: Sequence[Profile]) -> str:
 @opt.file_option("out", "Folder [<stem>-profile].")
 @opt.json_option("Intervals and curves as JSON.")
 def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None:
-    r"""Profile likelihood of parameters of SPECIMEN (a CSV): what the data alone say.
+    r"""Profile likelihood of parameters of a specimen: what the data alone say.
 
-    At every value of the parameter all others and the mounting stretches are fitted again. Writes
-    profile.csv, profile-intervals.csv and profile.pdf.
+    At every value of the parameter all others and the mounting stretches are fitted again. A RUN
+    folder has its own model options, of which the priors are left out. Writes profile.csv,
+    profile-intervals.csv and profile.pdf.
 
     \b
     biaxbayes profile media.csv --parameter kappa
     """
-    folder = out or Path(f"{source.stem}-profile")
-    result = profile(source, out=folder, **opt.with_priors(**given))
+    folder = out or Path(f"{source.name if source.is_dir() else source.stem}-profile")
+    result = profile(source, out=folder, **opt.model_of(source, **given))
     if as_json:
         click.echo(profiles_as_json(result))
         return

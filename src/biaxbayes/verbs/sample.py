@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import json
+import sys
 import time
 import warnings
 from collections.abc import Sequence
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from biaxbayes.errors import InputError, Interrupted, TaredSpecimen
 from biaxbayes.fitting.result import FitResult
@@ -29,7 +28,7 @@ from biaxbayes.identifiability.fit_quality import swapped_columns
 from biaxbayes.laws import law_named
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import prepare
+from biaxbayes.model.preparation import fitted
 from biaxbayes.model.prior_checks import (
     bracket_findings,
     prior_findings,
@@ -61,7 +60,7 @@ from biaxbayes.specimens.check import Finding, check_round_trip, refuse_no_loadi
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.tasks import process_lock
-from biaxbayes.text_files import as_path, atomic_write_text, write_csv
+from biaxbayes.text_files import as_path, atomic_write_text, safe_file_name, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, PiecesLike, Stop
@@ -78,6 +77,7 @@ class SampleJob:
     """Checked inputs of one sampling run; ``batch`` checks all before it samples the first."""
 
     specimen: Specimen
+    posterior: Posterior
     source: str
     folder: Path
     options: dict[str, Any]
@@ -100,8 +100,7 @@ class SampleJob:
         first = specimen[0] if isinstance(specimen, list | tuple) and specimen else specimen
         if isinstance(first, Specimen):
             file: object = first.name
-            safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in first.name)
-            source, stem = first.name, safe.strip(".-")[:60] or "specimen"
+            source, stem = first.name, safe_file_name(first.name, "specimen")
             for piece in first.pieces:
                 check_round_trip(piece, piece.name)
         else:
@@ -129,8 +128,8 @@ class SampleJob:
                 file=hooked[0],
                 remedy="sample it alone, and give specimen.csv of that run, which is corrected",
             )
-        # raises before a folder is made
-        Posterior(mark_grip_corrected(specimen), **options)
+        # refuses options before a folder is made
+        posterior = Posterior(mark_grip_corrected(specimen), **options)
         plan = Plan(
             ess=amount.ess,
             max_steps=amount.max_steps,
@@ -138,7 +137,7 @@ class SampleJob:
             workers=amount.processors,
         )
         folder = Path(f"{stem}-posterior") if out is None or out == "" else Path(out)
-        return cls(specimen, source, folder, options, plan, findings)
+        return cls(specimen, posterior, source, folder, options, plan, findings)
 
     def run(
         self,
@@ -158,7 +157,7 @@ class SampleJob:
             job = self
             if self.specimen.needs_grip_correction:
                 job = self._correct_for_grips(progress)
-            posterior = prepare(job.specimen, **self.options, seed=self.plan.seed)
+            posterior = fitted(job.posterior, self.plan.seed)
             swapped = swapped_columns(
                 posterior.specimen,
                 posterior.fit.residuals,
@@ -233,7 +232,8 @@ class SampleJob:
         correction = correct_for_grips(self.specimen, fit_specimen)
         specimen = correction.specimen
         specimen = replace(specimen, notes=(*specimen.notes, correction.sentence))
-        return replace(self, specimen=specimen, correction=correction)
+        posterior = Posterior(specimen, **self.options)
+        return replace(self, specimen=specimen, posterior=posterior, correction=correction)
 
     def _write_files(
         self,
@@ -330,10 +330,10 @@ def _warn(progress: Progress) -> None:
     """Without a progress callback, notes are issued as warnings."""
     if progress.note:
         # past this package, and NumPy, whose error state wraps every verb
-        ours = (str(Path(__file__).parents[1]), str(Path(np.__file__).parent))
-        stack = enumerate(inspect.stack(0))
-        level = next((i for i, f in stack if not f.filename.startswith(ours)), 0)
-        warnings.warn(progress.note, RuntimeWarning, stacklevel=level + 1)
+        frame, level = sys._getframe(), 1
+        while frame.f_back and frame.f_globals["__name__"].startswith(("biaxbayes.", "numpy.")):
+            frame, level = frame.f_back, level + 1
+        warnings.warn(progress.note, RuntimeWarning, stacklevel=level)
 
 
 def _resolve_mounting(

@@ -15,6 +15,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.mechanics.experiments import TESTS
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
+from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import NO_GRIPS
 from biaxbayes.specimens.specimen import Specimen
@@ -33,7 +34,7 @@ DEFAULT_HOOKS = 5
 
 
 @dataclass(frozen=True)
-class VirtualTest(Options):
+class SimulateOptions(Options):
     """A virtual test.
 
     ``material`` is the name of a published one, or one of your own: ``biaxbayes.law("fung", ...)``.
@@ -85,7 +86,7 @@ class VirtualTest(Options):
     name: str | None = option(None, "Name of the specimen  [default: that of the file]")
 
 
-@takes_options(VirtualTest)
+@takes_options(SimulateOptions)
 def simulate(
     out: str | Path | None = None, *, overwrite: bool = False, **options: Any
 ) -> tuple[Specimen, Truth]:
@@ -107,7 +108,7 @@ def simulate(
     """
     from biaxbayes.specimens.virtual_specimen import write_truth
 
-    test = VirtualTest.from_values(options)
+    test = SimulateOptions.from_values(options)
     if out is not None:
         if not Path(out).parent.is_dir():
             raise InputError("no such folder", file=Path(out).parent, remedy="make it first")
@@ -126,7 +127,7 @@ def truth_file(out: Path) -> Path:
     return out.with_name(f"{out.stem}.truth.json")
 
 
-def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
+def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
     from biaxbayes.laws.goh import GOH
@@ -196,7 +197,7 @@ def _simulate(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     return specimen, truth
 
 
-def _material(test: VirtualTest) -> tuple[Any, PublishedMaterial]:
+def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
     """The material to test, and what is published with it."""
     from biaxbayes.laws.goh import GOH
     from biaxbayes.laws.materials import CheckedMaterial, MaterialResponse
@@ -224,7 +225,7 @@ def _material(test: VirtualTest) -> tuple[Any, PublishedMaterial]:
     return material, published
 
 
-def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any]:
+def _stretches(test: SimulateOptions, published: PublishedMaterial) -> dict[str, Any]:
     """Mounting stretch and stretch range from the options or as published."""
     mounting = test.prestretch or published.mounting_stretch
     if not test.prestretch and published.mounting_stretch == (1.0, 1.0):
@@ -263,7 +264,7 @@ def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any
 
 
 @click.command("simulate")
-@options(VirtualTest, "material")
+@options(SimulateOptions, "material")
 @click.option(
     "--goh",
     nargs=5,
@@ -278,8 +279,8 @@ def _stretches(test: VirtualTest, published: PublishedMaterial) -> dict[str, Any
     help="All parameters of --law, as c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2.",
 )
 @options(
-    VirtualTest,
-    *(name for name in options_of(VirtualTest) if name != "material"),
+    SimulateOptions,
+    *(name for name in options_of(SimulateOptions) if name != "material"),
     prestretch={"nargs": 2, "type": float},
     ratios={"multiple": True, "type": RATIO, "show_default": False},
     edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
@@ -339,7 +340,7 @@ def command(
         chosen = _given_material(law, values)
     specimen, truth = simulate(out, overwrite=overwrite, material=chosen, **test)
     rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
-    paths = f"{len(specimen.protocols)} protocol{'s' if len(specimen.protocols) > 1 else ''}"
+    paths = plural(len(specimen.protocols), "protocol")
     click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
     x, y = next(iter(truth.disturbed_mounting_force.values()))
     click.echo(f"mounting load {x:.4g}, {y:.4g} {unit}; truth in {truth_file(out)}")

@@ -1,0 +1,199 @@
+"""Tables of strips and tubes: the readings that they were made from come back, or it is asked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import biaxbayes
+import commands
+from biaxbayes import read_specimen
+from biaxbayes.errors import InputError
+from biaxbayes.mechanics.experiments import MMHG_PER_KPA
+from biaxbayes.tables.question import Question
+from plain_posterior import TRUTH, theta_of
+from plain_strips import strip
+from virtual_tubes import ARTERY, MATERIAL, readings
+
+STRIP = ("--edge-y-mm", "3", "--thickness-mm", "1.2", "--geometry", "unloaded")
+TUBE = ("--unloaded-outer-diameter-mm", "8", "--thickness-mm", "0.9")
+
+
+def table(folder, names, *columns, name="raw.csv"):
+    rows = "\n".join(",".join(f"{v:.9g}" for v in row) for row in np.column_stack(columns))
+    path = folder / name
+    path.write_text(f"{names}\n{rows}\n")
+    return path
+
+
+def convert(capsys, path, columns, *more):
+    out = path.with_name("specimen.csv")
+    words = ("--machine", "generic", "--columns", columns, "--out", out, "--overwrite")
+    code, text, err = commands.run(capsys, "convert", path, *words, *more)
+    return (read_specimen(out) if code == 0 else None), text, err
+
+
+def there_and_back(curve, cycles=1):
+    return np.concatenate([curve, curve[-2::-1], *[curve[1:], curve[-2::-1]] * (cycles - 1)])
+
+
+def inflated(axial, around=None):
+    around = np.linspace(1.0, 1.3, 40) if around is None else around
+    stretch = np.column_stack([around, np.full(around.size, axial)])
+    return stretch, readings(ARTERY, stretch, MATERIAL)
+
+
+# --- strips ---------------------------------------------------------------------------------------
+
+
+def test_a_strip_comes_back_from_displacement_and_force(tmp_path, capsys):
+    (p,) = strip(0, theta_of(TRUTH)).protocols
+    moved, force = there_and_back(20.0 * (p.stretch_x - 1.0)), there_and_back(1e3 * p.load_x)
+    path = table(tmp_path, "Time [s],Disp [mm],Load [mN]", np.arange(moved.size), moved, force)
+    columns = "stretch_x=Disp [mm],force_x_N=Load [mN]"
+    answers = ("--gauge-x-mm", "20", "--branch", "loading", *STRIP)
+    read, text, _ = convert(capsys, path, columns, "--test", "strip x", *answers)
+    assert (read.test, read.edge_x_mm, read.edge_y_mm) == ("strip x", None, 3.0)
+    np.testing.assert_allclose(read.protocols[0].stretch_x, p.stretch_x, rtol=1e-7)
+    np.testing.assert_allclose(read.protocols[0].load_x, p.load_x, atol=1e-9)
+    assert np.isnan(read.protocols[0].stretch_y).all()
+    assert "mounting force x" in text and " nan" not in text and ", y" not in text
+    # the recipe keeps the kind of test
+    recipe = path.with_name("specimen-recipe.toml")
+    assert 'test = "strip x"' in recipe.read_text()
+    again = biaxbayes.convert(
+        path, recipe=recipe, gauge_x_mm=20.0, edge_y_mm=3.0, thickness_mm=1.2, branch="loading"
+    )
+    assert again.specimen == read
+
+
+def test_a_strip_that_narrows_more_than_it_lengthens_has_its_loading_branch(tmp_path, capsys):
+    """The sum of both stretches falls: the loading branch follows the direction that is pulled."""
+    up = np.linspace(0.0, 1.0, 60)
+    length, width = 10.0 + 2.0 * up, 4.0 * (1.0 - 0.3 * up)
+    cycles = [there_and_back(c, 3) for c in (length, width, 0.5 * np.expm1(2.0 * up))]
+    path = table(tmp_path, "Length [mm],Width [mm],Force [N]", *cycles)
+    columns = "stretch_y=Length [mm],stretch_x=Width [mm],force_y_N=Force [N]"
+    more = ("--edge-x-mm", "4", "--thickness-mm", "1.2", "--geometry", "unloaded")
+    answers = ("--cycles", "last", "--branch", "loading", "--test", "strip y")
+    read, text, _ = convert(capsys, path, columns, *more, *answers)
+    (p,) = read.protocols
+    np.testing.assert_allclose(p.stretch_y, 1.0 + 0.2 * up, rtol=1e-7)
+    np.testing.assert_allclose(p.stretch_x, 1.0 - 0.3 * up, rtol=1e-7)
+    assert "+0.0% in y, the curve" in text
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_columns_of_one_direction_may_be_a_strip(axis, tmp_path, capsys):
+    other = "yx"["xy".index(axis)]
+    names = f"stretch_{axis},force_{axis}_N"
+    path = table(tmp_path, names, np.linspace(1.0, 1.2, 20), np.linspace(0.0, 1.0, 20))
+    with pytest.raises(Question) as question:
+        biaxbayes.convert(path, machine="generic")
+    assert list(question.value.choices) == [
+        f"test=strip {axis}",
+        f"columns=stretch_{other}=COLUMN,force_{other}_N=COLUMN",
+    ]
+    _, _, err = convert(capsys, path, names.replace("N", f"N=force_{axis}_N").replace(
+        f"stretch_{axis},", f"stretch_{axis}=stretch_{axis},"))  # fmt: skip
+    assert f"--test 'strip {axis}'" in err and "nothing is written" in err
+    with pytest.raises(Question, match=f"no column for force_{other}_N"):
+        wide = table(tmp_path, f"{names},stretch_{other}", *np.ones((2, 20)), np.ones(20))
+        biaxbayes.convert(wide, machine="generic")
+
+
+def test_a_strip_has_no_load_across_it(tmp_path, capsys):
+    path = table(tmp_path, "stretch_x,force_x_N,F2", *[np.linspace(1.0, 1.2, 20)] * 3)
+    _, _, err = convert(capsys, path, "force_y_N=F2:N", "--test", "strip x")
+    assert "force_y_N is not read from a strip x test" in err
+    _, _, err = convert(capsys, path, "force_x_N=force_x_N", "--test", "strip x")
+    assert "forces need edge_y_mm, thickness_mm, geometry" in err
+
+
+def test_kinds_of_test_are_of_generic_tables(tmp_path, capsys):
+    path = table(tmp_path, "stretch_x,force_x_N", *np.ones((2, 20)))
+    with pytest.raises(InputError, match="--test is for"):
+        biaxbayes.convert(path, machine="biotester", test="strip x")
+
+
+# --- tubes ----------------------------------------------------------------------------------------
+
+
+def test_a_tube_comes_back_from_a_table_of_other_units(tmp_path, capsys):
+    made = [inflated(axial) for axial in (1.2, 1.6)]
+    stretch, load = (np.concatenate(parts) for parts in zip(*made, strict=True))
+    mmhg, gf = load[:, 0] * MMHG_PER_KPA, load[:, 1] / 9.80665e-3
+    which = np.repeat([1, 2], 40)
+    names = "step,OD [um],Length [cm],P [mmHg],Axial load [g]"
+    path = table(tmp_path, names, which, 8e3 * stretch[:, 0], 3.0 * stretch[:, 1], mmhg, gf)
+    columns = (
+        "protocol=step,outer_diameter_mm=OD [um],length_mm=Length [cm],pressure_kPa=P [mmHg],"
+        "axial_force_N=Axial load [g]"
+    )
+    _, _, err = convert(capsys, path, columns)
+    assert "outer_diameter_mm is read from a tube" in err and "--test tube" in err
+    _, _, err = convert(capsys, path, columns, "--test", "tube", *TUBE)
+    assert "'Length [cm]' needs the unloaded_length_mm" in err
+    assert "--unloaded-length-mm MM" in err
+    more = ("--unloaded-length-mm", "30", "--opening-angle-fung-deg", "70")
+    read, text, _ = convert(capsys, path, columns, "--test", "tube", *TUBE, *more)
+    assert read.test == "tube" and read.metadata["opening_angle_fung_deg"] == 70.0
+    assert [p.name for p in read.protocols] == ["1", "2"]
+    got = np.concatenate([np.column_stack([p.stretch, p.recorded_load]) for p in read.protocols])
+    # nine digits of the table
+    np.testing.assert_allclose(got, np.column_stack([stretch, load]), rtol=1e-7, atol=1e-8)
+    assert f"load {load[:40, 0].max():.4g} kPa, {load[:40, 1].max():.4g} N" in text
+    assert "reference" not in text and "mounting" not in text and "geometry" not in text
+    # a stretch may come from a column whose name is known as a length
+    columns = columns.replace("length_mm=", "stretch_y=")
+    again, _, _ = convert(capsys, path, columns, "--test", "tube", *TUBE, *more)
+    np.testing.assert_array_equal(again.protocols[1].stretch, read.protocols[1].stretch)
+
+
+def test_a_tube_is_cut_by_its_pressure(tmp_path, capsys):
+    """Below the stretch in place the axial force falls while the tube is inflated."""
+    stretch, load = inflated(1.05)
+    assert np.ptp(load[:, 1]) > 0.05 and load[-1, 1] < load[0, 1]
+    curves = [there_and_back(c, 2) for c in (*stretch.T, *load.T)]
+    names = "outer_diameter_mm,stretch_z,pressure_kPa,axial_force_N"
+    path = table(tmp_path, names, 8.0 * curves[0], *curves[1:])
+    header = {"unloaded_outer_diameter_mm": 8.0, "thickness_mm": 0.9}
+    with pytest.raises(Question) as question:
+        biaxbayes.convert(path, machine="generic")
+    assert next(iter(question.value.choices)) == "test=tube"
+    made = biaxbayes.convert(
+        path, machine="generic", test="tube", cycles="last", branch="loading", **header
+    )
+    (p,) = made.specimen.protocols
+    np.testing.assert_allclose(p.recorded_load, load, rtol=1e-6, atol=1e-8)
+
+
+def test_a_tube_pulled_at_constant_pressure_is_cut_by_its_length(tmp_path):
+    up = np.linspace(0.0, 1.0, 50)
+    rng = np.random.default_rng(1)
+    length, diameter = 1.2 + 0.4 * up, 9.0 - 0.4 * up
+    force = 0.2 * np.expm1(2.0 * up)
+    pressure = 13.0 + 0.02 * rng.normal(size=2 * up.size - 1)
+    names = "stretch_z,outer_diameter_mm,pressure_kPa,axial_force_N"
+    path = table(
+        tmp_path, names, *map(there_and_back, (length, diameter)), pressure, there_and_back(force)
+    )
+    header = {"unloaded_outer_diameter_mm": 8.0, "thickness_mm": 0.9}
+    made = biaxbayes.convert(path, machine="generic", test="tube", branch="loading", **header)
+    (p,) = made.specimen.protocols
+    np.testing.assert_allclose(p.stretch_y, length, rtol=1e-7)
+
+
+def test_what_a_tube_does_not_have_is_refused(tmp_path):
+    stretch, load = inflated(1.2)
+    names = "outer_diameter_mm,stretch_z,pressure_kPa"
+    path = table(tmp_path, names, 8.0 * stretch[:, 0], stretch[:, 1], load[:, 0])
+    for more, says in (
+        ({}, "needs the unloaded_outer_diameter_mm"),
+        ({"unloaded_outer_diameter_mm": 8.0}, "a tube needs thickness_mm"),
+        ({"gauge_x_mm": 8.0}, "a tube has no gauge length"),
+        ({"columns": "force_x_N=pressure_kPa:N"}, "force_x_N is not read from a tube test"),
+        ({"columns": "stretch_x=outer_diameter_mm"}, "both give stretch_x"),
+    ):
+        with pytest.raises(InputError, match=says):
+            biaxbayes.convert(path, machine="generic", test="tube", **more)
