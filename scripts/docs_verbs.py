@@ -16,7 +16,7 @@ from pathlib import Path
 import click
 
 from biaxbayes.cli import VERBS, group
-from biaxbayes.options import FIT_DESCRIPTIONS, WHICH_FIT
+from biaxbayes.options import FIT_DESCRIPTIONS, NO_INTERVAL, WHICH_FIT
 from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY
 from biaxbayes.specimens.keys import COLUMNS, KEYS, FileColumn, Key
 from biaxbayes.text_files import atomic_write_text
@@ -144,7 +144,7 @@ def glossary() -> str:
     return (
         f"{ABOUT_TERMS}"
         f"| term | meaning |\n|---|---|\n{terms}\n## The deterministic fits\n\n"
-        f"| fit | what it does |\n|---|---|\n{fits}\n{WHICH_FIT}\n"
+        f"| fit | what it does |\n|---|---|\n{fits}\n{WHICH_FIT}{NO_INTERVAL}\n"
     )
 
 

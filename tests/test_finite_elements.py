@@ -2,18 +2,23 @@
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import spsolve
 
 from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.fem import sheet as sheet_module
 from biaxbayes.fem.sheet import Sheet, membrane_energy, membrane_stress, membrane_stress_and_tangent
 from biaxbayes.fem.sheet_tester import Hooks, SheetTester
+from biaxbayes.forward import ForwardModel
+from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
+from biaxbayes.mechanics.experiments import Strip, with_free_side
 from studies.hooks import uniform_edges
 
 MEDIA = GOH(2.98, 12.47, 1.88, 39.0, 0.0)
 WEISBECKER = GOH(14.0, 140.0, 11.9, 38.4, 0.21)
 DONOR2 = GOH(25.87, 39.78, 139.88, 90.0, 0.241)
 THICKNESS = 0.88
+MOST_ITERATIONS = 20
 
 
 def hooked(material, *, elements=10, control="markers", **hooks):
@@ -199,3 +204,39 @@ def test_rotation_costs_no_energy(F):
         np.testing.assert_allclose(
             membrane_energy(material, rotated), membrane_energy(material, F), rtol=1e-10
         )
+
+
+@pytest.mark.parametrize(("material", "top"), [(MEDIA, 1.2), (WEISBECKER, 1.12)])
+def test_the_middle_of_a_long_clamped_strip_is_the_strip_of_the_likelihood(material, top):
+    """Ten times as long as wide, clamped: force over stretch and width of its middle."""
+    length, width = 30.0, 3.0
+    sheet = Sheet(length, width, elements=16)
+    at_clamp = np.isclose(sheet.position[0, sheet.free], 0.5 * length)
+    pulled = at_clamp & (sheet.component[sheet.free] == 0)
+    u, inside = np.zeros(sheet.free.size), np.flatnonzero(~at_clamp)
+    measured = []
+    for step in np.linspace(0.0, 0.5 * length * (top - 1.0), 11)[1:]:
+        u[pulled] = step
+        for _ in range(MOST_ITERATIONS):
+            force, stiffness, _ = sheet.internal_force(material, u)
+            change = spsolve(stiffness[inside][:, inside], -force[inside])
+            u[inside] += change
+            if np.abs(change).max() < 1e-9 * length:
+                break
+        else:
+            pytest.fail("Newton's method does not converge")
+        force, _, _ = sheet.internal_force(material, u)
+        # the quarter holds half of the clamp
+        pull = 2.0 * force[pulled].sum() * THICKNESS * 1e-3
+        F = sheet.deformation_gradient(u)
+        middle = np.argmin(np.hypot(*sheet.basis.mesh.p[:, sheet.basis.mesh.t].mean(axis=1)))
+        measured.append((pull, F[0, 0, middle].mean(), F[1, 1, middle].mean()))
+    pull, along, across = np.array(measured).T
+    values = dict(zip(("C1", "k1", "k2", "alpha", "kappa"), material.values, strict=True))
+    area = np.array([width * THICKNESS * 1e-3, 1.0])
+    strip = ForwardModel(law_named("goh"), area, False, Strip(0))
+    stretch = np.column_stack([along, np.full(along.size, np.nan)])
+    loads = strip.load(values | {"mounting_stretch_x": 1.0}, stretch)[0]
+    np.testing.assert_allclose(loads[:, 0], pull, rtol=2e-3)
+    free = with_free_side(material.cauchy, stretch, 1)[:, 1]
+    np.testing.assert_allclose(free, across, rtol=2e-3)

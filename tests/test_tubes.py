@@ -9,12 +9,18 @@ import pandas as pd
 import pytest
 from scipy.integrate import quad
 
+import biaxbayes
+import commands
+from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior
 from biaxbayes.errors import InputError
+from biaxbayes.figures.record import protocols_figure
+from biaxbayes.figures.specimen import fits_figure, specimen_figure
 from biaxbayes.fitting.constrained import FitSetup, constrained_fit
 from biaxbayes.fitting.residuals import BalancedMounting
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.experiments import MMHG_PER_KPA, Tube
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import Settings
 from biaxbayes.prediction.stress import predict_stress
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.protocol import Protocol
@@ -286,3 +292,52 @@ def test_intervals_of_a_virtual_tube_hold_its_material():
         low, high = run.draws[name].quantile([0.01, 0.99])
         assert low < true < high, name
     assert run.draws["C1"].quantile(0.95) / run.draws["C1"].quantile(0.05) < 1.5
+
+
+# --- what is shown --------------------------------------------------------------------------------
+
+
+def test_pressure_and_force_have_axes_of_their_own():
+    data = virtual_tube(1.1, 1.25)
+    fit = biaxbayes.fit(data, "constrained", starts=1)
+    for figure, per_reading in ((specimen_figure(data), 1), (fits_figure(data, [fit]), 2)):
+        labels = [ax.get_ylabel() for ax in figure.axes if ax.get_ylabel()]
+        assert labels[::per_reading] == ["pressure (kPa)", "axial force (N)"]
+        lines = [ax.lines[0].get_ydata() for ax in figure.axes]
+        of_pressure = [y for y in lines if np.ptp(y) > 5.0]
+        assert len(of_pressure) == 2  # one of each protocol, none of a force
+    assert [ax.get_ylabel() for ax in protocols_figure(data).axes] == [
+        "stretch as measured",
+        "pressure (kPa)",
+        "axial force (N)",
+    ]
+
+
+def test_a_fit_of_a_tube_has_no_mounting_stretch(tmp_path, capsys):
+    write_specimen(virtual_tube(1.1, 1.25), tmp_path / "tube.csv")
+    square, tube = tmp_path / "square.csv", tmp_path / "tube.csv"
+    code, shown, _ = commands.run(capsys, "fit", tube, "--starts", 1, "--out", tmp_path / "fits")
+    assert code == 0 and "mounting stretch x" not in shown and "Give fip" not in shown
+    table = pd.read_csv(tmp_path / "fits" / "fits.csv")
+    assert table[["mounting_stretch_x", "mounting_stretch_y"]].isna().to_numpy().all()
+    write_specimen(specimen(GOH(*MATERIAL.values())), square)
+    code, shown, _ = commands.run(capsys, "fit", square, tube, "--starts", 1)
+    assert code == 0 and "mounting stretch x" in shown and "mounting stretch x tube" not in shown
+    assert "stiffness tube" in shown
+
+
+def test_a_tube_has_no_mounting_stretch_whose_cost_could_be_shown():
+    with pytest.raises(InputError, match="stretches of a tube are total"):
+        biaxbayes.ledger(virtual_tube(1.2))
+
+
+def test_truths_of_a_tube_are_drawn_at_the_stress_of_its_wall():
+    data = virtual_tube(1.2)
+    prior = protocol_prior(data, Settings())
+    # the wall carries p r / h, several times the pressure
+    pressure = replace(data, metadata={**HEADER, "unloaded_outer_diameter_mm": 16.0})
+    wider = protocol_prior(pressure, Settings())
+    assert wider["C1"].location > 1.8 * prior["C1"].location
+    model = Posterior(data, priors=prior)
+    truth, rejected = draw_truth(model, np.random.default_rng(1))
+    assert rejected < 50 and not any(name.startswith("mounting_force") for name in truth)

@@ -242,9 +242,10 @@ FIT_METHODS = tuple(FIT_DESCRIPTIONS)
 WHICH_FIT = (
     "Report constrained: it fits what was measured, as 'sample' does. Give fip to compare with the "
     "method paper, linden with work that used it; standard or zeroed only where the mounting force "
-    "is lost, and say so. No fit has an interval: 'biaxbayes sample' gives it."
+    "is lost, and say so. "
 )
 """Advice on which fit to report."""
+NO_INTERVAL = "No fit has an interval: 'biaxbayes sample' gives it."
 ALL_FITS = "all"
 ALL_ROWS, AUTOMATIC = "none", "auto"
 CONTENT = 0.9

@@ -26,6 +26,7 @@ from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names, name_of
+from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
 ROOT_TOLERANCE = 1e-6
@@ -171,7 +172,7 @@ def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
         section = forward.section(truth)[0, 0]
         if not (np.all(section > 0.0) and np.all(np.isfinite(list(truth.values())))):
             return False
-        for state in piece.labels.states:
+        for state in piece.labels.states if piece.specimen.experiment.is_mounted else ():
             lm = forward.mounting_stretch(truth, state)[0, 0]
             if not np.all((lm > BRACKET[0]) & (lm < BRACKET[1])):
                 return False
@@ -207,7 +208,7 @@ def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
     """Prior of tissue with similar stresses; independent errors around 0.5 % of the peak."""
     tested = [(piece, p) for piece in specimen.pieces for p in piece.protocols]
     stretch = 1.02 * max(float(p.known_stretch.max()) for _, p in tested)
-    peak = max(float(np.abs(piece.load(p) / piece.area).max()) for piece, p in tested)
+    peak = max(_largest_stress(piece, p) for piece, p in tested)
     prior = default_priors(specimen, settings)
     for name, (family, first, second) in settings.material_law.scaled_prior(stretch, peak).items():
         rounded = first if family == "uniform" else _rounded(first)
@@ -218,6 +219,13 @@ def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
         if name not in specimen.metadata:
             prior[name] = Prior("normal", 1.02, 0.01, low=0.5)
     return prior
+
+
+def _largest_stress(piece: Specimen, protocol: Protocol) -> float:
+    """Largest stress of a protocol in kPa; of a tube that of its wall, not the pressure."""
+    load = piece.load(protocol)
+    of_wall = piece.experiment.stresses(protocol.stretch, load)
+    return float(np.abs(load / piece.area if of_wall is None else of_wall).max())
 
 
 def local_prior(

@@ -14,11 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from biaxbayes.figures.bands import load_panels
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     AXIS_MARKERS,
     COLUMN_MM,
-    LOAD_LABELS,
     PAGE_MM,
     blank_figure,
     colour,
@@ -33,44 +33,69 @@ from biaxbayes.specimens.specimen import Specimen
 
 POINTS, REST_POINTS = 300, 50
 """Rows of a curve, and rows at rest, that are drawn."""
+FIXED = 0.05
+"""Extent of a stretch over that of the other direction, up to which it is fixed."""
 PANEL_MM = (56.0, 48.0)
 MAX_PANELS = 24
 
 
 def specimen_figure(specimen: Specimen) -> Figure:
     """Draw the first 24 protocols, at most 300 rows each; the rows at rest in black."""
-    protocols = specimen.protocols[:MAX_PANELS]
+    protocols, panels = specimen.protocols[:MAX_PANELS], load_panels(specimen)
     columns = 2 if len(protocols) == 4 else min(3, len(protocols))
-    rows = math.ceil(len(protocols) / columns)
+    rows = math.ceil(len(protocols) / columns) * len(panels)
     with print_style():
         figure = blank_figure(max(columns * PANEL_MM[0], COLUMN_MM), rows * PANEL_MM[1] + 14.0)
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-        for ax in grid.flat[len(protocols) :]:
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=True)
+        for ax in grid[-len(panels) :, (len(protocols) - 1) % columns + 1 :].flat:
             ax.remove()
-        for ax, protocol in zip(grid.flat, protocols, strict=False):
-            _draw_protocol(ax, protocol)
-            ax.tick_params(labelbottom=True)
+        for k, protocol in enumerate(protocols):
+            down, across = len(panels) * (k // columns), k % columns
+            for i, (label, directions) in enumerate(panels):
+                ax = grid[down + i, across]
+                if k:
+                    ax.sharey(grid[i, 0])
+                _draw_protocol(ax, protocol, specimen, directions)
+                ax.tick_params(labelbottom=True, labelleft=across == 0)
+                if across == 0:
+                    ax.set_ylabel(label)
             if len(specimen.protocols) > 1:
-                ax.set_title(plain(protocol.name, 34))
+                grid[down, across].set_title(plain(protocol.name, 34))
         figure.supxlabel("measured stretch")
-        figure.supylabel(LOAD_LABELS[specimen.stress_pair])
-        handles, labels = grid[0, 0].get_legend_handles_labels()
-        for k, name in enumerate((specimen.axis_x, specimen.axis_y)):
-            labels[k] += f": {plain(name, 24)}" if name else ""
-        figure.legend(handles, labels, loc="outside upper center", ncols=3)
+        handles = [
+            Line2D([], [], ms=2.0, lw=0.5, label=name, color=colour(axis), marker=marker)
+            for (axis, marker), name in zip(AXIS_MARKERS.items(), _names(specimen), strict=True)
+            if "xy".index(axis) in specimen.experiment.axes
+        ]
+        if specimen.experiment.is_mounted:
+            look: dict[str, Any] = {"marker": "+", "color": "black", "linestyle": "", "ms": 6.0}
+            handles.append(Line2D([], [], label="rows at rest", **look))
+        figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
 
 
-def _draw_protocol(ax: Axes, protocol: Protocol) -> None:
+def _names(specimen: Specimen, letters: int = 24) -> list[str]:
+    """What the readings are called, with the directions of the tissue."""
+    named = zip(specimen.experiment.curves, (specimen.axis_x, specimen.axis_y), strict=True)
+    return [f"{curve}: {plain(name, letters)}" if name else curve for curve, name in named]
+
+
+def _over(protocol: Protocol, axis: int) -> np.ndarray:
+    """The stretch that a load is drawn over: its own, or the other one where that is fixed."""
+    extent = np.ptp(protocol.known_stretch, axis=0)
+    return protocol.stretch[:, axis if extent[axis] > FIXED * extent[1 - axis] else 1 - axis]
+
+
+def _draw_protocol(
+    ax: Axes, protocol: Protocol, specimen: Specimen, directions: Sequence[int]
+) -> None:
     shown = evenly_chosen(protocol.rows, POINTS)
     rest = slice(0, protocol.rest_rows, max(1, protocol.rest_rows // REST_POINTS))
-    for axis in "xy":
-        stretch, load = getattr(protocol, f"stretch_{axis}"), getattr(protocol, f"load_{axis}")
-        how: dict[str, Any] = {"marker": AXIS_MARKERS[axis], "color": colour(axis), "label": axis}
-        ax.plot(stretch[shown], load[shown], ms=2.0, mew=0.0, lw=0.5, **how)
-        label = "rows at rest" if axis == "y" else None
-        black: dict[str, Any] = {"color": "black", "label": label, "zorder": 2.1}
-        ax.plot(stretch[rest], load[rest], "+", ms=6.0, mew=0.8, **black)
+    for k in directions:
+        stretch, load, hue = _over(protocol, k), protocol.recorded_load[:, k], colour("xy"[k])
+        look: dict[str, Any] = {"marker": AXIS_MARKERS["xy"[k]], "color": hue}
+        ax.plot(stretch[shown], load[shown], ms=2.0, mew=0.0, lw=0.5, **look)
+        ax.plot(stretch[rest], load[rest], "+", ms=6.0, mew=0.8, color="black", zorder=2.1)
     ax.axhline(0.0, color="0.75", linewidth=0.5, zorder=0)
     ax.margins(x=0.04, y=0.06)
     ax.locator_params(axis="x", nbins=5)
@@ -92,54 +117,65 @@ DATA: dict[str, Any] = {"color": "0.3", "mfc": "none", "mew": 0.5, "ms": 2.5}
 
 
 def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
-    """Draw measured and fitted loads, and residuals, of the first six protocols."""
-    count = min(len(specimen.protocols), MAX_DRAWN_PROTOCOLS)
+    """Draw measured and fitted loads, and residuals, of the first six protocols of all pieces."""
+    tested = [(piece, p) for piece in specimen.pieces for p in piece.protocols]
+    count = min(len(tested), MAX_DRAWN_PROTOCOLS)
     columns = min(3, count)
     blocks = -(-count // columns)
+    units = max(len(load_panels(piece)) for piece, _ in tested[:count])
     with print_style():
         width = COLUMN_MM if columns == 1 else PAGE_MM
-        figure = blank_figure(width, 78.0 * blocks + 18.0)
+        figure = blank_figure(width, 78.0 * blocks * units + 18.0)
+        heights = HEIGHTS * (blocks * units)
         grid = figure.subplots(
-            2 * blocks, columns, squeeze=False, height_ratios=HEIGHTS * blocks, sharex="col"
+            2 * units * blocks, columns, squeeze=False, height_ratios=heights, sharex="col"
         )
-        for k in range(count):
-            upper, lower = grid[2 * (k // columns) : 2 * (k // columns) + 2, k % columns]
-            _draw_fits(upper, lower, specimen, k, fits)
-            if len(specimen.protocols) > 1:
-                upper.set_title(plain(specimen.protocols[k].name, 30))
-            if k % columns == 0:
-                upper.set_ylabel(LOAD_LABELS[specimen.stress_pair])
-                lower.set_ylabel(f"data − fit ({specimen.unit})")
-        for ax in grid[-2:, (count - 1) % columns + 1 :].flat:
+        drawn = []
+        for k, (piece, protocol) in enumerate(tested[:count]):
+            column = grid[2 * units * (k // columns) :, k % columns]
+            for i, (label, directions) in enumerate(load_panels(piece)):
+                upper, lower = column[2 * i : 2 * i + 2]
+                _draw_fits(upper, lower, piece, protocol, directions, fits, k)
+                if k % columns == 0 or piece.test != specimen.test:
+                    upper.set_ylabel(label)
+                    lower.set_ylabel(f"data − fit ({piece.units[directions[0]]})")
+                drawn += [upper, lower]
+            if len(tested) > 1:
+                own = "" if piece.name == specimen.name else f"{piece.name}: "
+                column[0].set_title(plain(own + protocol.name, 30))
+        for ax in set(grid.flat) - set(drawn):
             ax.remove()
         handles = []
-        for name, direction in (("x", specimen.axis_x), ("y", specimen.axis_y)):
-            label = f"{name}: {plain(direction or 'data and fit', 20)}"
-            look = {"marker": AXIS_MARKERS[name], "linestyle": AXIS_DASHES[name], **DATA}
-            handles.append(Line2D([], [], label=label, **look))
+        for axis, name in zip("xy", _names(specimen, 20), strict=True):
+            read = any("xy".index(axis) in piece.experiment.axes for piece, _ in tested)
+            look = {"marker": AXIS_MARKERS[axis], "linestyle": AXIS_DASHES[axis], **DATA}
+            handles += [Line2D([], [], label=name, **look)] if read else []
         handles += [Line2D([], [], label=fit.method, **LOOKS[fit.method]) for fit in fits]
         ncols = 3 if columns == 1 else len(handles)
         figure.legend(handles=handles, loc="outside upper center", ncols=ncols)
-        left = len(specimen.protocols) - count
+        left = len(tested) - count
         more = f" ({left} more protocols not drawn)" if left else ""
         figure.supxlabel("measured stretch" + more)
     return figure
 
 
 def _draw_fits(
-    upper: Axes, lower: Axes, specimen: Specimen, k: int, fits: Sequence[FitResult]
+    upper: Axes,
+    lower: Axes,
+    piece: Specimen,
+    protocol: Protocol,
+    directions: Sequence[int],
+    fits: Sequence[FitResult],
+    k: int,
 ) -> None:
-    """Loads of a protocol with the fitted ones, and measured minus fitted loads."""
-    protocol = specimen.protocols[k]
-    load, moving = specimen.load(protocol), slice(protocol.rest_rows, None)
+    """Loads of protocol k with the fitted ones, and measured minus fitted loads."""
+    load, moving = piece.load(protocol), slice(protocol.rest_rows, None)
     points = evenly_chosen(protocol.rows, DATA_POINTS)
-    for axis, name in enumerate("xy"):
-        stretch = protocol.stretch_x if axis == 0 else protocol.stretch_y
-        if np.ptp(stretch) == 0.0:  # a fixed direction is drawn over the stretch in x
-            stretch = protocol.stretch_x
+    for axis in directions:
+        name, stretch = "xy"[axis], _over(protocol, axis)
         upper.plot(stretch[points], load[points, axis], AXIS_MARKERS[name], **DATA)
         for fit in fits:
-            residual = fit.residuals[k][:, axis] * specimen.load_scale[axis]
+            residual = fit.residuals[k][:, axis] * piece.load_scale[axis]
             look = {"linestyle": AXIS_DASHES[name], **LOOKS[fit.method]}
             upper.plot(stretch[moving], load[moving, axis] - residual, **look)
             lower.plot(stretch[moving], residual, **look)

@@ -179,14 +179,15 @@ def column_map(
                 with contextlib.suppress(*[InputError] * (target in OPTIONAL)):
                     columns[target] = _column(table, target, (index,))
     for name, (standard, _) in TUBE_COLUMNS.items():
-        if standard in wanted and name not in wanted:  # found by its name
-            columns.pop(name, None)
-        if name in columns and standard in columns:
+        if name not in columns:
+            continue
+        own = columns.pop(name)
+        # a column that was requested for the standard one may be found by its name as well
+        if standard in columns and (name in wanted or own.indices != columns[standard].indices):
             remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
-            names = f"{columns[standard].name!r} and {columns[name].name!r}"
+            names = f"{columns[standard].name!r} and {own.name!r}"
             raise InputError(f"{names} both give {standard}", file=table.path, remedy=remedy)
-        if name in columns:
-            columns[standard] = columns.pop(name)
+        columns.setdefault(standard, own)
     _check_complete(table, columns, test)
     return columns, frozenset(ignored)
 

@@ -8,6 +8,7 @@ importance weights. Every other number on the page is computed here.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,9 @@ from bokeh.resources import INLINE
 from markupsafe import Markup
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.bands import abscissa, residual_unit, shown_protocols
+from biaxbayes.figures.bands import abscissa, load_panels, residual_unit, shown_protocols
 from biaxbayes.figures.quantities import axis_span, corner_columns
-from biaxbayes.figures.style import CREDIBLE, LOAD_LABELS, PAGE_MM, colour, print_style
+from biaxbayes.figures.style import CREDIBLE, PAGE_MM, colour, print_style
 from biaxbayes.identifiability.bounded_density import Span
 from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.model.posterior import Posterior
@@ -35,14 +36,15 @@ from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws
 from biaxbayes.prediction.percentiles import evenly_chosen, tails
 from biaxbayes.reports.templates import page_template
-from biaxbayes.reports.text import as_html, truncate
+from biaxbayes.reports.text import as_html, tests_in_words, truncate
+from biaxbayes.specimens.specimen import Specimen
 
 LEAST_EFFECTIVE = 200
 """Effective draws (Kish) below which another prior is refused."""
 MAX_DRAWS = 700
 """Draws on the page."""
-MAX_STATES, MAX_STATES_PER_PROTOCOL = 130, 41
-"""Largest number of states of all protocols together, and of one."""
+MAX_STATES, MAX_STATES_PER_PROTOCOL, LEAST_STATES = 130, 41, 7
+"""Largest number of states of all protocols together, and of one; least number of one."""
 HISTOGRAM_BINS = 24
 PANEL_PX, CURVE_PX = 105, 380
 """Width of a panel of the corner, and of the curves of a protocol, pixels."""
@@ -83,14 +85,14 @@ def explore_page(
     columns |= {n: thinned[n].to_numpy(dtype=float) for p in priors for n in p["data"]["columns"]}
     source = ColumnDataSource(columns | {"opacity": np.full(len(thinned), 0.5)}, name="draws")
     corner, histograms = _corner(axes, source, hues)
-    panels, curves, factor = _curve_panels(posterior, thinned, source, hues)
+    panels, curves = _curve_panels(posterior, thinned, source, hues)
     script = CustomJS(
         args={
             "draws": source,
             "histograms": histograms,
-            "curves": list(curves.values()),
+            "curves": [band for band, _ in curves.values()],
             "axes": [{"column": f"axis {a.name}", "unit": a.unit, "log": a.ratio} for a in axes],
-            "loads": [{"column": column, "factor": factor} for column in curves],
+            "loads": [{"column": c, "factor": factor} for c, (_, factor) in curves.items()],
             "priors": [p["data"] for p in priors],
             "levels": [0.5, *tails(CONTENT)],
             "least": LEAST_EFFECTIVE,
@@ -108,6 +110,7 @@ def explore_page(
         template=page_template("explore.html.jinja"),
         template_variables={
             "name": truncate(posterior.specimen.name),
+            "tests_in_words": tests_in_words(posterior.specimen),
             "law": posterior.law.title,
             "law_called": posterior.law.short_name,
             "report": report,
@@ -120,12 +123,19 @@ def explore_page(
             "priors": priors,
             "hues": hues,
             "width": PANEL_PX * len(axes) + 80,
-            "protocols": shown_protocols(posterior.specimen, PAGE_MM),
-            "all_protocols": len(posterior.specimen.protocols),
-            "directions": [("x", posterior.specimen.axis_x), ("y", posterior.specimen.axis_y)],
+            "protocols": sum(shown_protocols(s, PAGE_MM) for s in posterior.specimen.pieces),
+            "all_protocols": sum(len(s.protocols) for s in posterior.specimen.pieces),
+            "directions": _directions(posterior.specimen),
         },
     )
     return _numbered_in_order(page)
+
+
+def _directions(specimen: Specimen) -> list[tuple[str, str, str | None]]:
+    """The directions with readings, what these are called, and the direction of the tissue."""
+    read = {k for piece in specimen.pieces for k in piece.experiment.axes}
+    words = zip("xy", specimen.experiment.curves, (specimen.axis_x, specimen.axis_y), strict=True)
+    return [each for k, each in enumerate(words) if k in read]
 
 
 def _numbered_in_order(page: str) -> str:
@@ -246,61 +256,63 @@ def _histogram(panel: Any, axis: ExploredAxis, hue: str) -> Any:
 
 def _curve_panels(
     posterior: Posterior, thinned: pd.DataFrame, source: Any, hues: dict[str, str]
-) -> tuple[Any, dict[str, Any], float]:
-    """Loads of each protocol, and the residuals about the median of all draws.
+) -> tuple[Any, dict[str, tuple[Any, float]]]:
+    """Loads of each protocol of all pieces, and the residuals about the median of all draws.
 
-    Returns the panels, the source of each band by the column of its loads among the draws, and the
-    factor of the residuals.
+    Returns the panels, and by the column of its loads among the draws the source of each band and
+    the factor of its residuals.
     """
-    specimen = posterior.specimen
-    count = shown_protocols(specimen, PAGE_MM)
-    drawn = curves_of_draws(
-        posterior,
-        thinned,
-        max_rows=min(MAX_STATES_PER_PROTOCOL, MAX_STATES // count),
-    )[:count]
-    tables = [_table(curves) for curves in drawn]
-    factor, finer = residual_unit(pd.concat(tables), specimen.unit)
-    curves: dict[str, Any] = {}
+    counts = [shown_protocols(piece.specimen, PAGE_MM) for piece in posterior.pieces]
+    max_rows = min(MAX_STATES_PER_PROTOCOL, max(MAX_STATES // sum(counts), LEAST_STATES))
+    curves: dict[str, tuple[Any, float]] = {}
     panels: list[list[Any]] = []
-    for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
-        test = {str(axis): part for axis, part in table.groupby("direction")}
-        abscissas, label = abscissa(test)
-        title = Title(text=PlainText(truncate(protocol.protocol, 60)))
-        load = figure(width=CURVE_PX, height=230, tools=[], title=title)
-        residual = figure(width=CURVE_PX, height=150, tools=[], x_range=load.x_range)
-        load.xaxis.visible = False
-        residual.xaxis.axis_label = label
-        load.yaxis.axis_label = LOAD_LABELS[specimen.stress_pair].replace("\n", " ")
-        residual.yaxis.axis_label = f"less median ({finer})"
-        for panel in (load, residual):
-            panel.axis.axis_label_text_font_style = "normal"
-            panel.min_border_left = 70
-        for k, axis in enumerate("xy"):
-            order = np.argsort(abscissas[axis], kind="stable")
-            column, loads = f"load {p} {axis}", protocol.load[:, order, k]
-            source.data[column] = loads.astype(np.float32)
-            x, measured = abscissas[axis][order], protocol.measured[order, k]
-            curves[column] = _draw_curve(
-                (load, residual), x, loads, measured, axis, hues[axis], factor
-            )
-        panels += [[load], [residual]]
-    return gridplot(panels, toolbar_location=None, sizing_mode="stretch_width"), curves, factor
+    for i, (piece, count) in enumerate(zip(posterior.pieces, counts, strict=True)):
+        specimen = piece.specimen
+        drawn = curves_of_draws(posterior, thinned, piece=i, max_rows=max_rows)[:count]
+        tables = [_table(each, specimen.experiment.axes) for each in drawn]
+        for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
+            test = {str(axis): part for axis, part in table.groupby("direction")}
+            abscissas, over = abscissa(test)
+            for name, directions in load_panels(specimen):
+                axes, unit = ["xy"[k] for k in directions], specimen.units[directions[0]]
+                of_unit = [each[each["direction"].isin(axes)] for each in tables]
+                factor, finer = residual_unit(pd.concat(of_unit), unit)
+                title = Title(text=PlainText(truncate(piece.title(protocol.protocol), 60)))
+                load = figure(width=CURVE_PX, height=230, tools=[], title=title)
+                residual = figure(width=CURVE_PX, height=150, tools=[], x_range=load.x_range)
+                load.xaxis.visible = False
+                residual.xaxis.axis_label = over
+                load.yaxis.axis_label = name.replace("\n", " ")
+                residual.yaxis.axis_label = f"less median ({finer})"
+                for panel in (load, residual):
+                    panel.axis.axis_label_text_font_style = "normal"
+                    panel.min_border_left = 70
+                for k, axis in zip(directions, axes, strict=True):
+                    order = np.argsort(abscissas[axis], kind="stable")
+                    column, loads = f"load {i} {p} {axis}", protocol.load[:, order, k]
+                    source.data[column] = loads.astype(np.float32)
+                    x, measured = abscissas[axis][order], protocol.measured[order, k]
+                    band = _draw_curve(
+                        (load, residual), x, loads, measured, axis, hues[axis], factor
+                    )
+                    curves[column] = band, factor
+                panels += [[load], [residual]]
+    return gridplot(panels, toolbar_location=None, sizing_mode="stretch_width"), curves
 
 
-def _table(curves: DrawnCurves) -> pd.DataFrame:
-    """Both directions of a protocol in one table, with the median of all draws."""
+def _table(curves: DrawnCurves, axes: Sequence[int]) -> pd.DataFrame:
+    """The directions of a protocol in one table, with the median of all draws."""
     parts = [
         pd.DataFrame(
             {
-                "direction": axis,
+                "direction": "xy"[k],
                 "row": curves.rows,
                 "stretch": curves.stretch[:, k],
                 "measured": curves.measured[:, k],
                 "credible_median": np.median(curves.load[:, :, k], axis=0),
             }
         )
-        for k, axis in enumerate("xy")
+        for k in axes
     ]
     return pd.concat(parts, ignore_index=True)
 

@@ -17,7 +17,7 @@ from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
 from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
-from biaxbayes.reports.text import CONVERGENCE_TEXTS, truncate
+from biaxbayes.reports.text import CONVERGENCE_TEXTS, tests_in_words, truncate
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
@@ -77,6 +77,8 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         run=run,
         result=result,
         name=truncate(run.specimen.name),
+        tests_in_words=tests_in_words(run.specimen),
+        mounted=any(s.experiment.is_mounted for s in run.specimen.pieces),
         explore=EXPLORE if explore else "",
         verdict=CONVERGENCE_TEXTS[run.state],
         reason=truncate(record["convergence"]["reason"], 400),

@@ -8,6 +8,7 @@ from pathlib import Path
 from markupsafe import Markup, escape
 
 from biaxbayes.parameters import Quantity
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import one_line
 
 # --- names on a page and in LaTeX; text from files made safe ------------------------
@@ -52,6 +53,27 @@ def derived_text(name: str) -> str:
     return text.format(stem[-1]) + (f", at {stretch}" if at else "")
 
 
+TEST_WORDS = {
+    "biaxial": "a planar biaxial test",
+    "strip x": "a strip pulled along x",
+    "strip y": "a strip pulled along y",
+    "tube": "a pressurised tube",
+}
+"""Kinds of test as a heading names them."""
+
+
+def tests_in_words(specimen: Specimen) -> str:
+    """What was tested, with the names of the pieces where there are several."""
+    pieces = specimen.pieces
+    if len(pieces) == 1:
+        return TEST_WORDS[specimen.test]
+    named = [f"{TEST_WORDS[p.test]} ({truncate(p.name, 40)})" for p in pieces[:NAMED]]
+    more = f" and {len(pieces) - NAMED} more" if len(pieces) > NAMED else ""
+    return f"{len(pieces)} pieces of one tissue: {', '.join(named)}{more}"
+
+
+NAMED = 6
+"""Pieces that a heading names."""
 CONVERGENCE_TEXTS = {
     "converged": "Converged chains: the ensembles agree and hold enough independent draws.",
     "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",

@@ -183,7 +183,7 @@ def run_result(
         state=verdicts.state,
         reported=reported,
         fit=_fit_in_words(posterior) if usable else "",
-        advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
+        advice=_advice(reported, verdicts, settings.mounting, posterior),
         warnings=(
             *disagreements(pieces),
             *(path_warnings(checks, law.key) if usable else ()),
@@ -221,9 +221,10 @@ def _fit_in_words(posterior: Posterior) -> str:
 
 
 def _advice(
-    reported: Sequence[Reported], verdicts: Identifiability, mounting: str, quantities: Quantities
+    reported: Sequence[Reported], verdicts: Identifiability, mounting: str, posterior: Posterior
 ) -> str:
     """The most useful next step: converge, another law, the mounting stretch, a further test."""
+    quantities = posterior.quantities
     if verdicts.state != "converged":
         return "the chains have not converged: continue with --resume and a larger --max-steps"
     if verdicts.better_law:
@@ -248,6 +249,8 @@ def _advice(
     if undetermined:
         verb = "separate" if all(r.verdict == COMBINATION for r in undetermined) else "narrow"
         parameters = listed([r.name for r in undetermined])
+        if posterior.specimen.test != "biaxial":
+            return f"to {verb} {parameters}: test another piece of the tissue, such as a square"
         return f"to {verb} {parameters}: biaxbayes design RUN says which test to add"
     return ""
 

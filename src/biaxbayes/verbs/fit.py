@@ -16,6 +16,7 @@ from biaxbayes.options import (
     ALL_FITS,
     FIT_DESCRIPTIONS,
     FIT_METHODS,
+    NO_INTERVAL,
     WHICH_FIT,
     FitOptions,
     takes_options,
@@ -123,14 +124,7 @@ def _write_fits(
     target = make_folder(folder)
     rows = []
     for result in fits:
-        row = _record(result, truth)
-        for name in STRETCH_NAMES:
-            value = row.pop(name)
-            if isinstance(value, list):
-                states = specimen.quantities((), shared=len(value) == len(specimen.pieces)).states
-                row |= {f"{name} {s}".strip(): v for s, v in zip(states, value, strict=True)}
-            else:
-                row[name] = value
+        row = _by_state(specimen, _record(specimen, result, truth))
         at_bound = row.pop("at_bound")
         assert isinstance(at_bound, list)
         rows.append(
@@ -140,13 +134,42 @@ def _write_fits(
     save_pictures(fits_figure(specimen, fits), target, "fits")
 
 
-def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, object]:
-    """The fit as plain values, with its parameter error where true values are known."""
-    record = result.record()
+def _record(
+    specimen: Specimen, result: FitResult, truth: Mapping[str, float] | None
+) -> dict[str, Any]:
+    """The fit as plain values, with its parameter error where true values are known.
+
+    A tube, whose stretches are total, has no mounting stretch.
+    """
+    record: dict[str, Any] = result.record()
+    shared = len(result.mounting_stretch) == len(specimen.pieces)
+    mounted = [
+        piece.experiment.is_mounted
+        for piece in specimen.pieces
+        for _ in range(1 if shared else len(piece.protocols))
+    ]
+    for name, column in zip(STRETCH_NAMES, result.mounting_stretch.T, strict=True):
+        values = [float(v) if m else None for v, m in zip(column, mounted, strict=True)]
+        record[name] = values if len(values) > 1 else values[0]
     if truth is not None:
         error = result.parameter_error(truth)
         record["parameter_error"] = None if math.isnan(error) else error
     return record
+
+
+def _by_state(specimen: Specimen, record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record with one value for each mounted state, and for each further piece."""
+    out: dict[str, Any] = {}
+    for name, value in record.items():
+        if name == "stiffness":  # that of the first piece is one
+            pairs = zip(specimen.further, value[1:], strict=True)
+            out |= {f"{name} {piece.name}": v for piece, v in pairs}
+        elif name in STRETCH_NAMES and isinstance(value, list):
+            states = specimen.quantities((), shared=len(value) == len(specimen.pieces)).states
+            out |= {f"{name} {s}".strip(): v for s, v in zip(states, value, strict=True)}
+        else:
+            out[name] = value
+    return out
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -201,7 +224,7 @@ def command(
     if out is not None:
         _write_fits(data, fits, out, known)
     if as_json:
-        records = [_record(result, known) for result in fits]
+        records = [_record(data, result, known) for result in fits]
         click.echo(json.dumps(records, indent=2, allow_nan=False))
     else:
         _print_fits(data, fits, fixed, known)
@@ -250,7 +273,8 @@ def _print_fits(
     lines = ["* ended on a bound"] if any(result.at_bound for result in fits) else []
     lines += ["= fixed"] if fixed else []
     lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
-    lines.append(WHICH_FIT)
+    several = specimen.test == "biaxial" and not specimen.further  # else one method alone is of use
+    lines.append((WHICH_FIT if several else "") + NO_INTERVAL)
     if any(result.method in METHODS_WITHOUT_MOUNTING for result in fits):
         lines.append(
             "R2, RMSE and MAE compare the Cauchy stress with the data at the mounting stretch of "
@@ -291,17 +315,18 @@ def _table(
         rows.append(("stiffness", "", "stiffness", "{:.4f}"))
     if truth is not None:
         rows.append(("parameter error", "", "parameter_error", "{:.4g}"))
-    records = [_record(result, truth) for result in fits]
+    records = [_by_state(specimen, _record(specimen, result, truth)) for result in fits]
     for label, unit, key, form in rows:
-        cells = []
-        for result, record in zip(fits, records, strict=True):
-            value = record[key]
-            values = value if isinstance(value, list) else [value]
-            shown = ["-" if value is None else form.format(value) for value in values]
-            mark = "*" if label in result.at_bound else "=" if label in fixed else ""
-            if key in STRETCH_NAMES and result.method in METHODS_WITHOUT_MOUNTING:
-                shown = ["-"]
-            cells.append("\n".join(shown) + mark)
-        table.add_row(f"{label} {unit}".rstrip(), *cells)
+        for name in dict.fromkeys(n for r in records for n in r if n.partition(" ")[0] == key):
+            cells = []
+            for result, record in zip(fits, records, strict=True):
+                value = record.get(name)
+                if key in STRETCH_NAMES and result.method in METHODS_WITHOUT_MOUNTING:
+                    value = None
+                mark = "*" if label in result.at_bound else "=" if label in fixed else ""
+                cells.append(("-" if value is None else form.format(value)) + mark)
+            if set(cells) != {"-"} or key not in STRETCH_NAMES:
+                state = name.removeprefix(key).strip()
+                table.add_row(Text(" ".join(filter(None, (label, state, unit)))), *cells)
     table.add_row("converged", *("yes" if result.converged else "NO" for result in fits))
     return table

@@ -91,6 +91,12 @@ def ledger(
     else:
         model, inferred = InferringOptions.from_values(model).keywords(), None
         specimen = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
+    if not any(piece.experiment.is_mounted for piece in specimen.pieces):
+        raise InputError(
+            "stretches of a tube are total: it has no mounting stretch that could be ignored",
+            file=specimen.name,
+            remedy="give a square or a strip",
+        )
     prepared = SampleJob.prepare(
         specimen, out=None, options=model, amount=plan, anyway=anyway or inferred is not None
     )
