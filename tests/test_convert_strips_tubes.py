@@ -11,10 +11,9 @@ from biaxbayes import read_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.mechanics.experiments import MMHG_PER_KPA
 from biaxbayes.tables.question import Question
-from plain_posterior import theta_of
+from plain_posterior import TRUTH, theta_of
 from plain_strips import strip
-from test_posterior import TRUTH
-from test_tubes import ARTERY, MATERIAL, readings
+from virtual_tubes import ARTERY, MATERIAL, readings
 
 STRIP = ("--edge-y-mm", "3", "--thickness-mm", "1.2", "--geometry", "unloaded")
 TUBE = ("--unloaded-outer-diameter-mm", "8", "--thickness-mm", "0.9")
