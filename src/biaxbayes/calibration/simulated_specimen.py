@@ -134,7 +134,7 @@ def _simulated_piece(
     fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
     if settings.has_misfit:
         fields["load_noise"] = float(noise[0])
-        if specimen.experiment.force_unit:
+        if specimen.experiment.force_unit and noise[1] > 0.0:  # the force was read
             fields["metadata"] = {**specimen.metadata, "axial_force_noise_N": float(noise[1])}
     return SimulatedSpecimen(
         **fields | {"protocols": tuple(protocols)},
