@@ -551,6 +551,16 @@ def test_print_size_fonts_and_units(width):
     assert "less median" in " ".join(ax.get_ylabel() for ax in figure.axes)
 
 
+@pytest.mark.parametrize("width", [85.0, 180.0])
+def test_a_strip_has_the_curve_of_its_direction(width):
+    table = stress_table().filter(regex="^(?!cauchy_x)")
+    figure = stress_figure(table, width_mm=width)
+    curves, bands = figure.axes
+    legend = curves.get_legend().get_texts()
+    assert legend[0].get_text() == "y" and "x" not in [text.get_text() for text in legend]
+    assert "stretch" in bands.get_xlabel() and curves.get_ylim()[1] > 10.0
+
+
 def test_extrapolation_is_dashed_and_the_rest_is_not():
     ax = stress_figure(stress_table()).axes[0]
     solid, dashed = drawn(ax, "-"), drawn(ax, "--")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import norm
 
 from biaxbayes.errors import InputError
@@ -86,6 +87,23 @@ def test_one_certain_draw_predicts_the_model():
         table = predict_stress(posterior(), one, path, reference="total", stress=stress)
         for name, expected in zip("xy", law(path[:, 0], path[:, 1]), strict=True):
             np.testing.assert_allclose(table[f"{stress}_{name}_kPa_median"], expected, rtol=1e-12)
+
+
+def test_a_strip_takes_the_width_that_carries_nothing():
+    one = draws(1, spread=0.0)
+    path = stretch_path(1.2, points=5)
+    path[:, 0] = np.nan
+    table = predict_stress(posterior(), one, path, reference="total")
+    for _, row in table.iterrows():
+
+        def across(x, y=row["stretch_y"]):
+            return float(MEDIA.cauchy(x, y)[0])
+
+        width = brentq(across, 0.7, 1.1, xtol=1e-13)
+        assert row["stretch_x"] == pytest.approx(width, rel=1e-8)
+        stress = float(MEDIA.cauchy(width, row["stretch_y"])[1])
+        assert row["cauchy_y_kPa_median"] == pytest.approx(stress, abs=1e-6)
+    assert not any(column.startswith("cauchy_x") for column in table)
 
 
 def test_measured_stretches_are_multiplied_by_each_draws_mounting_stretch():

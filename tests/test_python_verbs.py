@@ -83,6 +83,10 @@ def test_predictions_and_cards_come_as_tables(run, tmp_path):
     assert len(biaxbayes.predict(run.path, path)) == 2
     with pytest.raises(InputError, match="give either `path`"):
         biaxbayes.predict(run)
+    strip = biaxbayes.predict(run, stretch=1.1, strip="y", points=5)
+    assert (strip["stretch_x"].diff()[1:] < 0.0).all() and "cauchy_y_kPa_median" in strip
+    with pytest.raises(InputError, match="`ratio` does not go with `strip`"):
+        biaxbayes.predict(run, stretch=1.1, strip="y", ratio=(1.0, 0.5))
     tube = biaxbayes.inflate(run, [5.0, 10.0], radius_mm=8.0, wall_mm=1.0)
     assert tube["pressure_kPa"].tolist() == [5.0, 10.0]
     cards = biaxbayes.export(run, "febio", draws=3, out=tmp_path / "cards")

@@ -51,25 +51,27 @@ def stress_figure(
     style: Style = None,
 ) -> Figure:
     """Draw stress against stretch with both bands, and below the bands less their median."""
-    stress = "cauchy" if "cauchy_x_kPa_median" in table else "piola"
+    stress = "cauchy" if any(str(c).startswith("cauchy") for c in table) else "piola"
+    axes = [axis for axis in "xy" if f"{stress}_{axis}_kPa_median" in table]  # of a strip one
     along, label, name = _abscissa(table, reference)
     read = measured if measured is not None and len(measured) else None
     if read is not None:  # the state of the path that is nearest to each reading
         stretches = ["stretch_x", "stretch_y"]
         nearest = cdist(read[stretches], table[stretches]).argmin(axis=1)
-    wide = width_mm >= SIDE_BY_SIDE_MM
+    wide = width_mm >= SIDE_BY_SIDE_MM and len(axes) == 2
     with print_style(style):
-        heights = [CURVE_MM, *[BAND_STRIP_MM] * (1 if wide else 2)]
+        heights = [CURVE_MM, *[BAND_STRIP_MM] * (1 if wide else len(axes))]
         figure = blank_figure(width_mm, sum(heights) + 16.0)
         grid = figure.add_gridspec(len(heights), 2 if wide else 1, height_ratios=heights)
         first = figure.add_subplot(grid[0, 0])
         second = figure.add_subplot(grid[0, 1], sharex=first, sharey=first) if wide else first
-        cells = (grid[1, 0], grid[1, 1]) if wide else (grid[1, 0], grid[2, 0])
+        cells = [grid[1, k] if wide else grid[1 + k, 0] for k in range(len(axes))]
         strips = [figure.add_subplot(cell, sharex=first) for cell in cells]
-        for k, (axis, ax, strip) in enumerate(zip("xy", (first, second), strips, strict=True)):
+        for k, (axis, ax, strip) in enumerate(zip(axes, (first, second), strips, strict=False)):
             stem, tint = f"{stress}_{axis}_kPa", colour(axis)
             median = table[f"{stem}_median"]
-            direction = "" if directions[k] == axis else f": {plain(directions[k], 24)}"
+            called = directions["xy".index(axis)]
+            direction = "" if called == axis else f": {plain(called, 24)}"
             _draw_bands(ax, along, table, stem, tint)
             _draw_line(ax, along, median, table, tint, label=f"{axis}{direction}")
             about = table[_bands(stem)].sub(median, axis=0)
@@ -84,8 +86,9 @@ def stress_figure(
             limit_ticks(strip.yaxis, 3)
             ax.margins(x=0.0)
             ax.tick_params(labelbottom=False, labelleft=k == 0 or not wide)
-            strip.tick_params(labelbottom=wide or k == 1)
-            if wide or k == 1:
+            lowest = wide or k == len(axes) - 1
+            strip.tick_params(labelbottom=lowest)
+            if lowest:
                 strip.set_xlabel(label)
         first.set_ylabel(f"{STRESS_NAMES[stress]} (kPa)")
         figure.align_ylabels()

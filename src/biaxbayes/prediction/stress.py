@@ -15,6 +15,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
+from biaxbayes.mechanics.experiments import with_free_side
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PredictionOptions, Settings
 from biaxbayes.prediction.draws import (
@@ -184,7 +185,7 @@ def predict_stress(
     draws : DataFrame
         Posterior draws by the names of ``summary.csv``.
     path : ndarray, shape (m, 2)
-        Stretches in x and y.
+        Stretches in x and y; NaN across a strip, whose side takes the stretch without stress.
     reference : {"measured", "total"}
         Relative to the mounted or to the unloaded state.
     protocol : str, optional
@@ -197,9 +198,9 @@ def predict_stress(
     Returns
     -------
     DataFrame
-        One row per state: ``stretch_x``, ``stretch_y`` as given, ``total_stretch_x`` and
-        ``total_stretch_y`` (posterior medians), five columns of each direction such as
-        ``cauchy_x_kPa_median``, and ``extrapolation``.
+        One row per state: ``stretch_x``, ``stretch_y`` as given (across a strip the median),
+        ``total_stretch_x`` and ``total_stretch_y`` (posterior medians), five columns of each
+        direction that is pulled such as ``cauchy_x_kPa_median``, and ``extrapolation``.
 
     Raises
     ------
@@ -209,7 +210,9 @@ def predict_stress(
     path = np.asarray(path, dtype=float)
     if path.ndim != 2 or path.shape[1] != 2 or not len(path):
         raise InputError("a path needs a stretch in x and one in y in every row")
-    if not (np.isfinite(path).all() and (path > 0.0).all()):
+    free = [k for k in (0, 1) if np.isnan(path[:, k]).all()]
+    given = np.delete(path, free, axis=1)
+    if len(free) > 1 or not (np.isfinite(given).all() and (given > 0.0).all()):
         raise InputError("stretches must be positive numbers")
     if reference not in ("total", "measured") or stress not in ("cauchy", "piola"):
         raise InputError("reference is total or measured, stress is cauchy or piola")
@@ -220,6 +223,12 @@ def predict_stress(
     lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
     factor = lm if reference == "measured" else np.ones_like(lm)
     material = forward.law.material(draws)
+    for side in free:
+        few = evenly_chosen(len(draws), MEASURED_DRAWS)
+        some = path[None] * factor[few, None]
+        some = with_free_side(forward.law.material(draws.iloc[few]).cauchy, some, side)
+        path = path.copy()
+        path[:, side] = np.median(some[..., side] / factor[few, side, None], axis=0)
     # the misfit belongs to the measured stretches; its loads to a nominal stress by the section
     measured = path if reference == "measured" else path / np.median(lm, axis=0)
     tissue = Tissue(posterior, draws)
@@ -230,17 +239,22 @@ def predict_stress(
     for first in range(0, len(path), rows):
         part = slice(first, first + rows)
         total = path[None, part, :] * factor[:, None, :]
+        for side in free:
+            total[..., side] = np.nan
+            total = with_free_side(material.cauchy, total, side)
         with np.errstate(over="ignore", invalid="ignore"):
             model = material.piola(total[:, :, 0], total[:, :, 1])
         finite = np.isfinite(model).all(axis=(0, 1))
         if not finite.all():
             x, y = path[first + int(np.argmin(finite))]
             raise InputError(
-                f"the stress of some draws overflows at stretches of {x:g} and {y:g}",
+                f"the stress of some draws overflows at stretches of {x:g} and {y:g}"
+                + ", or a free side has no stable state" * bool(free),
                 remedy="end the path earlier: nothing was tested near there",
             )
         columns: dict[str, np.ndarray] = {}
-        for axis, name in enumerate("xy"):
+        for axis in (k for k in (0, 1) if k not in free):
+            name = "xy"[axis]
             scale = total[:, :, axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
             mean, sd = model[axis] + misfit[:, part, axis], misfit_sd[:, part, axis]
             noise = np.broadcast_to(noise_sd, misfit.shape)[:, part, axis]

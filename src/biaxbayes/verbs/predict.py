@@ -52,6 +52,7 @@ class PathOptions(Options):
     ratio: tuple[float, float] | None = option(
         None, "Share of the stretch that x and y take  [default: 1:1]", metavar="X:Y"
     )
+    strip: str | None = option(None, "A strip, with free sides.", choices=("x", "y"))
     reference: str = option(
         "measured",
         "Stretches from the mounted state, or from the unloaded one where the mounting stretch is "
@@ -117,6 +118,11 @@ def predict(
         states = read_stretches(Path(path))
     else:
         states = inputs.as_numbers(path, "path")
+    if chosen.strip is not None:
+        if chosen.ratio is not None:
+            raise InputError("`ratio` does not go with `strip`", remedy="leave it out")
+        states = np.array(states, dtype=float)
+        states[:, "yx".index(chosen.strip)] = np.nan
     where = {name: getattr(chosen, name) for name in ("reference", "protocol", "stress")}
     table = predict_stress(
         opened.posterior(), opened.draws, states, **where, probability=bands.probability
@@ -272,7 +278,7 @@ def inflate(
 # --- the command ---------------------------------------------------------------------------------
 
 
-PATH_OPTION_NAMES = ("path", "stretch", "ratio", "protocol")
+PATH_OPTION_NAMES = ("path", "stretch", "ratio", "strip", "protocol")
 TUBE_OPTION_NAMES = (
     "radius_mm",
     "wall_mm",
@@ -292,7 +298,7 @@ TUBE_OPTION_NAMES = (
     ratio={"type": opt.RATIO},
 )
 @opt.file_option("stretches", "Any path instead: columns stretch_x, stretch_y.", "CSV", name="path")
-@opt.options(PathOptions, "reference", "protocol", "stress")
+@opt.options(PathOptions, "strip", "reference", "protocol", "stress")
 @opt.flag("inflate", "A thin-walled tube of this tissue instead.")
 @opt.options(TubeOptions)
 @click.option(
@@ -320,6 +326,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     \b
     biaxbayes predict media-posterior --stretch 1.25 --ratio 1:0.5
     biaxbayes predict media-posterior --stretches path.csv --reference measured
+    biaxbayes predict media-posterior --strip x --stretch 1.2
     biaxbayes predict media-posterior --inflate --radius 10 --wall 1.2 --axial-stretch 1.1
     """
     from biaxbayes.prediction.stress import INSIDE
