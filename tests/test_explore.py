@@ -81,7 +81,7 @@ def assert_has_the_curves(posterior: Posterior, draws: pd.DataFrame, page: str) 
             for name, level in (("low", "q05"), ("median", "q50"), ("high", "q95")):
                 expected = np.sort(table[f"credible_{level}"])
                 np.testing.assert_allclose(np.sort(curve[name]), expected, atol=1e-6 * large)
-            of_draws = loads[f"load {number} {axis}"]
+            of_draws = loads[f"load 0 {number} {axis}"]  # of the first piece
             assert of_draws.shape == (len(few), most)
             np.testing.assert_allclose(
                 np.median(of_draws, axis=0), curve["median"], atol=1e-6 * large
