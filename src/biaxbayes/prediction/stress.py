@@ -176,6 +176,7 @@ def predict_stress(
     reference: str = "measured",
     protocol: str | None = None,
     stress: str = "cauchy",
+    strip: str | None = None,
     probability: float = PredictionOptions.probability,
 ) -> pd.DataFrame:
     """Stress along a path of stretches, with credible and predictive bands.
@@ -185,13 +186,16 @@ def predict_stress(
     draws : DataFrame
         Posterior draws by the names of ``summary.csv``.
     path : ndarray, shape (m, 2)
-        Stretches in x and y; NaN across a strip, whose side takes the stretch without stress.
+        Stretches in x and y.
     reference : {"measured", "total"}
         Relative to the mounted or to the unloaded state.
     protocol : str, optional
         Whose mounted state measured stretches refer to, where each protocol has its own.
     stress : {"cauchy", "piola"}
         Cauchy, or first Piola-Kirchhoff with the unloaded state as reference; kPa.
+    strip : {"x", "y"}, optional
+        Of a strip along this direction: its side takes the stretch at which it carries no stress,
+        in each draw, whatever the path says.
     probability : float
         Content of each band.
 
@@ -210,9 +214,8 @@ def predict_stress(
     path = np.asarray(path, dtype=float)
     if path.ndim != 2 or path.shape[1] != 2 or not len(path):
         raise InputError("a path needs a stretch in x and one in y in every row")
-    free = [k for k in (0, 1) if np.isnan(path[:, k]).all()]
-    given = np.delete(path, free, axis=1)
-    if len(free) > 1 or not (np.isfinite(given).all() and (given > 0.0).all()):
+    free = [] if strip is None else ["yx".index(strip)]
+    if not (np.isfinite(path).all() and (path > 0.0).all()):
         raise InputError("stretches must be positive numbers")
     if reference not in ("total", "measured") or stress not in ("cauchy", "piola"):
         raise InputError("reference is total or measured, stress is cauchy or piola")
@@ -226,6 +229,7 @@ def predict_stress(
     for side in free:
         few = evenly_chosen(len(draws), MEASURED_DRAWS)
         some = path[None] * factor[few, None]
+        some[..., side] = np.nan
         some = with_free_side(forward.law.material(draws.iloc[few]).cauchy, some, side)
         path = path.copy()
         path[:, side] = np.median(some[..., side] / factor[few, side, None], axis=0)

@@ -100,6 +100,8 @@ def predict(
     style = inputs.as_style(picture.style)
     if path is not None and (chosen.stretch is not None or chosen.ratio is not None):
         raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
+    if chosen.strip is not None and chosen.ratio is not None:
+        raise InputError("`ratio` does not go with `strip`", remedy="leave it out")
     if path is None and chosen.stretch is None:
         raise InputError("give either `path` or `stretch`")
     opened = inputs.usable_run(run, anyway=anyway)
@@ -118,17 +120,18 @@ def predict(
         states = read_stretches(Path(path))
     else:
         states = inputs.as_numbers(path, "path")
-    if chosen.strip is not None:
-        if chosen.ratio is not None:
-            raise InputError("`ratio` does not go with `strip`", remedy="leave it out")
-        states = np.array(states, dtype=float)
-        states[:, "yx".index(chosen.strip)] = np.nan
     where = {name: getattr(chosen, name) for name in ("reference", "protocol", "stress")}
     table = predict_stress(
-        opened.posterior(), opened.draws, states, **where, probability=bands.probability
+        opened.posterior(),
+        opened.draws,
+        states,
+        **where,
+        strip=chosen.strip,
+        probability=bands.probability,
     )
     if out is not None:
         recorded = specimen.as_compared(opened.settings.mounting)
+        states = table[["stretch_x", "stretch_y"]].to_numpy()
         measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
         figure = stress_figure(
             table,
