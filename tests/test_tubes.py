@@ -260,7 +260,7 @@ def test_the_derivatives_of_a_fit_are_right():
     setup = FitSetup.from_options(tissue, "noisy", "shared", None, "goh", fibre_switch=False)
     data = setup.data
     problem = BalancedMounting(
-        data.loaded_rows(),
+        data.loaded(),
         "load",
         setup.point,
         setup.free,

@@ -248,7 +248,7 @@ def left_out(
         points = [law.to_fit_coordinates(m) for m in zip(*map(values.get, law.names), strict=True)]
         lm = np.array(
             [
-                forward.solve_mounting(point, (load / c)[:, None])[:, 0]
+                forward.solve_mounting(point, (load / c)[None])[0]
                 for point, load, c in zip(points, p0, stiffness, strict=True)
             ]
         )

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.error_model import HALF_LOG_2PI
-from biaxbayes.forward import ForwardModel, MeasuredRows
+from biaxbayes.forward import ForwardModel
 from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
+from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen
 
 LEAST_NOISE = 1e-4
 """Least noise of a reading under a smooth misfit, as a fraction of the largest load."""
@@ -64,20 +64,13 @@ class ReadingVector:
         return int((self.mounting_index >= 0).sum())
 
     @classmethod
-    def from_rows(
-        cls,
-        rows: MeasuredRows,
-        thinned: ThinnedSpecimen,
-        *,
-        states: int,
-        axes: tuple[int, ...] = (0, 1),
-        average: bool,
-    ) -> ReadingVector:
+    def from_rows(cls, rows: MeasuredRows, *, states: int, average: bool) -> ReadingVector:
         """Of the rows of a piece; ``average`` them to what a smooth misfit needs.
 
-        ``states`` is the number of mounted states whose loads are readings, ``axes`` are the
-        directions that are read.
+        ``states`` is the number of mounted states whose loads are readings.
         """
+        (piece,) = rows.pieces
+        axes = piece.experiment.axes
         mounted = states * len(axes)
         mounting_index = np.full((states, 2), -1)
         mounting_index[:, axes] = np.arange(mounted).reshape(states, len(axes))
@@ -97,7 +90,7 @@ class ReadingVector:
                 index[at, a] = first + group + k * groups
             axis.append(np.repeat(axes, groups))
             share[at] = 1.0 / size[group]
-            weight.append(np.tile(thinned.weight[p] * size, len(axes)))
+            weight.append(np.tile(np.bincount(group, rows.weight[at]), len(axes)))
             of_group = np.stack([np.bincount(group, rows.scatter[at, a]) for a in axes])
             scatter.append((of_group / size).ravel())
             first += groups * len(axes)
@@ -109,7 +102,7 @@ class ReadingVector:
             np.concatenate(weight),
             np.concatenate(scatter),
             direction,
-            thinned.specimen.load_scale[direction],
+            piece.load_scale[direction],
         )
 
     def means(self, values: np.ndarray) -> np.ndarray:
@@ -244,7 +237,6 @@ def smooth_misfit(
     paths: TestedPaths,
     rows: MeasuredRows,
     readings: ReadingVector,
-    mount: np.ndarray,
     mounting_sd: np.ndarray,
     toe: float,
 ) -> SmoothMisfit:
@@ -252,8 +244,6 @@ def smooth_misfit(
 
     Parameters
     ----------
-    mount : int ndarray, shape (protocols,)
-        Index of the mounted state of each protocol.
     mounting_sd : ndarray, shape (mounting readings,)
         Noise of the mounting readings.
     """
@@ -272,8 +262,8 @@ def smooth_misfit(
         parts += [start, averaged]
         of_start = np.zeros((n, len(axes)))
         if readings.mounted:
-            state = mount[i]
-            pooled = int((mount == state).sum())
+            state = rows.state_of_protocol[i]
+            pooled = int((rows.state_of_protocol == state).sum())
             of_start[readings.mounting_index[state, axes], range(len(axes))] = 1.0 / pooled
         of_rows = np.zeros((n, len(own)))
         of_rows[own, np.arange(len(own))] = 1.0
