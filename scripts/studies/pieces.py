@@ -261,7 +261,7 @@ def left_out(
     predictive = credible.copy()
     for draw in predictive:
         misfit, factor = posterior.misfit.draw(curve, rng)
-        draw += misfit.reshape(2, -1).T[:, axes]
+        draw += misfit.reshape(-1, 2)[:, axes]
         draw += factor * piece.noise_sd * rng.standard_normal(draw.shape)
     law_load = tissue.load[name][1:ROWS][:, axes]
     measured = piece.load(piece.protocols[0])[1:][:, axes]

@@ -202,7 +202,7 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
     readings = ReadingVector.from_rows(rows, states=0, average=settings.has_misfit)
     count = len(readings.weight) // 2
     average = np.zeros((count, len(rows.load)))
-    average[readings.index[:, 0], np.arange(len(rows.load))] = readings.share
+    average[readings.index[:, 0] // 2, np.arange(len(rows.load))] = readings.share
     law = tissue.law(rows.stretch) + posterior.forward.offset(tissue.draws)
     # a quarter lies on the path of the protocol that is known
     misfit, sd = tissue.misfit(rows.stretch, 0 if single else None)
@@ -212,7 +212,7 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
         average @ _per_kPa(tissue, rows.stretch, rows.names[0]),
         average @ (law + misfit),
         average @ np.broadcast_to(sd, shape),
-        tissue.noise_sd / np.sqrt(readings.weight[:count, None]),
+        tissue.noise_sd / np.sqrt(readings.weight[::2, None]),
     )
 
 
