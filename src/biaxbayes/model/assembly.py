@@ -341,7 +341,6 @@ def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[st
         mounting_reading.append(index)
         measured.append(piece.measured)
         offset_of.append(size + PIECE_SLOTS * i + OFFSET_X + readings.axis)
-    lx, ly = np.concatenate(points.pop("stretch")).T.copy()
     integers = {name: np.array(v, dtype=np.int64) for name, v in by_state.items()}
     return {
         **{name: np.array(v) for name, v in by_protocol.items()},
@@ -352,11 +351,6 @@ def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[st
         "mounting_reading": np.concatenate(mounting_reading),
         "measured": np.concatenate(measured),
         "offset_of": np.concatenate(offset_of),
-        "lx": lx,
-        "ly": ly,
-        "X": lx * lx,
-        "Y": ly * ly,
-        "Z": 1.0 / (lx * ly) ** 2,
     }
 
 
