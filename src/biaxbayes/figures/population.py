@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from biaxbayes.figures.corner import overlay_figure
-from biaxbayes.figures.panels import LABEL_LENGTH, MIN_LABEL_MM, group_look, row_panels
+from biaxbayes.figures.panels import LABEL_LENGTH, MIN_LABEL_MM, group_look, row_panels, set_panel
 from biaxbayes.figures.quantities import (
     LOG_AXIS_RATIO,
     AxisText,
@@ -61,8 +61,8 @@ def study_figure(table: pd.DataFrame, group_of: Mapping[str, str]) -> Figure:
             handles = []
             for k in shown:
                 (hue, marker), label = group_look(k), plain(groups[k] or "no group", LABEL_LENGTH)
-                look: dict[str, Any] = {"color": hue, "marker": marker, "ms": 3.4}
-                handles.append(Line2D([], [], linewidth=1.0, label=label, **look))
+                look: dict[str, Any] = {"color": hue, "marker": marker, "label": label}
+                handles.append(Line2D([], [], linewidth=1.0, ms=3.4, **look))
             figure.legend(handles=handles, loc="outside lower left", ncols=min(len(shown), 6))
     return figure
 
@@ -84,9 +84,7 @@ def _draw_specimens(
         ax.plot(interval, [i, i], color=hue, linewidth=1.0)
         look: dict[str, Any] = {"color": hue, "ms": 3.4, "mew": 0.8, "clip_on": False}
         ax.plot(record["q50"], i, marker, mfc=hue if identified else "white", **look)
-    ax.set(ylim=(len(specimens) - 0.4, -0.6), xscale="log" if axis.log else "linear")
-    ax.set(xlim=(axis.low, axis.high), xlabel=q.label)
-    limit_ticks(ax.xaxis)
+    set_panel(ax, axis, q.label, len(specimens))
 
 
 # --- before and after pooling --------------------------------------------------------------------
