@@ -84,7 +84,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
         "misfit": noise["misfit"],
     }
     result = run.result
-    common["law_misses"] = next(iter([*result.warnings, *filter(None, [result.better_law])]), "")
+    common["law_misses"] = next(iter(result.warnings), result.better_law or "")
     reported = {row["parameter"]: row for row in result.to_frame().to_dict("records")}
     rows = []
     usable = run.state != "unusable"
