@@ -30,11 +30,7 @@ GROUP_MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 def row_panels(
-    count: int,
-    tall_mm: float,
-    positions: Sequence[float],
-    labels: Sequence[str],
-    note: str,
+    count: int, tall_mm: float, positions: Sequence[float], labels: Sequence[str], note: str
 ) -> tuple[Figure, list[Axes]]:
     """A figure of equal panels, four per line, with labelled rows and a note at its foot."""
     lines = max(-(-count // PANELS_PER_LINE), 1)

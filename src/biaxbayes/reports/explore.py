@@ -52,25 +52,14 @@ GREY = "#4a525c"
 UUID = r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 
 
-def can_be_explored(quantities: Quantities, draws: pd.DataFrame) -> bool:
-    """True if a quantity varies that the page has panels for."""
-    return len(corner_columns(draws, quantities)) > 0
-
-
 def thinned_draws(draws: pd.DataFrame) -> pd.DataFrame:
     """The draws that the page holds, evenly chosen."""
     return draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)].reset_index(drop=True)
 
 
-def explore_page(
-    posterior: Posterior,
-    draws: pd.DataFrame,
-    state: str,
-    *,
-    report: str = "",
-) -> str:
+def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, report: str = "") -> str:
     """The page as HTML, with scripts and data inside; InputError if there is nothing to explore."""
-    if state == "unusable" or not can_be_explored(posterior.quantities, draws):
+    if state == "unusable" or not corner_columns(draws, posterior.quantities):
         raise InputError(
             "this run has no posterior to explore",
             remedy="sample until it converges, with a free parameter",
