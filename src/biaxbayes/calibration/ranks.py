@@ -17,8 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 import pandas as pd
-from scipy.special import gammaln
-from scipy.stats import beta, binom
+from scipy.stats import binom, binomtest
 
 # --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
 
@@ -39,44 +38,27 @@ def tail_probabilities(counts: np.ndarray, replications: int, z: float | np.ndar
     return 2.0 * np.minimum(below, above)
 
 
-def _allowed(replications: int, draws: int, level: float) -> tuple[tuple[int, int], ...]:
+def _allowed(replications: int, draws: int, level: float) -> list[tuple[int, int]]:
     """Smallest and largest count whose tail probability exceeds the level, for each rank."""
-    out = []
-    every = np.arange(replications + 1)
-    for r in range(1, draws + 1):
-        p = tail_probabilities(every, replications, r / (draws + 1))
-        inside = np.flatnonzero(p > level)
-        if inside.size == 0:
-            return ()
-        out.append((int(inside[0]), int(inside[-1])))
-    return tuple(out)
+    z = np.arange(1, draws + 1)[:, None] / (draws + 1)
+    inside = tail_probabilities(np.arange(replications + 1), replications, z) > level
+    if not inside.any(axis=1).all():
+        return []
+    first, last = inside.argmax(axis=1), replications - inside[:, ::-1].argmax(axis=1)
+    return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
 def probability_inside(replications: int, draws: int, level: float) -> float:
     """Probability, under uniform ranks, that every tail probability exceeds `level`."""
-    allowed = _allowed(replications, draws, level)
-    if not allowed:
-        return 0.0
-    log_factorial = gammaln(np.arange(replications + 1) + 1.0)
     low, probability = 0, np.ones(1)  # count before the first rank: 0
+    allowed = _allowed(replications, draws, level)
     for r, (first, last) in enumerate(allowed):
-        step = 1.0 / (draws + 1 - r)  # probability that a rank beyond r - 1 is r
-        i = low + np.arange(probability.size)[:, None]
-        j = np.arange(first, last + 1)[None, :]
-        up = j - i
-        possible = up >= 0
-        up = np.where(possible, up, 0)
-        rest = np.where(possible, replications - j, 0)
-        log_pmf = (
-            log_factorial[replications - i]
-            - log_factorial[up]
-            - log_factorial[rest]
-            + up * np.log(step)
-            + rest * np.log1p(-step)
-        )
-        probability = probability @ np.exp(np.where(possible, log_pmf, -np.inf))
+        before = low + np.arange(probability.size)[:, None]
+        more = np.arange(first, last + 1) - before
+        # a rank beyond r - 1 is r with probability 1 / (L + 1 - r)
+        probability = probability @ binom.pmf(more, replications - before, 1.0 / (draws + 1 - r))
         low = first
-    return float(min(probability.sum(), 1.0))
+    return float(min(probability.sum(), 1.0)) if allowed else 0.0
 
 
 @lru_cache(maxsize=64)
@@ -115,9 +97,8 @@ def coverage(below: np.ndarray, level: float) -> tuple[float, float, float]:
     """
     n = below.size
     hits = int(np.count_nonzero(np.abs(below - 0.5) <= 0.5 * level))
-    low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
-    return hits / n, low, high
+    interval = binomtest(hits, n).proportion_ci(0.95)
+    return hits / n, float(interval.low), float(interval.high)
 
 
 # --- uniformity and coverage of each parameter ---------------------------------------------------

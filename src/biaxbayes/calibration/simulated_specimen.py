@@ -238,16 +238,14 @@ def local_prior(
         if not isinstance(prior, Prior) or not values_of_states:
             out[name] = prior
             continue
-        values = np.concatenate(values_of_states)
-        parameter = quantities[0].parameter
+        values, parameter = np.concatenate(values_of_states), quantities[0].parameter
         logs = parameter.logarithmic
-        x = np.log(values) if logs else values
-        low, middle, high = np.quantile(x, [0.1587, 0.5, 0.8413])
+        family = "lognormal" if logs else "normal"
+        low, middle, high = np.quantile(np.log(values) if logs else values, [0.1587, 0.5, 0.8413])
         scale = LOCAL_PRIOR_WIDTH * 0.5 * float(high - low)
-        if prior.family == ("lognormal" if logs else "normal"):
+        if prior.family == family:
             scale = min(scale, prior.scale)
         centre = float(np.exp(middle) if logs else middle)
-        family = "lognormal" if logs else "normal"
         bounds = parameter.range if parameter.bounded else (prior.low, prior.high)
         out[name] = Prior(family, float(f"{centre:.6g}"), _rounded(scale)).within(*bounds)
     return out

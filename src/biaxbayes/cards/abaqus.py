@@ -33,7 +33,7 @@ USE = [
     "Use: *SOLID SECTION (or *MEMBRANE SECTION), MATERIAL={label}, ORIENTATION={label}_ORI, with "
     "NLGEOM=YES. In a file with parts the *ORIENTATION block belongs in the part, the *MATERIAL "
     "block outside it. Abaqus/CAE does not keep oblique local directions: include this file by "
-    "keyword.",
+    "keyword."
 ]
 
 

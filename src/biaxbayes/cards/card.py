@@ -112,8 +112,6 @@ def header_lines(card: Card, version: str, conventions: list[str]) -> list[str]:
     ]
     lines: list[str] = []
     for paragraph in paragraphs:
-        if paragraph.startswith(" "):
-            lines.append(paragraph)
-        else:
-            lines.extend(textwrap.wrap(paragraph, LINE, subsequent_indent="  "))
+        stays = paragraph.startswith(" ")
+        lines += [paragraph] if stays else textwrap.wrap(paragraph, LINE, subsequent_indent="  ")
     return lines

@@ -67,12 +67,8 @@ def _fung_parts(p: Mapping[str, float]) -> list[Part]:
     young = 1.0 / np.diag(compliance)
     # as if the plane were isotropic on average: b_x - b_xy = 2 mu / c there
     shear = 0.25 * p["c"] * (p["b_x"] + p["b_y"] - 2.0 * p["b_xy"])
-    values = {
-        "E1": young[0],
-        "E2": young[1],
-        "E3": THROUGH_THICKNESS_RATIO * np.min(young),
-        "c": p["c"],
-    }
+    values = {"c": p["c"], "E1": young[0], "E2": young[1]}
+    values |= {"E3": THROUGH_THICKNESS_RATIO * np.min(young)}
     values |= dict.fromkeys(("G12", "G23", "G31"), shear)
     values |= {"v12": -compliance[0, 1] * young[0], "v23": 0.0, "v31": 0.0}
     return [(MATRIX, {"c1": p["c0"], "c2": 0.0}, 0.0), (FUNG, values, 0.0)]

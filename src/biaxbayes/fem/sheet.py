@@ -36,8 +36,8 @@ from biaxbayes.laws.goh import GOH
 # --- the GOH membrane under any in-plane deformation, shear included -----------------------------
 
 
-def membrane_energy(material: GOH, F: np.ndarray) -> np.ndarray:
-    """Strain energy per reference volume.
+def membrane_stress_and_tangent(material: GOH, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stress and consistent tangent of the membrane.
 
     Parameters
     ----------
@@ -47,109 +47,42 @@ def membrane_energy(material: GOH, F: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (...)
-        kPa.
-    """
-    az, _ = _thickness(F)
-    # W = C1 (F : F + lz^2 - 3) + k1/(2 k2) sum (exp(k2 E^2) - 1)
-    energy = material.C1_kPa * ((F * F).sum(axis=(0, 1)) + az - 3.0)
-    k1, k2 = material.k1_kPa, material.k2
-    for H in _structure_tensors(material):
-        E = _fibre_strain(material, H, F, az)
-        fibre = np.expm1(k2 * E * E) / k2 if k2 > 0.0 else E * E
-        energy = energy + 0.5 * k1 * fibre * _active(material, E)
-    return energy
-
-
-def membrane_stress(material: GOH, F: np.ndarray) -> np.ndarray:
-    """First Piola-Kirchhoff stress P = dW/dF, kPa; shapes as in :func:`membrane_energy`."""
-    az, K = _thickness(F)
-    # d lz^2/dF = -2 lz^2 F^-T
-    P = 2.0 * material.C1_kPa * (F - az * K)
-    for H in _structure_tensors(material):
-        E = _fibre_strain(material, H, F, az)
-        P = P + _fibre_energy_slope(material, E) * _fibre_strain_by_F(material, H, F, az, K)
-    return P
-
-
-def membrane_stress_and_tangent(material: GOH, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stress and consistent tangent of the membrane.
-
-    Parameters
-    ----------
-    material : GOH
-    F : ndarray, shape (2, 2, ...)
-
-    Returns
-    -------
     P : ndarray, shape (2, 2, ...)
         First Piola-Kirchhoff stress dW/dF, kPa.
     A : ndarray, shape (2, 2, 2, 2, ...)
         A[i, J, k, L] = d P[i, J] / d F[k, L], kPa; symmetric in the pairs.
     """
-    az, K = _thickness(F)
+    C1, k1, k2, kappa = material.C1_kPa, material.k1_kPa, material.k2, material.kappa
+    J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+    az = 1.0 / (J * J)  # lz^2
+    K = np.array([[F[1, 1], -F[1, 0]], [-F[0, 1], F[0, 0]]]) / J  # F^-T
     one = np.eye(2).reshape((2, 2) + (1,) * (F.ndim - 2))
-    # d(lz^2 F^-T)_iJ/dF_kL = -lz^2 (2 K_iJ K_kL + K_iL K_kJ),  K = F^-T
+    # d(lz^2 F^-T)_iJ/dF_kL = -lz^2 (2 K_iJ K_kL + K_iL K_kJ)
     bend = -az * (
         2.0 * np.einsum("iJ...,kL...->iJkL...", K, K) + np.einsum("iL...,kJ...->iJkL...", K, K)
     )
-    P = 2.0 * material.C1_kPa * (F - az * K)
-    # A = 2 C1 (1 (x) 1 - d(lz^2 F^-T)/dF)
-    identity = np.einsum("ik...,JL...->iJkL...", one, one)
-    A = 2.0 * material.C1_kPa * (identity - bend)
-    k1, k2 = material.k1_kPa, material.k2
-    for H in _structure_tensors(material):
-        E = _fibre_strain(material, H, F, az)
-        force = _fibre_energy_slope(material, E)
-        # d2W/dE2 = k1 (1 + 2 k2 E^2) exp(k2 E^2) of one family
-        stiffness = k1 * (1.0 + 2.0 * k2 * E * E) * np.exp(k2 * E * E) * _active(material, E)
-        G = _fibre_strain_by_F(material, H, F, az, K)
-        P = P + force * G
+    # P = 2 C1 (F - lz^2 F^-T),  A = 2 C1 (1 (x) 1 - d(lz^2 F^-T)/dF)
+    P = 2.0 * C1 * (F - az * K)
+    A = 2.0 * C1 * (np.einsum("ik...,JL...->iJkL...", one, one) - bend)
+    cos, sin = np.cos(material.theta[3]), np.sin(material.theta[3])
+    for direction in ([cos, sin], [cos, -sin]):
+        # H = kappa 1 + (1 - 3 kappa) M (x) M
+        H = kappa * np.eye(2) + (1.0 - 3.0 * kappa) * np.outer(direction, direction)
+        # E = H : F^T F + kappa lz^2 - 1
+        E = np.einsum("iJ...,JL,iL...->...", F, H, F) + kappa * az - 1.0
+        # dE/dF = 2 F H - 2 kappa lz^2 F^-T
+        G = 2.0 * np.einsum("iL...,LJ->iJ...", F, H) - 2.0 * kappa * az * K
         # d2E/dF2 = 2 (1 (x) H - kappa d(lz^2 F^-T)/dF)
-        curvature = 2.0 * (
-            np.einsum("ik...,JL->iJkL...", one, H, optimize=False) - material.kappa * bend
-        )
+        curvature = 2.0 * (np.einsum("ik...,JL->iJkL...", one, H, optimize=False) - kappa * bend)
+        # a family carries no load in compression with the switch
+        exponential = np.exp(k2 * E * E) * (1.0 - material.fibre_switch * (E.real < 0.0))
+        # dW/dE = k1 E exp(k2 E^2),  d2W/dE2 = k1 (1 + 2 k2 E^2) exp(k2 E^2)
+        force = k1 * E * exponential
+        stiffness = k1 * (1.0 + 2.0 * k2 * E * E) * exponential
         # A += W'' G (x) G + W' d2E/dF2
+        P = P + force * G
         A = A + stiffness * np.einsum("iJ...,kL...->iJkL...", G, G) + force * curvature
     return P, A
-
-
-def _structure_tensors(material: GOH) -> tuple[np.ndarray, np.ndarray]:
-    """In-plane structure tensors of the families at +alpha and -alpha, shape (2, 2)."""
-    alpha, kappa = material.theta[3], material.kappa
-    c, s = np.cos(alpha), np.sin(alpha)
-    # H = kappa 1 + (1 - 3 kappa) M (x) M
-    spread, aligned = kappa * np.eye(2), 1.0 - 3.0 * kappa
-    plus, minus = np.array([c, s]), np.array([c, -s])
-    return spread + aligned * np.outer(plus, plus), spread + aligned * np.outer(minus, minus)
-
-
-def _thickness(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Squared thickness stretch lz^2 and K = F^-T."""
-    J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-    K = np.array([[F[1, 1], -F[1, 0]], [-F[0, 1], F[0, 0]]]) / J
-    return 1.0 / (J * J), K
-
-
-def _fibre_strain(material: GOH, H: np.ndarray, F: np.ndarray, az: np.ndarray) -> np.ndarray:
-    # E = H : F^T F + kappa lz^2 - 1
-    return np.einsum("iJ...,JL,iL...->...", F, H, F) + material.kappa * az - 1.0
-
-
-def _fibre_strain_by_F(material, H, F, az, K) -> np.ndarray:
-    # dE/dF = 2 F H - 2 kappa lz^2 F^-T
-    return 2.0 * np.einsum("iL...,LJ->iJ...", F, H) - 2.0 * material.kappa * az * K
-
-
-def _fibre_energy_slope(material: GOH, E: np.ndarray) -> np.ndarray:
-    """dW/dE of one family."""
-    # dW/dE = k1 E exp(k2 E^2)
-    return material.k1_kPa * E * np.exp(material.k2 * E * E) * _active(material, E)
-
-
-def _active(material: GOH, E: np.ndarray) -> np.ndarray:
-    """Fraction of a family that carries load: none in compression with the switch."""
-    return 1.0 - material.fibre_switch * (E.real < 0.0)
 
 
 # --- the sheet: one quarter of it, for load and material are symmetric ---------------------------
@@ -252,22 +185,10 @@ class Sheet:
     def internal_force(
         self, material: GOH, free_values: np.ndarray
     ) -> tuple[np.ndarray, csc_matrix, float]:
-        """Internal force, tangent stiffness and the smallest area ratio.
+        """Internal force per unit of thickness (n,), kPa mm, at free displacements (n,) in mm.
 
-        Parameters
-        ----------
-        material : GOH
-        free_values : ndarray, shape (n,)
-            Free displacement unknowns, mm.
-
-        Returns
-        -------
-        force : ndarray, shape (n,)
-            Per unit of thickness, kPa mm.
-        stiffness : csc_matrix, shape (n, n)
-            Its derivative with respect to the free unknowns, kPa.
-        area_ratio : float
-            Smallest det F over the Gauss points; the step is unusable if not positive.
+        Also returns the tangent stiffness (n, n) in kPa and the smallest det F over the Gauss
+        points; the step is unusable if that is not positive.
         """
         F = self.deformation_gradient(free_values)
         area_ratio = float((F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]).min())
@@ -288,11 +209,8 @@ class Sheet:
         used, target, indices, pointers = self._pattern
         values = np.bincount(target, local_stiffness.ravel()[used], minlength=indices.size)
         size = self.free.size
-        return (
-            force[self.free],
-            csc_matrix((values, indices, pointers), shape=(size, size)),
-            area_ratio,
-        )
+        stiffness = csc_matrix((values, indices, pointers), shape=(size, size))
+        return force[self.free], stiffness, area_ratio
 
     def displacement_at(self, x_mm: float, y_mm: float) -> np.ndarray:
         """Rows that give (u_x, u_y) at a material point from the free unknowns, shape (2, n)."""
@@ -308,19 +226,7 @@ class Sheet:
         return out[:, self.free]
 
     def load_vector(self, weight, direction: int) -> np.ndarray:
-        """Integral of weight(X, Y) times the displacement functions of one direction.
-
-        Parameters
-        ----------
-        weight : callable
-            Of arrays X, Y in mm.
-        direction : {0, 1}
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Over the free unknowns.
-        """
+        """Integral of weight(X, Y), in mm, times the free displacement functions of a direction."""
         # A fine rule, once: the footprint of a hook is about as wide as an element.
         fine = self._skfem.Basis(self.basis.mesh, self.basis.elem, intorder=20)
         form = self._skfem.LinearForm(lambda v, w: weight(*w.x) * v[direction])

@@ -8,7 +8,7 @@ Unknowns are the displacement u, the forces r of the grips and the travel d of t
 
     f_int(u) - W r = 0             equilibrium
     W^T u - S d    = 0             every grip follows its carriage
-    M u - m        = 0             the markers reach the wanted stretch,  or  d is given
+    M u + D d - m  = 0             the markers (M) or the grips (D) reach the wanted stretch
 
 Newton's method with the consistent tangent solves all three together. The stretch is measured as
 a video extensometer does: from four markers at the corners of a central square. With markers as
@@ -55,11 +55,6 @@ class Grips:
     def carriage(self) -> np.ndarray:
         """Which constraint follows which carriage, shape (m, 2)."""
         return np.eye(2)[self.direction]
-
-    def edge_force(self, reaction: np.ndarray) -> np.ndarray:
-        """Forces (x, y) on whole edges per unit of thickness, kPa mm."""
-        # The quarter holds one half of each edge.
-        return 2.0 * reaction @ self.carriage
 
 
 @dataclass(frozen=True)
@@ -226,10 +221,14 @@ class SheetTester:
         if control not in ("markers", "grips"):
             raise ValueError("control must be 'markers' or 'grips'")
         self.material, self.sheet, self.grips = material, sheet, grips
-        self.thickness_mm, self.control = thickness_mm, control
+        self.thickness_mm = thickness_mm
         half = 0.5 * GAUGE * sheet.edge
         # stretch_k = 1 + u_k(marker) / X_k(marker)
         self.markers = sheet.displacement_at(*half) / half[:, None]
+        # controlled stretch = 1 + M u + D d
+        by_markers, travel = control == "markers", np.diag(1.0 / grips.distance_mm)
+        self.control_by_u = self.markers if by_markers else np.zeros_like(self.markers)
+        self.control_by_travel = np.zeros((2, 2)) if by_markers else travel
         # Stiffness that makes a missed constraint (mm) comparable to a residual force (kPa mm).
         self.scale = 2.0 * material.C1_kPa + 4.0 * material.k1_kPa
 
@@ -247,10 +246,14 @@ class SheetTester:
         """Total stretch (x, y) between opposite grips."""
         return 1.0 + state.travel / self.grips.distance_mm
 
+    def controlled_stretch(self, state: State) -> np.ndarray:
+        """The stretch (x, y) that is prescribed."""
+        return 1.0 + self.control_by_u @ state.u + self.control_by_travel @ state.travel
+
     def force_N(self, state: State) -> np.ndarray:
         """Forces (x, y) on whole edges: the sum over their grips."""
-        # kPa mm * mm = 1e-3 N
-        return self.grips.edge_force(state.reaction) * self.thickness_mm * 1e-3
+        # the quarter holds one half of each edge; kPa mm * mm = 1e-3 N
+        return 2.0 * state.reaction @ self.grips.carriage * self.thickness_mm * 1e-3
 
     def mount(self, stretch: tuple[float, float], *, increments: int = 10) -> State:
         """First step: from rest to the mounting stretch in equal increments."""
@@ -261,20 +264,9 @@ class SheetTester:
     ) -> SheetTest:
         """Second step: from the mounted state to a measured stretch in equal increments.
 
-        Parameters
-        ----------
-        mounted : State
-            From :meth:`mount`.
-        top : (float, float)
-            Largest controlled stretch (markers or grips) relative to the mounted state.
-        increments : int
-
-        Returns
-        -------
-        SheetTest
+        ``top`` is the largest controlled stretch (markers or grips) relative to the mounted state.
         """
-        stretch = self.stretch if self.control == "markers" else self.grip_stretch
-        start = stretch(mounted)
+        start = self.controlled_stretch(mounted)
         states = self.walk(mounted, start, start * np.asarray(top, dtype=float), increments)
         states = (mounted, *states)
         total = np.array([self.stretch(s) for s in states])
@@ -307,29 +299,12 @@ class SheetTester:
             out.append(state)
         return tuple(out)
 
-    def equilibrium(self, guess: State, stretch: np.ndarray) -> State:
-        """Newton's method for one controlled stretch.
+    @np.errstate(all="ignore")  # a trial step may overflow on its way to being rejected
+    def equilibrium(self, state: State, stretch: np.ndarray) -> State:
+        """Newton's method for one controlled stretch (2,), from a guess; NotConverged if it fails.
 
-        Parameters
-        ----------
-        guess : State
-        stretch : ndarray, shape (2,)
-
-        Returns
-        -------
-        State
-            With the norms of the residual, one an iteration.
-
-        Raises
-        ------
-        NotConverged
-            If the residual does not fall to the tolerance.
+        The state has the norms of the residual, one an iteration.
         """
-        # A trial step may overflow on its way to being rejected.
-        with np.errstate(all="ignore"):
-            return self._newton(guess, stretch)
-
-    def _newton(self, state: State, stretch: np.ndarray) -> State:
         force, stiffness, area_ratio = self.sheet.internal_force(self.material, state.u)
         residual, norm = self._residual(state, force, stretch)
         norms = [norm]
@@ -365,10 +340,7 @@ class SheetTester:
         W, S = self.grips.weights, self.grips.carriage
         equilibrium = force - W @ state.reaction
         follow = W.T @ state.u - S @ state.travel
-        if self.control == "markers":
-            control = self.markers @ state.u - (stretch - 1.0)
-        else:
-            control = state.travel / self.grips.distance_mm - (stretch - 1.0)
+        control = self.controlled_stretch(state) - stretch
         size = self.sheet.edge.min()
         norm = np.sqrt(
             equilibrium @ equilibrium
@@ -391,16 +363,12 @@ class SheetTester:
         # K du = W dr - equilibrium
         solution = solve(np.column_stack([W, -equilibrium]))
         V, a = solution[:, :-1], solution[:, -1]
-        if self.control == "markers":
-            by_reaction, by_travel, offset = self.markers @ V, np.zeros((2, 2)), self.markers @ a
-        else:
-            by_reaction, offset = np.zeros((2, W.shape[1])), np.zeros(2)
-            by_travel = np.diag(1.0 / self.grips.distance_mm)
         # [W^T V  -S] [dr]     [follow + W^T a]
         # [M V     D] [dd] = - [control + M a ]
-        matrix = np.block([[W.T @ V, -S], [by_reaction, by_travel]])
+        M, D = self.control_by_u, self.control_by_travel
+        matrix = np.block([[W.T @ V, -S], [M @ V, D]])
         try:
-            small = np.linalg.solve(matrix, -np.concatenate([follow + W.T @ a, control + offset]))
+            small = np.linalg.solve(matrix, -np.concatenate([follow + W.T @ a, control + M @ a]))
         except np.linalg.LinAlgError:
             raise NotConverged("the stiffness of the gripped sheet is singular") from None
         dr, dd = small[:-2], small[-2:]

@@ -11,17 +11,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
+from biaxbayes.figures.panels import band_handles, draw_bands
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     AXIS_MARKERS,
-    CREDIBLE,
     DASHES,
     FINER_UNIT,
     LOAD_LABELS,
     PAGE_MM,
-    PREDICTIVE,
     SIDE_BY_SIDE_MM,
     Style,
     add_note,
@@ -50,7 +48,6 @@ OPEN_UP_TO = 150
 BAND_QUANTILES = tuple(
     f"{kind}_{end}" for kind in ("credible", "predictive") for end in ("low", "median", "high")
 )
-BAND_KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
 
 
 def bands_figure(
@@ -64,23 +61,12 @@ def bands_figure(
     style: Style = None,
 ) -> Figure:
     """Draw load against measured stretch with both bands, and residuals, for up to 12 protocols."""
-    specimen = posterior.pieces[piece].specimen
-    table = bands(
-        posterior,
-        draws,
-        piece=piece,
-        probability=probability,
-        max_rows=DRAWN_READINGS,
-        max_draws=BAND_DRAWS,
-    )
-    true = (
-        None
-        if truth is None
-        else true_loads(specimen, truth, settings=posterior.settings, max_rows=DRAWN_READINGS)
-    )
-    return figure_from_bands(
-        specimen, table, truth=true, probability=probability, width_mm=width_mm, style=style
-    )
+    specimen, rows = posterior.pieces[piece].specimen, {"max_rows": DRAWN_READINGS}
+    look: dict[str, Any] = {"probability": probability}
+    table = bands(posterior, draws, piece=piece, max_draws=BAND_DRAWS, **rows, **look)
+    if truth is not None:
+        look["truth"] = true_loads(specimen, truth, settings=posterior.settings, **rows)
+    return figure_from_bands(specimen, table, **look, width_mm=width_mm, style=style)
 
 
 def figure_from_bands(
@@ -96,13 +82,12 @@ def figure_from_bands(
     # The table names quantiles after their levels; rename them by their order.
     rest = table.columns[5 + len(BAND_QUANTILES) :]
     table = table.set_axis(pd.Index([*table.columns[:5], *BAND_QUANTILES, *rest]), axis=1)
-    columns = [*BAND_QUANTILES, "measured", *rest]
     if truth is not None:
-        table, columns = table.assign(truth=truth), [*columns, "truth"]
+        table = table.assign(truth=truth)
     shown = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]
-    table = table[table["protocol"].isin(shown)]
+    table, loads_of = table[table["protocol"].isin(shown)], table.columns[4:]
     scales = {
-        axis: residual_unit(part, specimen.units["xy".index(str(axis))])
+        str(axis): residual_unit(part, specimen.units["xy".index(str(axis))])
         for axis, part in table.groupby("direction")
     }
     if not specimen.experiment.force_unit:
@@ -118,8 +103,8 @@ def figure_from_bands(
             for k, ((axis, part), strip) in enumerate(zip(test.items(), strips, strict=True)):
                 _draw(loads[k % len(loads)], abscissas[axis], part, axis)
                 scale, unit = scales[axis]
-                missed = scale * part[columns].sub(part["credible_median"], axis=0)
-                _draw(strip, abscissas[axis], missed, axis)
+                missed = part[loads_of].sub(part["credible_median"], axis=0)
+                _draw(strip, abscissas[axis], scale * missed, axis)
                 if first:
                     strip.set_ylabel(f"residual\n({unit})", linespacing=1.1, **small_text())
             strips[-1].set_xlabel(label)
@@ -155,6 +140,12 @@ def load_panels(specimen: Specimen) -> list[tuple[str, list[int]]]:
     return [(f"{test.curves[k]} ({specimen.units[k]})", [k]) for k in test.axes]
 
 
+def curve_names(specimen: Specimen, letters: int) -> list[str]:
+    """What the readings are called, with the directions of the tissue."""
+    named = zip(specimen.experiment.curves, (specimen.axis_x, specimen.axis_y), strict=True)
+    return [f"{curve}: {plain(name, letters)}" if name else curve for curve, name in named]
+
+
 def _panels(
     specimen: Specimen, width_mm: float
 ) -> tuple[Figure, list[tuple[list[Axes], list[Axes]]]]:
@@ -169,26 +160,21 @@ def _panels(
     figure = blank_figure(width_mm, legend_mm + down * height)
     ratios = [*[load_mm] * of_loads, *[RESIDUAL_MM] * directions]
     grid = figure.add_gridspec(len(ratios) * down, across, height_ratios=ratios * down)
-    panels: list[tuple[list[Axes], list[Axes]]] = []
+    panels: list[list[Axes]] = []
     for k in range(count):
         row, column = len(ratios) * (k // across), k % across
         own: list[Axes] = []
+        panels.append(own)
         for i in range(len(ratios)):
             # residuals of one unit have one scale
             like = i if i < of_loads or of_loads > 1 else of_loads
-            of_first = [*panels[0][0], *panels[0][1]] if panels else own
-            own.append(
-                figure.add_subplot(
-                    grid[row + i, column],
-                    sharex=own[0] if own else None,
-                    sharey=of_first[like] if like < len(of_first) else None,
-                )
-            )
-        for i, ax in enumerate(own):
+            first = panels[0][like] if like < len(panels[0]) else None
+            cell = grid[row + i, column]
+            ax = figure.add_subplot(cell, sharex=own[0] if own else None, sharey=first)
             limit_ticks(ax.yaxis, 5 if i < of_loads else 3)
-            ax.tick_params(labelbottom=ax is own[-1], labelleft=column == 0)
-        panels.append((own[:of_loads], own[of_loads:]))
-    return figure, panels
+            ax.tick_params(labelbottom=i == len(ratios) - 1, labelleft=column == 0)
+            own.append(ax)
+    return figure, [(own[:of_loads], own[of_loads:]) for own in panels]
 
 
 def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
@@ -224,24 +210,16 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
 
 def _marker(axis: str, readings: int) -> dict[str, Any]:
     """Marker of the readings of a curve: large and open where there are few."""
-    hue, is_sparse = colour(axis), readings <= OPEN_UP_TO
-    size, edge = (2.2, 0.5) if is_sparse else (1.4, 0.0)
-    return {
-        "marker": AXIS_MARKERS[axis],
-        "markersize": size,
-        "markerfacecolor": "white" if is_sparse else hue,
-        "markeredgecolor": hue,
-        "markeredgewidth": edge,
-    }
+    hue = colour(axis)
+    size, face, edge = (2.2, "white", 0.5) if readings <= OPEN_UP_TO else (1.4, hue, 0.0)
+    return {"marker": AXIS_MARKERS[axis], "ms": size, "mfc": face, "mec": hue, "mew": edge}
 
 
 def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:
     """Both bands, the median, the readings and the true loads."""
     order = np.argsort(x, kind="stable")
     curves = part.iloc[order]
-    for kind, opacity in BAND_KINDS:
-        low, high = curves[f"{kind}_low"], curves[f"{kind}_high"]
-        ax.fill_between(x[order], low, high, color=colour(axis), alpha=opacity, linewidth=0.0)
+    draw_bands(ax, x[order], curves, "", colour(axis))
     ax.plot(x[order], curves["credible_median"], color=colour(axis), linewidth=0.8)
     ax.plot(x, part["measured"], linestyle="none", **_marker(axis, len(part)))
     for name, look in (("law", LAW | {"color": colour(axis)}), ("truth", TRUE)):
@@ -254,31 +232,20 @@ def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
     notes = []
     if count < len(specimen.protocols):
         notes.append(f"the first {count} of {len(specimen.protocols)} protocols")
-    rows = {p.name: p.rows for p in specimen.protocols}
-    drawn = (
-        table[table["direction"] == table["direction"].iloc[0]]
-        .groupby("protocol", sort=False)
-        .size()
-    )
-    step = max(-(-(rows[str(name)] - 1) // max(int(n) - 1, 1)) for name, n in drawn.items())
+    step = table.groupby(["protocol", "direction"])["row"].diff().max()
     if step > 1:
-        notes.append(f"one reading in {step} is drawn")
+        notes.append(f"one reading in {step:g} is drawn")
     return "; ".join(notes)
 
 
 def _handles(specimen: Specimen, probability: float, *, law: bool, truth: bool) -> list[Any]:
     """Entries of the legend."""
     handles: list[Any] = []
-    names = {"x": specimen.axis_x, "y": specimen.axis_y}
-    for k in specimen.experiment.axes:
-        axis, label = "xy"[k], specimen.experiment.curves[k]
-        direction = names[axis]
-        label += f": {plain(direction, 16)}" if direction else ""
-        look = {"color": colour(axis), "linewidth": 0.8, **_marker(axis, 1)}
-        handles.append(Line2D([], [], label=label, **look))
-    for kind, opacity in reversed(BAND_KINDS):
-        label = f"{kind} band, {100 * probability:g} %"
-        handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
+    for k, label in enumerate(curve_names(specimen, 16)):
+        if k in specimen.experiment.axes:
+            look = {"color": colour("xy"[k]), "linewidth": 0.8, **_marker("xy"[k], 1)}
+            handles.append(Line2D([], [], label=label, **look))
+    handles += band_handles(probability, " band")
     if law:
         handles.append(Line2D([], [], label="law alone", color="0.3", **LAW))
     return [*handles, Line2D([], [], label="truth", **TRUE)] if truth else handles

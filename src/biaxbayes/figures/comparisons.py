@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from biaxbayes.comparison.compare import Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.comparison.mounting_bias import MOUNTING_MODELS, Ledger
-from biaxbayes.figures.bands import figure_from_bands, shown_protocols
+from biaxbayes.figures.bands import figure_from_bands
 from biaxbayes.figures.identifiability import VERDICT_COLOURS
-from biaxbayes.figures.panels import draw_cells, group_look, row_panels
+from biaxbayes.figures.panels import draw_cells, row_panels, set_panel
 from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, number, plain, quantity
 from biaxbayes.figures.style import (
     PAGE_MM,
@@ -72,14 +72,6 @@ def _judged(comparison: Comparison) -> dict[str, Quantity]:
     return {q.name: q for q in judged if not q.state}
 
 
-class ForestRow(NamedTuple):
-    """A quantity of the forest with the draws of each run, and whether it is identified."""
-
-    quantity: AxisText
-    draws: list[np.ndarray | None]
-    identified: list[bool]
-
-
 def forest_figure(comparison: Comparison) -> Figure:
     """Draw medians with 50 and 90 % intervals of every run; open symbols are not identified."""
     rows = _forest_rows(comparison)
@@ -87,51 +79,41 @@ def forest_figure(comparison: Comparison) -> Figure:
     with print_style():
         tall = FOREST_ROW_MM * len(labels) + 1.0
         figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, FOREST_NOTE)
-        for ax, row in zip(axes, rows, strict=True):
-            _draw_forest(ax, row)
+        for ax, (text, draws, identified) in zip(axes, rows, strict=True):
+            for i, values in draws.items():
+                hue = colour(i)
+                if np.ptp(values) > 0.0:
+                    ax.plot(np.quantile(values, tails(0.9)), [i, i], color=hue, linewidth=0.9)
+                    ax.plot(np.quantile(values, tails(0.5)), [i, i], color=hue, linewidth=2.2)
+                face = hue if identified[i] else "white"
+                ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
+            set_panel(ax, axis_span(text, *draws.values()), text.label, len(labels))
     return figure
 
 
-def _forest_rows(comparison: Comparison) -> list[ForestRow]:
-    """Parameters; structure tensor, stiffness, and stresses at the largest common stretch."""
+def _forest_rows(
+    comparison: Comparison,
+) -> list[tuple[AxisText, dict[int, np.ndarray], list[bool]]]:
+    """Quantity, draws by run, and whether each run identifies it.
+
+    Parameters; structure tensor, stiffness, and stresses at the largest common stretch.
+    """
     rows = []
     for name, known in _judged(comparison).items():
-        draws = [
-            m.draws[name].to_numpy(dtype=float) if name in m.draws else None
-            for m in comparison.members
-        ]
-        if any(d is not None for d in draws):
+        of_runs = [m.draws for m in comparison.members]
+        draws = {i: run[name].to_numpy(float) for i, run in enumerate(of_runs) if name in run}
+        if draws:
             identified = [d.get(name, False) for d in comparison.identified]
-            rows.append(ForestRow(axis_text(known), draws, identified))
+            rows.append((axis_text(known), draws, identified))
     by_key = [{q.key: q for q in derived} for derived in comparison.derived]
     for key, first in by_key[0].items():
-        derived = [of_run[key] for of_run in by_key if key in of_run]
-        if len(derived) < len(by_key):
-            continue  # of one law alone
-        if first.kind == STRESS and first.stretch != comparison.stretches[-1]:
-            continue
-        at = "" if first.stretch is None else f" at {first.stretch:.4g}"
-        identified = [d[first.key] for d in comparison.identified]
-        values: list[np.ndarray | None] = [q.values for q in derived]
-        rows.append(ForestRow(quantity(first.name + at), values, identified))
+        at_end = first.kind != STRESS or first.stretch == comparison.stretches[-1]
+        if at_end and all(key in of_run for of_run in by_key):  # else of one law alone
+            at = "" if first.stretch is None else f" at {first.stretch:.4g}"
+            draws = {i: of_run[key].values for i, of_run in enumerate(by_key)}
+            identified = [d[key] for d in comparison.identified]
+            rows.append((quantity(first.name + at), draws, identified))
     return rows
-
-
-def _draw_forest(ax: Axes, row: ForestRow) -> None:
-    draws = [d for d in row.draws if d is not None]
-    axis = axis_span(row.quantity, *draws)
-    for i, (values, identified) in enumerate(zip(row.draws, row.identified, strict=True)):
-        if values is None:
-            continue
-        hue, _ = group_look(i)
-        if np.ptp(values) > 0.0:
-            ax.plot(np.quantile(values, tails(0.9)), [i, i], color=hue, linewidth=0.9)
-            ax.plot(np.quantile(values, tails(0.5)), [i, i], color=hue, linewidth=2.2)
-        face = hue if identified else "white"
-        ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
-    ax.set(ylim=(len(row.draws) - 0.4, -0.6), xscale="log" if axis.log else "linear")
-    ax.set(xlim=(axis.low, axis.high), xlabel=row.quantity.label)
-    limit_ticks(ax.xaxis)
 
 
 # --- laws: misfit and prediction, mounting stretches, the bands of their mixture -----------------
@@ -139,11 +121,15 @@ def _draw_forest(ax: Axes, row: ForestRow) -> None:
 LAW_ROW_MM, HEAD_MM = 5.5, 14.0
 
 
-def _weighted_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
-    """Laws with a weight, the largest on top, the mixture below; and their heights."""
-    table = compared.table[compared.table["left_out_rms_kPa"].notna()]
+def by_weight(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of laws, the largest weight on top and the mixture below."""
     laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
-    rows = pd.concat([laws, table[table["law"] == STACKED]])
+    return pd.concat([laws, table[table["law"] == STACKED]])
+
+
+def _weighted_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
+    """Laws with a weight and the mixture, and their heights."""
+    rows = by_weight(compared.table[compared.table["left_out_rms_kPa"].notna()])
     return rows, -np.arange(len(rows), dtype=float)
 
 
@@ -161,23 +147,21 @@ def law_misfit_figure(compared: LawComparison) -> Figure:
     with print_style():
         blue = colour(0)
         figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
-        residual_ax, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
-        left_out = rows["left_out_rms_kPa"]
-        residual_ax.hlines(positions, rows["rms_kPa"], left_out, color="0.75", linewidth=0.8)
+        misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
+        fit, left_out = rows["rms_kPa"], rows["left_out_rms_kPa"]
         look: dict[str, Any] = {"ms": 4.0, "mec": blue}
-        residual_ax.plot(
-            rows["rms_kPa"], positions, "o", mfc="white", label="of the fit to all", **look
-        )
-        residual_ax.plot(left_out, positions, "o", mfc=blue, label="of parts left out", **look)
-        residual_ax.set_xlim(left=0.0)
-        residual_ax.set_xlabel("rms misfit (kPa)")
-        _label_laws(residual_ax, rows, positions)
+        misfit.hlines(positions, fit, left_out, color="0.75", linewidth=0.8)
+        misfit.plot(fit, positions, "o", mfc="white", label="of the fit to all", **look)
+        misfit.plot(left_out, positions, "o", mfc=blue, label="of parts left out", **look)
+        misfit.set_xlim(left=0.0)
+        misfit.set_xlabel("rms misfit (kPa)")
+        _label_laws(misfit, rows, positions)
         weights.barh(positions[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
         ends = rows["weight_low"][laws], rows["weight_high"][laws]
         weights.hlines(positions[laws], *ends, color="0.2")
         weights.set_xlim(0.0, 1.0)
         weights.set_xlabel("weight, and range with a part dropped")
-        for ax in (residual_ax, weights):
+        for ax in (misfit, weights):
             limit_ticks(ax.xaxis)
         figure.legend(loc="outside upper left", ncols=2)
     return figure
@@ -198,7 +182,7 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
             hues = np.where(rows["weight"] >= 0.05, colour(0), "0.65")
             ax.hlines(positions, low, high, color=hues, linewidth=1.6)
             for position, m, hue in zip(positions, median, hues, strict=True):
-                ax.plot(m, position, "o", markersize=3.5, color=hue)
+                ax.plot(m, position, "o", ms=3.5, color=hue)
             ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
             ax.set_xlabel(quantity(name).label)
             limit_ticks(ax.xaxis)
@@ -208,9 +192,7 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
 
 def law_bands_figure(compared: LawComparison, specimen: Specimen) -> Figure:
     """Bands of the mixture over the record."""
-    names = [p.name for p in specimen.protocols[: shown_protocols(specimen, PAGE_MM)]]
-    table = compared.bands[compared.bands["protocol"].isin(names)]
-    return figure_from_bands(specimen, table)
+    return figure_from_bands(specimen, compared.bands)
 
 
 # --- the cost of ignoring the mounting stretch: three treatments of the same record --------------
@@ -230,40 +212,40 @@ MAX_LINEAR_SHIFT, LINEAR_SHIFT = 15.0, 2.0
 def ledger_figure(ledger: Ledger) -> Figure:
     """Draw parameters in sd of the inferred posterior, and stresses over the inferred median."""
     rows = max(len(ledger.parameters), len(ledger.stresses))
-    labels, values = [], []
+    labels = []
     for row in ledger.stresses.to_dict("records"):
-        centre = row["inferred_median"]
-        # per cent: 100 (s / median inferred - 1)
-        values.append(
-            [
-                [100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEDGER_QUANTILES]
-                for n in MOUNTING_MODELS
-            ]
-        )
         name = quantity(f"{row['quantity']} at {row['total_stretch']:.4g}").symbol
-        labels.append(f"{name}\n({number(centre, row['inferred_q05'], row['inferred_q95'])} kPa)")
+        centre = number(*(row[f"inferred_{q}"] for q in ("median", "q05", "q95")))
+        labels.append(f"{name}\n({centre} kPa)")
+    stresses = _treatment_quantiles(ledger.stresses)
+    # per cent: 100 (s / median inferred - 1)
+    relative = 100.0 * (stresses / stresses[:, :1, 1:2] - 1.0)
     with print_style():
         figure = blank_figure(PAGE_MM, LEDGER_ROW_MM * rows + 20.0)
         left, right = figure.subplots(1, 2, width_ratios=(0.46, 0.54))
         _draw_shifts(left, ledger)
-        _draw_treatments(right, np.array(values), labels)
+        _draw_treatments(right, relative, labels)
         right.set_xlabel("stress relative to the inferred median (%)")
         handles, names = left.get_legend_handles_labels()
         figure.legend(handles, names, loc="outside upper center", ncols=3, columnspacing=2.5)
     return figure
 
 
+def _treatment_quantiles(table: pd.DataFrame) -> np.ndarray:
+    """Quantiles under each mounting model, shape (rows, treatments, 3)."""
+    columns = [f"{name}_{q}" for name in MOUNTING_MODELS for q in LEDGER_QUANTILES]
+    return table[columns].to_numpy(float).reshape(len(table), len(MOUNTING_MODELS), -1)
+
+
 def _draw_shifts(ax: Axes, ledger: Ledger) -> None:
     """Quantiles under each mounting model, in standard deviations from the inferred median."""
-    shifts = np.empty((len(ledger.parameters), len(MOUNTING_MODELS), len(LEDGER_QUANTILES)))
-    for i, row in enumerate(ledger.parameters.to_dict("records")):
-        transform = np.log if str(row["scale"]).startswith("ln ") else float
-        sd = row["inferred_sd"] if row["inferred_sd"] > 0.0 else np.nan
-        # (q - median inferred) / sd inferred, on the scale of the comparison
-        quantiles = [
-            [transform(row[f"{name}_{q}"]) for q in LEDGER_QUANTILES] for name in MOUNTING_MODELS
-        ]
-        shifts[i] = (np.array(quantiles) - transform(row["inferred_median"])) / sd
+    table = ledger.parameters
+    log = table["scale"].str.startswith("ln ").to_numpy()[:, None, None]
+    quantiles = _treatment_quantiles(table)
+    quantiles = np.where(log, np.log(np.where(log, quantiles, 1.0)), quantiles)
+    # (q - median inferred) / sd inferred, on the scale of the comparison
+    sd = table["inferred_sd"].where(table["inferred_sd"] > 0.0).to_numpy()[:, None, None]
+    shifts = (quantiles - quantiles[:, :1, 1:2]) / sd
     title = "shift (standard deviations of the inferred posterior"
     limit = max(3.0, float(np.nanmax(np.abs(shifts))))
     if limit > MAX_LINEAR_SHIFT:
@@ -283,9 +265,8 @@ def _draw_treatments(ax: Axes, values: np.ndarray, labels: Sequence[str]) -> Non
     rows = np.arange(len(labels))
     for k, (label, (marker, offset)) in enumerate(TREATMENTS.items()):
         low, median, high = values[:, k].T
-        hue, y = colour(k), rows + offset
-        ax.hlines(y, low, high, color=hue, linewidth=1.4)
-        ax.plot(median, y, marker, color=hue, markersize=3.2, label=label)
+        ax.hlines(rows + offset, low, high, color=colour(k), linewidth=1.4)
+        ax.plot(median, rows + offset, marker, color=colour(k), markersize=3.2, label=label)
     ax.axvline(0.0, color="0.6", linewidth=0.6, zorder=0)
     for i in rows[1::2]:
         ax.axhspan(i - 0.5, i + 0.5, color="0.95", linewidth=0.0, zorder=-1)

@@ -22,13 +22,7 @@ from scipy.integrate import trapezoid
 from scipy.ndimage import gaussian_filter
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.quantities import (
-    MEAN,
-    AxisText,
-    axis_span,
-    corner_columns,
-    plain,
-)
+from biaxbayes.figures.quantities import MEAN, AxisText, axis_span, corner_columns, plain
 from biaxbayes.figures.style import (
     DASHES,
     MM,
@@ -40,12 +34,7 @@ from biaxbayes.figures.style import (
     limit_ticks,
     print_style,
 )
-from biaxbayes.identifiability.bounded_density import (
-    Span,
-    curve,
-    robust_sd,
-    span,
-)
+from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
 from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities
@@ -94,7 +83,7 @@ def corner_figure(
         for run in runs
     ]
     columns = _columns(runs, parameters, include=[truth, *fixed], known=known)
-    columns = [c for c in columns if c.draws[0] is not None]  # varied in the main run
+    columns = [c for c in columns if c.draws[0] is not None]
     if not columns:
         raise InputError("no parameter of this run varies, so there is nothing to draw")
     with print_style(style):
@@ -107,19 +96,19 @@ def corner_figure(
         ]
         _set_axes(grid, columns, width_mm)
         line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": DASHES}
-        true_columns = [i for i, column in enumerate(columns) if column.name in truth]
-        for i in true_columns:
+        known_truth = {i: truth[c.name] for i, c in enumerate(columns) if c.name in truth}
+        for i, value in known_truth.items():
             for ax in grid[i:, i]:
-                ax.axvline(truth[columns[i].name], **line)
+                ax.axvline(value, **line)
             for ax in grid[i, :i]:
-                ax.axhline(truth[columns[i].name], **line)
+                ax.axhline(value, **line)
         contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
         title = f"posterior{f', {law}' if law else ''}\n"
         title += f"median ({100 * probability:g} %); regions: {contents} %"
         if any(MEAN in c.quantity.symbol for c in columns):
             title += "\nbar: mean over protocols"
         handles: list[Any] = [Line2D([], [], alpha=0.0, label=row[0]) for row in texts]
-        if true_columns:
+        if known_truth:
             handles.append(Line2D([], [], label="truth", **line))
         if compare is not None:
             handles.insert(0, Patch(color=colour(0), label=plain(names[0], 20)))
@@ -268,7 +257,7 @@ def _draw_marginal(
             texts.append("" if value is None else f"{label}  {value:.4g} (fixed)")
             continue
         x, density = curve(values, axis)
-        low, median, high = np.quantile(values, [tails(probability)[0], 0.5, tails(probability)[1]])
+        median, low, high = np.quantile(values, [0.5, *tails(probability)])
         density = density / trapezoid(density, column.axis.forward(x))
         ax.plot(x, density, color=hue, linewidth=0.9)
         if run == 0:

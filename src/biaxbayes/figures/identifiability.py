@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import fill
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -44,10 +43,9 @@ VERDICT_COLOURS = {
     FIXED: "#DDDDDD",
 }
 PRIOR_GREY, POSTERIOR = "0.82", "#0072B2"
-WIDE_ROW_MM, NARROW_ROW_MM, REASON_LINE_MM, MAX_ROWS = 12.5, 24.0, 3.4, 16
-"""Least heights of a row, and that of a line of its reason."""
-WIDE_CHARACTERS, NARROW_CHARACTERS = 40, 24
-"""Letters per line of a reason."""
+MAX_ROWS, REASON_LINE_MM = 16, 3.4
+WIDE, NARROW = (12.5, 40, 2), (24.0, 24, 4)
+"""Least height of a row, letters per line of its reason, and lines of interval and verdict."""
 
 
 def identifiability_figure(
@@ -60,14 +58,12 @@ def identifiability_figure(
     """Prior and posterior of the first 16 parameters beside their rows of the reported table."""
     rows = reported[:MAX_ROWS]
     wide = width_mm >= SIDE_BY_SIDE_MM
-    characters, min_mm = (
-        (WIDE_CHARACTERS, WIDE_ROW_MM) if wide else (NARROW_CHARACTERS, NARROW_ROW_MM)
-    )
-    reasons = [fill(row.reason, characters, break_on_hyphens=False) for row in rows]
-    fixed_lines = 2 if wide else 4  # lines of interval and verdict
-    heights = [max(min_mm, REASON_LINE_MM * (text.count("\n") + fixed_lines)) for text in reasons]
+    min_mm, letters, lines = WIDE if wide else NARROW
+    reasons = [fill(row.reason, letters, break_on_hyphens=False) for row in rows]
+    heights = [max(min_mm, REASON_LINE_MM * (text.count("\n") + lines)) for text in reasons]
     widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.48)
-    headings = ["prior (grey), posterior", "contraction", "verdict"]
+    wide_headings = ["prior (grey), posterior", "contraction", "verdict"]
+    headings = wide_headings if wide else ["prior, posterior", "verdict"]
     with print_style(style):
         figure = blank_figure(width_mm, 7.0 + sum(heights))
         grid = figure.subplots(
@@ -78,9 +74,7 @@ def identifiability_figure(
             if wide:
                 _draw_contraction(axes[1], verdicts[row.name])
             _write_row(axes[-1], row, reason, wide=wide)
-        for ax, heading in zip(
-            grid[0], headings if wide else ["prior, posterior", "verdict"], strict=True
-        ):
+        for ax, heading in zip(grid[0], headings, strict=True):
             ax.set_title(heading, loc="left", **small_text(color="0.35"))
     return figure
 
@@ -91,19 +85,17 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
     diagnostics = row.diagnostics
-    if (
-        diagnostics is None
-        or diagnostics.prior_density is None
-        or diagnostics.posterior_density is None
-    ):
+    prior_density = diagnostics.prior_density if diagnostics else None
+    posterior_density = diagnostics.posterior_density if diagnostics else None
+    if prior_density is None or posterior_density is None:
         ax.set_xticks([])
         ax.spines["bottom"].set_visible(False)
         return
     if row.scale.logarithmic:
         ax.set_xscale("log")
     for density, colour, edge in (
-        (diagnostics.prior_density, PRIOR_GREY, "0.6"),
-        (diagnostics.posterior_density, POSTERIOR, None),
+        (prior_density, PRIOR_GREY, "0.6"),
+        (posterior_density, POSTERIOR, None),
     ):
         x, height = row.scale.from_scale(density.x), density.height / density.peak
         ax.fill_between(x, height, color=colour, alpha=1.0 if edge else 0.75, linewidth=0.0)
@@ -112,7 +104,7 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
     prior, (low, high) = row.scale.prior, row.scale.limits
     if not (np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low)))):
         assert isinstance(prior, Prior)
-        ends = row.scale.from_scale(diagnostics.posterior_density.x[[0, -1]])
+        ends = row.scale.from_scale(posterior_density.x[[0, -1]])
         low, high = prior.ppf(np.array([0.01, 0.99]))
         low, high = min(low, ends[0]), max(high, ends[1])
     ax.set(xlim=(low, high), ylim=(0.0, 1.08))
@@ -129,23 +121,16 @@ def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:
     ax.barh(0.0, 1.0, height=0.4, color="0.92")
     ax.barh(0.0, contraction, height=0.4, color="0.35")
     ax.set(xlim=(0.0, 1.9), ylim=(-0.6, 0.6))
-    text = (
-        f"{100.0 * min(contraction, 0.999):.1f} %"
-        if contraction > 0.99
-        else f"{100.0 * contraction:.0f} %"
-    )
-    ax.text(1.06, 0.0, text, va="center", **small_text())
+    percent, digits = 100.0 * min(contraction, 0.999), 1 if contraction > 0.99 else 0
+    ax.text(1.06, 0.0, f"{percent:.{digits}f} %", va="center", **small_text())
 
 
 def _write_row(ax: Axes, row: ReportRow, reason: str, *, wide: bool) -> None:
     """The verdict in a box; beside it, or below, interval and reason."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    colour = VERDICT_COLOURS[row.verdict]
-    text_style: dict[str, Any] = small_text(va="center")
-    box = {"boxstyle": "round,pad=0.3", "facecolor": colour, "edgecolor": "none"}
-    ax.text(
-        0.02, 0.5 if wide else 0.9, row.verdict, color=text_colour(colour), bbox=box, **text_style
-    )
-    position = (0.42, 0.5) if wide else (0.0, 0.3)
-    ax.text(*position, f"{row.median} ({row.interval_with_unit})\n{reason}", **text_style)
+    face, look = VERDICT_COLOURS[row.verdict], small_text(va="center")
+    box = {"boxstyle": "round,pad=0.3", "facecolor": face, "edgecolor": "none"}
+    in_box, beside = ((0.02, 0.5), (0.42, 0.5)) if wide else ((0.02, 0.9), (0.0, 0.3))
+    ax.text(*in_box, row.verdict, color=text_colour(face), bbox=box, **look)
+    ax.text(*beside, f"{row.median} ({row.interval_with_unit})\n{reason}", **look)

@@ -6,7 +6,7 @@ The effect of hooks is a sketch to scale, and the force on hooks over that of a 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,8 +20,8 @@ from biaxbayes.fem.sheet_tester import GAUGE
 from biaxbayes.figures.corner import CONTENTS, draw_regions
 from biaxbayes.figures.quantities import number, plain, quantity
 from biaxbayes.figures.style import (
+    BAND_OPACITY,
     COLUMN_MM,
-    CREDIBLE,
     FINER_UNIT,
     PAGE_MM,
     REFERENCE,
@@ -38,13 +38,12 @@ from biaxbayes.identifiability.bounded_density import span
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
+from biaxbayes.prediction.percentiles import tails
 from biaxbayes.specimens.specimen import Specimen
 
 # --- hooks ---------------------------------------------------------------------------------------
 
-MAX_DRAWN_PROTOCOLS = 6
-HEIGHT_MM = 55.0
-TWO_SD = 2.0
+MAX_DRAWN_PROTOCOLS, HEIGHT_MM = 6, 55.0
 
 
 def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
@@ -65,10 +64,10 @@ def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
             for axis, line in (("x", "-"), ("y", "--")):
                 hue, stretch = colour(axis), table[f"stretch_{axis}"]
                 ratio = table[f"force_ratio_{axis}"]
-                error = TWO_SD * ratio * table[f"sd_log_force_ratio_{axis}"]
+                two_sd = 2.0 * ratio * table[f"sd_log_force_ratio_{axis}"]
                 ax.plot(stretch, ratio, line, color=hue, label=axis)
-                band = ratio - error, ratio + error
-                ax.fill_between(stretch, *band, color=hue, alpha=CREDIBLE, lw=0)
+                band = ratio - two_sd, ratio + two_sd
+                ax.fill_between(stretch, *band, color=hue, alpha=BAND_OPACITY["credible"], lw=0)
             ax.set_xlabel("stretch")
             limit_ticks(ax.xaxis, 4)
             if len(names) > 1:
@@ -101,9 +100,8 @@ def _draw_sketch(ax: Axes, specimen: Specimen) -> None:
                 position = (side * (across / 2.0 - hooks.inset_mm), float(offset))
                 centre = position if axis == "x" else position[::-1]
                 label = f"hooks in {axis}" if side > 0.0 and offset == offsets[0] else None
-                patch = Circle(centre, hooks.radius_mm, color=colour(axis), alpha=0.6, lw=0)
-                patch.set_label(label)
-                ax.add_patch(patch)
+                look: dict[str, Any] = {"color": colour(axis), "alpha": 0.6, "lw": 0}
+                ax.add_patch(Circle(centre, hooks.radius_mm, label=label, **look))
     if specimen.metadata.get("stretch_from", "markers") == "markers":
         x, y = 0.5 * GAUGE * a, 0.5 * GAUGE * b
         ax.plot([x, x, -x, -x], [y, -y, y, -y], "s", color="0.3", ms=2.0, label="markers")
@@ -117,9 +115,8 @@ MAX_STATES = 12
 ROW_MM = 9.0
 
 
-@dataclass(frozen=True)
-class DrawnState:
-    """Draws of the stretches and forces of a mounted state, shape (n, 2), reading and truth."""
+class DrawnState(NamedTuple):
+    """A mounted state: draws (n, 2) of its stretch and force, reading, and truth (NaN: unknown)."""
 
     label: str
     colour: str
@@ -127,8 +124,8 @@ class DrawnState:
     force: np.ndarray
     reading: np.ndarray
     reading_sd: np.ndarray
-    true_stretch: tuple[float, float] | None
-    true_force: tuple[float, float] | None
+    true_stretch: list[float]
+    true_force: list[float]
 
 
 def mounting_figure(
@@ -170,36 +167,32 @@ def _states(
     specimen: Specimen, draws: pd.DataFrame, truth: Mapping[str, float]
 ) -> list[DrawnState]:
     labels = mounting_labels(draws, specimen)[:MAX_STATES]
-    shared = labels == ("",)
-    readings, sds = specimen.mounting_readings(shared=shared)
-    rows = {p.name: i for i, p in enumerate(specimen.protocols)}
-
-    def true_value(kind: str, label: str) -> tuple[float, float] | None:
-        """True stretches or forces of a state, if given for it or for all states."""
-        for key in (label, ""):
-            x, y = (truth.get(name) for name in mounting_names(kind, key))
-            if x is not None and y is not None:
-                return x, y
-        return None
-
-    return [
-        DrawnState(
-            plain(label, 16),
-            colour(i),
-            draws[list(mounting_names("stretch", label))].to_numpy(dtype=float),
-            draws[list(mounting_names("force", label))].to_numpy(dtype=float),
-            readings[0 if shared else rows[label]],
-            sds[0 if shared else rows[label]],
-            true_value("stretch", label),
-            true_value("force", label),
+    readings, sds = specimen.mounting_readings(shared=labels == ("",))
+    rows = {"": 0} | {p.name: i for i, p in enumerate(specimen.protocols)}
+    states = []
+    for i, label in enumerate(labels):
+        stretch, force = (list(mounting_names(kind, label)) for kind in ("stretch", "force"))
+        of_all = [*mounting_names("stretch"), *mounting_names("force")]
+        own = zip([*stretch, *force], of_all, strict=True)
+        true = [truth.get(name, truth.get(common, np.nan)) for name, common in own]
+        states.append(
+            DrawnState(
+                plain(label, 16),
+                colour(i),
+                draws[stretch].to_numpy(dtype=float),
+                draws[force].to_numpy(dtype=float),
+                readings[rows[label]],
+                sds[rows[label]],
+                true[:2],
+                true[2:],
+            )
         )
-        for i, label in enumerate(labels)
-    ]
+    return states
 
 
 def _draw_stretches(ax: Axes, states: list[DrawnState]) -> None:
     """Regions of the joint posterior of the mounting stretches."""
-    true_values = [s.true_stretch for s in states if s.true_stretch is not None]
+    true_values = [s.true_stretch for s in states if np.isfinite(s.true_stretch).all()]
     axes = [
         span(*(s.stretch[:, k] for s in states), include=tuple(v[k] for v in true_values))
         for k in range(2)
@@ -232,12 +225,12 @@ def _draw_stretches(ax: Axes, states: list[DrawnState]) -> None:
 
 def _draw_forces(ax: Axes, states: list[DrawnState], unit: str, probability: float) -> None:
     """Intervals of the mounting force and of its reading, both about the reading."""
-    tail = 0.5 * (1.0 - probability)
+    low_tail, high_tail = tails(probability)
     rows = [(state, k) for state in states for k in (0, 1)]
     about = [s.force[:, k] - s.reading[k] for s, k in rows]
-    quantiles = np.array([np.quantile(d, [tail, 0.5, 1.0 - tail]) for d in about])
+    quantiles = np.array([np.quantile(d, [low_tail, 0.5, high_tail]) for d in about])
     # half the interval of a normally distributed reading: z sd
-    half = norm.ppf(1.0 - tail) * np.array([s.reading_sd[k] for s, k in rows])
+    half = norm.ppf(high_tail) * np.array([s.reading_sd[k] for s, k in rows])
     small = max(np.abs(quantiles).max(), half.max()) < 0.5
     scale, shown_unit = (1000.0, FINER_UNIT[unit]) if small else (1.0, unit)
     names = []
@@ -249,9 +242,8 @@ def _draw_forces(ax: Axes, states: list[DrawnState], unit: str, probability: flo
         ax.plot(0.0, row + 0.17, marker="|", ms=6.0, color="0.45")
         ax.plot([low, high], [row - 0.17] * 2, color=hue, linewidth=2.2, solid_capstyle="butt")
         ax.plot(median, row - 0.17, marker="o", ms=3.2, mfc="white", mec=hue, mew=0.8)
-        if state.true_force is not None:
-            true = scale * (state.true_force[k] - state.reading[k])
-            ax.plot(true, row - 0.17, marker="x", ms=4.5, color="black", zorder=4)
+        true = scale * (state.true_force[k] - state.reading[k])
+        ax.plot(true, row - 0.17, marker="x", ms=4.5, color="black", zorder=4)
         value = number(state.reading[k], 0.0, max(2.0 * half[row], abs(state.reading[k]) / 50.0))
         names.append(f"{state.label} {'xy'[k]}\n{value} {unit}".strip())
     ax.set_yticks(range(len(names)), names)

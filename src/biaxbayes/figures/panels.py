@@ -1,22 +1,27 @@
-"""Parts of several figures: panels of intervals with common rows, tables of coloured cells."""
+"""Parts of several figures: panels of intervals with common rows, coloured cells, bands."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from biaxbayes.figures.style import (
+    BAND_OPACITY,
     PAGE_MM,
     add_note,
     blank_figure,
     colour,
+    limit_ticks,
     small_text,
     text_colour,
 )
+from biaxbayes.identifiability.bounded_density import Span
 
 PANELS_PER_LINE = 4
 LABEL_LENGTH, MIN_LABEL_MM = 18, 2.6
@@ -25,11 +30,7 @@ GROUP_MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 def row_panels(
-    count: int,
-    tall_mm: float,
-    positions: Sequence[float],
-    labels: Sequence[str],
-    note: str,
+    count: int, tall_mm: float, positions: Sequence[float], labels: Sequence[str], note: str
 ) -> tuple[Figure, list[Axes]]:
     """A figure of equal panels, four per line, with labelled rows and a note at its foot."""
     lines = max(-(-count // PANELS_PER_LINE), 1)
@@ -43,6 +44,13 @@ def row_panels(
         ax.spines["left"].set_visible(False)
     add_note(figure, note)
     return figure, list(panels.flat[:count])
+
+
+def set_panel(ax: Axes, axis: Span, label: str, rows: int) -> None:
+    """Range, scale and label of a panel whose rows are counted from the top."""
+    ax.set(ylim=(rows - 0.4, -0.6), xscale="log" if axis.log else "linear")
+    ax.set(xlim=(axis.low, axis.high), xlabel=label)
+    limit_ticks(ax.xaxis)
 
 
 def group_look(k: int) -> tuple[str, str]:
@@ -72,3 +80,21 @@ def draw_cells(
     ax.grid(which="minor", color="white", linewidth=1.5)
     ax.tick_params(which="both", length=0.0)
     ax.spines[:].set_visible(False)
+
+
+def draw_bands(
+    ax: Axes, along: np.ndarray, table: pd.DataFrame, stem: str, hue: str, *, upright: bool = True
+) -> None:
+    """Predictive and credible band of columns of a table, over or beside ``along``."""
+    fill = ax.fill_between if upright else ax.fill_betweenx
+    for kind, opacity in BAND_OPACITY.items():
+        low, high = (table[f"{stem}{kind}_{end}"] for end in ("low", "high"))
+        fill(along, low, high, color=hue, alpha=opacity, linewidth=0.0)
+
+
+def band_handles(probability: float, words: str) -> list[Patch]:
+    """Entries of a legend for both bands; ``words`` stand behind their kind."""
+    return [
+        Patch(fc="0.3", alpha=alpha, lw=0.0, label=f"{kind}{words}, {100 * probability:g} %")
+        for kind, alpha in reversed(BAND_OPACITY.items())
+    ]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from biaxbayes.figures.corner import overlay_figure
-from biaxbayes.figures.panels import LABEL_LENGTH, MIN_LABEL_MM, group_look, row_panels
+from biaxbayes.figures.panels import LABEL_LENGTH, MIN_LABEL_MM, group_look, row_panels, set_panel
 from biaxbayes.figures.quantities import (
     LOG_AXIS_RATIO,
     AxisText,
@@ -25,6 +25,7 @@ from biaxbayes.figures.quantities import (
 from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, limit_ticks, print_style
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import Parameter, Quantity
+from biaxbayes.prediction.percentiles import QUANTILES
 from biaxbayes.studies.groups import USABLE_VERDICTS
 
 # --- the specimens of a study, quantity by quantity, ordered by group ----------------------------
@@ -61,8 +62,8 @@ def study_figure(table: pd.DataFrame, group_of: Mapping[str, str]) -> Figure:
             handles = []
             for k in shown:
                 (hue, marker), label = group_look(k), plain(groups[k] or "no group", LABEL_LENGTH)
-                look: dict[str, Any] = {"color": hue, "marker": marker, "ms": 3.4}
-                handles.append(Line2D([], [], linewidth=1.0, label=label, **look))
+                look: dict[str, Any] = {"color": hue, "marker": marker, "label": label}
+                handles.append(Line2D([], [], linewidth=1.0, ms=3.4, **look))
             figure.legend(handles=handles, loc="outside lower left", ncols=min(len(shown), 6))
     return figure
 
@@ -84,9 +85,7 @@ def _draw_specimens(
         ax.plot(interval, [i, i], color=hue, linewidth=1.0)
         look: dict[str, Any] = {"color": hue, "ms": 3.4, "mew": 0.8, "clip_on": False}
         ax.plot(record["q50"], i, marker, mfc=hue if identified else "white", **look)
-    ax.set(ylim=(len(specimens) - 0.4, -0.6), xscale="log" if axis.log else "linear")
-    ax.set(xlim=(axis.low, axis.high), xlabel=q.label)
-    limit_ticks(ax.xaxis)
+    set_panel(ax, axis, q.label, len(specimens))
 
 
 # --- before and after pooling --------------------------------------------------------------------
@@ -128,35 +127,24 @@ def forest_figure(
             }
             for i, (kind, name, k) in enumerate(rows):
                 record, (hue, marker) = tables[kind].loc[name], group_look(k)
-                if kind == "group":
-                    _draw_interval(ax, record, "new_specimen", i, hue, 0.6)
-                    _draw_interval(ax, record, "mean", i, hue, 2.0, "D", 3.6)
-                else:
-                    _draw_interval(ax, record, "single", i - 0.17, ALONE, 1.0, "o", 2.0)
-                    _draw_interval(ax, record, "pooled", i + 0.17, hue, 1.4, marker, 2.8)
+                intervals: list[tuple[str, float, str, float, str, float]] = (
+                    [("new_specimen", i, hue, 0.6, "", 0.0), ("mean", i, hue, 2.0, "D", 3.6)]
+                    if kind == "group"
+                    else [
+                        ("single", i - 0.17, ALONE, 1.0, "o", 2.0),
+                        ("pooled", i + 0.17, hue, 1.4, marker, 2.8),
+                    ]
+                )
+                for part, y, tint, width, symbol, size in intervals:
+                    low, median, high = (float(record[f"{part}_{q}"]) for q in QUANTILES)
+                    ax.plot([low, high], [y, y], color=tint, lw=width, solid_capstyle="butt")
+                    ax.plot(median, y, marker=symbol, ls="", color=tint, markersize=size)
             ax.set(ylim=(len(rows) - 0.4, -0.6), xlabel=axis_text(Quantity(p)).label)
             low, high = ax.dataLim.intervalx
             if p.logarithmic and low > 0.0 and high > LOG_AXIS_RATIO * low:
                 ax.set_xscale("log")
             limit_ticks(ax.xaxis)
     return figure
-
-
-def _draw_interval(
-    ax: Axes,
-    record: pd.Series,
-    name: str,
-    y: float,
-    hue: str,
-    width: float,
-    marker: str = "",
-    size: float = 0.0,
-) -> None:
-    """The 90 % interval of a row, and its median where there is a marker."""
-    ends = [float(record[f"{name}_{q}"]) for q in ("q05", "q95")]
-    ax.plot(ends, [y, y], color=hue, linewidth=width, solid_capstyle="butt")
-    if marker:
-        ax.plot(record[f"{name}_q50"], y, marker, color=hue, markersize=size)
 
 
 def pairs_figure(

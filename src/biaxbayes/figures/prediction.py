@@ -10,16 +10,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from scipy.spatial.distance import cdist
 
+from biaxbayes.figures.panels import band_handles, draw_bands
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     AXIS_MARKERS,
+    BAND_OPACITY,
     COLUMN_MM,
-    CREDIBLE,
     DASHES,
-    PREDICTIVE,
     SIDE_BY_SIDE_MM,
     Style,
     blank_figure,
@@ -36,7 +35,6 @@ STRESS_NAMES = {"cauchy": "Cauchy stress", "piola": "first Piola-Kirchhoff stres
 CURVE_MM, BAND_STRIP_MM = 56.0, 16.0
 """Heights of the curves and of the bands less their median."""
 GREY = "0.3"
-BAND_OPACITY = {"predictive": PREDICTIVE, "credible": CREDIBLE}
 READINGS: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyle": "none"}
 
 
@@ -68,14 +66,11 @@ def stress_figure(
         cells = [grid[1, k] if wide else grid[1 + k, 0] for k in range(len(axes))]
         strips = [figure.add_subplot(cell, sharex=first) for cell in cells]
         for k, (axis, ax, strip) in enumerate(zip(axes, (first, second), strips, strict=False)):
-            stem, tint = f"{stress}_{axis}_kPa", colour(axis)
-            median = table[f"{stem}_median"]
-            called = directions["xy".index(axis)]
-            direction = "" if called == axis else f": {plain(called, 24)}"
-            _draw_bands(ax, along, table, stem, tint)
-            _draw_line(ax, along, median, table, tint, label=f"{axis}{direction}")
-            about = table[_bands(stem)].sub(median, axis=0)
-            _draw_bands(strip, along, about, stem, tint)
+            stem, tint, name_of = f"{stress}_{axis}_kPa", colour(axis), directions["xy".index(axis)]
+            direction = "" if name_of == axis else f": {plain(name_of, 24)}"
+            draw_bands(ax, along, table, f"{stem}_", tint)
+            _draw_line(ax, along, table[f"{stem}_median"], table, tint, f"{axis}{direction}")
+            draw_bands(strip, along, _less_median(table, stem), f"{stem}_", tint)
             strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
             if read is not None:
                 at = read[name] if name else 1.0 + nearest
@@ -127,24 +122,22 @@ def inflation_figure(
         figure = blank_figure(width_mm, 0.85 * width_mm)
         if upright:
             ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
-            _draw_line(ax, along, median, table, tint, label="median")
+            _draw_line(ax, along, median, table, tint, "median")
             strip.set(xlabel="outer diameter (mm)", ylabel="less median\n(kPa)")
             strip.axhline(0.0, color=tint)
         else:
             ax, strip = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 1.0))
-            _draw_line(ax, median, along, table, tint, label="median")
+            _draw_line(ax, median, along, table, tint, "median")
             ax.set_xlabel("outer diameter (mm)")
             strip.set_xlabel("less median\n(mm)")
             strip.axvline(0.0, color=tint)
-        _draw_bands(ax, along, table, stem, tint, upright=upright)
-        about = table[_bands(stem)].sub(median, axis=0)
-        _draw_bands(strip, along, about, stem, tint, upright=upright)
+        for panel, shown in ((ax, table), (strip, _less_median(table, stem))):
+            draw_bands(panel, along, shown, f"{stem}_", tint, upright=upright)
         strip.locator_params(nbins=3, axis="y" if upright else "x")
         ax.set_ylabel("pressure (kPa)")
         ax.margins(y=0.0)
-        factor = MMHG_PER_KPA
         mercury = (ax if upright else strip).secondary_yaxis(
-            "right", functions=(lambda kPa: kPa * factor, lambda mmHg: mmHg / factor)
+            "right", functions=(lambda kPa: kPa * MMHG_PER_KPA, lambda mmHg: mmHg / MMHG_PER_KPA)
         )
         mercury.set_ylabel("pressure (mmHg)")
         mercury.spines["right"].set_visible(True)
@@ -155,18 +148,10 @@ def inflation_figure(
 # --- bands, lines and legends of both figures ----------------------------------------------------
 
 
-def _bands(stem: str) -> list[str]:
-    return [f"{stem}_{kind}_{end}" for kind in BAND_OPACITY for end in ("low", "high")]
-
-
-def _draw_bands(
-    ax: Axes, along: np.ndarray, table: pd.DataFrame, stem: str, tint: str, *, upright: bool = True
-) -> None:
-    """Credible and predictive band of a column of the table, over or beside ``along``."""
-    fill = ax.fill_between if upright else ax.fill_betweenx
-    for kind, opacity in BAND_OPACITY.items():
-        low, high = (table[f"{stem}_{kind}_{end}"] for end in ("low", "high"))
-        fill(along, low, high, color=tint, alpha=opacity, linewidth=0.0)
+def _less_median(table: pd.DataFrame, stem: str) -> pd.DataFrame:
+    """The table with the median of a quantity subtracted from its bands."""
+    names = [f"{stem}_{kind}_{end}" for kind in BAND_OPACITY for end in ("low", "high")]
+    return table[names].sub(table[f"{stem}_median"], axis=0)
 
 
 def _draw_line(ax: Axes, x: Any, y: Any, table: pd.DataFrame, tint: str, label: str) -> None:
@@ -184,10 +169,7 @@ def _draw_line(ax: Axes, x: Any, y: Any, table: pd.DataFrame, tint: str, label: 
 def _add_legend(ax: Axes, table: pd.DataFrame, probability: float) -> None:
     """Lines of the axes, then the bands and states that were not tested."""
     handles: list[Any] = ax.get_legend_handles_labels()[0]
-    for kind, alpha in reversed(BAND_OPACITY.items()):
-        handles.append(
-            Patch(fc=GREY, alpha=alpha, lw=0.0, label=f"{kind}, {100 * probability:g} %")
-        )
+    handles += band_handles(probability, "")
     if (table["extrapolation"] != INSIDE).any():
         handles.append(Line2D([], [], color=GREY, linestyle=DASHES, label="not tested"))
     ax.legend(handles=handles, loc="upper left", borderaxespad=0.2)

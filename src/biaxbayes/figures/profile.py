@@ -47,16 +47,12 @@ def profile_figure(
     with print_style(style):
         figure = blank_figure(width_mm, height)
         panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
-        for i, (row, profile) in enumerate(
-            zip(panels.reshape(len(profiles), 4), profiles, strict=True)
-        ):
-            drawn = _Curves(profile)
-            drawn.deviance(row[0])
-            drawn.stiffness(row[1])
-            drawn.structure(row[2])
-            drawn.mounting(row[3])
+        for i, profile in enumerate(profiles):
+            row, drawn = panels.reshape(-1, 4)[i], _Curves(profile)
             value = drawn.table["value"]
-            for ax in row:
+            drawings = (drawn.deviance, drawn.stiffness, drawn.structure, drawn.mounting)
+            for ax, draw in zip(row, drawings, strict=True):
+                draw(ax)
                 ax.set_xlabel(axis_text(profile.quantity).label)
                 if drawn.log and value.max() > 5.0 * value.min():
                     ax.set_xscale("log")
@@ -90,10 +86,10 @@ class _Curves:
 
     def deviance(self, ax: Axes) -> None:
         table, blue = self.table, colour(0)
-        ends = [max(self.profile.low, table["value"].min())]
-        ends.append(min(self.profile.high, table["value"].max()))
-        if ends[0] < ends[1]:
-            ax.axvspan(*ends, color=blue, alpha=0.12, linewidth=0.0)
+        low = max(self.profile.low, table["value"].min())
+        high = min(self.profile.high, table["value"].max())
+        if low < high:
+            ax.axvspan(low, high, color=blue, alpha=0.12, linewidth=0.0)
         # in the square root of the deviance, which is straight where the likelihood is normal
         signs = np.sign(table["value"] - self.best["value"])
         x, root = self.smooth(signs * np.sqrt(np.maximum(table["deviance"], 0.0)))
@@ -145,13 +141,8 @@ class _Curves:
         for k, line in enumerate(("-", "--")):
             columns = [q.name for q in stretches if q.axis == k and q.name in self.table]
             if columns:
-                mean, axis = self.table[columns].mean(axis=1), "xy"[k]
-                look: dict[str, Any] = {
-                    "color": colour(axis),
-                    "linestyle": line,
-                    "label": f"${axis}$",
-                }
-                ax.plot(*self.smooth(mean), **look)
+                curve, axis = self.smooth(self.table[columns].mean(axis=1)), "xy"[k]
+                ax.plot(*curve, color=colour(axis), linestyle=line, label=f"${axis}$")
         if not ax.lines:
             ax.axhline(1.0, color="0.6", linewidth=0.8)
         low, high = ax.get_ylim()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -106,9 +105,12 @@ def _draw(ax: Axes, curves: np.ndarray, directions: list[int], rows: Rows) -> No
     """Directions of stretch or load over the rows."""
     x = np.arange(1, len(curves) + 1) if rows.lines is None else rows.lines
     for k in directions:
-        marker, face, curve = "os"[k], (None, "none")[k], curves[:, k]
-        for look, group in ((GREYS, rows.left), (marker, rows.kept)):
-            _draw_groups(ax, x, curve, group, look, face)
+        curve = curves[:, k]
+        for i, at in enumerate(map(_thinned, rows.left.values())):
+            ax.plot(x[at], curve[at], GREYS[i % len(GREYS)], color="0.6", ms=3.0, mew=0.5)
+        for i, at in enumerate(map(_thinned, rows.kept.values())):
+            face = "none" if k else colour(i)
+            ax.plot(x[at], curve[at], "os"[k], color=colour(i), mfc=face, ms=2.5, mew=0.5)
         reference = np.array(rows.reference, dtype=int)
         ax.plot(x[reference], curve[reference], "+", color="black", ms=4.5, mew=0.6, zorder=3)
     for first in rows.parts.values():
@@ -116,40 +118,23 @@ def _draw(ax: Axes, curves: np.ndarray, directions: list[int], rows: Rows) -> No
     ax.margins(x=0.01)
 
 
-def _draw_groups(
-    ax: Axes,
-    x: np.ndarray,
-    curve: np.ndarray,
-    groups: Mapping[str, np.ndarray],
-    markers: str | tuple[str, ...],
-    face: str | None,
-) -> None:
-    """Rows of protocols in their colours, or of reasons in grey with their markers."""
-    for k, at in enumerate(groups.values()):
-        at = np.sort(at)[evenly_chosen(at.size, POINTS)]
-        if isinstance(markers, str):
-            ax.plot(
-                x[at], curve[at], markers, color=colour(k), mfc=face or colour(k), ms=2.5, mew=0.5
-            )
-        else:
-            ax.plot(x[at], curve[at], markers[k % len(markers)], color="0.6", ms=3.0, mew=0.5)
+def _thinned(at: np.ndarray) -> np.ndarray:
+    return np.sort(at)[evenly_chosen(at.size, POINTS)]
 
 
 def _handles(rows: Rows, specimen: Specimen) -> list[Line2D]:
-    handles = [
-        Line2D([], [], ls="", marker="o", color="0.2", ms=3.0, label="x"),
-        Line2D([], [], ls="", marker="s", color="0.2", mfc="none", ms=3.0, label="y"),
-    ]
+    """Entries of the legend: marker, colour, size and label."""
+    looks: list[tuple[str, str, float, str]] = [("o", "0.2", 3.0, "x"), ("s", "0.2", 3.0, "y")]
     if specimen.experiment.is_mounted:
-        label = "reference (at rest)"
-        handles.append(Line2D([], [], ls="", marker="+", color="black", ms=6.0, label=label))
+        looks.append(("+", "black", 6.0, "reference (at rest)"))
     for k, (name, at) in enumerate(list(rows.kept.items())[:NAMED]):
-        label = f"{plain(name, 34)}: {at.size} rows"
-        handles.append(Line2D([], [], ls="", marker="o", color=colour(k), ms=3.0, label=label))
+        looks.append(("o", colour(k), 3.0, f"{plain(name, 34)}: {at.size} rows"))
     if len(rows.kept) > NAMED:
-        handles.append(Line2D([], [], ls="", label=f"and {len(rows.kept) - NAMED} more"))
+        looks.append(("", "0.2", 3.0, f"and {len(rows.kept) - NAMED} more"))
     for k, (reason, at) in enumerate(list(rows.left.items())[:NAMED]):
         label = f"left out, {plain(reason, 40)}: {at.size}"
-        marker = GREYS[k % len(GREYS)]
-        handles.append(Line2D([], [], ls="", marker=marker, color="0.6", ms=3.5, label=label))
-    return handles
+        looks.append((GREYS[k % len(GREYS)], "0.6", 3.5, label))
+    return [
+        Line2D([], [], ls="", marker=m, color=c, mfc="none" if m == "s" else c, ms=ms, label=label)
+        for m, c, ms, label in looks
+    ]

@@ -82,14 +82,9 @@ def design_figure(design: Design) -> Figure:
             ],
             columns=[quantity(design.quantities[i]).symbol.replace(" at ", "\n") for i in shown],
         )
-        bars.barh(
-            range(len(expected)),
-            [max(e.gain, 0.0) for e in expected],
-            xerr=[e.gain_error for e in expected],
-            height=0.6,
-            color=colour(0),
-            error_kw={"linewidth": 0.8},
-        )
+        gains, errors = [max(e.gain, 0.0) for e in expected], [e.gain_error for e in expected]
+        look = {"height": 0.6, "color": colour(0), "error_kw": {"linewidth": 0.8}}
+        bars.barh(range(len(expected)), gains, xerr=errors, **look)
         bars.tick_params(axis="y", labelleft=False, which="both", length=0.0)
         bars.set_xlim(left=0.0)
         bars.set_xlabel("information gain (nats)")

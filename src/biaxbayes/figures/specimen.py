@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from biaxbayes.figures.bands import load_panels
+from biaxbayes.figures.bands import curve_names, load_panels
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     AXIS_MARKERS,
@@ -62,22 +62,15 @@ def specimen_figure(specimen: Specimen) -> Figure:
             if len(specimen.protocols) > 1:
                 grid[down, across].set_title(plain(protocol.name, 34))
         figure.supxlabel("measured stretch")
-        handles = [
-            Line2D([], [], ms=2.0, lw=0.5, label=name, color=colour(axis), marker=marker)
-            for (axis, marker), name in zip(AXIS_MARKERS.items(), _names(specimen), strict=True)
-            if "xy".index(axis) in specimen.experiment.axes
-        ]
+        names, handles = curve_names(specimen, 24), []
+        for k in specimen.experiment.axes:
+            look: dict[str, Any] = {"color": colour("xy"[k]), "marker": AXIS_MARKERS["xy"[k]]}
+            handles.append(Line2D([], [], ms=2.0, lw=0.5, label=names[k], **look))
         if specimen.experiment.is_mounted:
-            look: dict[str, Any] = {"marker": "+", "color": "black", "linestyle": "", "ms": 6.0}
-            handles.append(Line2D([], [], label="rows at rest", **look))
+            look = {"color": "black", "marker": "+", "linestyle": ""}
+            handles.append(Line2D([], [], ms=6.0, label="rows at rest", **look))
         figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
-
-
-def _names(specimen: Specimen, letters: int = 24) -> list[str]:
-    """What the readings are called, with the directions of the tissue."""
-    named = zip(specimen.experiment.curves, (specimen.axis_x, specimen.axis_y), strict=True)
-    return [f"{curve}: {plain(name, letters)}" if name else curve for curve, name in named]
 
 
 def _over(protocol: Protocol, axis: int) -> np.ndarray:
@@ -107,11 +100,9 @@ MAX_DRAWN_PROTOCOLS, DATA_POINTS = 6, 40
 AXIS_DASHES = {"x": "-", "y": "--"}
 HEIGHTS = (3.0, 1.4)
 # Fits often coincide: the first are wide, and the last lie narrow on top of them.
+WIDTHS = np.linspace(2.6, 0.5, len(FIT_METHODS))
 LOOKS: dict[str, dict[str, Any]] = {
-    method: {"color": f"C{k}", "linewidth": width}
-    for k, (method, width) in enumerate(
-        zip(FIT_METHODS, np.linspace(2.6, 0.5, len(FIT_METHODS)), strict=True)
-    )
+    method: {"color": f"C{k}", "linewidth": WIDTHS[k]} for k, method in enumerate(FIT_METHODS)
 }
 DATA: dict[str, Any] = {"color": "0.3", "mfc": "none", "mew": 0.5, "ms": 2.5}
 
@@ -127,9 +118,8 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
         width = COLUMN_MM if columns == 1 else PAGE_MM
         figure = blank_figure(width, 78.0 * blocks * units + 18.0)
         heights = HEIGHTS * (blocks * units)
-        grid = figure.subplots(
-            2 * units * blocks, columns, squeeze=False, height_ratios=heights, sharex="col"
-        )
+        look: dict[str, Any] = {"squeeze": False, "height_ratios": heights, "sharex": "col"}
+        grid = figure.subplots(len(heights), columns, **look)
         drawn = []
         for k, (piece, protocol) in enumerate(tested[:count]):
             column = grid[2 * units * (k // columns) :, k % columns]
@@ -146,10 +136,9 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
         for ax in set(grid.flat) - set(drawn):
             ax.remove()
         handles = []
-        for axis, name in zip("xy", _names(specimen, 20), strict=True):
-            read = any("xy".index(axis) in piece.experiment.axes for piece, _ in tested)
-            look = {"marker": AXIS_MARKERS[axis], "linestyle": AXIS_DASHES[axis], **DATA}
-            handles += [Line2D([], [], label=name, **look)] if read else []
+        for k in sorted({k for piece in specimen.pieces for k in piece.experiment.axes}):
+            look = {"marker": AXIS_MARKERS["xy"[k]], "linestyle": AXIS_DASHES["xy"[k]], **DATA}
+            handles.append(Line2D([], [], label=curve_names(specimen, 20)[k], **look))
         handles += [Line2D([], [], label=fit.method, **LOOKS[fit.method]) for fit in fits]
         ncols = 3 if columns == 1 else len(handles)
         figure.legend(handles=handles, loc="outside upper center", ncols=ncols)

@@ -36,8 +36,8 @@ COLUMN_MM, PAGE_MM = 85.0, 180.0
 """Widths of one column and of a page."""
 SIDE_BY_SIDE_MM = 120.0
 """Width from which panels are side by side."""
-CREDIBLE, PREDICTIVE = 0.45, 0.18
-"""Opacity of the two bands."""
+BAND_OPACITY = {"predictive": 0.18, "credible": 0.45}
+"""Opacity of both bands, the wide one first."""
 AXIS_MARKERS = {"x": "o", "y": "s"}
 DASHES = (0, (3, 2))
 LOAD_LABELS = {

@@ -57,9 +57,8 @@ def trace_figure(
     narrow = width_mm < SIDE_BY_SIDE_MM
     with print_style(style):
         figure = blank_figure(width_mm, 18.0 + ROW_MM * len(rows))
-        panels = figure.subplots(
-            len(rows), 2, squeeze=False, sharex="col", width_ratios=(1.5, 1.0) if narrow else (2, 1)
-        )
+        widths = (1.5, 1.0) if narrow else (2, 1)
+        panels = figure.subplots(len(rows), 2, squeeze=False, sharex="col", width_ratios=widths)
         for (left, right), name in zip(panels, rows, strict=True):
             _draw_trace(left, chains[name], quantity(name, unit, quantities))
             _draw_ranks(right, chains[name])
@@ -69,15 +68,16 @@ def trace_figure(
         panels[-1, 0].set_xlabel("stored step")
         panels[-1, 1].set_xlabel("rank among all" if narrow else "rank among all draws")
         figure.align_ylabels()
-        ensembles = len(chains[rows[0]])
-        handles = [Line2D([], [], color=colour(i), label=i + 1) for i in range(ensembles)]
-        first, last = (f"{100.0 * q:g}" for q in (WALKER_QUANTILES[0], WALKER_QUANTILES[-1]))
+        handles = [Line2D([], [], linestyle="none", label="ensemble")]
+        for i in range(len(chains[rows[0]])):
+            handles.append(Line2D([], [], color=colour(i), label=i + 1))
+        first, _, last = (f"{100.0 * q:g}" for q in WALKER_QUANTILES)
         figure.legend(
-            handles=[Line2D([], [], linestyle="none", label="ensemble"), *handles],
+            handles=handles,
             title=f"thick: median, thin: {first} and {last} % of the walkers of an ensemble",
             alignment="left",
             loc="outside upper left",
-            ncols=ensembles + 1,
+            ncols=len(handles),
             handlelength=1.2,
             columnspacing=0.9,
         )

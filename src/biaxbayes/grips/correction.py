@@ -20,7 +20,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -49,21 +49,15 @@ SPREAD_DRAWS = 16
 """Draws of the posterior at which r is computed to see how far it varies."""
 
 
-@dataclass(frozen=True, eq=False)
-class RowRatios:
-    """Load correction factors of the rows of a protocol.
+class RowRatios(NamedTuple):
+    """Load of the gripped sheet over that of a homogeneous test, by row of a protocol.
 
-    Attributes
-    ----------
-    force : ndarray, shape (rows, 2)
-        Load of the gripped sheet over that of a homogeneous test.
-    stretch : ndarray, shape (rows, 2)
-        Stretch in the centre over the measured one, both relative to the mounted state; one where
-        stretches are measured by markers.
+    Also the stretch in the centre over the measured one, both relative to the mounted state; one
+    where stretches are measured by markers.
     """
 
-    force: np.ndarray
-    stretch: np.ndarray
+    force: np.ndarray  # (rows, 2)
+    stretch: np.ndarray  # (rows, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,10 +256,10 @@ def _protocol_ratios(
     targets = np.linspace(0.0, arc[-1], STATES_PER_PROTOCOL + 1)
     chosen = np.unique(np.searchsorted(arc, targets * (1.0 - 1e-12)))
     states = [mounter.mount((lm[0], lm[1]), increments=2)]
-    measured = tester.stretch if tester.control == "markers" else tester.grip_stretch
-    origin = measured(states[0])
+    origin = tester.controlled_stretch(states[0])
     for row in chosen[1:]:
-        states.append(tester.walk(states[-1], measured(states[-1]), origin * path[row], 1)[-1])
+        reached = tester.controlled_stretch(states[-1])
+        states.append(tester.walk(states[-1], reached, origin * path[row], 1)[-1])
     total = np.array([tester.stretch(s) for s in states])
     force = np.array([tester.force_N(s) for s in states])
     # r = F / (A P)
@@ -297,15 +291,9 @@ def _apply_ratios(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen
     for p, r in zip(specimen.protocols, ratios, strict=True):
         stretch = np.column_stack([p.stretch_x, p.stretch_y]) * r.stretch
         load = np.column_stack([p.load_x, p.load_y]) / r.force * specimen.per_nominal(r.stretch)
-        protocols.append(
-            replace(
-                p,
-                stretch_x=stretch[:, 0],
-                stretch_y=stretch[:, 1],
-                load_x=load[:, 0],
-                load_y=load[:, 1],
-            )
-        )
+        columns = dict(zip(("stretch_x", "stretch_y"), stretch.T, strict=True))
+        columns |= dict(zip(("load_x", "load_y"), load.T, strict=True))
+        protocols.append(replace(p, **columns))
     # single numbers, so divided by the mean ratio
     mean = float(np.mean(np.concatenate([r.force for r in ratios])))
     noise = None if specimen.load_noise is None else specimen.load_noise / mean

@@ -48,18 +48,12 @@ def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
     elif span > shortest * (1.0 + 1e-9) or 2.0 * inset >= shortest:
         problem = f"{count} hooks per edge, {spacing:.3g} mm apart, do not fit on {shortest:g} mm"
     else:
-        return Hooks(count, inset, width / 2.0, _stated_spacing(specimen))
+        return Hooks(count, inset, width / 2.0, spacing if "grip_spacing_mm" in stated else None)
     raise InputError(
         problem,
         file=specimen.name,
         remedy="correct grips, grip_inset_mm, grip_width_mm or grip_spacing_mm",
     )
-
-
-def _stated_spacing(specimen: Specimen) -> float | None:
-    """Distance between neighbouring hooks in mm, None for equal distances."""
-    value = specimen.metadata.get("grip_spacing_mm")
-    return None if value is None else float(value)
 
 
 def edges_mm(specimen: Specimen) -> np.ndarray:

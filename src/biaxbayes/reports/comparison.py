@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.errors import InputError
-from biaxbayes.figures.comparisons import forest_figure, matrix_figure
+from biaxbayes.figures.comparisons import by_weight, forest_figure, matrix_figure
 from biaxbayes.figures.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.identifiability.reported import quantile_texts, report_rows
@@ -24,6 +24,8 @@ from biaxbayes.text_files import atomic_write_text, write_csv
 # --- a comparison of runs ------------------------------------------------------------------------
 
 MOST_OVERLAID = 6
+IN_BOTH = "Identified or bounded in both runs"
+NOT_IN_BOTH = "Not identified in both: differences are not of the tissue"
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
@@ -32,12 +34,9 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
-    written = []
-    tables = {"compare-report": comparison.matrix(), "compare-distances": comparison.distances}
-    for stem, table in tables.items():
-        path = folder / f"{stem}.csv"
+    written = [folder / "compare-report.csv", folder / "compare-distances.csv"]
+    for path, table in zip(written, (comparison.matrix(), comparison.distances), strict=True):
         write_csv(path, table, digits=6)
-        written.append(path)
     figures = {"matrix": matrix_figure(comparison), "forest": forest_figure(comparison)}
     if len(comparison.members) <= MOST_OVERLAID:
         figures["overlay"] = overlay_figure(
@@ -82,8 +81,7 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
     numbers = ("median_a", "median_b", "difference_q50", "difference_q05", "difference_q95")
     pairs = []
     for (a, b), table in distances.groupby(["run_a", "run_b"], sort=False):
-        identified: list[Row] = []
-        unknown: list[Row] = []
+        parts: dict[str, list[Row]] = {IN_BOTH: [], NOT_IN_BOTH: []}
         for row in table.to_dict("records"):
             name = str(row["quantity"])
             if pd.notna(row["total_stretch"]):
@@ -91,12 +89,8 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
             cells = [f"{row[key]:.4g}" for key in numbers]
             cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
             cells.append(f"{row['kolmogorov']:.2f}")
-            part = identified if row["identified_in_both"] else unknown
+            part = parts[IN_BOTH if row["identified_in_both"] else NOT_IN_BOTH]
             part.append((with_unit(name, row["unit"]), *cells))
-        parts = {
-            "Identified or bounded in both runs": identified,
-            "Not identified in both: differences are not of the tissue": unknown,
-        }
         pairs.append({"a": a, "b": b, "parts": parts})
     return pairs
 
@@ -110,12 +104,7 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
     laws = table[table["law"] != STACKED]
     best = laws.sort_values("left_out_rms_kPa").iloc[0]
     mixture = table.set_index("law").loc[STACKED]
-    by_weight = pd.concat(
-        [
-            laws.sort_values("weight", ascending=False, kind="stable"),
-            table[table["law"] == STACKED],
-        ]
-    )
+    rows = by_weight(table).to_dict("records")
     stretches = [q for q in STRETCHES if f"{q.name}_q50" in table]
     return page_template("laws.html.jinja").render(
         specimen=compared.specimen,
@@ -124,12 +113,12 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
             f"{best['left_out_rms_kPa']:.3g} kPa, that of the mixture of all laws "
             f"{mixture['left_out_rms_kPa']:.3g} kPa."
         ),
-        laws=[_law_row(row) for row in by_weight.to_dict("records")],
+        laws=[_law_row(row) for row in rows],
         left_out=sorted(compared.left_out.items()),
         stretches=stretches,
         mounting=[
             (_law_name(row), *(f"{m}, {low} to {high}" for m, low, high in stretch_texts(row)))
-            for row in by_weight.to_dict("records")
+            for row in rows
             if stretch_texts(row)
         ],
         parts=_part_rows(compared.parts),

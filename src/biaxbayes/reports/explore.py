@@ -25,8 +25,8 @@ from markupsafe import Markup
 
 from biaxbayes.errors import InputError
 from biaxbayes.figures.bands import abscissa, load_panels, residual_unit, shown_protocols
-from biaxbayes.figures.quantities import axis_span, corner_columns
-from biaxbayes.figures.style import CREDIBLE, PAGE_MM, colour, print_style
+from biaxbayes.figures.quantities import MEAN, axis_span, corner_columns
+from biaxbayes.figures.style import BAND_OPACITY, PAGE_MM, colour, print_style
 from biaxbayes.identifiability.bounded_density import Span
 from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.model.posterior import Posterior
@@ -52,25 +52,14 @@ GREY = "#4a525c"
 UUID = r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 
 
-def can_be_explored(quantities: Quantities, draws: pd.DataFrame) -> bool:
-    """True if a quantity varies that the page has panels for."""
-    return len(corner_columns(draws, quantities)) > 0
-
-
 def thinned_draws(draws: pd.DataFrame) -> pd.DataFrame:
     """The draws that the page holds, evenly chosen."""
     return draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)].reset_index(drop=True)
 
 
-def explore_page(
-    posterior: Posterior,
-    draws: pd.DataFrame,
-    state: str,
-    *,
-    report: str = "",
-) -> str:
+def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, report: str = "") -> str:
     """The page as HTML, with scripts and data inside; InputError if there is nothing to explore."""
-    if state == "unusable" or not can_be_explored(posterior.quantities, draws):
+    if state == "unusable" or not corner_columns(draws, posterior.quantities):
         raise InputError(
             "this run has no posterior to explore",
             remedy="sample until it converges, with a free parameter",
@@ -168,24 +157,17 @@ def _axes(quantities: Quantities, draws: pd.DataFrame, thinned: pd.DataFrame) ->
     axes = []
     whole = corner_columns(draws, quantities)
     for name, (text, values) in corner_columns(thinned, quantities).items():
-        first = ("", *quantities.pieces[0].states)
-        known = [q for q in quantities.of_parameter(name) if q.state in first]
-        states = [q for q in known if q.name in thinned]
-        parameter = states[0].parameter
-        q50, q05, q95 = np.quantile(whole[name][1], [0.5, *tails(CONTENT)])
-        median, low, high = quantile_texts(float(q50), float(q05), float(q95), parameter)
+        parameter = text.parameter
+        assert parameter is not None  # corner_columns gives it
         symbol = as_html(Quantity(parameter))
-        axes.append(
-            ExploredAxis(
-                name,
-                Markup("mean {}").format(symbol) if len(states) > 1 else symbol,
-                text.unit,
-                values,
-                axis_span(text, values),
-                parameter.logarithmic and bool((values > 0.0).all()),
-                f"{median} ({low} to {high})",
-            )
-        )
+        if MEAN in text.symbol:
+            symbol = Markup("mean {}").format(symbol)
+        shown = axis_span(text, values)
+        ratio = parameter.logarithmic and bool((values > 0.0).all())
+        q50, q05, q95 = np.quantile(whole[name][1], [0.5, *tails(CONTENT)]).tolist()
+        median, low, high = quantile_texts(q50, q05, q95, parameter)
+        interval = f"{median} ({low} to {high})"
+        axes.append(ExploredAxis(name, symbol, text.unit, values, shown, ratio, interval))
     return axes
 
 
@@ -292,9 +274,8 @@ def _curve_panels(
                     column, loads = f"load {i} {p} {axis}", protocol.load[:, order, k]
                     source.data[column] = loads.astype(np.float32)
                     x, measured = abscissas[axis][order], protocol.measured[order, k]
-                    band = _draw_curve(
-                        (load, residual), x, loads, measured, axis, hues[axis], factor
-                    )
+                    look = {"marker": "square" if k else "circle", "hue": hues[axis]}
+                    band = _draw_curve((load, residual), x, loads, measured, factor, **look)
                     curves[column] = band, factor
                 panels += [[load], [residual]]
     return gridplot(panels, toolbar_location=None, sizing_mode="stretch_width"), curves
@@ -302,18 +283,12 @@ def _curve_panels(
 
 def _table(curves: DrawnCurves, axes: Sequence[int]) -> pd.DataFrame:
     """The directions of a protocol in one table, with the median of all draws."""
-    parts = [
-        pd.DataFrame(
-            {
-                "direction": "xy"[k],
-                "row": curves.rows,
-                "stretch": curves.stretch[:, k],
-                "measured": curves.measured[:, k],
-                "credible_median": np.median(curves.load[:, :, k], axis=0),
-            }
-        )
-        for k in axes
-    ]
+    parts = []
+    for k in axes:
+        columns = {"direction": "xy"[k], "row": curves.rows, "stretch": curves.stretch[:, k]}
+        columns |= {"measured": curves.measured[:, k]}
+        columns |= {"credible_median": np.median(curves.load[:, :, k], axis=0)}
+        parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -322,20 +297,21 @@ def _draw_curve(
     x: np.ndarray,
     loads: np.ndarray,
     measured: np.ndarray,
-    axis: str,
-    hue: str,
     factor: float,
+    *,
+    marker: str,
+    hue: str,
 ) -> Any:
     """Band, median and readings as loads and as residuals; return the source of the band."""
-    low, median, high = np.quantile(loads, [tails(CONTENT)[0], 0.5, tails(CONTENT)[1]], axis=0)
+    median, low, high = np.quantile(loads, [0.5, *tails(CONTENT)], axis=0)
     columns = {"x": x, "all": median, "low": low, "median": median, "high": high}
     columns |= {f"{n}_residual": factor * (columns[n] - median) for n in ("low", "median", "high")}
     band = ColumnDataSource(columns)
     readings = (measured, factor * (measured - median))
+    opaque = BAND_OPACITY["credible"]
     for panel, end, y in zip(panels, ("", "_residual"), readings, strict=True):
-        panel.varea("x", f"low{end}", f"high{end}", source=band, color=hue, alpha=CREDIBLE)
+        panel.varea("x", f"low{end}", f"high{end}", source=band, color=hue, alpha=opaque)
         panel.line("x", f"median{end}", source=band, color=hue)
-        marker = "circle" if axis == "x" else "square"
         panel.scatter(x, y, marker=marker, size=4, line_color=hue, fill_color="white")
     panels[0].line("x", "all", source=band, color="black", line_dash="dashed", line_width=0.8)
     return band

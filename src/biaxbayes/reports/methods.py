@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from biaxbayes.errors import listed, printable
 from biaxbayes.identifiability.reported import row_lines
-from biaxbayes.identifiability.verdict import (
-    BOUNDED,
-    COMBINATION,
-    IDENTIFIED,
-    NOT_IDENTIFIED,
-)
+from biaxbayes.identifiability.verdict import BOUNDED, COMBINATION, IDENTIFIED, NOT_IDENTIFIED
 from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.model.priors import prior_text
-from biaxbayes.reports.text import CONVERGENCE_TEXTS, as_latex, latex_text, truncate
+from biaxbayes.reports.text import CONVERGENCE_TEXTS, as_latex, latex_tabular, latex_text, truncate
 from biaxbayes.runs.run import Run
 
 LOAD_PHRASES = {
@@ -65,7 +60,9 @@ def methods(run: Run) -> str:
         _noise(run),
         f"Priors: {priors}." if priors else "",
         _sampling(run),
-        _intervals(run),
+        "Reported are posterior medians with 90 % intervals, or 95 % bounds."
+        if run.state == "converged" and run.result.rows
+        else "",
     )
     return " ".join(s for s in sentences if s)
 
@@ -188,13 +185,6 @@ def _sampling(run: Run) -> str:
     return f"{text}. The chains did NOT converge: {truncate(convergence['reason'], 300)}."
 
 
-def _intervals(run: Run) -> str:
-    """Sentence on the origin of the intervals."""
-    if run.state != "converged" or not run.result.rows:
-        return ""
-    return "Reported are posterior medians with 90 % intervals, or 95 % bounds."
-
-
 def results_paragraph(run: Run) -> str:
     """The reported table as a paragraph of plain text, with no other interval."""
     if run.state != "converged":
@@ -229,11 +219,9 @@ def latex_table(run: Run) -> str:
         caption += f" {latex_text(CONVERGENCE_TEXTS[run.state])}"
     rows = []
     for row in run.result.rows:
-        texts = [
-            latex_text(t, 300)
-            for t in (row.median, row.interval, row.unit, row.verdict, row.reason)
-        ]
-        rows.append(f"    {' & '.join((as_latex(row.quantity), *texts))} \\\\")
+        texts = (row.median, row.interval, row.unit, row.verdict, row.reason)
+        rows.append([as_latex(row.quantity), *(latex_text(t, 300) for t in texts)])
+    heads = ("Parameter", "Median", "Interval", "Unit", "Verdict", "Reason")
     footnotes = [
         f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in run.result.warnings
     ]
@@ -245,13 +233,7 @@ def latex_table(run: Run) -> str:
             "\\begin{table}",
             "  \\centering",
             f"  \\caption{{{caption}}}",
-            "  \\begin{tabular}{llllll}",
-            "    \\toprule",
-            "    Parameter & Median & Interval & Unit & Verdict & Reason \\\\",
-            "    \\midrule",
-            *rows,
-            "    \\bottomrule",
-            "  \\end{tabular}",
+            *(f"  {line}" for line in latex_tabular(heads, rows)),
             *footnotes,
             "\\end{table}",
             "",

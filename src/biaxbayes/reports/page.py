@@ -19,6 +19,7 @@ from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, tests_in_words, truncate
 from biaxbayes.runs.run import Run, open_run
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text
 
 PAGE, EXPLORE = REPORTS["html"], REPORTS["explore"]
@@ -68,10 +69,9 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     """
     result, record = run.result, run.provenance
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
-    sentences: list[str] = []
-    if len(checks):
-        sentences = checks_in_words(checks, run.law.key)
-        sentences += misfit_in_words(checks)
+    sentences = (
+        checks_in_words(checks, run.law.key) + misfit_in_words(checks) if len(checks) else []
+    )
     version = truncate(record.get("biaxbayes", ""), 30)
     return page_template("report.html.jinja").render(
         run=run,
@@ -86,23 +86,15 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         tests=_test_rows(run),
         load=LOAD_WORDS.get(run.specimen.stress_pair, "nominal stress"),
         rows=[
-            (
-                r.quantity,
-                r.median,
-                r.interval,
-                r.unit,
-                r.verdict,
-                r.reason,
-                r.quantity.parameter.words,
-            )
+            (q := r.quantity, r.median, r.interval, r.unit, r.verdict, r.reason, q.parameter.words)
             for r in result.rows
         ],
         convergence_rows=_convergence_rows(run),
         contractions=_contraction_rows(run),
         figures=pictures(run.path, (*RUN_FIGURES, *_further_bands(run).values())),
         further_bands=_further_bands(run),
-        stresses=stress_rows(run),
-        determined=determined_rows(run),
+        stresses=_determined_rows(result.stresses, with_width=False),
+        determined=_determined_rows(_without_stresses(result.determined), with_width=True),
         grips=_grip_rows(run),
         noise=record["noise"],
         sampler=record["sampler"],
@@ -113,10 +105,8 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         settings_facts=_settings_facts(run),
         version_facts=_version_facts(run),
         citations=[
-            (SOFTWARE.format(version), ""),
-            METHOD,
-            (f"{run.law.source}.", run.law.doi),
-            SAMPLER,
+            *((SOFTWARE.format(version), ""), METHOD),
+            *((f"{run.law.source}.", run.law.doi), SAMPLER),
         ],
         methods=methods(run),
         results=results_paragraph(run),
@@ -207,25 +197,23 @@ def _test_rows(run: Run) -> list[Row]:
     rows: list[Row] = []
     for i, s in enumerate(run.specimen.pieces):
         for p in s.protocols:
-            name = f"{s.name}: {p.name}" if i and len(s.protocols) > 1 else p.name
-            name = s.name if i and len(s.protocols) == 1 else name
-            # across a strip nothing is pulled
-            read = [k in s.experiment.axes for k in (0, 1)]
-            stretches, loads, mounted = (
-                [
-                    f"{v:{digits}}" if r and v == v else DASH
-                    for v, r in zip(values, read, strict=True)
-                ]
-                for values, digits in (
-                    (p.stretch.max(axis=0), ".3f"),
-                    (abs(s.load(p)).max(axis=0), ".3g"),
-                    (s.mounting_reading(p), ".3g"),
-                )
-            )
-            at_rest = ", ".join(mounted) if p.rest_rows else "as the others"
-            at_rest = at_rest if s.experiment.is_mounted else "none"
+            name = p.name
+            if i:
+                name = f"{s.name}: {p.name}" if len(s.protocols) > 1 else s.name
+            stretches = _read(s, p.stretch.max(axis=0), ".3f")
+            loads = _read(s, abs(s.load(p)).max(axis=0), ".3g")
+            at_rest = "none"
+            if s.experiment.is_mounted:
+                mounted = ", ".join(_read(s, s.mounting_reading(p), ".3g"))
+                at_rest = mounted if p.rest_rows else "as the others"
             rows.append((truncate(name, 60), f"{p.rows:,}", *stretches, *loads, at_rest))
     return rows
+
+
+def _read(specimen: Specimen, values: np.ndarray, digits: str) -> list[str]:
+    """Numbers in x and y; a dash where nothing was read, such as across a strip."""
+    axes = specimen.experiment.axes
+    return [f"{v:{digits}}" if k in axes and v == v else DASH for k, v in enumerate(values)]
 
 
 def _further_bands(run: Run) -> dict[str, str]:
@@ -304,46 +292,28 @@ TENSOR_TEXTS = {
 }
 
 
-def stress_rows(run: Run) -> list[Row]:
-    """The stresses to report, at the largest states of the test."""
-    table = run.result.stresses
+def _determined_rows(table: pd.DataFrame, *, with_width: bool) -> list[Row]:
+    """Quantities that follow from the draws, at the largest states of the test."""
     rows: list[Row] = []
     for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
         low, median, high = (float(r[k]) for k in ("low", "median", "high"))
-        low_text, median_text, high_text = (number(v, low, high) for v in (low, median, high))
-        state = f"{float(r['stretch_x']):g}, {float(r['stretch_y']):g}"
-        name = truncate(r["quantity"], 90)
-        rows.append((name, state, median_text, f"{low_text} to {high_text}", str(r["unit"])))
-    return rows
-
-
-def determined_rows(run: Run) -> list[Row]:
-    """Stiffnesses, structure tensor and further quantities, without stresses."""
-    table = run.result.determined
-    if len(table):
-        table = table[~table["quantity"].str.contains(" stress ")]
-    rows: list[Row] = []
-    for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
-        low, median, high = (float(r[k]) for k in ("low", "median", "high"))
-        wide = low > 0.0 and high / low > COARSE_RATIO
-        low_text, median_text, high_text = (
-            number(v, low, high, log=wide) for v in (low, median, high)
-        )
+        wide = with_width and low > 0.0 and high / low > COARSE_RATIO
+        middle, first, last = (number(v, low, high, log=wide) for v in (median, low, high))
         x, y = float(r["stretch_x"]), float(r["stretch_y"])
-        percent = 100.0 * float(r["relative_width"])
-        width = f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
+        state = "" if math.isnan(x) else f"{x:g}, {y:g}"
         name = truncate(r["quantity"], 90)
-        rows.append(
-            (
-                TENSOR_TEXTS.get(name, name),
-                "" if math.isnan(x) else f"{x:g}, {y:g}",
-                median_text,
-                f"{low_text} to {high_text}",
-                str(r["unit"] or ""),
-                width if percent < 1e4 else "over 10,000 %",
-            )
-        )
+        row = [TENSOR_TEXTS.get(name, name), state, middle, f"{first} to {last}"]
+        row.append(str(r["unit"] or ""))
+        if with_width:
+            percent = 100.0 * float(r["relative_width"])
+            width = f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
+            row.append(width if percent < 1e4 else "over 10,000 %")
+        rows.append(tuple(row))
     return rows
+
+
+def _without_stresses(table: pd.DataFrame) -> pd.DataFrame:
+    return table[~table["quantity"].str.contains(" stress ")] if len(table) else table
 
 
 def _largest_states(table: pd.DataFrame) -> pd.Series:

@@ -23,7 +23,7 @@ from biaxbayes.populations.text import (
 )
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.text import derived_text, latex_text, plural, truncate
+from biaxbayes.reports.text import derived_text, latex_tabular, latex_text, plural, truncate
 from biaxbayes.studies.groups import USABLE_VERDICTS
 
 PAGE, LATEX = "population.html", "population.tex"
@@ -258,23 +258,18 @@ def population_results(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
 
 def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
     """The groups as a LaTeX table with booktabs rules; both paragraphs as comments."""
-    lines = []
+    rows = []
     for group, part in tables["groups"].groupby("group", sort=False):
         for row in group_rows(part):
             cells = (group, derived_text(row.quantity), row.unit, row.median, row.reported)
-            lines.append(" & ".join(latex_text(c) for c in (*cells, row.verdict)))
+            rows.append([latex_text(c) for c in (*cells, row.verdict)])
+    heads = ("Group", "Quantity", "Unit", "Median", "Interval", "Verdict")
     return "\n".join(
         [
             "% needs \\usepackage{booktabs}",
             f"% Methods: {population_methods(tables, record)}",
             f"% Results: {population_results(tables, record)}",
-            "\\begin{tabular}{llllll}",
-            "  \\toprule",
-            "  Group & Quantity & Unit & Median & Interval & Verdict \\\\",
-            "  \\midrule",
-            *(f"  {line} \\\\" for line in lines),
-            "  \\bottomrule",
-            "\\end{tabular}",
+            *latex_tabular(heads, rows),
             "",
         ]
     )

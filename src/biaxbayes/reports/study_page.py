@@ -5,10 +5,9 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -133,20 +132,16 @@ def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
 def _group_row(r: dict[Any, Any]) -> Row:
     low, centre, high = (float(r[k]) for k in ("lowest", "centre", "highest"))
     log = low > 0.0 and high / low > COARSE_RATIO
-    between = float(r["sd_between"])
-    between_text = f"{between:.2g}"
-    if math.isnan(between):
-        between_text = DASH
-    elif r["scale"] == "log":
-        between_text = f"factor {math.exp(between):.2f}"
     mean, first, last = (number(v, low, high, log=log) for v in (centre, low, high))
+    between = float(r["sd_between"])
+    spread = f"factor {math.exp(between):.2f}" if r["scale"] == "log" else f"{between:.2g}"
     return (
         named(r["quantity"]),
         unit_text(r["unit"]),
         f"{r['identified']} of {r['converged']}",
         mean,
         f"{first} to {last}" if low < high else DASH,
-        between_text,
+        DASH if math.isnan(between) else spread,
     )
 
 
@@ -159,27 +154,14 @@ def _of_tissue(name: str) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class GroupDifferences:
-    """How group b differs from group a: rows of the quantities that both give, and the others."""
+class GroupDifferences(NamedTuple):
+    """How group b differs from group a, as a table; ``without``: a sentence on what it lacks."""
 
     a: str
     b: str
-    rows: list[tuple[str, ...]]  # quantity, unit, both means, ratio or difference, interval, words
-    others: list[str]  # too few donors of one group identify them
-
-    @property
-    def heads(self) -> list[str]:
-        """Heads of the rows."""
-        means = [f"Mean, {self.a}", f"Mean, {self.b}"]
-        return ["Quantity", "Unit", *means, "Difference", "90 % interval", f"In {self.b}"]
-
-    @property
-    def without(self) -> str:
-        """Sentence on the quantities without a row; empty where there are none."""
-        if not self.others:
-            return ""
-        return f"Not identified in {LEAST_DONORS} donors of each group: {listed(self.others)}."
+    heads: list[str]
+    rows: list[tuple[str, ...]]
+    without: str
 
 
 def group_differences(contrasts: pd.DataFrame) -> list[GroupDifferences]:
@@ -199,7 +181,11 @@ def group_differences(contrasts: pd.DataFrame) -> list[GroupDifferences]:
             apart = f"{'ratio ' if log else ''}{three_digits(r['difference'])}"
             unit = unit_text(r["unit"])
             rows.append((name, unit, *means, apart, f"{low} to {high}", words))
-        out.append(GroupDifferences(truncate(a, 40), truncate(b, 40), rows, others))
+        a, b = truncate(a, 40), truncate(b, 40)
+        heads = ["Quantity", "Unit", f"Mean, {a}", f"Mean, {b}", "Difference", "90 % interval"]
+        without = f"Not identified in {LEAST_DONORS} donors of each group: {listed(others)}."
+        table = [*heads, f"In {b}"], rows, without if others else ""
+        out.append(GroupDifferences(a, b, *table))
     return out
 
 

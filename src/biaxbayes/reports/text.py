@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 from markupsafe import Markup, escape
@@ -107,6 +108,14 @@ def as_latex(quantity: Quantity) -> str:
 def latex_text(text: object, length: int = 120) -> str:
     """Text from a file that LaTeX prints as it stands."""
     return "".join(_LATEX.get(c, c) for c in truncate(text, length))
+
+
+def latex_tabular(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table with booktabs rules, from cells in LaTeX."""
+    head, *lines = (f"  {' & '.join(cells)} \\\\" for cells in (heads, *rows))
+    begin = f"\\begin{{tabular}}{{{'l' * len(heads)}}}"
+    rules = ("  \\toprule", head, "  \\midrule", *lines, "  \\bottomrule")
+    return [begin, *rules, "\\end{tabular}"]
 
 
 # --- glossary ------------------------------------------------------------------------------------

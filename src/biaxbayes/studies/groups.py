@@ -57,13 +57,8 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
         for group, members in groups.groupby("_group", sort=False):
             total = int(members["specimen"].nunique())
             for quantity, part in members.groupby("quantity", sort=False):
-                head = {
-                    "group_by": group_by,
-                    "group": group,
-                    "quantity": quantity,
-                    "specimens": total,
-                }
-                rows.append(head | _summary(part))
+                head = {"group_by": group_by, "group": group, "quantity": quantity}
+                rows.append(head | {"specimens": total} | _summary(part))
     return pd.DataFrame(rows, columns=list(GROUP_COLUMNS))
 
 
@@ -72,18 +67,12 @@ def _summary(part: pd.DataFrame) -> dict[str, Any]:
     # Quantities that are not properties of the tissue have no verdict.
     usable = converged["verdict"].isin(USABLE_VERDICTS) | (converged["verdict"].fillna("") == "")
     known = converged[usable & np.isfinite(converged["q50"].astype(float))]
-    units = [u for u in part["unit"] if isinstance(u, str)]
-    scales = [s for s in part["scale"] if isinstance(s, str)]
-    out: dict[str, Any] = {
-        "unit": units[0] if units else "",
-        "scale": scales[0] if scales else "",
+    texts = {k: next((v for v in part[k] if isinstance(v, str)), "") for k in ("unit", "scale")}
+    out: dict[str, Any] = texts | {
         "converged": int(converged["specimen"].nunique()),
         "identified": len(known),
     }
-    if known.empty:
-        return out
-    medians = known["q50"].to_numpy(dtype=float)
-    log = out["scale"] == "log"
+    medians, log = known["q50"].to_numpy(dtype=float), out["scale"] == "log"
     if log:
         medians = medians[medians > 0.0]
     if not medians.size:
@@ -207,22 +196,11 @@ def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (a, b, quantity), part in across.groupby([*layers, "quantity"], sort=False):
         known = part[part["identified_in_both"]]
-        row = {
-            "layer_a": a,
-            "layer_b": b,
-            "quantity": quantity,
-            "unit": part["unit"].iloc[0],
-            "pairs": len(part),
-            "identified": len(known),
-            "b_greater": int((known["difference_q05"] > 0.0).sum()),
-            "b_less": int((known["difference_q95"] < 0.0).sum()),
-        }
-        if len(known):
-            differences = known["difference_q50"]
-            row |= {
-                "mean_difference": float(differences.mean()),
-                "lowest_difference": float(differences.min()),
-                "highest_difference": float(differences.max()),
-            }
+        differences = known["difference_q50"]
+        row = (
+            *(a, b, quantity, part["unit"].iloc[0], len(part), len(known)),
+            *((known["difference_q05"] > 0.0).sum(), (known["difference_q95"] < 0.0).sum()),
+            *(differences.mean(), differences.min(), differences.max()),
+        )
         rows.append(row)
     return pd.DataFrame(rows, columns=list(LAYER_CONTRAST_COLUMNS))

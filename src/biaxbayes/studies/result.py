@@ -18,7 +18,7 @@ from biaxbayes.comparison.distance import contractions, prior_material
 from biaxbayes.identifiability.determined import derived_quantities, thin_draws
 from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED, Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.prediction.percentiles import quantiles
+from biaxbayes.prediction.percentiles import QUANTILES, quantiles
 from biaxbayes.runs.run import Run
 from biaxbayes.studies.groups import group_contrasts, group_names, group_summaries, layer_contrasts
 from biaxbayes.studies.study_file import LoadedSpecimen
@@ -84,7 +84,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
         "misfit": noise["misfit"],
     }
     result = run.result
-    common["law_misses"] = next(iter([*result.warnings, *filter(None, [result.better_law])]), "")
+    common["law_misses"] = next(iter(result.warnings), result.better_law or "")
     reported = {row["parameter"]: row for row in result.to_frame().to_dict("records")}
     rows = []
     usable = run.state != "unusable"
@@ -121,24 +121,18 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     rows = []
     for quantity, share in zip(after, contractions(before, after), strict=True):
         scale = LOG if quantity.unit else LINEAR
-        q05, q50, q95 = quantiles(quantity.values)
-        narrow = scale == LINEAR or q95 <= Thresholds().max_ratio * q05
+        values = quantity.values
+        at = dict(zip(QUANTILES, quantiles(values), strict=True))
+        narrow = scale == LINEAR or at["q95"] <= Thresholds().max_ratio * at["q05"]
         known = run.state == "converged" and share >= Thresholds().contraction and narrow
-        rows.append(
-            {
-                "kind": CURVE,
-                "quantity": quantity.key,
-                "unit": quantity.unit or "1",
-                "verdict": IDENTIFIED if known else NOT_IDENTIFIED,
-                "mean": quantity.values.mean(),
-                "sd": quantity.values.std(ddof=1),
-                "q05": q05,
-                "q50": q50,
-                "q95": q95,
-                "scale": scale,
-                "scale_sd": _sd_on_scale(quantity.values, scale),
-            }
-        )
+        row: dict[str, Any] = {
+            "kind": CURVE,
+            "quantity": quantity.key,
+            "unit": quantity.unit or "1",
+        }
+        row |= {"verdict": IDENTIFIED if known else NOT_IDENTIFIED, "scale": scale}
+        row |= {"mean": values.mean(), "sd": values.std(ddof=1), **at}
+        rows.append(row | {"scale_sd": _sd_on_scale(values, scale)})
     return rows
 
 
