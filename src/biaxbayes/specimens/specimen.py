@@ -328,6 +328,11 @@ class Specimen:
         """True if the header describes hooks."""
         return self.metadata.get("grips", NO_GRIPS) != NO_GRIPS
 
+    @property
+    def directions(self) -> tuple[str, str]:
+        """Names of the axes, ``x`` and ``y`` where the header names none."""
+        return self.axis_x or "x", self.axis_y or "y"
+
     # --- units and sections ---
 
     @property

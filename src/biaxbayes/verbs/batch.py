@@ -6,7 +6,6 @@ worker must see.
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import time
@@ -20,7 +19,6 @@ from typing import Any
 
 import click
 
-import biaxbayes
 from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.compilation import first_alone
 from biaxbayes.errors import (
@@ -37,9 +35,10 @@ from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, time_left, with_progress
 from biaxbayes.reports.study_page import group_differences, write_study
-from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, is_finished
+from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, claim_folder, is_finished
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
+from biaxbayes.studies.record import record_runs, recorded_runs
 from biaxbayes.studies.result import (
     FAILED,
     INTERRUPTED,
@@ -61,9 +60,9 @@ from biaxbayes.studies.study_file import (
     study_of_files,
 )
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
+from biaxbayes.text_files import aligned, os_error_text
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claim_folder, no_progress, no_stop
+from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, no_progress, no_stop
 from biaxbayes.verbs.sample import SampleJob
 
 
@@ -274,7 +273,7 @@ def _sample_all(
     """The outcome of every specimen, by the name of its run folder."""
     runs = folder.absolute() / RUNS
     outcomes = {e.slug: _failed_outcome(e.problem) for e in entries if e.specimen is None}
-    recorded = _recorded_runs(folder)
+    recorded = recorded_runs(folder)
     finished = {
         e.slug: e.fingerprint
         for e in entries
@@ -282,7 +281,7 @@ def _sample_all(
         and recorded.get(e.slug) == e.fingerprint
         and is_finished(runs / e.slug, PROVENANCE)
     }
-    _record_runs(study, folder, finished)
+    record_runs(study, folder, finished)
     before, clock = len(finished), time.monotonic()
     more = f", {before} of them finished before" if before else ""
     progress(Progress(f"sampling {len(entries)} specimens{more}"))
@@ -313,7 +312,7 @@ def _sample_all(
             progress(Progress("sampling", note=f"{entry.listing.label}: {note}"))
         if result.state in STATES and entry.slug not in finished:
             finished[entry.slug] = entry.fingerprint
-            _record_runs(study, folder, finished)
+            record_runs(study, folder, finished)
         text = f"{len(outcomes)} of {len(entries)} specimens"
         if failed := sum(t.state not in STATES for t in outcomes.values()):
             text += f", {failed} failed"
@@ -326,24 +325,6 @@ def _sample_all(
             stop(),
         )
     return outcomes
-
-
-def _recorded_runs(folder: Path) -> dict[str, str]:
-    """Fingerprints of finished runs; empty if the record cannot be read."""
-    try:
-        record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
-        return {str(k): str(v) for k, v in record["done"].items()}
-    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
-        return {}
-
-
-def _record_runs(study: Study, folder: Path, finished: dict[str, str]) -> None:
-    """Write the fingerprints of the finished runs, and the additional columns of the study."""
-    record = {"biaxbayes": biaxbayes.__version__, "name": study.name, "done": finished}
-    if study.columns:
-        values = {e.label: dict(e.columns) for e in study.specimens}
-        record |= {"columns": list(study.columns), "values": values}
-    atomic_write_text(folder / STUDY, json.dumps(record, indent=2) + "\n")
 
 
 # --- the command ---------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, t
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import stored_identity
+from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
@@ -140,7 +140,7 @@ def run_calibration(
     stop: Stop = inputs.no_stop,
 ) -> CalibrationResult:
     """Run the replications that are missing, and write every file."""
-    with inputs.claim_folder(folder, {RECORD}, "a calibration's"):
+    with claim_folder(folder, {RECORD}, "a calibration's"):
         rows = _stored_rows(study, folder, resume=resume)
         missing = [i for i in range(replications) if i not in rows]
         if missing:
@@ -206,8 +206,7 @@ def _stored_rows(
             rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
     # First, since rows of another study must not belong to this record.
     write_csv(folder / RANKS, _frame(rows))
-    text = json.dumps({**identity, "identity": digest}, indent=2)
-    atomic_write_text(folder / RECORD, text + "\n")
+    atomic_write_text(folder / RECORD, record_text({**identity, "identity": digest}))
     priors = priors_toml(study.priors, study.specimen.unit, study.law)
     atomic_write_text(folder / "priors.toml", priors)
     return rows

@@ -145,10 +145,10 @@ def _export_population(
     from biaxbayes.cards.export import made_cards, write_cards
     from biaxbayes.laws import law_named
     from biaxbayes.parameters import mounting_names
+    from biaxbayes.populations.archive import new_materials, population_state
     from biaxbayes.prediction.draws import chosen_draws
     from biaxbayes.specimens.protocol import Protocol
     from biaxbayes.specimens.specimen import Specimen
-    from biaxbayes.verbs.population_files import new_materials, population_state
 
     if population_state(folder) == "unusable" and not anyway:
         raise NotConverged(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,7 +38,7 @@ from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.progress_bar import Progress, time_left, with_progress
 from biaxbayes.runs.checkpoint import DamagedCheckpoint, pack_record, unpack_record
-from biaxbayes.runs.folder import stored_identity
+from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
@@ -156,7 +155,7 @@ def compare_laws(
         predictions = _sample_parts(tasks, None, executor, progress, stop)
         return weigh_laws(specimen, predictions, laws)
     folder = Path(out)
-    with inputs.claim_folder(folder, {RECORD}, "a comparison of laws"):
+    with claim_folder(folder, {RECORD}, "a comparison of laws"):
         _record(folder, specimen, common, laws, plan, resume=resume)
         predictions = _sample_parts(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
@@ -196,8 +195,7 @@ def _record(
             f"{folder}: holds another comparison (specimen, options, laws, seed or version "
             "differ); choose another `out`"
         )
-    text = json.dumps({"specimen": specimen.name, "identity": identity}, indent=2)
-    atomic_write_text(record, text + "\n")
+    atomic_write_text(record, record_text({"specimen": specimen.name, "identity": identity}))
 
 
 def _sample_parts(

@@ -137,7 +137,7 @@ def predict(
             table,
             reference=chosen.reference,
             probability=bands.probability,
-            directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
+            directions=specimen.directions,
             measured=measured,
             width_mm=picture.width_mm,
             style=style,

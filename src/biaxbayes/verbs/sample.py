@@ -48,6 +48,7 @@ from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import draw_table, write_archive
 from biaxbayes.runs.folder import (
     PROVENANCE,
+    lock_folder,
     manifest,
     piece_files,
     record_text,
@@ -150,7 +151,7 @@ class SampleJob:
         """Sample, write the run folder, and return its path."""
         progress = progress or _warn
         start = time.perf_counter()
-        with inputs.lock_folder(self.folder, PROVENANCE, resume=resume, overwrite=overwrite):
+        with lock_folder(self.folder, PROVENANCE, resume=resume, overwrite=overwrite):
             progress(Progress("fitting"))
             _show(self.findings, progress)
             fit_start = time.perf_counter()
@@ -180,7 +181,7 @@ class SampleJob:
             progress(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - start
             # All files are replaced together.
-            with staged(self.folder, inputs.removal_note(progress, PROVENANCE)) as folder:
+            with staged(self.folder, progress=progress) as folder:
                 findings = [*self.findings, *findings, *bracket]
                 job._write_files(folder, posterior, draws, findings, start)
         return self.folder
