@@ -19,6 +19,7 @@ from biaxbayes.calibration.ranks import (
     coverage,
     probability_inside,
     rank_counts,
+    read_ranks,
     uniformity_p_value,
     verdict,
 )
@@ -40,12 +41,7 @@ from biaxbayes.parallel import Processes
 from biaxbayes.parameters import Quantities
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.verbs.calibrate import (
-    CalibrationResult,
-    closing_message,
-    read_ranks,
-    run_calibration,
-)
+from biaxbayes.verbs.calibrate import CalibrationResult, closing_message, run_calibration
 from commands import run
 from goh_functions import GOH_LAW
 

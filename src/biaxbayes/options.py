@@ -505,6 +505,18 @@ class CalibrationPlan(Options):
     )
 
 
+@dataclass(frozen=True)
+class LawsPlan(Options):
+    """Laws to compare, and how much is sampled for each."""
+
+    laws: Sequence[str] | str | None = option(
+        None, "Laws, separated by commas  [all]", metavar="NAME,NAME"
+    )
+    seed: int = option(1, SEED_HELP, minimum=0, maximum=MAX_INT64)
+    ess: float = option(500.0, "Effective draws of each posterior.", minimum=50, maximum=MAX_COUNT)
+    max_steps: int = option(20_000, "When to give up.", minimum=128, maximum=MAX_COUNT)
+
+
 # --- what is computed from a posterior -----------------------------------------------------------
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,50 +17,34 @@ import biaxbayes
 from biaxbayes.calibration.calibration import (
     RANKED_DRAWS,
     Calibration,
-    Replication,
+    planned_calibration,
     run_replications,
 )
-from biaxbayes.calibration.ranks import calibration_table, verdict
-from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, protocol_prior
+from biaxbayes.calibration.ranks import (
+    calibration_table,
+    rank_rows,
+    rank_table,
+    read_ranks,
+    verdict,
+)
+from biaxbayes.calibration.simulated_specimen import priors_toml
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.model.draw import draw_posterior
-from biaxbayes.model.preparation import prepare
-from biaxbayes.model.priors import default_priors, prior_value
-from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, takes_options
+from biaxbayes.model.priors import prior_value
+from biaxbayes.options import CalibrationPlan, InferringOptions, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
-from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
-from biaxbayes.sampling.sampler import Plan
-from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import atomic_write_text, read_csv, write_csv
+from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 SAVE_SECONDS = 5.0
 RECORD, RANKS = "calibration.json", "ranks.csv"
-RANK_COLUMNS = (
-    "replication",
-    "parameter",
-    "unit",
-    "truth",
-    "rank",
-    "below",
-    "median",
-    "sd",
-    "state",
-    "reason",
-    "worst_ess",
-    "worst_rhat",
-    "rejected_draws",
-    "seconds",
-)
-TEXT_COLUMNS = ("parameter", "unit", "state", "reason")
 
 
 @dataclass(frozen=True)
@@ -89,46 +72,6 @@ class CalibrationResult:
         return f"CalibrationResult(replications {states}; p of uniform ranks {self.p:.3g})"
 
 
-def make_study(
-    specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan
-) -> Calibration:
-    """The study, with priors for the protocols or around the posterior of the specimen."""
-    model = {name: value for name, value in options.items() if name != "priors"}
-    given = dict(options["priors"])
-    settings = ModelOptions.from_values(model)
-    if plan.source == "posterior":
-        posterior = prepare(specimen, **model, priors=given, seed=plan.seed)
-        drawn = draw_posterior(posterior, Plan(seed=plan.seed))
-        if drawn.convergence.state == "unusable":
-            raise NotConverged(
-                "the posterior of the specimen cannot be used as prior of the study: "
-                f"{drawn.convergence.reason}"
-            )
-        wide = {**default_priors(specimen, posterior.settings), **given}
-        priors = local_prior(drawn.quantities, wide, posterior.quantities)
-    else:
-        priors = {**protocol_prior(specimen, settings), **given}
-    study = Calibration(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
-    return (
-        replace(study, **SETTINGS_OF_SAMPLE)
-        if len(settings.material_law.parameters) >= MANY_PARAMETERS
-        else study
-    )
-
-
-MANY_PARAMETERS = 8
-"""Number of parameters of a law from which replications use the ensembles of ``sample``. With the
-smaller ones of a study, 88 of 200 replications of ``four-fibre`` did not converge, and the ranks of
-its fibres were not uniform."""
-SETTINGS_OF_SAMPLE: dict[str, Any] = {
-    "max_steps": 4_000,
-    "ensembles": Plan.ensembles,
-    "walkers": Plan.walkers,
-    "population": Plan.population,
-    "first_block": Plan.first_block,
-}
-
-
 def run_calibration(
     study: Calibration,
     folder: Path,
@@ -148,13 +91,13 @@ def run_calibration(
         saved, done = time.monotonic(), replications - len(missing)
         executor = executor or InThisProcess()
         for replication in run_replications(study, missing, executor=executor, stop=stop):
-            rows[replication.index] = rows_of(replication, study.quantities)
+            rows[replication.index] = rank_rows(replication, study.quantities)
             done += 1
             progress(Progress(f"replication {done} of {replications}", done / replications))
             if time.monotonic() - saved > SAVE_SECONDS:
-                write_csv(folder / RANKS, _frame(rows))
+                write_csv(folder / RANKS, rank_table(rows))
                 saved = time.monotonic()
-        write_csv(folder / RANKS, _frame(rows))
+        write_csv(folder / RANKS, rank_table(rows))
         if done < replications:
             raise Interrupted(
                 f"interrupted after {done} of {replications} replications, all saved in "
@@ -162,7 +105,7 @@ def run_calibration(
                 stop(),
             )
         progress(Progress("writing"))
-        ranks = _frame(rows)
+        ranks = rank_table(rows)
         ranks = ranks[ranks["replication"] < replications]
         ranked = ranks[ranks["rank"].notna()]
         if ranked.empty:
@@ -179,19 +122,14 @@ def _stored_rows(
     study: Calibration, folder: Path, *, resume: bool
 ) -> dict[int, list[dict[str, Any]]]:
     """Rows of the replications already done, by replication; the record of the study is written."""
+    # numbers and the deliberate fault, if there is one
+    others = {k: v for k, v in vars(study).items() if isinstance(v, int | float | str)}
     identity = {
         "specimen": study.specimen.name,
         "specimen_sha256": specimen_digest(study.specimen),
         "options": dict(study.options),
         "priors": {name: prior_value(prior) for name, prior in study.priors.items()},
-        "seed": study.seed,
-        "ess": study.ess,
-        "max_steps": study.max_steps,
-        "ensembles": study.ensembles,
-        "walkers": study.walkers,
-        "population": study.population,
-        "first_block": study.first_block,
-        "broken": study.broken,
+        **others,
         "biaxbayes": biaxbayes.__version__,
     }
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
@@ -205,57 +143,11 @@ def _stored_rows(
         for row in read_ranks(folder / RANKS).to_dict("records"):
             rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
     # First, since rows of another study must not belong to this record.
-    write_csv(folder / RANKS, _frame(rows))
+    write_csv(folder / RANKS, rank_table(rows))
     atomic_write_text(folder / RECORD, record_text({**identity, "identity": digest}))
     priors = priors_toml(study.priors, study.specimen.unit, study.law)
     atomic_write_text(folder / "priors.toml", priors)
     return rows
-
-
-def rows_of(replication: Replication, known: Quantities) -> list[dict[str, Any]]:
-    """Rows of ``ranks.csv`` of one replication."""
-    r = replication
-    return [
-        {
-            "replication": r.index,
-            "parameter": name,
-            "unit": known[name].unit.replace("1", "-") if name in known else "-",
-            "truth": r.truth[name],
-            "rank": r.rank.get(name, math.nan),
-            "below": r.below.get(name, math.nan),
-            "median": r.median.get(name, math.nan),
-            "sd": r.sd.get(name, math.nan),
-            "state": r.state,
-            "reason": r.reason,
-            "worst_ess": r.worst_ess,
-            "worst_rhat": r.worst_rhat,
-            "rejected_draws": r.rejected,
-            "seconds": round(r.seconds, 3),
-        }
-        for name in (r.rank or r.truth)
-    ]
-
-
-def read_ranks(path: Path) -> pd.DataFrame:
-    """``ranks.csv`` of a study."""
-    try:
-        table = read_csv(path, dtype=str, keep_default_na=False)
-        if tuple(table.columns) != RANK_COLUMNS:
-            raise ValueError
-        for name in RANK_COLUMNS:
-            if name not in TEXT_COLUMNS:
-                # Python's parser reads back exactly what was written.
-                table[name] = [float(v) if v else math.nan for v in table[name]]
-        return table.astype({"replication": int, "rejected_draws": int})
-    except (OSError, ValueError):
-        raise RunError(
-            f"{path}: is damaged or not a table of ranks; leave out `resume` to start again"
-        ) from None
-
-
-def _frame(rows: dict[int, list[dict[str, Any]]]) -> pd.DataFrame:
-    flat = [row for index in sorted(rows) for row in rows[index]]
-    return pd.DataFrame(flat, columns=list(RANK_COLUMNS))
 
 
 # --- the verb ------------------------------------------------------------------------------------
@@ -282,10 +174,8 @@ def calibrate(
     specimen : Specimen or path-like
     out : path-like
         Folder of the study.
-    mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, added back.
-    workers, scheduler, progress, stop
-        As in :func:`biaxbayes.batch`.
+    mounting_force, workers, scheduler, progress, stop : optional
+        As in :func:`biaxbayes.sample` and :func:`biaxbayes.batch`.
     resume : bool
         Continue the study that the folder holds.
     **options
@@ -295,7 +185,7 @@ def calibrate(
     plan, others = CalibrationPlan.split(options)
     model = InferringOptions.from_values(others).keywords()
     executor = executor_for(workers, scheduler)
-    study = make_study(inputs.open_specimen(specimen, mounting_force), model, plan)
+    study = planned_calibration(inputs.open_specimen(specimen, mounting_force), model, plan)
     return run_calibration(
         study, Path(out), plan.replications, executor, resume=resume, progress=progress, stop=stop
     )

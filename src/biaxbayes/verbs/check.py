@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import Tube
+from biaxbayes.mechanics.experiments import N_PER_KPA_MM2, Tube
 from biaxbayes.options import for_users
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
@@ -144,8 +144,8 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
     """Contents of a specimen as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
     axes = specimen.experiment.axes
-    area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
-    area = [area[k] if k in axes else None for k in (0, 1)]
+    known = axes if specimen.stress_pair == "force" else ()
+    sections = {k: float(specimen.area[k] / N_PER_KPA_MM2) for k in known}
 
     def span(stretch: np.ndarray) -> list[float] | None:
         return None if np.isnan(stretch).any() else [float(stretch.min()), float(stretch.max())]
@@ -154,8 +154,7 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
         "specimen": specimen.name,
         "test": specimen.test,
         **{key: getattr(specimen, key) for key in PLAIN_KEYS},
-        "section_x_mm2": None if area[0] is None else float(area[0]),
-        "section_y_mm2": None if area[1] is None else float(area[1]),
+        **{f"section_{a}_mm2": sections.get(k) for k, a in enumerate("xy")},
         "stress_pair": specimen.stress_pair,
         "unit": specimen.unit,
         "reference": specimen.reference or REFERENCES[0],
@@ -298,13 +297,10 @@ def _print_result(result: Checked) -> None:
                 for k in "xy"
             )
         lines.append([p["name"], str(p["rows"]), str(p["rest_rows"]), *ranges, forces])
-    for line in aligned(lines):
-        click.echo(f"  {line}")
-    click.echo("")
+    click.echo(textwrap.indent("\n".join(aligned(lines)), "  ") + "\n")
+    wrapped = textwrap.TextWrapper(96, subsequent_indent="    ", break_long_words=False)
     for finding in findings:
-        click.echo(
-            textwrap.fill(str(finding), width=96, subsequent_indent="    ", break_long_words=False)
-        )
+        click.echo(wrapped.fill(str(finding)))
     errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
     if errors:
         click.echo("'sample' refuses it without --anyway")

@@ -45,15 +45,13 @@ def compare(
         Default: the layers if they differ, else the specimens, else the folders.
     out : path-like, optional
         Folder of the tables, figures and the page, compare.html.
-    mounting_force : (float, float), optional
-        Force (or stress) at the mounted state of tared specimens to sample.
     anyway : bool
         Use runs that have not converged, which get no verdict, and sample specimens whose data do
         not look like a loading curve.
     overwrite : bool
         Replace finished runs of specimens in ``out``.
-    progress, stop : callable, optional
-        As in :func:`biaxbayes.sample`.
+    mounting_force, progress, stop : optional
+        As in :func:`biaxbayes.sample`, for specimens to sample.
     **options
         For specimens to sample, as in :func:`biaxbayes.sample`.
     """

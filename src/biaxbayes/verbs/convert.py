@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.choice import FORMATS, STRETCH_SOURCES, Choice
+from biaxbayes.machines.choice import FORMATS, Choice
 from biaxbayes.options import takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
@@ -91,7 +91,7 @@ def convert(
 
         answers, lab, found = read_recipe(Path(recipe))
         options, header = answers | options, lab | header
-    choice = _check_choice(_choice(choice, options))
+    choice = _choice(choice, options)
     paths = [raw] if isinstance(raw, str | Path) else raw
     files, target = [Path(path) for path in paths], None if out is None else Path(out)
     _check_files(files, target)
@@ -181,32 +181,6 @@ def _written(
     save_figure(conversion_figure(result), beside[0])
     atomic_write_text(beside[1], recipe_text(choice, header, result))
     return replace(result, specimen=specimen)
-
-
-def _check_choice(choice: Choice) -> Choice:
-    """Refuse options of another machine format, and a cycle that is not a number."""
-    values = {
-        "--columns": choice.columns,
-        "--test": choice.test,
-        "--set": choice.sets,
-        "--stretch-from": choice.stretch_from != STRETCH_SOURCES[0],
-    }
-    own = FORMATS[choice.machine].options if choice.machine in FORMATS else ()
-    for machine, format_ in FORMATS.items():
-        foreign = [o for o in format_.options if o not in own and values[o]]
-        if foreign:
-            verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
-            raise InputError(
-                f"{' and '.join(foreign)} {verb} for `machine={machine}`",
-                remedy=f"leave {them} out",
-            )
-    cycles = choice.cycles if choice.cycles is None else str(choice.cycles)
-    if cycles in (None, "last", "all"):
-        return choice
-    if not (cycles.isascii() and cycles.isdigit() and len(cycles) < 10 and int(cycles) > 0):
-        problem = f"`cycles` {cycles[:20]!r} is not a cycle"
-        raise InputError(problem, remedy="give a number, 'last' or 'all'")
-    return replace(choice, cycles=str(int(cycles)))
 
 
 # --- the command ---------------------------------------------------------------------------------

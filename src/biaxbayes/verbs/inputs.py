@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -16,6 +16,7 @@ from biaxbayes.specimens.check import with_force
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.tasks import Stop as Stop
 from biaxbayes.tasks import no_stop as no_stop
 from biaxbayes.text_files import as_path
 
@@ -26,8 +27,6 @@ PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
 PiecesLike = SpecimenLike | Sequence[SpecimenLike]
-
-Stop = Callable[[], int]
 
 
 def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None = None) -> Specimen:

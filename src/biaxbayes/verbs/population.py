@@ -97,13 +97,11 @@ def population(
         Population priors, a TOML file.
     scheduler : str, optional
         Address of a Dask scheduler, for specimens that have to be sampled first.
-    resume : bool
-        Continue from the folder's checkpoint where there is one.
     overwrite : bool
         Replace a finished population and everything derived from it.
     anyway : bool
         Use tentative runs, too.
-    progress, stop : callable, optional
+    resume, progress, stop : optional
         As in :func:`biaxbayes.sample`.
     **options
         As in :class:`~biaxbayes.options.PopulationOptions`.

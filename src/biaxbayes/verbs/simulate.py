@@ -25,7 +25,7 @@ from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
 
 if TYPE_CHECKING:
     from biaxbayes.laws.published import PublishedMaterial
-    from biaxbayes.specimens.virtual_specimen import Truth
+    from biaxbayes.specimens.truth import Truth
 
 
 STRESS_PAIRS = ("force", "piola", "cauchy")
@@ -106,7 +106,7 @@ def simulate(
     InputError
         For an impossible test, or a file that exists already.
     """
-    from biaxbayes.specimens.virtual_specimen import write_truth
+    from biaxbayes.specimens.truth import truth_file, write_truth
 
     test = SimulateOptions.from_values(options)
     if out is not None:
@@ -120,11 +120,6 @@ def simulate(
         write_truth([truth], truth_file(Path(out)))
         write_specimen(specimen, Path(out))
     return specimen, truth
-
-
-def truth_file(out: Path) -> Path:
-    """Path of the true values of a virtual specimen."""
-    return out.with_name(f"{out.stem}.truth.json")
 
 
 def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
@@ -312,6 +307,7 @@ def command(
     """
     from biaxbayes.laws.goh import GOH
     from biaxbayes.laws.published import MATERIALS
+    from biaxbayes.specimens.truth import truth_file
 
     if material == "list":
         for name, published in MATERIALS.items():
