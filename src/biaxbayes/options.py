@@ -484,7 +484,7 @@ class PopulationOptions(SamplingPlan):
 
 @dataclass(frozen=True)
 class CalibrationPlan(Options):
-    """A calibration study."""
+    """A calibration on the protocols of a specimen."""
 
     replications: int = option(200, minimum=1)
     source: str = option(

@@ -4,14 +4,14 @@ True values are drawn from a prior, readings are simulated, and the posterior of
 sampled with the same prior and the procedure that a measured specimen gets. The rank of a true
 value among its posterior draws is then uniform (Talts et al., arXiv:1804.06788), whatever the
 prior, if and only if density and sampler are right for what was ranked. A misfit is drawn from its
-prior, relative to the loads that fit the specimen of the study, in simulation and inference alike.
+prior, relative to the loads that fit the specimen, in simulation and inference alike.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
@@ -45,8 +45,8 @@ WRONG_SD = 1.2
 
 MANY_PARAMETERS = 8
 """Number of parameters of a law from which replications use the ensembles of ``sample``. With the
-smaller ones of a study, 88 of 200 replications of ``four-fibre`` did not converge, and the ranks of
-its fibres were not uniform."""
+smaller ones, 88 of 200 replications of ``four-fibre`` did not converge, and the ranks of its fibres
+were not uniform."""
 SETTINGS_OF_SAMPLE: dict[str, Any] = {
     "max_steps": 4_000,
     "ensembles": Plan.ensembles,
@@ -58,7 +58,7 @@ SETTINGS_OF_SAMPLE: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibration study; with an index, it determines a replication."""
+    """A calibration; with an index, it determines a replication."""
 
     specimen: Specimen  # protocols, dimensions, load noise, and the loads a misfit is relative to
     options: Mapping[str, Any]  # of the posterior, without priors
@@ -70,7 +70,7 @@ class Calibration:
     walkers: int = 32
     population: int = 2048
     first_block: int = 64
-    broken: str = ""  # one of BREAKS to show that the study notices, or empty
+    broken: str = ""  # one of BREAKS to show that it is noticed, or empty
 
     @property
     def quantities(self) -> Quantities:
@@ -87,7 +87,7 @@ class Calibration:
     def __post_init__(self) -> None:
         if self.options.get("mounting", ModelOptions.mounting) not in INFERRING_MODES:
             raise InputError(
-                "a study needs an inferred mounting stretch",
+                "a calibration needs an inferred mounting stretch",
                 remedy="use `mounting` noisy, exact or free",
             )
         if self.broken not in ("", *BREAKS):
@@ -130,16 +130,16 @@ def planned_calibration(
         drawn = draw_posterior(posterior, Plan(seed=plan.seed))
         if drawn.convergence.state == "unusable":
             raise NotConverged(
-                "the posterior of the specimen cannot be used as prior of the study: "
+                "the posterior of the specimen cannot be used as prior of the calibration: "
                 f"{drawn.convergence.reason}"
             )
         wide = {**default_priors(specimen, posterior.settings), **given}
         priors = local_prior(drawn.quantities, wide, posterior.quantities)
     else:
         priors = {**protocol_prior(specimen, settings), **given}
-    study = Calibration(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
     many = len(settings.material_law.parameters) >= MANY_PARAMETERS
-    return replace(study, **SETTINGS_OF_SAMPLE) if many else study
+    of_plan: dict[str, Any] = {"seed": plan.seed, "ess": plan.ess, "broken": plan.broken}
+    return Calibration(specimen, model, priors, **of_plan | (SETTINGS_OF_SAMPLE if many else {}))
 
 
 @dataclass(frozen=True)
@@ -161,27 +161,27 @@ class Replication:
     seconds: float = 0.0
 
 
-def replicate(study: Calibration, index: int) -> Replication:
-    """Draw true values, simulate, sample and rank; study and index determine the result."""
+def replicate(calibration: Calibration, index: int) -> Replication:
+    """Draw true values, simulate, sample and rank; calibration and index determine the result."""
     clock = time.perf_counter()
-    model = study.model()
-    rng = np.random.default_rng([study.seed, index])
+    model = calibration.model()
+    rng = np.random.default_rng([calibration.seed, index])
     truth, rejected = draw_truth(model, rng)
     simulated = simulate_specimen(
-        model, truth, rng, noise_factor=WRONG_SD if study.broken == "noise" else 1.0
+        model, truth, rng, noise_factor=WRONG_SD if calibration.broken == "noise" else 1.0
     )
     seed = int(rng.integers(2**62))
     try:
-        posterior = study.posterior(simulated, seed)
+        posterior = calibration.posterior(simulated, seed)
         draws = draw_posterior(
             posterior,
             Plan(
-                ess=study.ess,
-                max_steps=study.max_steps,
-                ensembles=study.ensembles,
-                walkers=study.walkers,
-                population=study.population,
-                first_block=study.first_block,
+                ess=calibration.ess,
+                max_steps=calibration.max_steps,
+                ensembles=calibration.ensembles,
+                walkers=calibration.walkers,
+                population=calibration.population,
+                first_block=calibration.first_block,
                 seed=seed,
             ),
         )
@@ -217,18 +217,18 @@ def replicate(study: Calibration, index: int) -> Replication:
     )
 
 
-# --- many replications of a calibration study, on any executor -----------------------------------
+# --- many replications, on any executor -----------------------------------------------------
 
 
 def run_replications(
-    study: Calibration,
+    calibration: Calibration,
     indices: Sequence[int],
     *,
     executor: Executor | None = None,
     stop: Stop = no_stop,
 ) -> Iterator[Replication]:
     """Yield replications as they finish; RunError if workers keep dying."""
-    left, work = list(indices), partial(replicate, study)
+    left, work = list(indices), partial(replicate, calibration)
     chosen = executor or InThisProcess()
     if not isinstance(chosen, InThisProcess) and left:
         # The first runs here and fills the cache of compiled code for the workers.

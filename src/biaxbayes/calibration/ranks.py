@@ -1,4 +1,4 @@
-"""Uniformity of the ranks of a study, and coverage.
+"""Uniformity of the ranks of a calibration, and coverage.
 
 With N replications and ranks 0 ... L, the number of ranks up to r is binomial with probability
 z_r = (r + 1) / (L + 1). A pointwise tail probability
@@ -90,7 +90,7 @@ def probability_inside(replications: int, draws: int, level: float) -> float:
 
 @lru_cache(maxsize=64)
 def band_level(replications: int, draws: int) -> float:
-    """Largest pointwise level (to 1e-3) at which the bands contain all ranks in 95 % of studies."""
+    """Largest pointwise level (to 1e-3) at which the bands contain all ranks in 95 % of cases."""
     low, high = np.log((1.0 - BAND_PROBABILITY) / (10.0 * draws)), np.log(1.0 - BAND_PROBABILITY)
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
@@ -158,7 +158,7 @@ def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def verdict(table: pd.DataFrame) -> tuple[bool, float]:
+def uniformity(table: pd.DataFrame) -> tuple[bool, float]:
     """Test of all ranks together: uniform or not, and the smallest p-value times their number."""
     p = min(float(table["uniformity_p"].min()) * len(table), 1.0)
     return p >= SIGNIFICANT, p
@@ -211,7 +211,7 @@ def rank_rows(replication: Replication, known: Quantities) -> list[dict[str, Any
 
 
 def read_ranks(path: Path) -> pd.DataFrame:
-    """``ranks.csv`` of a study."""
+    """``ranks.csv`` of a calibration."""
     try:
         table = read_csv(path, dtype=str, keep_default_na=False)
         if tuple(table.columns) != RANK_COLUMNS:

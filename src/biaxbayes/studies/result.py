@@ -119,11 +119,11 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
         for d in (thinned, prior_material(posterior, thinned))
     )
     rows = []
-    for quantity, share in zip(after, contractions(before, after), strict=True):
+    for quantity, contraction in zip(after, contractions(before, after), strict=True):
         scale = LOG if quantity.unit else LINEAR
         q05, q50, q95 = quantiles(quantity.values)
         narrow = scale == LINEAR or q95 <= Thresholds().max_ratio * q05
-        known = run.state == "converged" and share >= Thresholds().contraction and narrow
+        known = run.state == "converged" and contraction >= Thresholds().contraction and narrow
         rows.append(
             {
                 "kind": CURVE,

@@ -25,7 +25,7 @@ from biaxbayes.calibration.ranks import (
     rank_rows,
     rank_table,
     read_ranks,
-    verdict,
+    uniformity,
 )
 from biaxbayes.calibration.simulated_specimen import priors_toml
 from biaxbayes.errors import Interrupted, NotConverged, RunError
@@ -49,7 +49,7 @@ RECORD, RANKS = "calibration.json", "ranks.csv"
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """The result of a finished study.
+    """The result of a finished calibration.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class CalibrationResult:
 
 
 def run_calibration(
-    study: Calibration,
+    calibration: Calibration,
     folder: Path,
     replications: int,
     executor: Executor | None = None,
@@ -84,14 +84,14 @@ def run_calibration(
 ) -> CalibrationResult:
     """Run the replications that are missing, and write every file."""
     with claim_folder(folder, {RECORD}, "a calibration's"):
-        rows = _stored_rows(study, folder, resume=resume)
+        rows = _stored_rows(calibration, folder, resume=resume)
         missing = [i for i in range(replications) if i not in rows]
         if missing:
             progress(Progress("compiling (once; cached for later runs)"))
         saved, done = time.monotonic(), replications - len(missing)
         executor = executor or InThisProcess()
-        for replication in run_replications(study, missing, executor=executor, stop=stop):
-            rows[replication.index] = rank_rows(replication, study.quantities)
+        for replication in run_replications(calibration, missing, executor=executor, stop=stop):
+            rows[replication.index] = rank_rows(replication, calibration.quantities)
             done += 1
             progress(Progress(f"replication {done} of {replications}", done / replications))
             if time.monotonic() - saved > SAVE_SECONDS:
@@ -115,20 +115,20 @@ def run_calibration(
         write_csv(folder / "calibration.csv", table, digits=4)
         save_pictures(rank_figure(ranked, RANKED_DRAWS), folder, "calibration")
     states = ranks.drop_duplicates("replication")["state"].value_counts().to_dict()
-    return CalibrationResult(table, {str(k): int(v) for k, v in states.items()}, *verdict(table))
+    return CalibrationResult(table, {str(k): int(v) for k, v in states.items()}, *uniformity(table))
 
 
 def _stored_rows(
-    study: Calibration, folder: Path, *, resume: bool
+    calibration: Calibration, folder: Path, *, resume: bool
 ) -> dict[int, list[dict[str, Any]]]:
-    """Rows of the replications already done, by replication; the record of the study is written."""
+    """Rows of the replications already done, by replication; its record is written."""
     # numbers and the deliberate fault, if there is one
-    others = {k: v for k, v in vars(study).items() if isinstance(v, int | float | str)}
+    others = {k: v for k, v in vars(calibration).items() if isinstance(v, int | float | str)}
     identity = {
-        "specimen": study.specimen.name,
-        "specimen_sha256": specimen_digest(study.specimen),
-        "options": dict(study.options),
-        "priors": {name: prior_value(prior) for name, prior in study.priors.items()},
+        "specimen": calibration.specimen.name,
+        "specimen_sha256": specimen_digest(calibration.specimen),
+        "options": dict(calibration.options),
+        "priors": {name: prior_value(prior) for name, prior in calibration.priors.items()},
         **others,
         "biaxbayes": biaxbayes.__version__,
     }
@@ -137,15 +137,15 @@ def _stored_rows(
     if resume and (folder / RECORD).exists() and (folder / RANKS).exists():
         if stored_identity(folder / RECORD) != digest:
             raise RunError(
-                f"{folder}: holds another study (specimen, options, priors, seed or version "
+                f"{folder}: holds another calibration (specimen, options, priors, seed or version "
                 "differ); choose another `out`, or leave out `resume`"
             )
         for row in read_ranks(folder / RANKS).to_dict("records"):
             rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
-    # First, since rows of another study must not belong to this record.
+    # First, since rows of another one must not belong to this record.
     write_csv(folder / RANKS, rank_table(rows))
     atomic_write_text(folder / RECORD, record_text({**identity, "identity": digest}))
-    priors = priors_toml(study.priors, study.specimen.unit, study.law)
+    priors = priors_toml(calibration.priors, calibration.specimen.unit, calibration.law)
     atomic_write_text(folder / "priors.toml", priors)
     return rows
 
@@ -173,11 +173,11 @@ def calibrate(
     ----------
     specimen : Specimen or path-like
     out : path-like
-        Folder of the study.
+        Folder of the calibration.
     mounting_force, workers, scheduler, progress, stop : optional
         As in :func:`biaxbayes.sample` and :func:`biaxbayes.batch`.
     resume : bool
-        Continue the study that the folder holds.
+        Continue the calibration that the folder holds.
     **options
         As in :class:`~biaxbayes.options.CalibrationPlan` and
         :class:`~biaxbayes.options.InferringOptions`.
@@ -185,10 +185,10 @@ def calibrate(
     plan, others = CalibrationPlan.split(options)
     model = InferringOptions.from_values(others).keywords()
     executor = executor_for(workers, scheduler)
-    study = planned_calibration(inputs.open_specimen(specimen, mounting_force), model, plan)
-    return run_calibration(
-        study, Path(out), plan.replications, executor, resume=resume, progress=progress, stop=stop
-    )
+    data = inputs.open_specimen(specimen, mounting_force)
+    work: dict[str, Any] = {"resume": resume, "progress": progress, "stop": stop}
+    planned = planned_calibration(data, model, plan)
+    return run_calibration(planned, Path(out), plan.replications, executor, **work)
 
 
 @click.command("calibrate")
@@ -198,7 +198,7 @@ def calibrate(
 @opt.options(CalibrationPlan, "source")
 @opt.file_option("out", "Folder [<stem>-calibration].")
 @opt.options(CalibrationPlan, "seed", "ess")
-@opt.flag("resume", "Continue, or add replications to, a study.")
+@opt.flag("resume", "Continue a calibration, or add replications to it.")
 @opt.quiet_option
 @opt.options(CalibrationPlan, "broken", broken={"hidden": True})
 @opt.model_options(InferringOptions)
@@ -226,9 +226,9 @@ def closing_message(folder: Path, outcome: CalibrationResult) -> str:
     total = sum(outcome.states.values())
     lines = [f"{'':18s} {'uniform p':>9s} {'in band':>8s}   coverage of 50, 80, 90, 95 %"]
     for row in outcome.table.to_dict("records"):
-        shares = "  ".join(f"{100 * row[f'coverage_{level}']:5.1f}" for level in (50, 80, 90, 95))
+        inside = "  ".join(f"{100 * row[f'coverage_{level}']:5.1f}" for level in (50, 80, 90, 95))
         lines.append(
-            f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {shares}"
+            f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {inside}"
         )
     doubtful = {k: v for k, v in outcome.states.items() if k != "converged"}
     lines.append(
@@ -241,7 +241,7 @@ def closing_message(folder: Path, outcome: CalibrationResult) -> str:
             f"{MIN_REPLICATIONS} or more (--replications, with --resume)"
         )
     else:
-        verdict = "uniform" if outcome.calibrated else "NOT uniform"
-        lines.append(f"the ranks of all quantities together are {verdict} (p = {outcome.p:.3g})")
+        result = "uniform" if outcome.calibrated else "NOT uniform"
+        lines.append(f"the ranks of all quantities together are {result} (p = {outcome.p:.3g})")
     lines.append(f"written to {folder}")
     return "\n".join(lines)

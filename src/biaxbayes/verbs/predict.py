@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -223,7 +223,7 @@ def inflate(
     anyway: bool = False,
     **options: Any,
 ) -> pd.DataFrame:
-    """Inflation of a thin-walled tube of this tissue, with chosen.
+    """Inflation of a thin-walled tube of this tissue, with bands.
 
     Parameters
     ----------
@@ -335,12 +335,9 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
         PATH_OPTION_NAMES if inflated else TUBE_OPTION_NAMES,
         f"{{}} does not go {relation} `inflate`",
     )
-    left_out = (
-        (*PATH_OPTION_NAMES, "reference", "stress")
-        if inflated
-        else (*TUBE_OPTION_NAMES, "around", "seed")
-    )
-    chosen = {n: v for n, v in given.items() if v is not None and n not in left_out}
+    own = {f.name for f in fields(TubeOptions if inflated else PathOptions)}
+    own |= {"pressure_kPa", "circumferential_stretch"} if inflated else {"path"}
+    chosen = {n: v for n, v in given.items() if v is not None and n in own}
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
     if inflated:
