@@ -73,10 +73,8 @@ def sample_parts(
         text = f"{done} of {len(tasks)} posteriors{named}{left}"
         progress(Progress(text, done / len(tasks)))
     if done < len(tasks):
-        saved = ""
-        if folder is not None:
-            saved = f", all saved in {folder.parent}; the same command with `resume=True` continues"
-        raise Interrupted(f"interrupted after {done} of {len(tasks)} posteriors{saved}", stop())
+        text = f"interrupted after {done} of {len(tasks)} posteriors"
+        raise Interrupted(text, stop(), folder=folder and folder.parent)
     return {
         (task.law, task.part.name if task.part else WHOLE): result
         for task, result in zip(tasks, results, strict=True)

@@ -319,11 +319,8 @@ def _sample_all(
         text += time_left(clock, len(outcomes) - before, len(entries) - len(outcomes))
         progress(Progress(text, len(outcomes) / len(entries)))
     if len(outcomes) < len(entries):
-        raise Interrupted(
-            f"interrupted after {len(outcomes)} of {len(entries)} specimens, all saved in "
-            f"{folder}; the same command continues",
-            stop(),
-        )
+        text = f"interrupted after {len(outcomes)} of {len(entries)} specimens"
+        raise Interrupted(text, stop(), folder=folder, resume=False)
     return outcomes
 
 

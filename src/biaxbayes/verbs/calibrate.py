@@ -99,11 +99,8 @@ def run_calibration(
                 saved = time.monotonic()
         write_csv(folder / RANKS, rank_table(rows))
         if done < replications:
-            raise Interrupted(
-                f"interrupted after {done} of {replications} replications, all saved in "
-                f"{folder}; the same command with `resume=True` continues",
-                stop(),
-            )
+            text = f"interrupted after {done} of {replications} replications"
+            raise Interrupted(text, stop(), folder=folder)
         progress(Progress("writing"))
         ranks = rank_table(rows)
         ranks = ranks[ranks["replication"] < replications]

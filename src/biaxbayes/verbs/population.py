@@ -181,11 +181,7 @@ def sample_population(
             stop=stop,
         )
         if sampled is None:
-            raise Interrupted(
-                f"interrupted, all saved in {folder}; the same command with `resume=True` "
-                "continues",
-                stop(),
-            )
+            raise Interrupted("interrupted", stop(), folder=folder)
         few = [s.label for s, k in zip(sources, sampled.pareto_k, strict=True) if k > MAX_K]
         if few:
             notes.append(

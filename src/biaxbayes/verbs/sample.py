@@ -212,11 +212,7 @@ class SampleJob:
         if draws.interrupted:
             steps = draws.chain.shape[1] * draws.thin
             done = f"after {steps} steps" if steps else "after the warm-up"
-            raise Interrupted(
-                f"interrupted {done}, all saved in {self.folder}; "
-                "the same command with `resume=True` continues",
-                stop(),
-            )
+            raise Interrupted(f"interrupted {done}", stop(), folder=self.folder)
         progress(Progress("sampling", 1.0))
         if stored is None:
             draws.seconds["fit"] += fit_seconds
