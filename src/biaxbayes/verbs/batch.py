@@ -217,7 +217,7 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
 # --- the study -----------------------------------------------------------------------------------
 
 
-RUNNING_PREFIX = ".going-"
+RUNNING_PREFIX = ".running-"
 
 
 def run_study(

@@ -87,7 +87,7 @@ def convert(
     keys = {k: options.pop(k) for k in {*HEADER_OPTIONS, *METADATA_KEYS} & {*options} - own}
     header = {**(header or {}), **keys}
     if recipe is not None:
-        from biaxbayes.machines.recipe import check_fit, read_recipe
+        from biaxbayes.machines.recipe import read_recipe, refuse_other_content
 
         answers, lab, found = read_recipe(Path(recipe))
         options, header = answers | options, lab | header
@@ -103,7 +103,7 @@ def convert(
     if len(files) > 1 and not (choice.specimen or "specimen" in values):
         result = replace(result, specimen=replace(result.specimen, name=common_stem(files)))
     if recipe is not None:
-        check_fit(found, result, Path(recipe))
+        refuse_other_content(found, result, Path(recipe))
     return result if target is None else _written(result, choice, values, target, beside)
 
 

@@ -19,6 +19,7 @@ from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.tasks import Stop as Stop
 from biaxbayes.tasks import no_stop as no_stop
 from biaxbayes.text_files import as_path
+from biaxbayes.text_files import make_folder as make_folder
 
 if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
@@ -113,16 +114,6 @@ def is_run(source: RunLike | SpecimenLike) -> bool:
     from biaxbayes.runs.run import Run
 
     return isinstance(source, Run)
-
-
-def make_folder(path: PathLike) -> Path:
-    """Make a folder to write into, where it does not exist."""
-    folder = as_path(path, "out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
-    return folder
 
 
 def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:

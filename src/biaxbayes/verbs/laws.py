@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import pandas as pd
 
 import biaxbayes
 from biaxbayes.comparison.law_tasks import law_tasks, sample_parts
@@ -20,15 +19,12 @@ from biaxbayes.options import (
     takes_options,
 )
 from biaxbayes.parallel import executor_for
-from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import (
-    aligned,
     atomic_write_text,
-    write_csv,
 )
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -85,6 +81,8 @@ def compare_laws(
         As in :class:`~biaxbayes.options.LawsPlan` and :class:`~biaxbayes.options.ModelOptions`,
         without what belongs to one law.
     """
+    from biaxbayes.reports.comparison import write_law_comparison
+
     plan, others = LawsPlan.split(options)
     for name in SINGLE_LAW_OPTIONS:
         if others.get(name):
@@ -115,7 +113,7 @@ def compare_laws(
         predictions = sample_parts(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
         result = weigh_laws(specimen, predictions, laws)
-        _write(result, specimen, folder)
+        write_law_comparison(result, specimen, folder)
     return result
 
 
@@ -153,35 +151,6 @@ def _record(
     atomic_write_text(record, record_text({"specimen": specimen.name, "identity": identity}))
 
 
-def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
-    """Tables, draws and bands of the mixture, figures and the page."""
-    from biaxbayes.figures.comparisons import (
-        law_bands_figure,
-        law_misfit_figure,
-        law_mounting_figure,
-    )
-    from biaxbayes.figures.style import save_pictures
-    from biaxbayes.reports.comparison import laws_page
-
-    tables = {
-        "laws.csv": compared.table,
-        "left-out.csv": compared.parts,
-        "stacked-draws.csv": compared.draws,
-        "stacked-bands.csv": compared.bands,
-    }
-    for name, table in tables.items():
-        write_csv(folder / name, table, digits=8)
-    drawn = {
-        "law-misfit": law_misfit_figure(compared),
-        "law-mounting": law_mounting_figure(compared),
-        "stacked-bands": law_bands_figure(compared, specimen),
-    }
-    figures = {stem: figure for stem, figure in drawn.items() if figure is not None}
-    for stem, figure in figures.items():
-        save_pictures(figure, folder, stem)
-    atomic_write_text(folder / "laws.html", laws_page(compared, figures))
-
-
 # --- the command ---------------------------------------------------------------------------------
 
 
@@ -207,42 +176,13 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     \b
     biaxbayes laws media.csv --laws goh,fung
     """
+    from biaxbayes.reports.comparison import laws_text
+
     folder = out or Path(f"{specimen.stem}-laws")
     with opt.progress_and_stop(quiet) as work:
         result = compare_laws(specimen, out=folder, **work, **given)
     if not quiet:
-        _print_laws(result, folder)
+        click.echo(laws_text(result, folder))
     for law, reason in result.left_out.items():
         click.echo(f"biaxbayes: {law} is left out: {reason}", err=True)
     return 0 if result.converged else opt.NOT_CONVERGED
-
-
-def _print_laws(result: LawComparison, folder: Path) -> None:
-    """Print the table, largest weight first, with the mounting stretches."""
-    from biaxbayes.reports.comparison import stretch_texts
-
-    stretches = [q for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in result.table]
-    lines = [
-        ["", "rms_kPa", "left out", "density", "weight", "(range)", *(q.name for q in stretches)],
-        ["", "kPa", "kPa", "nats", "", "", *(["median, 90 %"] * len(stretches))],
-    ]
-    table = result.table.sort_values("weight", ascending=False, kind="stable", na_position="last")
-    for row in (*table.iloc[1:].to_dict("records"), table.iloc[0].to_dict()):
-        if pd.isna(row["left_out_rms_kPa"]):
-            lines.append([row["law"], *[""] * 5, row["state"]])
-            continue
-        rms = "" if pd.isna(row["rms_kPa"]) else f"{row['rms_kPa']:.3g}"
-        low, high = row["weight_low"], row["weight_high"]
-        spread = "" if pd.isna(low) else f"({low:.2f}-{high:.2f})"
-        left_out = f"{row['left_out_rms_kPa']:.3g}", f"{row['left_out_density_nats']:.1f}"
-        lines.append([row["law"], rms, *left_out, f"{row['weight']:.2f}", spread])
-        lines[-1] += [f"{m}, {low} to {high}" for m, low, high in stretch_texts(row)]
-    click.echo("\n".join(aligned(lines, right=range(1, 6))))
-    click.echo(
-        "\nrms: error of the fit to all rows; left out: error of predicting the parts left out;\n"
-        "density: log predictive density of these, larger is better (2.3 nats more: ten times as\n"
-        "probable); weights: shares of the mixture that predicts best (stacking). The mixture\n"
-        "predicts stresses; below the tested stretches, and so for the mounting stretch, its\n"
-        "weights are untested."
-    )
-    click.echo(f"\nopen {folder / 'laws.html'}; tables and figures are beside it")
