@@ -1,4 +1,4 @@
-"""Open and check the inputs of the verbs; make their output folders."""
+"""Open and check the inputs of the verbs."""
 
 from __future__ import annotations
 

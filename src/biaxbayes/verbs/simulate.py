@@ -99,7 +99,7 @@ def simulate(
     overwrite : bool
         Replace files of the same name.
     **options
-        As in :class:`VirtualTest`.
+        As in :class:`SimulateOptions`.
 
     Raises
     ------
