@@ -34,7 +34,7 @@ from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, time_left, with_progress
-from biaxbayes.reports.study_page import group_differences, write_study
+from biaxbayes.reports.study_page import closing_message, write_study
 from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, claim_folder, is_finished
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
@@ -60,7 +60,7 @@ from biaxbayes.studies.study_file import (
     study_of_files,
 )
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import aligned, os_error_text
+from biaxbayes.text_files import os_error_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, no_progress, no_stop
 from biaxbayes.verbs.sample import SampleJob
@@ -401,25 +401,3 @@ def command(
     for label, reason in result.failures.items():
         click.echo(f"biaxbayes: {printable(label)}: {printable(as_options(reason))}", err=True)
     return 0 if result.converged else opt.NOT_CONVERGED
-
-
-def closing_message(result: StudyResult) -> str:
-    """One line per specimen, how groups differ, what the law misses, and where the numbers are."""
-    heads = ["specimen", "donor", "layer", *result.own_columns, "state"]
-    specimens = result.specimens.to_dict("records")
-    lines = aligned([heads, *([printable(str(s[k])) for k in heads] for s in specimens)])
-    counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
-    lines += ["", f"{len(result.specimens)} specimens: {counts}"]
-    for d in group_differences(result.group_contrasts):
-        a, b = printable(d.a), printable(d.b)
-        lines += ["", f"{b} compared with {a}"]
-        if d.rows:
-            table = [d.heads, *d.rows]
-            lines += aligned([[printable(cell) for cell in row] for row in table])
-        else:
-            lines.append("this study does not show whether they differ")
-        lines += [printable(d.without)] if d.without else []
-    missed = [f"{printable(k)}: {printable(v)}" for k, v in result.missed.items()]
-    lines += ["", *missed] if missed else []
-    lines.append(f"open {result.folder / 'study.html'}; all numbers are in study.csv beside it")
-    return "\n".join(lines)

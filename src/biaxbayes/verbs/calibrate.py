@@ -227,11 +227,8 @@ def closing_message(folder: Path, outcome: CalibrationResult) -> str:
         lines.append(
             f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {inside}"
         )
-    doubtful = {k: v for k, v in outcome.states.items() if k != "converged"}
-    lines.append(
-        f"{total} replications, "
-        + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all converged")
-    )
+    others = ", ".join(f"{v} {k}" for k, v in outcome.states.items() if k != "converged")
+    lines.append(f"{total} replications, {others or 'all converged'}")
     if total < MIN_REPLICATIONS and outcome.calibrated:
         lines.append(
             f"{total} replications are too few: wrong intervals would look the same; run "
