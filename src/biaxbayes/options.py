@@ -24,7 +24,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
 from biaxbayes.laws.law import Law
-from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.tasks import DEFAULT_WORKERS, usual_numpy_errors
 
 # --- an option, its help text and its check ------------------------------------------------------
 
@@ -456,10 +456,10 @@ class SamplingPlan(Options):
     )
     workers: int | None = option(None, WORKERS_HELP, kind=int, minimum=1)
 
-    @property
-    def processors(self) -> int:
-        """Processors to use."""
-        return min(os.cpu_count() or 1, 4) if self.workers is None else int(self.workers)
+    def keywords(self) -> dict[str, Any]:
+        """As keyword arguments of a sampler's plan."""
+        amount = {name: getattr(self, name) for name in ("seed", "ess", "max_steps")}
+        return amount | {"workers": int(self.workers or DEFAULT_WORKERS)}
 
 
 @dataclass(frozen=True)

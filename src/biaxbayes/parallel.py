@@ -21,9 +21,16 @@ from typing import Any, Self
 
 from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.tasks import Executor, Outcome, Stop, Work, no_stop, with_one_blas_thread
+from biaxbayes.tasks import (
+    DEFAULT_WORKERS,
+    Executor,
+    Outcome,
+    Stop,
+    Work,
+    no_stop,
+    with_one_blas_thread,
+)
 
-MAX_LOCAL_WORKERS = 4
 MAX_ATTEMPTS = 3
 """Number of worker deaths after which a task is given up (probably out of memory)."""
 STOP_POLL_SECONDS = 0.5
@@ -44,8 +51,7 @@ def executor_for(
             )
         return Cluster(scheduler)
     may_start = not multiprocessing.current_process().daemon
-    available = min(os.cpu_count() or 1, MAX_LOCAL_WORKERS) if may_start else 1
-    count = available if workers is None else workers
+    count = (DEFAULT_WORKERS if may_start else 1) if workers is None else workers
     if count < 1:
         raise InputError("`workers` must be at least 1")
     if count > 1 and not may_start:

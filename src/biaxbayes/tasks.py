@@ -23,6 +23,8 @@ class Outcome:
     failure: str = ""
 
 
+DEFAULT_WORKERS = min(os.cpu_count() or 1, 4)
+"""Processors that are used unless another number is asked for."""
 Work = Callable[[Any], Any]
 """A function of one task, which other processes can import."""
 Stop = Callable[[], int]

@@ -246,27 +246,12 @@ def _picture(specimen: Specimen, file: Path) -> str:
 
 def _print_result(result: Checked) -> None:
     specimen, findings, about = result.specimen, result.findings, result.record()
-    layer = f", {specimen.layer}" if specimen.layer else ""
-    click.echo(f"specimen {specimen.name}{layer}")
-    axes = [f"{k} {getattr(specimen, f'axis_{k}')}" for k in "xy" if getattr(specimen, f"axis_{k}")]
-    if axes:
-        click.echo(f"  axes       {', '.join(axes)}")
-    size = "not stated"
     edges = [f"{e:g}" for e in (specimen.edge_x_mm, specimen.edge_y_mm) if e is not None]
-    if edges:
-        size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}"
-    elif isinstance(specimen.experiment, Tube):
+    size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}" if edges else "not stated"
+    if isinstance(specimen.experiment, Tube):
         size = f"outer diameter {2.0 * specimen.experiment.outer_radius_mm:g} mm"
     if specimen.thickness_mm is not None:
         size += f", {specimen.thickness_mm:g} mm thick"
-    state = f"stresses and dimensions refer to the {specimen.geometry} state"
-    click.echo(f"  dimensions {size} ({state})")
-    if specimen.test != "biaxial":
-        click.echo(f"  test       {specimen.test}")
-    known = {k: about[f"section_{k}_mm2"] for k in "xy" if about[f"section_{k}_mm2"] is not None}
-    if known:
-        sections = [f"{area:.4g} mm2 under the force in {k}" for k, area in known.items()]
-        click.echo(f"  sections   {', '.join(sections)}")
     kind = {
         "force": "force",
         "piola": "first Piola-Kirchhoff stress",
@@ -274,12 +259,23 @@ def _print_result(result: Checked) -> None:
         "tube": "axial force in N, pressure" if 1 in specimen.experiment.axes else "pressure",
     }
     rows = sum(p["rows"] for p in about["protocols"])
-    click.echo(
-        f"  readings   {kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in "
-        + plural(len(about["protocols"]), "protocol")
-    )
+    protocols = plural(len(about["protocols"]), "protocol")
     origin = "stated" if specimen.load_noise is not None else "from the scatter of the rows"
-    click.echo(f"  load noise {specimen.noise_sd:.3g} {specimen.unit}, {origin}")
+    sections = {k: about[f"section_{k}_mm2"] for k in "xy"}
+    facts = {
+        "axes": ", ".join(f"{k} {about[f'axis_{k}']}" for k in "xy" if about[f"axis_{k}"]),
+        "dimensions": f"{size} (stresses and dimensions refer to the {specimen.geometry} state)",
+        "test": "" if specimen.test == "biaxial" else specimen.test,
+        "sections": ", ".join(
+            f"{area:.4g} mm2 under the force in {k}" for k, area in sections.items() if area
+        ),
+        "readings": f"{kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in {protocols}",
+        "load noise": f"{specimen.noise_sd:.3g} {specimen.unit}, {origin}",
+    }
+    click.echo(f"specimen {specimen.name}{f', {specimen.layer}' if specimen.layer else ''}")
+    for name, text in facts.items():
+        if text:
+            click.echo(f"  {name:10s} {text}")
     for key, value in specimen.metadata.items():
         click.echo(f"  {key}: {value}")
     click.echo("")

@@ -156,9 +156,7 @@ def sample_population(
     values = priors.apply_to(
         pooled_values(sources[0].posterior.law, names, mounting=options.pool_mounting)
     )
-    plan = PopulationPlan(
-        ess=options.ess, max_steps=options.max_steps, seed=options.seed, workers=options.processors
-    )
+    plan = PopulationPlan(**options.keywords())
     identity = _identity(sources, grouping, values, plan, options, priors)
     with lock_folder(folder, POPULATION, resume=resume, overwrite=overwrite):
         state = None

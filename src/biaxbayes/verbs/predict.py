@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +36,7 @@ class BandOptions(PredictionOptions):
 
     suffix: str = option("pdf", choices=FIGURE_FORMATS, flag="format")
     width_mm: float = option(85.0, minimum=50.0, maximum=400.0, show_range=True)
-    style: Mapping[str, Any] | None = option(
+    style: Any = option(  # noqa: RUF009  an option, which is a field
         None, "A matplotlib style file.", metavar="FILE", read=inputs.as_style
     )
 

@@ -131,12 +131,7 @@ class SampleJob:
             )
         # refuses options before a folder is made
         posterior = Posterior(mark_grip_corrected(specimen), **options)
-        plan = Plan(
-            ess=amount.ess,
-            max_steps=amount.max_steps,
-            seed=amount.seed,
-            workers=amount.processors,
-        )
+        plan = Plan(**amount.keywords())
         folder = Path(f"{stem}-posterior") if out is None or out == "" else Path(out)
         return cls(specimen, posterior, source, folder, options, plan, findings)
 
