@@ -118,7 +118,7 @@ def run_calibration(
 def _stored_rows(
     calibration: Calibration, folder: Path, *, resume: bool
 ) -> dict[int, list[dict[str, Any]]]:
-    """Rows of the replications already done, by replication; its record is written."""
+    """Rows of the replications already done, by replication; the calibration is recorded."""
     # numbers and the deliberate fault, if there is one
     others = {k: v for k, v in vars(calibration).items() if isinstance(v, int | float | str)}
     identity = {

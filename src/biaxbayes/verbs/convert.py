@@ -186,35 +186,24 @@ def _written(
 # --- the command ---------------------------------------------------------------------------------
 
 
-HEADER_OPTIONS = {
-    "specimen": "TEXT",
-    "layer": "TEXT",
-    "axis_x": "TEXT",
-    "axis_y": "TEXT",
-    "geometry": "unloaded|mounted",
-    "reference": "'each protocol'|common",
-    "edge_x_mm": "MM",
-    "edge_y_mm": "MM",
-    "thickness_mm": "MM",
-    "unloaded_outer_diameter_mm": "MM",
-    "unloaded_length_mm": "MM",
-    "opening_angle_fung_deg": "DEG",
-    "missing_sector_deg": "DEG",
-    "load_noise_N": "N",
-    "load_noise_kPa": "KPA",
-    "axial_force_noise_N": "N",
-    "edge_sd_mm": "MM",
-    "thickness_sd_mm": "MM",
-    "mounting_stretch_x": "'M +- SD'",
-    "mounting_stretch_y": "'M +- SD'",
-    "stress_limit_kPa": "KPA",
-}
-"""Header keys that have an option, and what the help prints for their values."""
+HEADER_OPTIONS = (
+    "specimen", "layer", "axis_x", "axis_y", "geometry", "reference",
+    "edge_x_mm", "edge_y_mm", "thickness_mm", "unloaded_outer_diameter_mm", "unloaded_length_mm",
+    "opening_angle_fung_deg", "missing_sector_deg", "load_noise_N", "load_noise_kPa",
+    "axial_force_noise_N", "edge_sd_mm", "thickness_sd_mm",
+    "mounting_stretch_x", "mounting_stretch_y", "stress_limit_kPa",
+)  # fmt: skip
+"""Header keys that have an option."""
 
 
-def _header_option(key: str, metavar: str) -> opt.Decorator:
+def _header_option(key: str) -> opt.Decorator:
     """An option for a header key of a specimen file."""
-    meaning, default = KEYS[key].meaning, KEYS[key].default
+    meaning, default, between, choices, _ = KEYS[key]
+    metavar = "TEXT" if between is None else key.rpartition("_")[2].upper()  # the unit
+    if choices:
+        metavar = "|".join(map(shlex.quote, choices))
+    elif key.startswith("mounting_stretch"):
+        metavar = "'M +- SD'"
     default = "what the names of the files begin with" if key == "specimen" else default
     without = default if default == OF_FORCES else f"default: {default}"
     text = f"{meaning}." if default == NONE else f"{meaning} ({without})."
@@ -242,7 +231,7 @@ def _header_option(key: str, metavar: str) -> opt.Decorator:
 )
 @opt.file_option("recipe", "Answers of an earlier conversion, for files of the same kind.")
 @opt.flag("overwrite", "Replace files of the same names.")
-@opt.together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
+@opt.together(*map(_header_option, HEADER_OPTIONS))
 def command(
     raw: tuple[Path, ...],
     out: Path,
