@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from biaxbayes.runs.run import Run
+    from biaxbayes.specimens.specimen import Specimen
 
 TESTED = "tested"
 """Value of ``stretch`` for the largest tested stretch."""
@@ -113,7 +114,7 @@ def predict(
     if chosen.reference == "total" and not anyway:
         _refuse_unknown_total(opened)
     if path is None:
-        states = _straight_path(opened, chosen)
+        states = _straight_path(opened, specimen, chosen)
     elif isinstance(path, str | Path):
         states = read_stretches(Path(path))
     else:
@@ -160,9 +161,8 @@ def _refuse_unknown_total(run: Run) -> None:
         )
 
 
-def _straight_path(run: Run, chosen: PathOptions) -> np.ndarray:
+def _straight_path(run: Run, specimen: Specimen, chosen: PathOptions) -> np.ndarray:
     """States of stretch on a straight path from 1."""
-    from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import prediction_range, stretch_path
 
     stretch: Any = chosen.stretch
@@ -172,7 +172,6 @@ def _straight_path(run: Run, chosen: PathOptions) -> np.ndarray:
             remedy="for other paths give `path`, an array of two columns (x, y)",
         )
     if stretch == TESTED:
-        specimen = with_free_sides(run.draws, run.specimen, run.law)
         tested = prediction_range(run.draws, specimen, chosen.protocol, chosen.reference)
         stretch = float(tested.high.max())
     elif not isinstance(stretch, int | float) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:

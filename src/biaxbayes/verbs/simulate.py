@@ -17,8 +17,8 @@ from biaxbayes.mechanics.experiments import TESTS
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
-from biaxbayes.specimens.keys import NO_GRIPS
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS
+from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.verbs.inputs import as_numbers, check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from biaxbayes.specimens.truth import Truth
 
 
-STRESS_PAIRS = ("force", "piola", "cauchy")
-GEOMETRIES = ("unloaded", "mounted")
 DEFAULT_HOOKS = 5
 
 
@@ -68,7 +66,9 @@ class SimulateOptions(Options):
     noise_N: float = option(0.0, "Sd of a force reading.", minimum=0.0, metavar="N")
     misfit: float = option(0.0, "Sd of a smooth error, share of force.", minimum=0.0, metavar="R")
     stress_pair: str = option(
-        "force", "What the file holds: N, or kPa as a lab computes it.", choices=STRESS_PAIRS
+        "force",
+        "What the file holds: N, or kPa as a lab computes it.",
+        choices=tuple(pair for pair in STRESS_PAIRS if pair != "tube"),
     )
     geometry: str = option(
         "unloaded", "State whose dimensions the file states.", choices=GEOMETRIES
