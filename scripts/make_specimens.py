@@ -23,13 +23,12 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws.published import MATERIALS, PublishedMaterial
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.specimens.truth import Truth, write_truth
 from biaxbayes.specimens.virtual_specimen import (
     Dimensions,
     Machine,
-    Truth,
     hooked_specimen,
     virtual_specimen,
-    write_truth,
 )
 
 EDGE_MM = 20.0

@@ -12,11 +12,11 @@ import shared
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.sampler import PopulationPlan
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.studies.record import members_of_study
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs import population as job
 from biaxbayes.verbs.batch import run_study
 from biaxbayes.verbs.population import sample_population
-from biaxbayes.verbs.population_files import members_of_study
 
 MATERIALS = {
     "a": GOH(14.0, 60.0, 8.0, 38.0, 0.1),

@@ -19,8 +19,9 @@ from biaxbayes.calibration.ranks import (
     coverage,
     probability_inside,
     rank_counts,
+    read_ranks,
+    uniformity,
     uniformity_p_value,
-    verdict,
 )
 from biaxbayes.calibration.simulated_specimen import (
     draw_truth,
@@ -40,12 +41,7 @@ from biaxbayes.parallel import Processes
 from biaxbayes.parameters import Quantities
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.verbs.calibrate import (
-    CalibrationResult,
-    closing_message,
-    read_ranks,
-    run_calibration,
-)
+from biaxbayes.verbs.calibrate import CalibrationResult, closing_message, run_calibration
 from commands import run
 from goh_functions import GOH_LAW
 
@@ -162,10 +158,10 @@ def test_verdict_allows_for_many_quantities():
         for name in "abcdefghij"
     )
     table = calibration_table(frame, 127)
-    assert verdict(table)[0]
+    assert uniformity(table)[0]
     frame.loc[frame["parameter"] == "c", "rank"] //= 2
     table = calibration_table(frame, 127)
-    assert not verdict(table)[0]
+    assert not uniformity(table)[0]
     assert table.set_index("parameter").loc["c", "inside_band"] == "no"
 
 
@@ -406,7 +402,7 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
     pd.testing.assert_frame_equal(a, b)
     for name in ("calibration.csv", "calibration.pdf", "calibration.png", "priors.toml"):
         assert (folder / name).stat().st_size > 0
-    with pytest.raises(RunError, match="another study"):
+    with pytest.raises(RunError, match="another calibration"):
         run_calibration(replace(study(), seed=9), tmp_path / "parts", 2, resume=True)
 
 

@@ -112,7 +112,7 @@ def test_a_strip_has_no_load_across_it(tmp_path, capsys):
 
 def test_kinds_of_test_are_of_generic_tables(tmp_path, capsys):
     path = table(tmp_path, "stretch_x,force_x_N", *np.ones((2, 20)))
-    with pytest.raises(InputError, match="--test is for"):
+    with pytest.raises(InputError, match="`test` is for"):
         biaxbayes.convert(path, machine="biotester", test="strip x")
 
 

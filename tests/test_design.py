@@ -237,11 +237,11 @@ def test_readings_of_a_protocol_have_the_misfit_of_the_run(name):
     reading[n:, len(misfit.points.path) :] = np.eye(m)
     factors = np.array([NOISE_FACTORS[component.noise] for component in misfit.components])
     noise = np.r_[misfit.noise_sd, np.full(m, data.noise_sd)]
-    whole = np.diag(noise**2) * (protocol.shares.sum(axis=1) @ factors**2)
+    whole = np.diag(noise**2) * (protocol.weights.sum(axis=1) @ factors**2)
     toe = misfit.toe_covariance(points, points)
     whole += reading @ toe @ reading.T
-    for component, shares in zip(misfit.components, protocol.shares, strict=True):
-        between = (shares @ AMPLITUDES**2) * component.structure.covariance(points, points)
+    for component, weights in zip(misfit.components, protocol.weights, strict=True):
+        between = (weights @ AMPLITUDES**2) * component.structure.covariance(points, points)
         whole += reading @ between @ reading.T
     gain = np.linalg.solve(whole[:n, :n], whole[:n, n:])
     covariance = whole[n:, n:] - whole[n:, :n] @ gain

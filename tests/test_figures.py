@@ -30,8 +30,8 @@ from biaxbayes.prediction.bands import bands
 from biaxbayes.prediction.percentiles import BANDS
 from biaxbayes.prediction.stress import BEYOND, INSIDE
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.truth import read_truth
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
-from biaxbayes.verbs.plot import read_truth
 from goh_functions import GOH_LAW
 from readable import assert_readable, in_view
 

@@ -18,6 +18,7 @@ from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import PopulationOptions
+from biaxbayes.populations.grouping import group_sources, open_sources
 from biaxbayes.populations.model import PopulationPriors, pooled_values
 from biaxbayes.populations.sampler import PopulationPlan
 from biaxbayes.populations.specimens import (
@@ -34,18 +35,12 @@ from biaxbayes.populations.tables import (
     contradictions,
 )
 from biaxbayes.populations.text import contrast_rows, group_rows
-from biaxbayes.reports.population import FIGURE_TEXTS, TABLES
+from biaxbayes.reports.population import FIGURE_TEXTS, TABLES, closing_message
 from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.studies.record import members_of_study
 from biaxbayes.verbs import population as job
-from biaxbayes.verbs import population_files
-from biaxbayes.verbs.population import (
-    closing_message,
-    group_sources,
-    open_sources,
-    sample_population,
-)
-from biaxbayes.verbs.population_files import members_of_study
+from biaxbayes.verbs.population import sample_population
 from commands import refused, run
 from made_population import MATERIALS, QUICK, quick_job, sample_study
 
@@ -177,7 +172,7 @@ def test_a_finished_population_is_refused_and_stays(study, population, tmp_path,
 
 @pytest.mark.long
 def test_a_population_is_replaced_whole(study, population, tmp_path, quick, monkeypatch):
-    monkeypatch.setattr(population_files, "draw_figures", lambda *arguments: None)
+    monkeypatch.setattr(job, "draw_figures", lambda *arguments: None)
     folder = shutil.copytree(population.folder, tmp_path / "out")
     biaxbayes.export(folder, "abaqus", population="healthy", draws=2)
     (folder / "notes.txt").write_text("mine\n")
@@ -357,7 +352,7 @@ max_steps = 800
 options = { noise = "independent", mounting = "exact" }
 priors = { kappa = 0.1 }
 """
-DRAW_FIGURES = population_files.draw_figures
+DRAW_FIGURES = job.draw_figures
 LONGER = QUICK | {"max_steps": 600}
 SHARP = "C1 = 0.1\nk1 = 0.1\nk2 = 0.1\nalpha = 3\n"
 PRIORS = f"[sd_donors]\n{SHARP}[sd_specimens]\n{SHARP}"
@@ -388,7 +383,7 @@ def whole(session_folder):
 def longer(monkeypatch):
     monkeypatch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | LONGER)))
     # the figures, which other tests look at, would cost most of the time
-    monkeypatch.setattr(population_files, "draw_figures", lambda *arguments: None)
+    monkeypatch.setattr(job, "draw_figures", lambda *arguments: None)
 
 
 @pytest.fixture
@@ -509,7 +504,7 @@ def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
 
 @pytest.mark.long
 def test_pooled_mounting_stretches_are_judged_and_drawn(pool, monkeypatch):
-    monkeypatch.setattr(population_files, "draw_figures", DRAW_FIGURES)
+    monkeypatch.setattr(job, "draw_figures", DRAW_FIGURES)
     code, _, _, folder = pool(["m0", "m1"], "--pool-mounting", "--spread", "by-group")
     assert code in (0, 3)
     groups, specimens = tables(folder)

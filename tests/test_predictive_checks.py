@@ -46,7 +46,7 @@ def test_misfit_of_the_truth_is_the_noise():
     assert len(table) == 6
     # Standard error of an rms of 400 readings: 3.5 %.
     assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
-    assert set(table["verdict"]) == {"noise"} and path_warnings(table) == []
+    assert set(table["agreement"]) == {"noise"} and path_warnings(table) == []
     assert (table["runs_z"].abs() < 3.5).all()
     assert (table["autocorrelation"].abs() < 0.2).all()
     share = float(table["inside"].mean())

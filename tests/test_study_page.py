@@ -12,10 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.stats import ttest_ind
 
 from biaxbayes.figures.population import study_figure
-from biaxbayes.reports.study_page import write_study
+from biaxbayes.reports.study_page import closing_message, write_study
 from biaxbayes.studies.groups import group_contrasts, group_summaries, layer_contrasts
 from biaxbayes.studies.result import STUDY_COLUMNS, StudyResult, donor_groups
-from biaxbayes.verbs.batch import closing_message
 from made_up import distances, table
 
 

@@ -12,12 +12,12 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from biaxbayes.specimens.truth import write_truth
 from biaxbayes.specimens.virtual_specimen import (
     Dimensions,
     Machine,
     hooked_specimen,
     virtual_specimen,
-    write_truth,
 )
 from biaxbayes.tables.table import ALL_SHEETS, read_tables
 from make_specimens import make

@@ -25,7 +25,7 @@ from biaxbayes.laws.published import MATERIALS, PublishedMaterial
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.sampling.sampler import Draws, Plan
-from biaxbayes.specimens.virtual_specimen import Truth
+from biaxbayes.specimens.truth import Truth
 from make_specimens import MISFIT, table6_specimen
 from studies.common import (
     COLOURS,

@@ -9,13 +9,13 @@ import time
 import traceback
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Self
 
 import biaxbayes
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.tasks import Executor, Outcome, no_stop, with_one_blas_thread
+from biaxbayes.tasks import Executor, Outcome, Stop, Work, no_stop, with_one_blas_thread
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -58,11 +58,7 @@ class Cluster(Executor):
             client.close()
 
     def run(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Sequence[Any],
-        *,
-        stop: Callable[[], object] = no_stop,
+        self, function: Work, tasks: Sequence[Any], *, stop: Stop = no_stop
     ) -> Iterator[Outcome]:
         """Run the tasks on the cluster; see :meth:`Executor.run`."""
         if self._client is None:

@@ -25,6 +25,11 @@ def simulate(mean: Any, sd: Any, rng: np.random.Generator) -> Any:
     return mean + sd * rng.standard_normal(np.shape(mean))
 
 
+def squared_exponential(distance: np.ndarray) -> np.ndarray:
+    """Correlation of a smooth error at two points, by their distance in correlation lengths."""
+    return np.asarray(np.exp(-0.5 * distance**2))
+
+
 def standard_cdf(z: Any) -> Any:
     """Probability that an error is less than z of its standard deviations."""
     from scipy.special import ndtr

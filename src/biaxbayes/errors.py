@@ -74,11 +74,16 @@ class NotConverged(BiaxbayesError):
 
 
 class Interrupted(BiaxbayesError):
-    """The user stopped the computation; what was done is saved."""
+    """The user stopped the computation; what was done is saved, in ``folder`` if that is given."""
 
     exit_code = 130
 
-    def __init__(self, problem: str, signal: int = 0) -> None:
+    def __init__(
+        self, problem: str, signal: int = 0, *, folder: object = None, resume: bool = True
+    ) -> None:
+        if folder is not None:
+            option = " with `resume=True`" if resume else ""
+            problem += f", all saved in {folder}; the same command{option} continues"
         super().__init__(problem)
         if signal and not isinstance(signal, bool):
             self.exit_code = 128 + signal

@@ -24,7 +24,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
 from biaxbayes.laws.law import Law
-from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.tasks import DEFAULT_WORKERS, usual_numpy_errors
 
 # --- an option, its help text and its check ------------------------------------------------------
 
@@ -456,10 +456,10 @@ class SamplingPlan(Options):
     )
     workers: int | None = option(None, WORKERS_HELP, kind=int, minimum=1)
 
-    @property
-    def processors(self) -> int:
-        """Processors to use."""
-        return min(os.cpu_count() or 1, 4) if self.workers is None else int(self.workers)
+    def keywords(self) -> dict[str, Any]:
+        """As keyword arguments of a sampler's plan."""
+        amount = {name: getattr(self, name) for name in ("seed", "ess", "max_steps")}
+        return amount | {"workers": int(self.workers or DEFAULT_WORKERS)}
 
 
 @dataclass(frozen=True)
@@ -484,7 +484,7 @@ class PopulationOptions(SamplingPlan):
 
 @dataclass(frozen=True)
 class CalibrationPlan(Options):
-    """A calibration study."""
+    """A calibration on the protocols of a specimen."""
 
     replications: int = option(200, minimum=1)
     source: str = option(
@@ -503,6 +503,18 @@ class CalibrationPlan(Options):
     broken: str = option(
         "", "Leave out the determinant, or the noise, to see that the test notices.", flag="break"
     )
+
+
+@dataclass(frozen=True)
+class LawsPlan(Options):
+    """Laws to compare, and how much is sampled for each."""
+
+    laws: Sequence[str] | str | None = option(
+        None, "Laws, separated by commas  [all]", metavar="NAME,NAME"
+    )
+    seed: int = option(1, SEED_HELP, minimum=0, maximum=MAX_INT64)
+    ess: float = option(500.0, "Effective draws of each posterior.", minimum=50, maximum=MAX_COUNT)
+    max_steps: int = option(20_000, "When to give up.", minimum=128, maximum=MAX_COUNT)
 
 
 # --- what is computed from a posterior -----------------------------------------------------------

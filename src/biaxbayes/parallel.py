@@ -13,7 +13,7 @@ import os
 import signal
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
@@ -21,9 +21,16 @@ from typing import Any, Self
 
 from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.tasks import Executor, Outcome, no_stop, with_one_blas_thread
+from biaxbayes.tasks import (
+    DEFAULT_WORKERS,
+    Executor,
+    Outcome,
+    Stop,
+    Work,
+    no_stop,
+    with_one_blas_thread,
+)
 
-MAX_LOCAL_WORKERS = 4
 MAX_ATTEMPTS = 3
 """Number of worker deaths after which a task is given up (probably out of memory)."""
 STOP_POLL_SECONDS = 0.5
@@ -44,8 +51,7 @@ def executor_for(
             )
         return Cluster(scheduler)
     may_start = not multiprocessing.current_process().daemon
-    available = min(os.cpu_count() or 1, MAX_LOCAL_WORKERS) if may_start else 1
-    count = available if workers is None else workers
+    count = (DEFAULT_WORKERS if may_start else 1) if workers is None else workers
     if count < 1:
         raise InputError("`workers` must be at least 1")
     if count > 1 and not may_start:
@@ -60,11 +66,7 @@ class InThisProcess(Executor):
     """One task after the other, here."""
 
     def run(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Sequence[Any],
-        *,
-        stop: Callable[[], object] = no_stop,
+        self, function: Work, tasks: Sequence[Any], *, stop: Stop = no_stop
     ) -> Iterator[Outcome]:
         """Run the tasks one after the other; see :meth:`Executor.run`."""
         for index, task in enumerate(tasks):
@@ -91,11 +93,7 @@ class Processes(Executor):
             self._idle.pop().end()
 
     def run(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Sequence[Any],
-        *,
-        stop: Callable[[], object] = no_stop,
+        self, function: Work, tasks: Sequence[Any], *, stop: Stop = no_stop
     ) -> Iterator[Outcome]:
         """Run the tasks in processes; see :meth:`Executor.run`."""
         waiting, deaths = deque(range(len(tasks))), Counter[int]()
@@ -147,7 +145,7 @@ class _Worker:
         # Spawning fixes Python's default method; a caller that chooses one would get an error.
         multiprocessing.set_start_method(chosen, force=True)
 
-    def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Any]:
+    def submit(self, function: Work, task: Any) -> Future[Any]:
         return self._pool.submit(with_one_blas_thread, function, task)
 
     def end(self) -> bool:

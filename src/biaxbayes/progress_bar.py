@@ -27,6 +27,10 @@ class Progress:
 OnProgress = Callable[[Progress], None]
 
 
+def no_progress(progress: Progress) -> None:
+    """No progress is shown."""
+
+
 def time_left(start: float, done: int, missing: int) -> str:
     """Time that the missing tasks will take, as text; `start` as of time.monotonic()."""
     left = (time.monotonic() - start) * missing / done if done else 0.0

@@ -23,6 +23,14 @@ class Outcome:
     failure: str = ""
 
 
+DEFAULT_WORKERS = min(os.cpu_count() or 1, 4)
+"""Processors that are used unless another number is asked for."""
+Work = Callable[[Any], Any]
+"""A function of one task, which other processes can import."""
+Stop = Callable[[], int]
+"""Whether to stop, as after a signal, whose number it is."""
+
+
 def no_stop() -> bool:
     """Never stop."""
     return False
@@ -39,11 +47,7 @@ class Executor(ABC):
 
     @abstractmethod
     def run(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Sequence[Any],
-        *,
-        stop: Callable[[], object] = no_stop,
+        self, function: Work, tasks: Sequence[Any], *, stop: Stop = no_stop
     ) -> Iterator[Outcome]:
         """Yield the outcome of each task as it comes, in any order.
 
@@ -109,7 +113,7 @@ def _run_in_thread(function: Callable[[], None]) -> None:
     thread.join()
 
 
-def with_one_blas_thread(function: Callable[[Any], Any], task: Any) -> Any:
+def with_one_blas_thread(function: Work, task: Any) -> Any:
     """Call a function with one thread for linear algebra."""
     with one_blas_thread():
         return function(task)

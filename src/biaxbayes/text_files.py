@@ -234,6 +234,16 @@ def as_path(value: Any, name: str) -> Path:
     return Path(value)
 
 
+def make_folder(path: Any) -> Path:
+    """Make a folder to write into, where it does not exist."""
+    folder = as_path(path, "out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
+    return folder
+
+
 def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file whole or not at all, also on a power cut: temporary name, fsync, rename."""
     atomic_write_all({path: data})

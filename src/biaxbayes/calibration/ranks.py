@@ -1,4 +1,4 @@
-"""Uniformity of the ranks of a study, and coverage.
+"""Uniformity of the ranks of a calibration, and coverage.
 
 With N replications and ranks 0 ... L, the number of ranks up to r is binomial with probability
 z_r = (r + 1) / (L + 1). A pointwise tail probability
@@ -13,11 +13,20 @@ Saeilynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32, section
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.stats import binom, binomtest
+
+from biaxbayes.calibration.calibration import Replication
+from biaxbayes.errors import RunError
+from biaxbayes.parameters import Quantities
+from biaxbayes.text_files import read_csv
 
 # --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
 
@@ -63,7 +72,7 @@ def probability_inside(replications: int, draws: int, level: float) -> float:
 
 @lru_cache(maxsize=64)
 def band_level(replications: int, draws: int) -> float:
-    """Largest pointwise level (to 1e-3) at which the bands contain all ranks in 95 % of studies."""
+    """Largest pointwise level (to 1e-3) at which the bands contain all ranks in 95 % of cases."""
     low, high = np.log((1.0 - BAND_PROBABILITY) / (10.0 * draws)), np.log(1.0 - BAND_PROBABILITY)
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
@@ -130,7 +139,76 @@ def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def verdict(table: pd.DataFrame) -> tuple[bool, float]:
+def uniformity(table: pd.DataFrame) -> tuple[bool, float]:
     """Test of all ranks together: uniform or not, and the smallest p-value times their number."""
     p = min(float(table["uniformity_p"].min()) * len(table), 1.0)
     return p >= SIGNIFICANT, p
+
+
+# --- the table of ranks, ranks.csv ----------------------------------------------------------------
+
+
+RANK_COLUMNS = (
+    "replication",
+    "parameter",
+    "unit",
+    "truth",
+    "rank",
+    "below",
+    "median",
+    "sd",
+    "state",
+    "reason",
+    "worst_ess",
+    "worst_rhat",
+    "rejected_draws",
+    "seconds",
+)
+TEXT_COLUMNS = ("parameter", "unit", "state", "reason")
+
+
+def rank_rows(replication: Replication, known: Quantities) -> list[dict[str, Any]]:
+    """Rows of ``ranks.csv`` of one replication."""
+    r = replication
+    return [
+        {
+            "replication": r.index,
+            "parameter": name,
+            "unit": known[name].unit.replace("1", "-") if name in known else "-",
+            "truth": r.truth[name],
+            "rank": r.rank.get(name, math.nan),
+            "below": r.below.get(name, math.nan),
+            "median": r.median.get(name, math.nan),
+            "sd": r.sd.get(name, math.nan),
+            "state": r.state,
+            "reason": r.reason,
+            "worst_ess": r.worst_ess,
+            "worst_rhat": r.worst_rhat,
+            "rejected_draws": r.rejected,
+            "seconds": round(r.seconds, 3),
+        }
+        for name in (r.rank or r.truth)
+    ]
+
+
+def read_ranks(path: Path) -> pd.DataFrame:
+    """``ranks.csv`` of a calibration."""
+    try:
+        table = read_csv(path, dtype=str, keep_default_na=False)
+        if tuple(table.columns) != RANK_COLUMNS:
+            raise ValueError
+        for name in RANK_COLUMNS:
+            if name not in TEXT_COLUMNS:
+                # Python's parser reads back exactly what was written.
+                table[name] = [float(v) if v else math.nan for v in table[name]]
+        return table.astype({"replication": int, "rejected_draws": int})
+    except (OSError, ValueError):
+        raise RunError(
+            f"{path}: is damaged or not a table of ranks; leave out `resume` to start again"
+        ) from None
+
+
+def rank_table(rows: Mapping[int, list[dict[str, Any]]]) -> pd.DataFrame:
+    """``ranks.csv`` from the rows of each replication."""
+    flat = [row for index in sorted(rows) for row in rows[index]]
+    return pd.DataFrame(flat, columns=list(RANK_COLUMNS))

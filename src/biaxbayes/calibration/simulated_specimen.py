@@ -7,8 +7,8 @@ with the misfit delta and its toe of each piece drawn from their prior, relative
 fit that the inference uses as well. With independent errors there is no misfit.
 
 The default priors of a posterior are so wide that most of their draws are not like tissue on the
-protocols of a study (10 MPa, or compressed at mounting). A study needs realistic true values, and
-must sample with the prior that it draws from.
+protocols of a specimen (10 MPa, or compressed at mounting). A calibration needs realistic true
+values, and must sample with the prior that it draws from.
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
     return True
 
 
-# --- priors of a calibration study ---------------------------------------------------------------
+# --- priors of a calibration ---------------------------------------------------------------------
 
 LOCAL_PRIOR_WIDTH = 2.0
 """Width of a local prior relative to the posterior it is taken from."""

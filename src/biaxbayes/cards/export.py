@@ -22,7 +22,7 @@ from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting, with_free_sides
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_all, csv_text
+from biaxbayes.text_files import atomic_write_all, csv_text, make_folder
 
 PROGRAMS: dict[str, tuple[Callable[[Card, str], str], Callable[[str], WrittenCard], str]] = {
     "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
@@ -192,10 +192,7 @@ def _tested_states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
 def write_cards(files: Mapping[Path, bytes]) -> None:
     """Write the files of an export, and remove those of an earlier one that are not among them."""
     for folder in {path.parent for path in files}:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
+        make_folder(folder)
     atomic_write_all(files)
     for folder in {path.parent for path in files}:
         for path in _cards_in(folder):

@@ -219,8 +219,8 @@ def compare(members: Sequence[ComparedRun], *, thresholds: Thresholds | None = N
         )
         derived.append(own)
         known = {r.name: r.verdict in (IDENTIFIED, BOUNDED) for r in rows}
-        for quantity, share in zip(own, contractions(prior, own), strict=True):
-            known[quantity.key] = m.state == "converged" and share >= chosen.contraction
+        for quantity, contraction in zip(own, contractions(prior, own), strict=True):
+            known[quantity.key] = m.state == "converged" and contraction >= chosen.contraction
         identified.append(known)
     pairs = combinations(range(len(members)), 2)
     distances = [row for i, j in pairs for row in _distances(members, derived, identified, i, j)]

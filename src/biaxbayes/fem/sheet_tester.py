@@ -29,6 +29,7 @@ from scipy.sparse.linalg import splu
 from biaxbayes.errors import NotConverged
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.laws.goh import GOH
+from biaxbayes.mechanics.experiments import N_PER_KPA_MM2
 
 # --- how a sheet is gripped ----------------------------------------------------------------------
 
@@ -252,8 +253,8 @@ class SheetTester:
 
     def force_N(self, state: State) -> np.ndarray:
         """Forces (x, y) on whole edges: the sum over their grips."""
-        # the quarter holds one half of each edge; kPa mm * mm = 1e-3 N
-        return 2.0 * state.reaction @ self.grips.carriage * self.thickness_mm * 1e-3
+        # the quarter of a sheet 1 mm thick holds one half of each edge, kPa mm^2
+        return 2.0 * state.reaction @ self.grips.carriage * self.thickness_mm * N_PER_KPA_MM2
 
     def mount(self, stretch: tuple[float, float], *, increments: int = 10) -> State:
         """First step: from rest to the mounting stretch in equal increments."""

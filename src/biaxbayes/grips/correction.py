@@ -33,6 +33,7 @@ from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel
 from biaxbayes.grips.geometry import describe_hooks, edges_mm, stated_hooks
 from biaxbayes.laws.goh import GOH
+from biaxbayes.mechanics.experiments import newtons_per_kPa
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -233,8 +234,7 @@ def grip_ratios(
     control = str(specimen.metadata.get("stretch_from", "markers"))
     mounter = SheetTester(material, sheet, grips)
     tester = SheetTester(material, sheet, grips, control=control)
-    # N per kPa of nominal stress, for a thickness of 1 mm
-    area = edges[::-1] * 1e-3
+    area = newtons_per_kPa(edges[0], edges[1], thickness_mm=1.0)
     try:
         return tuple(
             _protocol_ratios(mounter, tester, area, p, lm)

@@ -20,17 +20,28 @@ GAUGE_RANGE_MM: dict[str, float] = {"minimum": 0.01, "maximum": 1e4}
 
 @dataclass(frozen=True)
 class Format:
-    """Text for the help, and the options of ``biaxbayes convert`` that only this format takes."""
+    """Text for the help, and the fields of :class:`Choice` that only this format takes."""
 
     description: str
     options: tuple[str, ...] = ()
 
 
 FORMATS = {
-    "biotester": Format("exports of a CellScale BioTester", ("--set", "--stretch-from")),
-    "generic": Format("any table, by a map of its columns", ("--columns", "--test")),
+    "biotester": Format("exports of a CellScale BioTester", ("sets", "stretch_from")),
+    "generic": Format("any table, by a map of its columns", ("columns", "test")),
 }
 """Formats by the name that ``--machine`` takes, which is that of their module."""
+
+
+def cycle_number(value: str | int | None) -> str | None:
+    """``last``, ``all`` or a number without zeros before it; InputError for anything else."""
+    text = value if value is None else str(value)
+    if text in (None, "last", "all"):
+        return text
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) > 0):
+        problem = f"`cycles` {text[:20]!r} is not a cycle"
+        raise InputError(problem, remedy="give a number, 'last' or 'all'")
+    return str(int(text))
 
 
 @dataclass(frozen=True)
@@ -97,6 +108,7 @@ class Choice(Options):
         None,
         "Cycle of each protocol to take; all: each a protocol of its own.",
         metavar="last|all|N",
+        read=cycle_number,
     )
     branch: str | None = option(None, "Side of a cycle to take.", choices=BRANCHES)
     still: str | None = option(
@@ -163,4 +175,14 @@ class Choice(Options):
     def __post_init__(self) -> None:
         if self.machine not in FORMATS:
             raise InputError(f"machine must be one of {', '.join(FORMATS)}, not {self.machine!r}")
+        own = FORMATS[self.machine].options
+        for machine, format_ in FORMATS.items():
+            others = [n for n in format_.options if getattr(self, n) != getattr(Choice, n)]
+            foreign = [f"`{name}`" for name in others if name not in own]
+            if foreign:
+                verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
+                raise InputError(
+                    f"{' and '.join(foreign)} {verb} for `machine={machine}`",
+                    remedy=f"leave {them} out",
+                )
         super().__post_init__()

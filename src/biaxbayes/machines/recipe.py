@@ -77,7 +77,7 @@ def read_recipe(path: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, A
     return options, header, found
 
 
-def check_fit(found: Mapping[str, Any], result: Conversion, recipe: Path) -> None:
+def refuse_other_content(found: Mapping[str, Any], result: Conversion, recipe: Path) -> None:
     """Refuse a file that holds other columns or protocols than the recipe was made from."""
     here = _found(result)
     for key in here:

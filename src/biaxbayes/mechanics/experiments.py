@@ -27,6 +27,13 @@ import numpy as np
 
 from biaxbayes.laws.materials import STEP
 
+N_PER_KPA_MM2 = 1e-3
+
+
+def newtons_per_kPa(edge_x_mm: float, edge_y_mm: float, thickness_mm: float) -> np.ndarray:
+    """Force per nominal stress in x and y: the section, edge of the other direction x thickness."""
+    return np.array([edge_y_mm, edge_x_mm]) * thickness_mm * N_PER_KPA_MM2
+
 
 @dataclass(frozen=True, eq=False)
 class Points:
@@ -200,9 +207,8 @@ class Tube(Experiment):
         weight = np.zeros((*r.shape, 2, 2))
         weight[..., 0, 0] = dr / r
         if self.reads_force:
-            # kPa mm^2 = mN; the force is in N
-            weight[..., 1, 0] = -1e-3 * np.pi * r * dr
-            weight[..., 1, 1] = 2e-3 * np.pi * r * dr
+            weight[..., 1, 0] = -N_PER_KPA_MM2 * np.pi * r * dr
+            weight[..., 1, 1] = 2.0 * N_PER_KPA_MM2 * np.pi * r * dr
         count = self.points_through_wall
         state = np.stack([around, np.broadcast_to(axial, r.shape)], axis=-1).reshape(-1, 2)
         return Points(state, weight.reshape(-1, 2, 2), np.repeat(np.arange(len(stretch)), count))
@@ -213,7 +219,7 @@ class Tube(Experiment):
         mid, wall = 0.5 * (inner + outer), outer - inner
         # s_t = p r / h,   s_z = f / (2 pi r h) + s_t / 2
         around = load[:, 0] * mid / wall
-        along = 1e3 * load[:, 1] / (2.0 * np.pi * mid * wall) + 0.5 * around
+        along = load[:, 1] / (2.0 * np.pi * mid * wall * N_PER_KPA_MM2) + 0.5 * around
         if not self.reads_force:
             along = 0.5 * around
         return np.column_stack([around, along])

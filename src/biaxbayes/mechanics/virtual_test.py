@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from biaxbayes.error_model import squared_exponential
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, with_free_side
+from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, newtons_per_kPa, with_free_side
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,8 @@ def virtual_test(
     if side is not None:
         cauchy[:, side] = 0.0
     piola = cauchy / total
-    # f_x = P_x * edge_y * thickness, kPa mm^2 = 1e-3 N
-    force = piola * np.array([edge_y_mm, edge_x_mm]) * thickness_mm * 1e-3
+    # f_x = P_x * edge_y * thickness
+    force = piola * newtons_per_kPa(edge_x_mm, edge_y_mm, thickness_mm)
     return VirtualTest(*measured.T, *total.T, *force.T, *piola.T, *cauchy.T)
 
 
@@ -84,7 +85,7 @@ def simulate_smooth_misfit(
     """
     span = np.ptp(stretch)
     s = (stretch - stretch[0]) / (span if span > 0 else 1.0)
-    covariance = np.exp(-0.5 * ((s[:, None] - s[None, :]) / length) ** 2)
+    covariance = squared_exponential((s[:, None] - s[None, :]) / length)
     # The kernel is of low numerical rank; the eigendecomposition is stable where Cholesky is not.
     values, vectors = np.linalg.eigh(covariance)
     # The symmetric root, V sqrt(D) V^T, does not depend on the library's choice of signs.

@@ -48,7 +48,7 @@ def draw_posterior(
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
 ) -> Draws:
-    """Draw from a posterior until the plan is met or its budget spent.
+    """Draw from a posterior until the plan is met or its steps are spent.
 
     Continues from ``state`` if given; the other arguments are those of
     :func:`~biaxbayes.sampling.sampler.draw`. The draws' ``target`` has the sampling coordinates

@@ -44,7 +44,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import logsumexp
 
-from biaxbayes.error_model import HALF_LOG_2PI
+from biaxbayes.error_model import HALF_LOG_2PI, squared_exponential
 
 AMPLITUDES = np.geomspace(0.002, 0.4, 10)
 AMPLITUDE_SD = 0.05
@@ -125,8 +125,7 @@ class Structure:
         if self.matern:
             # (1 + sqrt(3) d) exp(-sqrt(3) d)
             return related * (1.0 + np.sqrt(3.0) * d) * np.exp(-np.sqrt(3.0) * d)
-        # exp(-d^2 / 2)
-        return related * np.exp(-0.5 * d**2)
+        return related * squared_exponential(d)
 
     def covariance(self, a: CurvePoints, b: CurvePoints) -> np.ndarray:
         """D K_h D between the points a and b."""

@@ -90,7 +90,7 @@ class FurtherProtocol:
     posterior: Posterior
     stretch: np.ndarray  # (n + 1, 2), measured; the first row is the mounted state
     repeats: float  # rows of a record that a planned row stands for
-    shares: np.ndarray  # posterior weights of the misfit, (components, amplitudes)
+    weights: np.ndarray  # posterior weights of the misfit, (components, amplitudes)
 
     @property
     def loads_as_tested(self) -> bool:
@@ -124,14 +124,14 @@ class FurtherProtocol:
 
         def covariance(a: CurvePoints, b: CurvePoints) -> np.ndarray:
             out = np.zeros((len(a.path), len(b.path)))
-            for component, shares in zip(misfit.components, self.shares, strict=True):
-                out += (shares @ AMPLITUDES**2) * component.structure.covariance(a, b)
+            for component, weights in zip(misfit.components, self.weights, strict=True):
+                out += (weights @ AMPLITUDES**2) * component.structure.covariance(a, b)
             return out + misfit.toe_covariance(a, b)
 
         seen = misfit.reading @ covariance(misfit.points, misfit.points) @ misfit.reading.T
         cross = misfit.reading @ covariance(misfit.points, at)
         factors = np.array([NOISE_FACTORS[component.noise] for component in misfit.components])
-        factor = np.sqrt(self.shares.sum(axis=1) @ factors**2)
+        factor = np.sqrt(self.weights.sum(axis=1) @ factors**2)
         gain = np.linalg.solve(seen + np.diag((factor * misfit.noise_sd) ** 2), cross)
         sd = factor * np.maximum(sd, LEAST_NOISE * specimen.peak_load)
         left = covariance(at, at) - cross.T @ gain + np.diag(sd.ravel() ** 2)
@@ -251,8 +251,8 @@ class FurtherPieces(FurtherProtocol):
                 peak=np.full(len(load), np.abs(load[:, axis]).max()),
             ).take(np.arange(self.first, len(load)))
             misfit = posterior.misfit.toe_covariance(at, at)
-            for component, shares in zip(posterior.misfit.components, self.shares, strict=True):
-                misfit += (shares @ AMPLITUDES**2) * component.structure.covariance(at, at)
+            for component, weights in zip(posterior.misfit.components, self.weights, strict=True):
+                misfit += (weights @ AMPLITUDES**2) * component.structure.covariance(at, at)
             covariance[np.ix_(own, own)] += misfit
         relative = max(specimen.noise_sd / specimen.peak_load, LEAST_NOISE)
         noise = relative * np.abs(load).max(axis=0)
@@ -284,7 +284,7 @@ def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.
     return columns
 
 
-def _misfit_shares(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
+def _misfit_weights(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
     """Posterior weights of the misfit's structures and amplitudes, (components, amplitudes)."""
     if not posterior.settings.has_misfit:
         return np.empty((0, len(AMPLITUDES)))
@@ -312,11 +312,11 @@ def standard_candidates(
     ends = [p.known_stretch[-1] - 1.0 for p in specimen.protocols]
     top = np.max([p.known_stretch.max(axis=0) for p in specimen.protocols], axis=0) - 1.0
     rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
-    planned, shares = min(rows, MAX_PLANNED_ROWS), _misfit_shares(posterior, draws)
+    planned, weights = min(rows, MAX_PLANNED_ROWS), _misfit_weights(posterior, draws)
 
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
         path = 1.0 + np.linspace(0.0, 1.0, planned + 1)[:, None] * end
-        return FurtherProtocol(name, posterior, path, rows / planned, shares)
+        return FurtherProtocol(name, posterior, path, rows / planned, weights)
 
     out: list[Any] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):
@@ -336,7 +336,7 @@ def standard_candidates(
             ("strips x and y", strips, (Strip(0), Strip(1))),
             ("tube, pressure and force", inflated, (tube,)),
         ):
-            pieces = (posterior, path, rows / planned, shares, median, tests)
+            pieces = (posterior, path, rows / planned, weights, median, tests)
             out.append(FurtherPieces(name, *pieces))
     free = {n for n, p in posterior.priors.items() if isinstance(p, Prior)}
     for name, sd, unit in (("alpha", alpha_sd_deg, "°"), ("kappa", kappa_sd, "")):

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -351,3 +353,27 @@ class Population:
     def largest_stretch(self) -> float:
         """Largest equibiaxial total stretch that any specimen reached."""
         return max(s.largest_stretch for s in self.sources)
+
+
+@dataclass(frozen=True)
+class PopulationResult:
+    """Result of a population: state with reason, tables, and reasons by specimen left out."""
+
+    name: str
+    folder: Path
+    state: str
+    reason: str
+    groups: pd.DataFrame = field(repr=False)
+    specimens: pd.DataFrame = field(repr=False)
+    contrasts: pd.DataFrame = field(repr=False)
+    notes: list[str] = field(repr=False)
+    left_out: dict[str, str] = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"PopulationResult({self.name!r}, {self.state}, {len(self.groups)} rows of groups)"
+
+    def _repr_html_(self) -> str:
+        """State and groups, for notebooks."""
+        shown = self.groups[[c for c in self.groups if not str(c).startswith("new_")]]
+        table = shown.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+        return f"<p>{escape(self.name)}: {escape(self.state)}</p>{table}"

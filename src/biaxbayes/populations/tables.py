@@ -122,15 +122,15 @@ def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
     new_donors = derived_from_values(population, wide.median(location, g))
     prior = population.prior[0].at(evenly_chosen(PRIOR_DRAWS, DERIVED_DRAWS))
     _, before = _typical(population, prior, g, population.rng(700 + g))
-    shares = contractions(before, medians)
-    for q, median, share, donor, new_specimen, new_donor in zip(
-        typical, medians, shares, donors, new_specimens, new_donors, strict=True
+    shrunk = contractions(before, medians)
+    for q, median, contraction, donor, new_specimen, new_donor in zip(
+        typical, medians, shrunk, donors, new_specimens, new_donors, strict=True
     ):
         log = bool(q.unit) and min(q.values.min(), donor.values.min()) > 0.0
         verdict: dict[str, Any] = {"verdict": NO_VERDICT}
         if population.state == "converged":
             parameter = Parameter(q.key, unit=q.unit or "1", logarithmic=log)
-            verdict = derived_verdict(median.values, share, parameter)
+            verdict = derived_verdict(median.values, contraction, parameter)
         with np.errstate(over="ignore", invalid="ignore"):
             sds = [
                 (np.log(v) if log else v).reshape(hyper.draws, -1).std(axis=1, ddof=1)
@@ -256,8 +256,8 @@ def _difference(population: Population, values: np.ndarray) -> dict[str, Any]:
     """Quantiles of a difference, and whether its 90 % interval excludes zero."""
     if population.state == "unusable":
         return {}
-    share = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
-    out: dict[str, Any] = quantile_columns("difference", values) | {"probability_positive": share}
+    larger = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
+    out: dict[str, Any] = quantile_columns("difference", values) | {"probability_positive": larger}
     if population.state == "converged":
         low, high = out["difference_q05"], out["difference_q95"]
         out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else INCONCLUSIVE

@@ -110,14 +110,14 @@ def contrast_rows(part: pd.DataFrame) -> list[ContrastRow]:
         direction = _words(r["direction"])
         if direction and direction not in (LARGER, SMALLER):
             direction = "includes 1" if log else "includes 0"
-        share = float(r["probability_positive"])
+        probability = float(r["probability_positive"])
         rows.append(
             ContrastRow(
                 str(r["quantity"]),
                 "ratio" if log else f"difference{' in' if unit else ''}{unit}",
                 *interval(r, "difference", _ratio if log else three_digits),
                 direction,
-                DASH if math.isnan(share) else f"{share:.3f}",
+                DASH if math.isnan(probability) else f"{probability:.3f}",
             )
         )
     return rows

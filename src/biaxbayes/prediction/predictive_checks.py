@@ -49,7 +49,7 @@ def predictive_checks(
         of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
         errors), ``inside`` (fraction of the readings inside their own 90 % predictive
         band), ``share`` (largest residual over the largest load of the protocol, both directions),
-        ``unit`` and ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but
+        ``unit`` and ``agreement``: ``noise`` (no more than the load cell's), ``small`` (more, but
         below 5 % of the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
     tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
@@ -99,14 +99,14 @@ def predictive_checks(
             )
     table = pd.DataFrame(rows)
     if table.empty:
-        return table.assign(share=[], verdict=[])
+        return table.assign(share=[], agreement=[])
     peak = table.groupby(["protocol", "unit"])["peak"].transform("max").clip(lower=1e-300)
     relative = table["largest"].abs() / peak
     within = (table["largest"].abs() <= NOISE_SDS * table["noise"]) & (
         table["runs_z"] >= SMOOTH_RUNS_Z
     )
-    verdict = np.where(within, "noise", np.where(relative > LARGE_RESIDUAL, "misses", "small"))
-    return table.assign(share=relative, verdict=verdict)
+    agreement = np.where(within, "noise", np.where(relative > LARGE_RESIDUAL, "misses", "small"))
+    return table.assign(share=relative, agreement=agreement)
 
 
 def misfit_in_words(table: pd.DataFrame) -> list[str]:
@@ -152,7 +152,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
 
 def path_warnings(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
     """One sentence for each protocol that the model misses."""
-    missed = checks[checks["verdict"] == "misses"].to_dict("records")
+    missed = checks[checks["agreement"] == "misses"].to_dict("records")
     law_name, out = law_named(law).short_name, []
     for protocol in dict.fromkeys(row["protocol"] for row in missed):
         worst = max((r for r in missed if r["protocol"] == protocol), key=lambda r: r["share"])
@@ -171,7 +171,7 @@ def checks_in_words(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
     if checks.empty:
         return ["There are no readings beyond the mounted state to check the model with."]
     out = path_warnings(checks, law)
-    by_noise = checks[checks["verdict"] == "noise"]
+    by_noise = checks[checks["agreement"] == "noise"]
     if len(by_noise) == len(checks):
         out.append(
             f"No reading lies further from the median model than {NOISE_SDS:g} times the load "

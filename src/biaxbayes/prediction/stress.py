@@ -162,10 +162,10 @@ def stretch_path(
     -------
     ndarray, shape (points, 2)
     """
-    share = np.asarray(ratio, dtype=float)
-    if not np.isfinite(share).all() or np.abs(share).max() == 0.0:
-        raise InputError(f"a stretch ratio of {share[0]:g}:{share[1]:g} moves nothing")
-    return 1.0 + np.linspace(0.0, largest - 1.0, points)[:, None] * share / np.abs(share).max()
+    rise = np.asarray(ratio, dtype=float)
+    if not np.isfinite(rise).all() or np.abs(rise).max() == 0.0:
+        raise InputError(f"a stretch ratio of {rise[0]:g}:{rise[1]:g} moves nothing")
+    return 1.0 + np.linspace(0.0, largest - 1.0, points)[:, None] * rise / np.abs(rise).max()
 
 
 def predict_stress(

@@ -1,4 +1,4 @@
-"""Pages on compared runs and compared laws, with tables and figures at print size."""
+"""What comparisons of runs and of laws write: tables, figures, a page, and the terminal's text."""
 
 from __future__ import annotations
 
@@ -11,15 +11,23 @@ from matplotlib.figure import Figure
 
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
-from biaxbayes.errors import InputError
-from biaxbayes.figures.comparisons import by_weight, forest_figure, matrix_figure
+from biaxbayes.errors import printable
+from biaxbayes.figures.comparisons import (
+    by_weight,
+    forest_figure,
+    law_bands_figure,
+    law_misfit_figure,
+    law_mounting_figure,
+    matrix_figure,
+)
 from biaxbayes.figures.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
-from biaxbayes.identifiability.reported import quantile_texts, report_rows
+from biaxbayes.identifiability.reported import quantile_texts, report_rows, row_lines
 from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.reports.study_page import with_unit
 from biaxbayes.reports.templates import Row, embedded, page_template
-from biaxbayes.text_files import atomic_write_text, write_csv
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.text_files import aligned, atomic_write_text, make_folder, write_csv
 
 # --- a comparison of runs ------------------------------------------------------------------------
 
@@ -30,11 +38,7 @@ NOT_IN_BOTH = "Not identified in both: differences are not of the tissue"
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     """Write tables, figures (an overlay of at most six runs) and the page; return the paths."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
-    written = [folder / "compare-report.csv", folder / "compare-distances.csv"]
+    written = [make_folder(folder) / f"compare-{name}.csv" for name in ("report", "distances")]
     for path, table in zip(written, (comparison.matrix(), comparison.distances), strict=True):
         write_csv(path, table, digits=6)
     figures = {"matrix": matrix_figure(comparison), "forest": forest_figure(comparison)}
@@ -83,19 +87,69 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
     for (a, b), table in distances.groupby(["run_a", "run_b"], sort=False):
         parts: dict[str, list[Row]] = {IN_BOTH: [], NOT_IN_BOTH: []}
         for row in table.to_dict("records"):
-            name = str(row["quantity"])
-            if pd.notna(row["total_stretch"]):
-                name += f" at {row['total_stretch']:.4g}"
             cells = [f"{row[key]:.4g}" for key in numbers]
             cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
             cells.append(f"{row['kolmogorov']:.2f}")
             part = parts[IN_BOTH if row["identified_in_both"] else NOT_IN_BOTH]
-            part.append((with_unit(name, row["unit"]), *cells))
+            part.append((with_unit(_name_at_stretch(row), row["unit"]), *cells))
         pairs.append({"a": a, "b": b, "parts": parts})
     return pairs
 
 
+def comparison_text(comparison: Comparison, folder: Path) -> str:
+    """What each run reports, and the largest differences of what both of a pair identify."""
+    lines = []
+    for member, reported in zip(comparison.members, comparison.reported, strict=True):
+        lines.append(f"{printable(member.label)}: medians, 90 % intervals and 95 % bounds")
+        own = report_rows(reported, member.posterior.quantities)
+        lines += [f"  {line}" for line in row_lines(own)]
+    identified = comparison.distances[comparison.distances["identified_in_both"]]
+    if len(identified):
+        lines.append(
+            "\nlargest differences of quantities that both runs identify or bound "
+            "(90 % intervals; in common sd):"
+        )
+    for (a, b), rows in identified.groupby(["run_a", "run_b"], sort=False):
+        most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
+        cells = []
+        for r in most.to_dict("records"):
+            unit = "" if r["unit"] == "1" else str(r["unit"])
+            ends = f"{r['difference_q05']:.4g} to {r['difference_q95']:.4g} {unit}".rstrip()
+            cells.append([_name_at_stretch(r), ends, f"{r['standardised']:+.1f}"])
+        lines.append(f"  {printable(str(b))} minus {printable(str(a))}")
+        lines += [f"    {line}" for line in aligned(cells, right=(2,))]
+    lines += [f"note: {note}" for note in (*comparison.notes, WARNING)]
+    return "\n".join([*lines, f"\n{folder / 'compare.html'}"])
+
+
+def _name_at_stretch(row: Mapping[Any, Any]) -> str:
+    """A quantity, of a curve with its total stretch."""
+    at = row["total_stretch"]
+    return str(row["quantity"]) + ("" if pd.isna(at) else f" at {at:.4g}")
+
+
 # --- laws compared on a specimen -----------------------------------------------------------------
+
+
+def write_law_comparison(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
+    """Write tables, draws and bands of the mixture, figures and the page."""
+    tables = {
+        "laws.csv": compared.table,
+        "left-out.csv": compared.parts,
+        "stacked-draws.csv": compared.draws,
+        "stacked-bands.csv": compared.bands,
+    }
+    for name, table in tables.items():
+        write_csv(folder / name, table, digits=8)
+    drawn = {
+        "law-misfit": law_misfit_figure(compared),
+        "law-mounting": law_mounting_figure(compared),
+        "stacked-bands": law_bands_figure(compared, specimen),
+    }
+    figures = {stem: figure for stem, figure in drawn.items() if figure is not None}
+    for stem, figure in figures.items():
+        save_pictures(figure, folder, stem)
+    atomic_write_text(folder / "laws.html", laws_page(compared, figures))
 
 
 def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
@@ -123,6 +177,29 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
         ],
         parts=_part_rows(compared.parts),
         figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
+    )
+
+
+def laws_text(compared: LawComparison, folder: Path) -> str:
+    """The laws by weight, the mixture last, with the mounting stretches."""
+    stretches = [q.name for q in STRETCHES if f"{q.name}_q50" in compared.table]
+    lines = [
+        ["", "rms_kPa", "left out", "density", "weight (range)", *stretches],
+        ["", "kPa", "kPa", "nats", "", *(["median, 90 %"] * len(stretches))],
+    ]
+    for row in by_weight(compared.table).to_dict("records"):
+        name, state, *numbers = map(str, _law_row(row))
+        if not numbers[1]:  # nothing was predicted
+            lines.append([name, *[""] * 4, state])
+            continue
+        mounting = [f"{m}, {low} to {high}" for m, low, high in stretch_texts(row)]
+        lines.append([name, *numbers, *mounting])
+    return "\n".join(aligned(lines, right=range(1, 4))) + (
+        "\n\nrms: error of the fit to all rows; left out: error of predicting the parts left out;\n"
+        "density: log predictive density of these, larger is better (2.3 nats more: ten times as\n"
+        "probable); weights: fractions of the mixture that predicts best (stacking). The mixture\n"
+        "predicts stresses; below the tested stretches, and so for the mounting stretch, its\n"
+        f"weights are untested.\n\nopen {folder / 'laws.html'}; tables and figures are beside it"
     )
 
 

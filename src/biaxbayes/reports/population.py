@@ -9,10 +9,11 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-from biaxbayes.errors import listed
-from biaxbayes.identifiability.verdict import FIXED
+from biaxbayes.errors import listed, printable
+from biaxbayes.identifiability.verdict import FIXED, NOT_IDENTIFIED
 from biaxbayes.parameters import unit_words
 from biaxbayes.populations.model import LARGER, SMALLER
+from biaxbayes.populations.result import PopulationResult
 from biaxbayes.populations.text import (
     DASH,
     contrast_rows,
@@ -25,6 +26,7 @@ from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, wit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
 from biaxbayes.reports.text import derived_text, latex_tabular, latex_text, plural, truncate
 from biaxbayes.studies.groups import USABLE_VERDICTS
+from biaxbayes.text_files import aligned
 
 PAGE, LATEX = "population.html", "population.tex"
 TABLES = {
@@ -273,3 +275,50 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
             "",
         ]
     )
+
+
+# --- what the terminal shows ---------------------------------------------------------------------
+
+
+UNDETERMINED_MARK = "*"
+
+
+def closing_message(result: PopulationResult) -> str:
+    """Groups, differences between them and notes, for a terminal."""
+    converged = result.state == "converged"
+    state = result.state if converged else f"{result.state.upper()}: {result.reason}"
+    lines = [f"{printable(result.name)}: {state}"]
+    for group, part in result.groups.groupby("group", sort=False):
+        lines += ["", *_group_lines(str(group), part)]
+    groups = result.groups
+    if any((groups[f"{side}_verdict"] == NOT_IDENTIFIED).any() for side in spread_parts(groups)):
+        lines += [
+            "",
+            f"{UNDETERMINED_MARK} {NOT_IDENTIFIED}: the specimens determine little of this sd",
+        ]
+    for (a, b), part in result.contrasts.groupby(["group_a", "group_b"], sort=False):
+        first, second = printable(str(a)), printable(str(b))
+        table = [["quantity", "", "median", "5 to 95 %", f"in {second}"]]
+        for row in contrast_rows(part):
+            table.append([row.quantity, row.kind, row.median, row.interval, row.direction])
+        lines += ["", f"{second} compared with {first}", *aligned(table)]
+    lines += ["", *(f"note: {printable(note)}" for note in result.notes)]
+    lines += [f"all tables and draws are in {result.folder}"]
+    return "\n".join(lines)
+
+
+def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
+    """Table of a group: medians, spreads and new specimens."""
+    first = part.iloc[0]
+    members = f"{plural(first['specimens'], 'specimen')} of {plural(first['donors'], 'donor')}"
+    split = len(spread_parts(part)) > 1
+    sds = ["sd donors", "sd specimens"] if split else ["sd total"]
+    table = [["quantity", "unit", "median", "5 to 95 %", *sds, "new specimen", "verdict"]]
+    for row in group_rows(part):
+        spreads = [
+            text + (UNDETERMINED_MARK if verdict == NOT_IDENTIFIED else "")
+            for (text, _), verdict in zip(row.spreads, row.spread_verdicts, strict=True)
+        ]
+        cells = [row.quantity, row.unit, row.median, row.reported, *spreads, row.new[0][1]]
+        table.append([*cells, row.verdict])
+    return [f"{printable(group)}: {members}", *aligned(table)]

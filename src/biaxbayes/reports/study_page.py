@@ -15,7 +15,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.comparison.compare import WARNING
-from biaxbayes.errors import listed
+from biaxbayes.errors import listed, printable
 from biaxbayes.figures.population import study_figure
 from biaxbayes.figures.quantities import number
 from biaxbayes.figures.style import save_pictures
@@ -28,7 +28,7 @@ from biaxbayes.reports.templates import Cell, Row, page_template, pictures
 from biaxbayes.reports.text import as_html, derived_text, truncate
 from biaxbayes.studies.groups import LEAST_DONORS, OPEN
 from biaxbayes.studies.result import StudyResult
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
+from biaxbayes.text_files import aligned, atomic_write_bytes, atomic_write_text, write_csv
 
 FIGURE = "study-specimens"
 KNOWN_QUANTITIES = Quantities(all_parameters())
@@ -247,3 +247,25 @@ def write_study(result: StudyResult) -> list[Path]:
     page = folder / PAGE
     atomic_write_text(page, study_page(result, files))
     return [*written, page]
+
+
+def closing_message(result: StudyResult) -> str:
+    """One line per specimen, how groups differ, what the law misses, and where the numbers are."""
+    heads = ["specimen", "donor", "layer", *result.own_columns, "state"]
+    specimens = result.specimens.to_dict("records")
+    lines = aligned([heads, *([printable(str(s[k])) for k in heads] for s in specimens)])
+    counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
+    lines += ["", f"{len(result.specimens)} specimens: {counts}"]
+    for d in group_differences(result.group_contrasts):
+        a, b = printable(d.a), printable(d.b)
+        lines += ["", f"{b} compared with {a}"]
+        if d.rows:
+            table = [d.heads, *d.rows]
+            lines += aligned([[printable(cell) for cell in row] for row in table])
+        else:
+            lines.append("this study does not show whether they differ")
+        lines += [printable(d.without)] if d.without else []
+    missed = [f"{printable(k)}: {printable(v)}" for k, v in result.missed.items()]
+    lines += ["", *missed] if missed else []
+    lines.append(f"open {result.folder / 'study.html'}; all numbers are in study.csv beside it")
+    return "\n".join(lines)

@@ -19,16 +19,16 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import BiaxbayesError, InputError, RunError
+from biaxbayes.file_lock import folder_lock
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, FIGURE_FORMATS, PLOTS, REPORTS
+from biaxbayes.progress_bar import OnProgress, Progress, no_progress
+from biaxbayes.runs.checkpoint import NAMES as CHECKPOINTS
 from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
-
-# --- the files of a run: written to a staging folder, then moved into place together ------------
-
 
 PROVENANCE = "provenance.json"
 """Moved last: with it the folder is a finished run."""
@@ -64,16 +64,59 @@ TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 """Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
 
 
+# --- who writes into a folder ---------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def claim_folder(
+    folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
+) -> Iterator[None]:
+    """Make and lock a folder that is new, or holds one of `records` or nothing but `own` names."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
+    except OSError as error:
+        raise RunError(
+            f"{folder}: cannot be used ({error.strerror}); choose another `out`"
+        ) from None
+    if names.difference(own) and not names.intersection(records):
+        raise RunError(f"{folder}: is a folder that is not {kind}; choose another `out`")
+    with folder_lock(folder):
+        clear_leftovers(folder)
+        yield
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
+    """Claim and lock the folder of a run or population, and finish what a crash interrupted."""
+    records = [*CHECKPOINTS, *([record] if is_finished(folder, record) else [])]
+    with claim_folder(folder, records, f"a {KINDS[record]}'s"):
+        finish_moving(folder, record)
+        refuse_finished(folder, record, resume=resume, overwrite=overwrite)
+        yield
+
+
+def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:
+    """Refuse to overwrite a finished run without `overwrite`, or a checkpoint and `resume`."""
+    continued = resume and any((folder / name).exists() for name in CHECKPOINTS)
+    if is_finished(folder, record) and not (continued or overwrite):
+        raise RunError(
+            f"{folder}: holds a finished {KINDS[record]}; choose another `out`, or replace it with "
+            "`overwrite=True`"
+        )
+
+
+# --- files written to a staging folder, then moved into place together --------------------------
+
+
 @contextlib.contextmanager
 def staged(
-    folder: Path,
-    on_removed: Callable[[list[str]], None] = lambda names: None,
-    record: str = PROVENANCE,
+    folder: Path, record: str = PROVENANCE, progress: OnProgress = no_progress
 ) -> Iterator[Path]:
     """Yield a fresh folder for the files of a run, which then replace the old ones together.
 
-    On failure the old files are untouched. `record` lists the others and is moved last;
-    `on_removed` gets the names of removed files that were derived from the previous run.
+    On failure the old files are untouched. `record` lists the others and is moved last. Files that
+    were derived from the previous run are removed, and named to `progress`.
     """
     remains = "what was there before is untouched, and `resume=True` continues"
     try:
@@ -92,7 +135,9 @@ def staged(
             raise RunError(f"{problem}; {remains}") from None
         finally:
             shutil.rmtree(staging, ignore_errors=True)
-        on_removed(finish_moving(folder, record))
+        if removed := finish_moving(folder, record):
+            note = f"removed with the previous {KINDS[record]}: {', '.join(removed)}"
+            progress(Progress("writing", note=note))
     except OSError as error:
         raise RunError(
             f"{folder}: cannot be written ({error.strerror or error}); check space and "

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from biaxbayes.mechanics.experiments import N_PER_KPA_MM2
 from biaxbayes.specimens.protocol import LOAD_ROWS, ReadingError
 from biaxbayes.specimens.specimen import Specimen
 
@@ -62,14 +63,13 @@ def check_readings(specimen: Specimen) -> None:
         largest = max(range(len(loads)), key=lambda i: float(np.abs(loads[i]).max()))
         if np.ptp(np.concatenate(loads)) > 0.0 and np.ptp(loads[largest]) == 0.0:
             continue
-        section = 1e3 * float(specimen.area[k]) if forces else None
+        section = float(specimen.area[k]) / N_PER_KPA_MM2 if forces else None
         p = protocols[largest]
         stresses = specimen.experiment.stresses(p.stretch, specimen.load(p))
         if stresses is not None and stresses[:, k].any():
             # the section under which the largest load would be the largest stress
-            section = 1e3 * float(
-                np.abs(p.recorded_load).max(axis=0)[k] / np.abs(stresses[:, k]).max()
-            )
+            largest_load = float(np.abs(p.recorded_load).max(axis=0)[k])
+            section = largest_load / float(np.abs(stresses[:, k]).max()) / N_PER_KPA_MM2
         check_load(
             loads[largest],
             section,
@@ -104,8 +104,7 @@ def check_load(
     if np.all(values == values[0]):
         problem = "every value is zero" if peak == 0.0 else f"every value is {values[0]:g}"
         raise refusal(problem, index=0, remedy=STRIPS)
-    # kPa = N / mm^2 * 1e3
-    stress = peak if section_mm2 is None else peak / section_mm2 * 1e3
+    stress = peak if section_mm2 is None else peak / (section_mm2 * N_PER_KPA_MM2)
     limit = limit_kPa or STRESS_LIMIT_KPA
     if stress < STRESS_FLOOR_KPA:
         problem = f"the largest value, {values[row]:g}, means a stress of {stress:.3g} kPa"

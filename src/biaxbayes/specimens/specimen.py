@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import TESTS, Experiment, Tube, experiment_of
+from biaxbayes.mechanics.experiments import TESTS, Experiment, Tube, experiment_of, newtons_per_kPa
 from biaxbayes.parameters import Parameter, PieceLabels, Quantities
 from biaxbayes.specimens.keys import (
     DIMENSIONS,
@@ -328,6 +328,11 @@ class Specimen:
         """True if the header describes hooks."""
         return self.metadata.get("grips", NO_GRIPS) != NO_GRIPS
 
+    @property
+    def directions(self) -> tuple[str, str]:
+        """Names of the axes, ``x`` and ``y`` where the header names none."""
+        return self.axis_x or "x", self.axis_y or "y"
+
     # --- units and sections ---
 
     @property
@@ -344,14 +349,12 @@ class Specimen:
     def area(self) -> np.ndarray:
         """Measured quantity per kPa of first Piola-Kirchhoff stress, (x, y).
 
-        N per kPa for forces (section in mm^2 times 1e-3), one for stresses.
+        N per kPa for forces, one for stresses.
         """
         if self.stress_pair != "force":
             return np.ones(2)
-        # f_x [N] = P_x [kPa] * edge_y [mm] * thickness [mm] * 1e-3
         assert self.thickness_mm
-        widths = [self.edge_y_mm or 1.0, self.edge_x_mm or 1.0]
-        return np.array(widths) * self.thickness_mm * 1e-3
+        return newtons_per_kPa(self.edge_x_mm or 1.0, self.edge_y_mm or 1.0, self.thickness_mm)
 
     # --- readings ---
 

@@ -10,12 +10,9 @@ nominal section is wrong by more than the noise. A tube is inflated at constant 
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,11 +22,11 @@ from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.experiments import Tube, experiment_of
+from biaxbayes.mechanics.experiments import Tube, experiment_of, newtons_per_kPa
 from biaxbayes.mechanics.virtual_test import VirtualTest, simulate_smooth_misfit, virtual_test
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.specimens.truth import Truth
 
 MISFIT_LENGTH = 0.25
 Stretch = float | tuple[float, float]
@@ -50,8 +47,8 @@ class Dimensions:
 
     @property
     def area(self) -> np.ndarray:
-        """N per kPa (x, y): the section in mm^2, edge of the other direction x thickness, 1e-3."""
-        return np.array([self.edge_y_mm, self.edge_x_mm]) * self.thickness_mm * 1e-3
+        """Force (N) per nominal stress (kPa) in x and y."""
+        return newtons_per_kPa(self.edge_x_mm, self.edge_y_mm, self.thickness_mm)
 
 
 @dataclass(frozen=True)
@@ -80,49 +77,6 @@ class Machine:
     misfit_length: float = MISFIT_LENGTH
     stress_pair: str = "force"
     geometry: str = "unloaded"
-
-
-@dataclass(frozen=True)
-class Truth:
-    """True values behind a record, and how its readings were disturbed.
-
-    ``mounting_force_x, _y`` is the force of the material at the true mounting stretch, in
-    ``unit`` (that of the record: N, or kPa over the section of the record's geometry);
-    ``disturbed_mounting_force`` is the load on the cells before their noise: with the
-    model error of the first row, and for hooks the sum over them. One pair per protocol.
-    ``grips`` is None for a homogeneous specimen.
-    """
-
-    specimen: str
-    material: dict[str, float | bool | str]
-    mounting_stretch_x: float
-    mounting_stretch_y: float
-    unit: str
-    mounting_force_x: float
-    mounting_force_y: float
-    disturbed_mounting_force: dict[str, tuple[float, float]]
-    unloaded_dimensions: dict[str, float]
-    load_noise_N: float
-    misfit: float
-    misfit_length: float
-    seed: int
-    source: str
-    grips: dict[str, float] | None = None
-
-    def __repr__(self) -> str:
-        values = ", ".join(
-            f"{k}={v if isinstance(v, str) else f'{v:.4g}'}"
-            for k, v in self.material.items()
-            if v is not True
-        )
-        stretch = f"{self.mounting_stretch_x:g}, {self.mounting_stretch_y:g}"
-        return f"Truth({self.specimen!r}: {values}, mounting stretch {stretch})"
-
-
-def write_truth(truths: Sequence[Truth], path: str | os.PathLike) -> None:
-    """Write truths as JSON, one object per specimen under its name."""
-    text = json.dumps({truth.specimen: asdict(truth) for truth in truths}, indent=2)
-    atomic_write_text(Path(path), text + "\n")
 
 
 # --- tests: homogeneous ones in closed form, hooked ones in finite elements ----------------------

@@ -119,12 +119,12 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
         for d in (thinned, prior_material(posterior, thinned))
     )
     rows = []
-    for quantity, share in zip(after, contractions(before, after), strict=True):
+    for quantity, contraction in zip(after, contractions(before, after), strict=True):
         scale = LOG if quantity.unit else LINEAR
         values = quantity.values
         at = dict(zip(QUANTILES, quantiles(values), strict=True))
         narrow = scale == LINEAR or at["q95"] <= Thresholds().max_ratio * at["q05"]
-        known = run.state == "converged" and share >= Thresholds().contraction and narrow
+        known = run.state == "converged" and contraction >= Thresholds().contraction and narrow
         row: dict[str, Any] = {
             "kind": CURVE,
             "quantity": quantity.key,

@@ -6,7 +6,6 @@ worker must see.
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import time
@@ -20,7 +19,6 @@ from typing import Any
 
 import click
 
-import biaxbayes
 from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.compilation import first_alone
 from biaxbayes.errors import (
@@ -36,10 +34,11 @@ from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, time_left, with_progress
-from biaxbayes.reports.study_page import group_differences, write_study
-from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, is_finished
+from biaxbayes.reports.study_page import closing_message, write_study
+from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, claim_folder, is_finished
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
+from biaxbayes.studies.record import record_runs, recorded_runs
 from biaxbayes.studies.result import (
     FAILED,
     INTERRUPTED,
@@ -61,9 +60,9 @@ from biaxbayes.studies.study_file import (
     study_of_files,
 )
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
+from biaxbayes.text_files import os_error_text
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claim_folder, no_progress, no_stop
+from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, no_progress, no_stop
 from biaxbayes.verbs.sample import SampleJob
 
 
@@ -218,7 +217,7 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
 # --- the study -----------------------------------------------------------------------------------
 
 
-RUNNING_PREFIX = ".going-"
+RUNNING_PREFIX = ".running-"
 
 
 def run_study(
@@ -274,7 +273,7 @@ def _sample_all(
     """The outcome of every specimen, by the name of its run folder."""
     runs = folder.absolute() / RUNS
     outcomes = {e.slug: _failed_outcome(e.problem) for e in entries if e.specimen is None}
-    recorded = _recorded_runs(folder)
+    recorded = recorded_runs(folder)
     finished = {
         e.slug: e.fingerprint
         for e in entries
@@ -282,7 +281,7 @@ def _sample_all(
         and recorded.get(e.slug) == e.fingerprint
         and is_finished(runs / e.slug, PROVENANCE)
     }
-    _record_runs(study, folder, finished)
+    record_runs(study, folder, finished)
     before, clock = len(finished), time.monotonic()
     more = f", {before} of them finished before" if before else ""
     progress(Progress(f"sampling {len(entries)} specimens{more}"))
@@ -313,37 +312,16 @@ def _sample_all(
             progress(Progress("sampling", note=f"{entry.listing.label}: {note}"))
         if result.state in STATES and entry.slug not in finished:
             finished[entry.slug] = entry.fingerprint
-            _record_runs(study, folder, finished)
+            record_runs(study, folder, finished)
         text = f"{len(outcomes)} of {len(entries)} specimens"
         if failed := sum(t.state not in STATES for t in outcomes.values()):
             text += f", {failed} failed"
         text += time_left(clock, len(outcomes) - before, len(entries) - len(outcomes))
         progress(Progress(text, len(outcomes) / len(entries)))
     if len(outcomes) < len(entries):
-        raise Interrupted(
-            f"interrupted after {len(outcomes)} of {len(entries)} specimens, all saved in "
-            f"{folder}; the same command continues",
-            stop(),
-        )
+        text = f"interrupted after {len(outcomes)} of {len(entries)} specimens"
+        raise Interrupted(text, stop(), folder=folder, resume=False)
     return outcomes
-
-
-def _recorded_runs(folder: Path) -> dict[str, str]:
-    """Fingerprints of finished runs; empty if the record cannot be read."""
-    try:
-        record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
-        return {str(k): str(v) for k, v in record["done"].items()}
-    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
-        return {}
-
-
-def _record_runs(study: Study, folder: Path, finished: dict[str, str]) -> None:
-    """Write the fingerprints of the finished runs, and the additional columns of the study."""
-    record = {"biaxbayes": biaxbayes.__version__, "name": study.name, "done": finished}
-    if study.columns:
-        values = {e.label: dict(e.columns) for e in study.specimens}
-        record |= {"columns": list(study.columns), "values": values}
-    atomic_write_text(folder / STUDY, json.dumps(record, indent=2) + "\n")
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -423,25 +401,3 @@ def command(
     for label, reason in result.failures.items():
         click.echo(f"biaxbayes: {printable(label)}: {printable(as_options(reason))}", err=True)
     return 0 if result.converged else opt.NOT_CONVERGED
-
-
-def closing_message(result: StudyResult) -> str:
-    """One line per specimen, how groups differ, what the law misses, and where the numbers are."""
-    heads = ["specimen", "donor", "layer", *result.own_columns, "state"]
-    specimens = result.specimens.to_dict("records")
-    lines = aligned([heads, *([printable(str(s[k])) for k in heads] for s in specimens)])
-    counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
-    lines += ["", f"{len(result.specimens)} specimens: {counts}"]
-    for d in group_differences(result.group_contrasts):
-        a, b = printable(d.a), printable(d.b)
-        lines += ["", f"{b} compared with {a}"]
-        if d.rows:
-            table = [d.heads, *d.rows]
-            lines += aligned([[printable(cell) for cell in row] for row in table])
-        else:
-            lines.append("this study does not show whether they differ")
-        lines += [printable(d.without)] if d.without else []
-    missed = [f"{printable(k)}: {printable(v)}" for k, v in result.missed.items()]
-    lines += ["", *missed] if missed else []
-    lines.append(f"open {result.folder / 'study.html'}; all numbers are in study.csv beside it")
-    return "\n".join(lines)

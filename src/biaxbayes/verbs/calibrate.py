@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,55 +17,39 @@ import biaxbayes
 from biaxbayes.calibration.calibration import (
     RANKED_DRAWS,
     Calibration,
-    Replication,
+    planned_calibration,
     run_replications,
 )
-from biaxbayes.calibration.ranks import calibration_table, verdict
-from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, protocol_prior
+from biaxbayes.calibration.ranks import (
+    calibration_table,
+    rank_rows,
+    rank_table,
+    read_ranks,
+    uniformity,
+)
+from biaxbayes.calibration.simulated_specimen import priors_toml
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.model.draw import draw_posterior
-from biaxbayes.model.preparation import prepare
-from biaxbayes.model.priors import default_priors, prior_value
-from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, takes_options
+from biaxbayes.model.priors import prior_value
+from biaxbayes.options import CalibrationPlan, InferringOptions, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
-from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import stored_identity
+from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
-from biaxbayes.sampling.sampler import Plan
-from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import atomic_write_text, read_csv, write_csv
+from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 SAVE_SECONDS = 5.0
 RECORD, RANKS = "calibration.json", "ranks.csv"
-RANK_COLUMNS = (
-    "replication",
-    "parameter",
-    "unit",
-    "truth",
-    "rank",
-    "below",
-    "median",
-    "sd",
-    "state",
-    "reason",
-    "worst_ess",
-    "worst_rhat",
-    "rejected_draws",
-    "seconds",
-)
-TEXT_COLUMNS = ("parameter", "unit", "state", "reason")
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """The result of a finished study.
+    """The result of a finished calibration.
 
     Attributes
     ----------
@@ -89,48 +72,8 @@ class CalibrationResult:
         return f"CalibrationResult(replications {states}; p of uniform ranks {self.p:.3g})"
 
 
-def make_study(
-    specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan
-) -> Calibration:
-    """The study, with priors for the protocols or around the posterior of the specimen."""
-    model = {name: value for name, value in options.items() if name != "priors"}
-    given = dict(options["priors"])
-    settings = ModelOptions.from_values(model)
-    if plan.source == "posterior":
-        posterior = prepare(specimen, **model, priors=given, seed=plan.seed)
-        drawn = draw_posterior(posterior, Plan(seed=plan.seed))
-        if drawn.convergence.state == "unusable":
-            raise NotConverged(
-                "the posterior of the specimen cannot be used as prior of the study: "
-                f"{drawn.convergence.reason}"
-            )
-        wide = {**default_priors(specimen, posterior.settings), **given}
-        priors = local_prior(drawn.quantities, wide, posterior.quantities)
-    else:
-        priors = {**protocol_prior(specimen, settings), **given}
-    study = Calibration(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
-    return (
-        replace(study, **SETTINGS_OF_SAMPLE)
-        if len(settings.material_law.parameters) >= MANY_PARAMETERS
-        else study
-    )
-
-
-MANY_PARAMETERS = 8
-"""Number of parameters of a law from which replications use the ensembles of ``sample``. With the
-smaller ones of a study, 88 of 200 replications of ``four-fibre`` did not converge, and the ranks of
-its fibres were not uniform."""
-SETTINGS_OF_SAMPLE: dict[str, Any] = {
-    "max_steps": 4_000,
-    "ensembles": Plan.ensembles,
-    "walkers": Plan.walkers,
-    "population": Plan.population,
-    "first_block": Plan.first_block,
-}
-
-
 def run_calibration(
-    study: Calibration,
+    calibration: Calibration,
     folder: Path,
     replications: int,
     executor: Executor | None = None,
@@ -140,29 +83,26 @@ def run_calibration(
     stop: Stop = inputs.no_stop,
 ) -> CalibrationResult:
     """Run the replications that are missing, and write every file."""
-    with inputs.claim_folder(folder, {RECORD}, "a calibration's"):
-        rows = _stored_rows(study, folder, resume=resume)
+    with claim_folder(folder, {RECORD}, "a calibration's"):
+        rows = _stored_rows(calibration, folder, resume=resume)
         missing = [i for i in range(replications) if i not in rows]
         if missing:
             progress(Progress("compiling (once; cached for later runs)"))
         saved, done = time.monotonic(), replications - len(missing)
         executor = executor or InThisProcess()
-        for replication in run_replications(study, missing, executor=executor, stop=stop):
-            rows[replication.index] = rows_of(replication, study.quantities)
+        for replication in run_replications(calibration, missing, executor=executor, stop=stop):
+            rows[replication.index] = rank_rows(replication, calibration.quantities)
             done += 1
             progress(Progress(f"replication {done} of {replications}", done / replications))
             if time.monotonic() - saved > SAVE_SECONDS:
-                write_csv(folder / RANKS, _frame(rows))
+                write_csv(folder / RANKS, rank_table(rows))
                 saved = time.monotonic()
-        write_csv(folder / RANKS, _frame(rows))
+        write_csv(folder / RANKS, rank_table(rows))
         if done < replications:
-            raise Interrupted(
-                f"interrupted after {done} of {replications} replications, all saved in "
-                f"{folder}; the same command with `resume=True` continues",
-                stop(),
-            )
+            text = f"interrupted after {done} of {replications} replications"
+            raise Interrupted(text, stop(), folder=folder)
         progress(Progress("writing"))
-        ranks = _frame(rows)
+        ranks = rank_table(rows)
         ranks = ranks[ranks["replication"] < replications]
         ranked = ranks[ranks["rank"].notna()]
         if ranked.empty:
@@ -172,26 +112,21 @@ def run_calibration(
         write_csv(folder / "calibration.csv", table, digits=4)
         save_pictures(rank_figure(ranked, RANKED_DRAWS), folder, "calibration")
     states = ranks.drop_duplicates("replication")["state"].value_counts().to_dict()
-    return CalibrationResult(table, {str(k): int(v) for k, v in states.items()}, *verdict(table))
+    return CalibrationResult(table, {str(k): int(v) for k, v in states.items()}, *uniformity(table))
 
 
 def _stored_rows(
-    study: Calibration, folder: Path, *, resume: bool
+    calibration: Calibration, folder: Path, *, resume: bool
 ) -> dict[int, list[dict[str, Any]]]:
-    """Rows of the replications already done, by replication; the record of the study is written."""
+    """Rows of the replications already done, by replication; the calibration is recorded."""
+    # numbers and the deliberate fault, if there is one
+    others = {k: v for k, v in vars(calibration).items() if isinstance(v, int | float | str)}
     identity = {
-        "specimen": study.specimen.name,
-        "specimen_sha256": specimen_digest(study.specimen),
-        "options": dict(study.options),
-        "priors": {name: prior_value(prior) for name, prior in study.priors.items()},
-        "seed": study.seed,
-        "ess": study.ess,
-        "max_steps": study.max_steps,
-        "ensembles": study.ensembles,
-        "walkers": study.walkers,
-        "population": study.population,
-        "first_block": study.first_block,
-        "broken": study.broken,
+        "specimen": calibration.specimen.name,
+        "specimen_sha256": specimen_digest(calibration.specimen),
+        "options": dict(calibration.options),
+        "priors": {name: prior_value(prior) for name, prior in calibration.priors.items()},
+        **others,
         "biaxbayes": biaxbayes.__version__,
     }
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
@@ -199,64 +134,17 @@ def _stored_rows(
     if resume and (folder / RECORD).exists() and (folder / RANKS).exists():
         if stored_identity(folder / RECORD) != digest:
             raise RunError(
-                f"{folder}: holds another study (specimen, options, priors, seed or version "
+                f"{folder}: holds another calibration (specimen, options, priors, seed or version "
                 "differ); choose another `out`, or leave out `resume`"
             )
         for row in read_ranks(folder / RANKS).to_dict("records"):
             rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
-    # First, since rows of another study must not belong to this record.
-    write_csv(folder / RANKS, _frame(rows))
-    text = json.dumps({**identity, "identity": digest}, indent=2)
-    atomic_write_text(folder / RECORD, text + "\n")
-    priors = priors_toml(study.priors, study.specimen.unit, study.law)
+    # First, since rows of another one must not belong to this record.
+    write_csv(folder / RANKS, rank_table(rows))
+    atomic_write_text(folder / RECORD, record_text({**identity, "identity": digest}))
+    priors = priors_toml(calibration.priors, calibration.specimen.unit, calibration.law)
     atomic_write_text(folder / "priors.toml", priors)
     return rows
-
-
-def rows_of(replication: Replication, known: Quantities) -> list[dict[str, Any]]:
-    """Rows of ``ranks.csv`` of one replication."""
-    r = replication
-    return [
-        {
-            "replication": r.index,
-            "parameter": name,
-            "unit": known[name].unit.replace("1", "-") if name in known else "-",
-            "truth": r.truth[name],
-            "rank": r.rank.get(name, math.nan),
-            "below": r.below.get(name, math.nan),
-            "median": r.median.get(name, math.nan),
-            "sd": r.sd.get(name, math.nan),
-            "state": r.state,
-            "reason": r.reason,
-            "worst_ess": r.worst_ess,
-            "worst_rhat": r.worst_rhat,
-            "rejected_draws": r.rejected,
-            "seconds": round(r.seconds, 3),
-        }
-        for name in (r.rank or r.truth)
-    ]
-
-
-def read_ranks(path: Path) -> pd.DataFrame:
-    """``ranks.csv`` of a study."""
-    try:
-        table = read_csv(path, dtype=str, keep_default_na=False)
-        if tuple(table.columns) != RANK_COLUMNS:
-            raise ValueError
-        for name in RANK_COLUMNS:
-            if name not in TEXT_COLUMNS:
-                # Python's parser reads back exactly what was written.
-                table[name] = [float(v) if v else math.nan for v in table[name]]
-        return table.astype({"replication": int, "rejected_draws": int})
-    except (OSError, ValueError):
-        raise RunError(
-            f"{path}: is damaged or not a table of ranks; leave out `resume` to start again"
-        ) from None
-
-
-def _frame(rows: dict[int, list[dict[str, Any]]]) -> pd.DataFrame:
-    flat = [row for index in sorted(rows) for row in rows[index]]
-    return pd.DataFrame(flat, columns=list(RANK_COLUMNS))
 
 
 # --- the verb ------------------------------------------------------------------------------------
@@ -282,13 +170,11 @@ def calibrate(
     ----------
     specimen : Specimen or path-like
     out : path-like
-        Folder of the study.
-    mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, added back.
-    workers, scheduler, progress, stop
-        As in :func:`biaxbayes.batch`.
+        Folder of the calibration.
+    mounting_force, workers, scheduler, progress, stop : optional
+        As in :func:`biaxbayes.sample` and :func:`biaxbayes.batch`.
     resume : bool
-        Continue the study that the folder holds.
+        Continue the calibration that the folder holds.
     **options
         As in :class:`~biaxbayes.options.CalibrationPlan` and
         :class:`~biaxbayes.options.InferringOptions`.
@@ -296,10 +182,10 @@ def calibrate(
     plan, others = CalibrationPlan.split(options)
     model = InferringOptions.from_values(others).keywords()
     executor = executor_for(workers, scheduler)
-    study = make_study(inputs.open_specimen(specimen, mounting_force), model, plan)
-    return run_calibration(
-        study, Path(out), plan.replications, executor, resume=resume, progress=progress, stop=stop
-    )
+    data = inputs.open_specimen(specimen, mounting_force)
+    work: dict[str, Any] = {"resume": resume, "progress": progress, "stop": stop}
+    planned = planned_calibration(data, model, plan)
+    return run_calibration(planned, Path(out), plan.replications, executor, **work)
 
 
 @click.command("calibrate")
@@ -309,7 +195,7 @@ def calibrate(
 @opt.options(CalibrationPlan, "source")
 @opt.file_option("out", "Folder [<stem>-calibration].")
 @opt.options(CalibrationPlan, "seed", "ess")
-@opt.flag("resume", "Continue, or add replications to, a study.")
+@opt.flag("resume", "Continue a calibration, or add replications to it.")
 @opt.quiet_option
 @opt.options(CalibrationPlan, "broken", broken={"hidden": True})
 @opt.model_options(InferringOptions)
@@ -337,22 +223,19 @@ def closing_message(folder: Path, outcome: CalibrationResult) -> str:
     total = sum(outcome.states.values())
     lines = [f"{'':18s} {'uniform p':>9s} {'in band':>8s}   coverage of 50, 80, 90, 95 %"]
     for row in outcome.table.to_dict("records"):
-        shares = "  ".join(f"{100 * row[f'coverage_{level}']:5.1f}" for level in (50, 80, 90, 95))
+        inside = "  ".join(f"{100 * row[f'coverage_{level}']:5.1f}" for level in (50, 80, 90, 95))
         lines.append(
-            f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {shares}"
+            f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {inside}"
         )
-    doubtful = {k: v for k, v in outcome.states.items() if k != "converged"}
-    lines.append(
-        f"{total} replications, "
-        + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all converged")
-    )
+    others = ", ".join(f"{v} {k}" for k, v in outcome.states.items() if k != "converged")
+    lines.append(f"{total} replications, {others or 'all converged'}")
     if total < MIN_REPLICATIONS and outcome.calibrated:
         lines.append(
             f"{total} replications are too few: wrong intervals would look the same; run "
             f"{MIN_REPLICATIONS} or more (--replications, with --resume)"
         )
     else:
-        verdict = "uniform" if outcome.calibrated else "NOT uniform"
-        lines.append(f"the ranks of all quantities together are {verdict} (p = {outcome.p:.3g})")
+        result = "uniform" if outcome.calibrated else "NOT uniform"
+        lines.append(f"the ranks of all quantities together are {result} (p = {outcome.p:.3g})")
     lines.append(f"written to {folder}")
     return "\n".join(lines)

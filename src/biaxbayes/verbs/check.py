@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import Tube
+from biaxbayes.mechanics.experiments import N_PER_KPA_MM2, Tube
 from biaxbayes.options import for_users
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
@@ -144,8 +144,8 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
     """Contents of a specimen as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
     axes = specimen.experiment.axes
-    area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
-    area = [area[k] if k in axes else None for k in (0, 1)]
+    known = axes if specimen.stress_pair == "force" else ()
+    sections = {k: float(specimen.area[k] / N_PER_KPA_MM2) for k in known}
 
     def span(stretch: np.ndarray) -> list[float] | None:
         return None if np.isnan(stretch).any() else [float(stretch.min()), float(stretch.max())]
@@ -154,8 +154,7 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
         "specimen": specimen.name,
         "test": specimen.test,
         **{key: getattr(specimen, key) for key in PLAIN_KEYS},
-        "section_x_mm2": None if area[0] is None else float(area[0]),
-        "section_y_mm2": None if area[1] is None else float(area[1]),
+        **{f"section_{a}_mm2": sections.get(k) for k, a in enumerate("xy")},
         "stress_pair": specimen.stress_pair,
         "unit": specimen.unit,
         "reference": specimen.reference or REFERENCES[0],
@@ -247,27 +246,12 @@ def _picture(specimen: Specimen, file: Path) -> str:
 
 def _print_result(result: Checked) -> None:
     specimen, findings, about = result.specimen, result.findings, result.record()
-    layer = f", {specimen.layer}" if specimen.layer else ""
-    click.echo(f"specimen {specimen.name}{layer}")
-    axes = [f"{k} {getattr(specimen, f'axis_{k}')}" for k in "xy" if getattr(specimen, f"axis_{k}")]
-    if axes:
-        click.echo(f"  axes       {', '.join(axes)}")
-    size = "not stated"
     edges = [f"{e:g}" for e in (specimen.edge_x_mm, specimen.edge_y_mm) if e is not None]
-    if edges:
-        size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}"
-    elif isinstance(specimen.experiment, Tube):
+    size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}" if edges else "not stated"
+    if isinstance(specimen.experiment, Tube):
         size = f"outer diameter {2.0 * specimen.experiment.outer_radius_mm:g} mm"
     if specimen.thickness_mm is not None:
         size += f", {specimen.thickness_mm:g} mm thick"
-    state = f"stresses and dimensions refer to the {specimen.geometry} state"
-    click.echo(f"  dimensions {size} ({state})")
-    if specimen.test != "biaxial":
-        click.echo(f"  test       {specimen.test}")
-    known = {k: about[f"section_{k}_mm2"] for k in "xy" if about[f"section_{k}_mm2"] is not None}
-    if known:
-        sections = [f"{area:.4g} mm2 under the force in {k}" for k, area in known.items()]
-        click.echo(f"  sections   {', '.join(sections)}")
     kind = {
         "force": "force",
         "piola": "first Piola-Kirchhoff stress",
@@ -275,12 +259,23 @@ def _print_result(result: Checked) -> None:
         "tube": "axial force in N, pressure" if 1 in specimen.experiment.axes else "pressure",
     }
     rows = sum(p["rows"] for p in about["protocols"])
-    click.echo(
-        f"  readings   {kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in "
-        + plural(len(about["protocols"]), "protocol")
-    )
+    protocols = plural(len(about["protocols"]), "protocol")
     origin = "stated" if specimen.load_noise is not None else "from the scatter of the rows"
-    click.echo(f"  load noise {specimen.noise_sd:.3g} {specimen.unit}, {origin}")
+    sections = {k: about[f"section_{k}_mm2"] for k in "xy"}
+    facts = {
+        "axes": ", ".join(f"{k} {about[f'axis_{k}']}" for k in "xy" if about[f"axis_{k}"]),
+        "dimensions": f"{size} (stresses and dimensions refer to the {specimen.geometry} state)",
+        "test": "" if specimen.test == "biaxial" else specimen.test,
+        "sections": ", ".join(
+            f"{area:.4g} mm2 under the force in {k}" for k, area in sections.items() if area
+        ),
+        "readings": f"{kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in {protocols}",
+        "load noise": f"{specimen.noise_sd:.3g} {specimen.unit}, {origin}",
+    }
+    click.echo(f"specimen {specimen.name}{f', {specimen.layer}' if specimen.layer else ''}")
+    for name, text in facts.items():
+        if text:
+            click.echo(f"  {name:10s} {text}")
     for key, value in specimen.metadata.items():
         click.echo(f"  {key}: {value}")
     click.echo("")
@@ -298,13 +293,10 @@ def _print_result(result: Checked) -> None:
                 for k in "xy"
             )
         lines.append([p["name"], str(p["rows"]), str(p["rest_rows"]), *ranges, forces])
-    for line in aligned(lines):
-        click.echo(f"  {line}")
-    click.echo("")
+    click.echo(textwrap.indent("\n".join(aligned(lines)), "  ") + "\n")
+    wrapped = textwrap.TextWrapper(96, subsequent_indent="    ", break_long_words=False)
     for finding in findings:
-        click.echo(
-            textwrap.fill(str(finding), width=96, subsequent_indent="    ", break_long_words=False)
-        )
+        click.echo(wrapped.fill(str(finding)))
     errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
     if errors:
         click.echo("'sample' refuses it without --anyway")

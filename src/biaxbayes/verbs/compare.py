@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.errors import InputError, printable
+from biaxbayes.errors import InputError
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import aligned
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike, SpecimenLike, Stop
@@ -45,15 +44,13 @@ def compare(
         Default: the layers if they differ, else the specimens, else the folders.
     out : path-like, optional
         Folder of the tables, figures and the page, compare.html.
-    mounting_force : (float, float), optional
-        Force (or stress) at the mounted state of tared specimens to sample.
     anyway : bool
         Use runs that have not converged, which get no verdict, and sample specimens whose data do
         not look like a loading curve.
     overwrite : bool
         Replace finished runs of specimens in ``out``.
-    progress, stop : callable, optional
-        As in :func:`biaxbayes.sample`.
+    mounting_force, progress, stop : optional
+        As in :func:`biaxbayes.sample`, for specimens to sample.
     **options
         For specimens to sample, as in :func:`biaxbayes.sample`.
     """
@@ -141,46 +138,15 @@ def command(
     biaxbayes compare intima.run media.run adventitia.run --out layers
     biaxbayes compare media.run media.csv --fix alpha=41 --labels "free,alpha from histology"
     """
+    from biaxbayes.reports.comparison import comparison_text
+
     given = opt.with_priors(**given)
     names = None if labels is None else [name.strip() for name in labels.split(",")]
     runs = [opt.open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
     with opt.progress_and_stop(quiet) as work:
         result = compare(runs, labels=names, out=out, anyway=anyway, **work, **given)
     if not quiet:
-        _print_comparison(result, out)
+        click.echo(comparison_text(result, out))
     if not result.converged:
         click.echo("biaxbayes: not every run has converged, see compare.html", err=True)
     return 0 if result.converged else opt.NOT_CONVERGED
-
-
-def _print_comparison(result: Comparison, out: Path) -> None:
-    import pandas as pd
-
-    from biaxbayes.comparison.compare import WARNING
-    from biaxbayes.identifiability.reported import report_rows, row_lines
-
-    for member, reported in zip(result.members, result.reported, strict=True):
-        click.echo(f"{printable(member.label)}: medians, 90 % intervals and 95 % bounds")
-        for line in row_lines(report_rows(reported, member.posterior.quantities)):
-            click.echo(f"  {line}")
-    identified = result.distances[result.distances["identified_in_both"]]
-    if len(identified):
-        click.echo(
-            "\nlargest differences of quantities that both runs identify or bound "
-            "(90 % intervals; in common sd):"
-        )
-    for (a, b), rows in identified.groupby(["run_a", "run_b"], sort=False):
-        most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
-        click.echo(f"  {printable(str(b))} minus {printable(str(a))}")
-        cells = []
-        for r in most.to_dict("records"):
-            unit = "" if r["unit"] == "1" else str(r["unit"])
-            ends = f"{r['difference_q05']:.4g} to {r['difference_q95']:.4g} {unit}".rstrip()
-            at = "" if pd.isna(r["total_stretch"]) else f" at {r['total_stretch']:.4g}"
-            cells.append([f"{r['quantity']}{at}", ends, f"{r['standardised']:+.1f}"])
-        for line in aligned(cells, right=(2,)):
-            click.echo(f"    {line}")
-    for note in result.notes:
-        click.echo(f"note: {note}")
-    click.echo(f"note: {WARNING}")
-    click.echo(f"\n{out / 'compare.html'}")

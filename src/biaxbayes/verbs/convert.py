@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.choice import FORMATS, STRETCH_SOURCES, Choice
+from biaxbayes.machines.choice import FORMATS, Choice
 from biaxbayes.options import takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
@@ -87,11 +87,11 @@ def convert(
     keys = {k: options.pop(k) for k in {*HEADER_OPTIONS, *METADATA_KEYS} & {*options} - own}
     header = {**(header or {}), **keys}
     if recipe is not None:
-        from biaxbayes.machines.recipe import check_fit, read_recipe
+        from biaxbayes.machines.recipe import read_recipe, refuse_other_content
 
         answers, lab, found = read_recipe(Path(recipe))
         options, header = answers | options, lab | header
-    choice = _check_choice(_choice(choice, options))
+    choice = _choice(choice, options)
     paths = [raw] if isinstance(raw, str | Path) else raw
     files, target = [Path(path) for path in paths], None if out is None else Path(out)
     _check_files(files, target)
@@ -103,7 +103,7 @@ def convert(
     if len(files) > 1 and not (choice.specimen or "specimen" in values):
         result = replace(result, specimen=replace(result.specimen, name=common_stem(files)))
     if recipe is not None:
-        check_fit(found, result, Path(recipe))
+        refuse_other_content(found, result, Path(recipe))
     return result if target is None else _written(result, choice, values, target, beside)
 
 
@@ -183,64 +183,27 @@ def _written(
     return replace(result, specimen=specimen)
 
 
-def _check_choice(choice: Choice) -> Choice:
-    """Refuse options of another machine format, and a cycle that is not a number."""
-    values = {
-        "--columns": choice.columns,
-        "--test": choice.test,
-        "--set": choice.sets,
-        "--stretch-from": choice.stretch_from != STRETCH_SOURCES[0],
-    }
-    own = FORMATS[choice.machine].options if choice.machine in FORMATS else ()
-    for machine, format_ in FORMATS.items():
-        foreign = [o for o in format_.options if o not in own and values[o]]
-        if foreign:
-            verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
-            raise InputError(
-                f"{' and '.join(foreign)} {verb} for `machine={machine}`",
-                remedy=f"leave {them} out",
-            )
-    cycles = choice.cycles if choice.cycles is None else str(choice.cycles)
-    if cycles in (None, "last", "all"):
-        return choice
-    if not (cycles.isascii() and cycles.isdigit() and len(cycles) < 10 and int(cycles) > 0):
-        problem = f"`cycles` {cycles[:20]!r} is not a cycle"
-        raise InputError(problem, remedy="give a number, 'last' or 'all'")
-    return replace(choice, cycles=str(int(cycles)))
-
-
 # --- the command ---------------------------------------------------------------------------------
 
 
-HEADER_OPTIONS = {
-    "specimen": "TEXT",
-    "layer": "TEXT",
-    "axis_x": "TEXT",
-    "axis_y": "TEXT",
-    "geometry": "unloaded|mounted",
-    "reference": "'each protocol'|common",
-    "edge_x_mm": "MM",
-    "edge_y_mm": "MM",
-    "thickness_mm": "MM",
-    "unloaded_outer_diameter_mm": "MM",
-    "unloaded_length_mm": "MM",
-    "opening_angle_fung_deg": "DEG",
-    "missing_sector_deg": "DEG",
-    "load_noise_N": "N",
-    "load_noise_kPa": "KPA",
-    "axial_force_noise_N": "N",
-    "edge_sd_mm": "MM",
-    "thickness_sd_mm": "MM",
-    "mounting_stretch_x": "'M +- SD'",
-    "mounting_stretch_y": "'M +- SD'",
-    "stress_limit_kPa": "KPA",
-}
-"""Header keys that have an option, and what the help prints for their values."""
+HEADER_OPTIONS = (
+    "specimen", "layer", "axis_x", "axis_y", "geometry", "reference",
+    "edge_x_mm", "edge_y_mm", "thickness_mm", "unloaded_outer_diameter_mm", "unloaded_length_mm",
+    "opening_angle_fung_deg", "missing_sector_deg", "load_noise_N", "load_noise_kPa",
+    "axial_force_noise_N", "edge_sd_mm", "thickness_sd_mm",
+    "mounting_stretch_x", "mounting_stretch_y", "stress_limit_kPa",
+)  # fmt: skip
+"""Header keys that have an option."""
 
 
-def _header_option(key: str, metavar: str) -> opt.Decorator:
+def _header_option(key: str) -> opt.Decorator:
     """An option for a header key of a specimen file."""
-    meaning, default = KEYS[key].meaning, KEYS[key].default
+    meaning, default, between, choices, _ = KEYS[key]
+    metavar = "TEXT" if between is None else key.rpartition("_")[2].upper()  # the unit
+    if choices:
+        metavar = "|".join(map(shlex.quote, choices))
+    elif key.startswith("mounting_stretch"):
+        metavar = "'M +- SD'"
     default = "what the names of the files begin with" if key == "specimen" else default
     without = default if default == OF_FORCES else f"default: {default}"
     text = f"{meaning}." if default == NONE else f"{meaning} ({without})."
@@ -268,7 +231,7 @@ def _header_option(key: str, metavar: str) -> opt.Decorator:
 )
 @opt.file_option("recipe", "Answers of an earlier conversion, for files of the same kind.")
 @opt.flag("overwrite", "Replace files of the same names.")
-@opt.together(*(_header_option(key, metavar) for key, metavar in HEADER_OPTIONS.items()))
+@opt.together(*map(_header_option, HEADER_OPTIONS))
 def command(
     raw: tuple[Path, ...],
     out: Path,

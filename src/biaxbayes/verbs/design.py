@@ -36,13 +36,10 @@ def design(
     run : Run or path-like
     out : path-like, optional
         Folder for design.csv, design.pdf and design.png.
-    workers : int, optional
-        Processes; None for the number of processors, at most four.
-    scheduler : str, optional
-        Address of a Dask scheduler to use instead.
+    workers, scheduler : optional
+        As in :func:`biaxbayes.batch`, but one process by default.
     progress : callable or bool, optional
-        Called with each step; True or False shows a line or none, by default on a terminal and
-        in a notebook.
+        As in :func:`biaxbayes.sample`.
     **options
         As in :class:`~biaxbayes.options.DesignOptions`.
     """
@@ -107,8 +104,7 @@ def print_design(result: Design, unit: str) -> None:
         ]
         peak = "" if load is None else f"{load.low:.3g} to {load.high:.3g}"
         cells.append([name, gain, *per_cent, f"{expected.effective:.0f}", peak])
-    for line in aligned(cells, right=range(1, len(cells[0]))):
-        click.echo(line)
+    click.echo("\n".join(aligned(cells, right=range(1, len(cells[0])))))
     if not all(e.trusted for e in result.expected):
         click.echo(
             "\n* too few draws are left for these outcomes: the true reduction is at least the "

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
-from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.errors import InputError
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.text_files import as_path
@@ -26,9 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DRAW_AT = ("median", "map")
-DEFAULT_NEW_SPECIMENS = 20
-"""Cards of new specimens of a population where no number is given."""
-MEAN_CURVE = "mean-curve"
 
 
 @dataclass(frozen=True)
@@ -88,6 +84,7 @@ def export(
         The manifest: one row per card.
     """
     from biaxbayes.cards.export import export_cards
+    from biaxbayes.cards.population import export_population_cards
     from biaxbayes.prediction.draws import chosen_draws
     from biaxbayes.runs.run import Run
 
@@ -98,90 +95,32 @@ def export(
     chosen = CardOptions.from_values(options)
     if chosen.draws is not None and chosen.at is not None:
         raise InputError("`draws` and `at` exclude each other", remedy="give one of them")
+    how: dict[str, Any] = {
+        "program": to,
+        "units": chosen.units,
+        "bulk_ratio": chosen.bulk_ratio,
+        "overwrite": chosen.overwrite,
+    }
+    which: dict[str, Any] = {"count": chosen.draws, "seed": chosen.seed}
     if population is not None:
         if chosen.at is not None or isinstance(run, Run):
             raise InputError("`population` takes a population's folder, and no `at`")
         source = as_path(run, "run")
         folder = _folder(source, to, chosen.units, out)
-        return _export_population(source, population, to, chosen, folder, anyway)
+        return export_population_cards(source, population, folder, anyway=anyway, **which, **how)
     opened = usable_run(run, anyway=anyway)
     better = opened.result.better_law
-    rows, origin = chosen_draws(
-        opened.draws,
-        opened.specimen,
-        opened.law,
-        count=chosen.draws,
-        at=chosen.at or DRAW_AT[0],
-        seed=chosen.seed,
-    )
-    return export_cards(
-        opened.draws,
-        opened.specimen,
-        opened.law,
-        rows,
-        _folder(opened.path, to, chosen.units, out),
-        program=to,
-        units=chosen.units,
-        bulk_ratio=chosen.bulk_ratio,
-        origin=origin,
-        warnings=(f"WARNING: {better}.",) if better else (),
-        overwrite=chosen.overwrite,
-    )
+    data = (opened.draws, opened.specimen, opened.law)
+    rows, origin = chosen_draws(*data, at=chosen.at or DRAW_AT[0], **which)
+    warnings = (f"WARNING: {better}.",) if better else ()
+    folder = _folder(opened.path, to, chosen.units, out)
+    return export_cards(*data, rows, folder, origin=origin, warnings=warnings, **how)
 
 
 def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
     from biaxbayes.runs.folder import CARDS
 
     return run / f"{CARDS}-{to}-{units}" if out is None else as_path(out, "out")
-
-
-# --- cards of a population: new specimens of a group, and its mean curve -------------------------
-
-
-def _export_population(
-    folder: Path, group: str, program: str, chosen: CardOptions, out: Path, anyway: bool
-) -> pd.DataFrame:
-    """Write cards of new specimens of a group; ``mean-curve`` has the one nearest the median."""
-    from biaxbayes.cards.export import made_cards, write_cards
-    from biaxbayes.laws import law_named
-    from biaxbayes.parameters import mounting_names
-    from biaxbayes.prediction.draws import chosen_draws
-    from biaxbayes.specimens.protocol import Protocol
-    from biaxbayes.specimens.specimen import Specimen
-    from biaxbayes.verbs.population_files import new_materials, population_state
-
-    if population_state(folder) == "unusable" and not anyway:
-        raise NotConverged(
-            f"{folder}: the chains of this population have not converged; sample longer, or add "
-            "`anyway=True` to use them nevertheless"
-        )
-    table, attributes = new_materials(folder, group)
-    law = law_named(str(attributes["law"]), fibre_switch=bool(attributes["fibre_switch"]))
-    # Median equibiaxial curves of the group as a specimen; the cards are checked at its states.
-    stretch = np.linspace(1.0, float(attributes["largest_stretch"]), 61)
-    with np.errstate(over="ignore", invalid="ignore"):
-        stress = law.material(table).cauchy(stretch[None], stretch[None])
-    x, y = (np.median(np.nan_to_num(s, nan=np.inf), axis=0) for s in stress)
-    curves = Protocol("equibiaxial", stretch, stretch, x, y)
-    specimen = Specimen(group, (curves,), "cauchy", "unloaded")
-    # Stretches are total ones: the unloaded state is the reference.
-    table = table.assign(**dict.fromkeys(mounting_names("stretch"), 1.0))
-    mean, _ = chosen_draws(table, specimen, law, at="median")
-    count = min(chosen.draws or DEFAULT_NEW_SPECIMENS, len(table))
-    rows, _ = chosen_draws(table, specimen, law, count=count, seed=chosen.seed)
-    how: dict[str, Any] = {
-        "program": program,
-        "units": chosen.units,
-        "bulk_ratio": chosen.bulk_ratio,
-        "overwrite": chosen.overwrite,
-    }
-    origin = f"new specimen of {group}"
-    manifest, files = made_cards(table, specimen, law, rows, out, origin=origin, **how)
-    origin += " with the curves nearest the median curves"
-    curve = out / MEAN_CURVE
-    _, of_the_mean = made_cards(table, specimen, law, mean, curve, origin=origin, **how)
-    write_cards(files | of_the_mean)
-    return manifest
 
 
 # --- the command ---------------------------------------------------------------------------------

@@ -213,7 +213,7 @@ def command(
     With --out the table goes into fits.csv, the fits over the data into fits.pdf and fits.png.
     """
     from biaxbayes.identifiability.fit_quality import poor_fit
-    from biaxbayes.verbs.plot import read_truth
+    from biaxbayes.specimens.truth import read_truth
 
     fixed = opt.fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
     data = open_specimen(list(specimen), mounting_force)

@@ -65,9 +65,7 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
     if as_json:
         click.echo(json.dumps(as_record(result), indent=2, allow_nan=False, ensure_ascii=False))
     else:
-        for line in row_lines(result.rows):
-            click.echo(line)
-        click.echo("")
+        click.echo("\n".join(row_lines(result.rows)) + "\n")
         more = [result.fit, result.low_information, result.advice, *result.warnings]
         if result.directions:
             more += [result.directions[0]["in_words"], result.same_curves_in_words]

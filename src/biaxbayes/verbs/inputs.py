@@ -1,9 +1,8 @@
-"""Open and check the inputs of the verbs; make their output folders."""
+"""Open and check the inputs of the verbs."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -12,13 +11,15 @@ import numpy as np
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.parameters import NOISE_SD, STRETCH
 from biaxbayes.progress_bar import OnProgress as OnProgress
-from biaxbayes.progress_bar import Progress
+from biaxbayes.progress_bar import no_progress as no_progress
 from biaxbayes.specimens.check import with_force
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.tasks import Stop as Stop
 from biaxbayes.tasks import no_stop as no_stop
 from biaxbayes.text_files import as_path
+from biaxbayes.text_files import make_folder as make_folder
 
 if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
@@ -27,12 +28,6 @@ PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
 PiecesLike = SpecimenLike | Sequence[SpecimenLike]
-
-Stop = Callable[[], int]
-
-
-def no_progress(progress: Progress) -> None:
-    """No progress is shown."""
 
 
 def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None = None) -> Specimen:
@@ -121,51 +116,6 @@ def is_run(source: RunLike | SpecimenLike) -> bool:
     return isinstance(source, Run)
 
 
-def make_folder(path: PathLike) -> Path:
-    """Make a folder to write into, where it does not exist."""
-    folder = as_path(path, "out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
-    return folder
-
-
-@contextlib.contextmanager
-def claim_folder(
-    folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
-) -> Iterator[None]:
-    """Make and lock a folder that is new, or holds one of `records` or nothing but `own` names."""
-    from biaxbayes.file_lock import folder_lock
-    from biaxbayes.runs.folder import clear_leftovers
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
-    except OSError as error:
-        raise RunError(
-            f"{folder}: cannot be used ({error.strerror}); choose another `out`"
-        ) from None
-    if names.difference(own) and not names.intersection(records):
-        raise RunError(f"{folder}: is a folder that is not {kind}; choose another `out`")
-    with folder_lock(folder):
-        clear_leftovers(folder)
-        yield
-
-
-@contextlib.contextmanager
-def lock_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
-    """Claim and lock the folder of a run or population, and finish what a crash interrupted."""
-    from biaxbayes.runs.checkpoint import NAMES
-    from biaxbayes.runs.folder import KINDS, finish_moving, is_finished
-
-    records = {*NAMES, record} if is_finished(folder, record) else {*NAMES}
-    with claim_folder(folder, records, f"a {KINDS[record]}'s"):
-        finish_moving(folder, record)
-        refuse_finished(folder, record, resume=resume, overwrite=overwrite)
-        yield
-
-
 def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
     """Refuse model options together with a run, which has its own model."""
     names = [*(["mounting_force"] if mounting_force is not None else []), *given]
@@ -188,31 +138,6 @@ def as_style(style: Any) -> dict[str, Any] | None:
                 raise InputError(f"`style`: {str(key)[:60]!r} is not a setting of matplotlib")
         return None if style is None else dict(style)
     return read_style(as_path(style, "style"))
-
-
-def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:
-    """Refuse to overwrite a finished run without `overwrite`, or a checkpoint and `resume`."""
-    from biaxbayes.runs.checkpoint import NAMES
-    from biaxbayes.runs.folder import KINDS, is_finished
-
-    continued = resume and any((folder / name).exists() for name in NAMES)
-    if is_finished(folder, record) and not (continued or overwrite):
-        raise RunError(
-            f"{folder}: holds a finished {KINDS[record]}; choose another `out`, or replace it with "
-            "`overwrite=True`"
-        )
-
-
-def removal_note(progress: OnProgress, record: str) -> Callable[[list[str]], None]:
-    """Callback that reports the derived files removed with the previous run or population."""
-    from biaxbayes.runs.folder import KINDS
-
-    def on_removed(names: list[str]) -> None:
-        if names:
-            note = f"removed with the previous {KINDS[record]}: {', '.join(names)}"
-            progress(Progress("writing", note=note))
-
-    return on_removed
 
 
 def check_new(path: Path, overwrite: bool) -> None:

@@ -59,13 +59,8 @@ def ledger(
         Total equibiaxial stretches of the stresses; by default five up to the largest tested one.
     out : path-like, optional
         Folder for ledger.csv, ledger.pdf and ledger.png.
-    mounting_force : (float, float), optional
-        For a tared specimen: the force (or stress) at the mounted state, added back.
-    anyway : bool
-        Sample a specimen even if its data do not look like a loading curve.
-    progress : callable or bool, optional
-        Called with each step; True or False shows a line or none, by default on a terminal and
-        in a notebook.
+    mounting_force, anyway, progress : optional
+        As in :func:`biaxbayes.sample`, for a specimen.
     **options
         As in :class:`LedgerPlan`, and for a specimen
         :class:`~biaxbayes.options.InferringOptions`.
@@ -166,8 +161,7 @@ def _print_ledger(result: Ledger, folder: Path) -> None:
         for mounting_model in ("ignored", "zeroed"):
             cells += [cell(row, mounting_model), f"{row[f'shift_{mounting_model}_sd']:+.1f}"]
         lines.append(cells)
-    for line in aligned(lines, right=range(1, 6)):
-        click.echo(line)
+    click.echo("\n".join(aligned(lines, right=range(1, 6))))
     outside = result.stresses["extrapolation"] != INSIDE
     if outside.any():
         click.echo("\n* outside the tested range, or below the mounted state")

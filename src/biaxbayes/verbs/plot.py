@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,12 +20,11 @@ from biaxbayes.figures.style import SIDE_BY_SIDE_MM, picture_suffix, save_figure
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profiles
-from biaxbayes.laws import all_parameters
 from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option, for_users
-from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
+from biaxbayes.specimens.truth import read_truth
 from biaxbayes.tasks import process_lock
-from biaxbayes.text_files import as_path, read_text, safe_file_name
+from biaxbayes.text_files import as_path, safe_file_name
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
 
@@ -43,45 +40,6 @@ WIDTH = Option(kind=float, minimum=50.0, maximum=400.0)
 """Width of a figure in print, mm."""
 MAX_PROFILES_IN_COLUMN = 3
 """Profiles that fit one column of a page."""
-
-
-# --- true values of a virtual specimen -----------------------------------------------------------
-
-
-MOUNTING_NAMES = (*mounting_names("stretch"), *mounting_names("force"))
-REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa": 0.0}'
-
-
-def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
-    """Known values by the names of ``summary.csv``.
-
-    The JSON is what ``simulate`` writes, an object of such by specimen, or a flat object such as
-    ``{"C1": 2.98, "kappa": 0.0}``.
-    """
-    path = Path(path)
-    text = read_text(path)
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is not JSON ({error})", file=path) from None
-    if not isinstance(content, dict) or not content:
-        raise InputError("is not a JSON object of known values", file=path, remedy=REMEDY)
-    if "material" not in content and all(isinstance(v, dict) for v in content.values()):
-        if specimen not in content:
-            raise InputError(f"has no entry for specimen {specimen!r}", file=path)
-        content = content[specimen]
-    if isinstance(content.get("material"), dict):
-        material = content["material"]
-        labels = {p.name: p.label for p in all_parameters()}
-        known = {name: material[label] for name, label in labels.items() if label in material}
-        known |= {name: content[name] for name in MOUNTING_NAMES if name in content}
-    else:
-        known = content
-    for name, value in known.items():
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not math.isfinite(value):
-            raise InputError(f"{str(name)[:60]} is not a finite number", file=path, remedy=REMEDY)
-    return {str(name): float(value) for name, value in known.items()}
 
 
 # --- the figures of a run, by name ---------------------------------------------------------------

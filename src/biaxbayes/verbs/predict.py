@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from biaxbayes.errors import InputError, listed
 from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import FIGURE_FORMATS, Options, PredictionOptions, option, takes_options
+from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
 from biaxbayes.text_files import atomic_write_all, csv_text
@@ -25,25 +25,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from biaxbayes.runs.run import Run
+    from biaxbayes.specimens.specimen import Specimen
 
 TESTED = "tested"
 """Value of ``stretch`` for the largest tested stretch."""
 
 
 @dataclass(frozen=True)
-class FigureOptions(Options):
-    """Printing of a figure; ``style`` is a matplotlib style file, or its settings."""
+class BandOptions(PredictionOptions):
+    """Bands and their figure; ``style`` is a matplotlib style file, or its settings."""
 
     suffix: str = option("pdf", choices=FIGURE_FORMATS, flag="format")
     width_mm: float = option(85.0, minimum=50.0, maximum=400.0, show_range=True)
-    style: object = option(None, "A matplotlib style file.", metavar="FILE")
+    style: Any = option(  # noqa: RUF009  an option, which is a field
+        None, "A matplotlib style file.", metavar="FILE", read=inputs.as_style
+    )
 
 
 # --- stress on a path ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class PathOptions(Options):
+class PathOptions(BandOptions):
     """A path of stretches, and the stress on it."""
 
     stretch: float | str | None = option(
@@ -65,7 +68,7 @@ class PathOptions(Options):
     )
 
 
-@takes_options(PathOptions, PredictionOptions, FigureOptions, without=("seed",))
+@takes_options(PathOptions, without=("seed",))
 def predict(
     run: RunLike,
     path: Any = None,
@@ -86,18 +89,14 @@ def predict(
     anyway : bool
         Use the draws of a run that has not converged.
     **options
-        As in :class:`PathOptions`, :class:`~biaxbayes.options.PredictionOptions` and
-        :class:`FigureOptions`.
+        As in :class:`PathOptions`.
     """
     from biaxbayes.figures.prediction import stress_figure
     from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import measured_stress, predict_stress
     from biaxbayes.specimens.table import read_stretches
 
-    chosen, rest = PathOptions.split(options)
-    bands, rest = PredictionOptions.split(rest)
-    picture = FigureOptions.from_values(rest)
-    style = inputs.as_style(picture.style)
+    chosen = PathOptions.from_values(options)
     if path is not None and (chosen.stretch is not None or chosen.ratio is not None):
         raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
     if chosen.strip is not None and chosen.ratio is not None:
@@ -115,7 +114,7 @@ def predict(
     if chosen.reference == "total" and not anyway:
         _refuse_unknown_total(opened)
     if path is None:
-        states = _straight_path(opened, chosen, bands.points)
+        states = _straight_path(opened, specimen, chosen)
     elif isinstance(path, str | Path):
         states = read_stretches(Path(path))
     else:
@@ -127,7 +126,7 @@ def predict(
         states,
         **where,
         strip=chosen.strip,
-        probability=bands.probability,
+        probability=chosen.probability,
     )
     if out is not None:
         recorded = specimen.as_compared(opened.settings.mounting)
@@ -136,13 +135,13 @@ def predict(
         figure = stress_figure(
             table,
             reference=chosen.reference,
-            probability=bands.probability,
-            directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
+            probability=chosen.probability,
+            directions=specimen.directions,
             measured=measured,
-            width_mm=picture.width_mm,
-            style=style,
+            width_mm=chosen.width_mm,
+            style=chosen.style,
         )
-        _write(inputs.make_folder(out) / "prediction", table, figure, picture.suffix, style)
+        _write(inputs.make_folder(out) / "prediction", table, figure, chosen)
     return table
 
 
@@ -162,9 +161,8 @@ def _refuse_unknown_total(run: Run) -> None:
         )
 
 
-def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
+def _straight_path(run: Run, specimen: Specimen, chosen: PathOptions) -> np.ndarray:
     """States of stretch on a straight path from 1."""
-    from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import prediction_range, stretch_path
 
     stretch: Any = chosen.stretch
@@ -174,7 +172,6 @@ def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
             remedy="for other paths give `path`, an array of two columns (x, y)",
         )
     if stretch == TESTED:
-        specimen = with_free_sides(run.draws, run.specimen, run.law)
         tested = prediction_range(run.draws, specimen, chosen.protocol, chosen.reference)
         stretch = float(tested.high.max())
     elif not isinstance(stretch, int | float) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
@@ -183,25 +180,25 @@ def _straight_path(run: Run, chosen: PathOptions, points: int) -> np.ndarray:
             remedy = f"for a strain of {stretch:g} write {1.0 + stretch:g}"
         shown = f"{stretch:g}" if isinstance(stretch, int | float) else str(stretch)[:40]
         raise InputError(f"`stretch` {shown} is not a possible largest stretch", remedy=remedy)
-    return stretch_path(stretch, ratio=chosen.ratio or (1.0, 1.0), points=points)
+    return stretch_path(stretch, ratio=chosen.ratio or (1.0, 1.0), points=chosen.points)
 
 
-def _write(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: Any) -> None:
+def _write(stem: Path, table: pd.DataFrame, figure: Figure, chosen: BandOptions) -> None:
     """Write table and figure together: a new one never stands beside an old one."""
     from biaxbayes.figures.style import figure_bytes
 
-    picture = figure_bytes(figure, suffix, style)
-    table_text = csv_text(table).encode("utf-8")
-    atomic_write_all(
-        {stem.with_suffix(".csv"): table_text, stem.with_suffix(f".{suffix}"): picture}
-    )
+    contents = {
+        ".csv": csv_text(table).encode("utf-8"),
+        f".{chosen.suffix}": figure_bytes(figure, chosen.suffix, chosen.style),
+    }
+    atomic_write_all({stem.with_suffix(suffix): content for suffix, content in contents.items()})
 
 
 # --- inflation of a tube -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class TubeOptions(Options):
+class TubeOptions(BandOptions):
     """A thin-walled tube."""
 
     radius_mm: float | None = option(
@@ -214,7 +211,7 @@ class TubeOptions(Options):
     around: str = option("x", "The axis of the test that runs around the tube.", choices=("x", "y"))
 
 
-@takes_options(TubeOptions, PredictionOptions, FigureOptions)
+@takes_options(TubeOptions)
 def inflate(
     run: RunLike,
     pressure_kPa: Any = None,
@@ -238,16 +235,12 @@ def inflate(
     anyway : bool
         Use the draws of a run that has not converged.
     **options
-        As in :class:`TubeOptions`, :class:`~biaxbayes.options.PredictionOptions` and
-        :class:`FigureOptions`.
+        As in :class:`TubeOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
     from biaxbayes.prediction.inflation import ThinTube, predict_diameter, predict_pressure
 
-    chosen, rest = TubeOptions.split(options)
-    bands, rest = PredictionOptions.split(rest)
-    picture = FigureOptions.from_values(rest)
-    style = inputs.as_style(picture.style)
+    chosen = TubeOptions.from_values(options)
     if chosen.radius_mm is None or chosen.wall_mm is None:
         raise InputError("a tube needs `radius_mm` and `wall_mm`", remedy="unloaded, in mm")
     if pressure_kPa is not None and circumferential_stretch is not None:
@@ -265,16 +258,16 @@ def inflate(
     data = (opened.posterior(), opened.draws, tube)
     if circumferential_stretch is not None:
         states = inputs.as_numbers(circumferential_stretch, "circumferential_stretch")
-        table = predict_pressure(*data, states, probability=bands.probability)
+        table = predict_pressure(*data, states, probability=chosen.probability)
     else:
-        pressure = np.linspace(0.0, 16.0, bands.points) if pressure_kPa is None else pressure_kPa
+        pressure = np.linspace(0.0, 16.0, chosen.points) if pressure_kPa is None else pressure_kPa
         pressure = inputs.as_numbers(pressure, "pressure_kPa")
-        table = predict_diameter(*data, pressure, probability=bands.probability, seed=bands.seed)
+        table = predict_diameter(*data, pressure, probability=chosen.probability, seed=chosen.seed)
     if out is not None:
         figure = inflation_figure(
-            table, probability=bands.probability, width_mm=picture.width_mm, style=style
+            table, probability=chosen.probability, width_mm=chosen.width_mm, style=chosen.style
         )
-        _write(inputs.make_folder(out) / "inflation", table, figure, picture.suffix, style)
+        _write(inputs.make_folder(out) / "inflation", table, figure, chosen)
     return table
 
 
@@ -303,7 +296,7 @@ TUBE_OPTION_NAMES = (
 @opt.file_option("stretches", "Any path instead: columns stretch_x, stretch_y.", "CSV", name="path")
 @opt.options(PathOptions, "strip", "reference", "protocol", "stress")
 @opt.flag("inflate", "A thin-walled tube of this tissue instead.")
-@opt.options(TubeOptions)
+@opt.options(TubeOptions, "radius_mm", "wall_mm", "axial_stretch", "around")
 @click.option(
     "--pressure",
     "pressure_kPa",
@@ -318,7 +311,7 @@ TUBE_OPTION_NAMES = (
     help="Stretches of the mid wall instead of pressures.",
 )
 @opt.options(PredictionOptions)
-@opt.options(FigureOptions, style={"type": click.Path(path_type=Path)})
+@opt.options(BandOptions, "suffix", "width_mm", "style", style={"type": click.Path(path_type=Path)})
 @opt.file_option("out", "Folder  [default: the run]", "DIR")
 @opt.unconverged_option
 def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
@@ -340,12 +333,9 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
         PATH_OPTION_NAMES if inflated else TUBE_OPTION_NAMES,
         f"{{}} does not go {relation} `inflate`",
     )
-    left_out = (
-        (*PATH_OPTION_NAMES, "reference", "stress")
-        if inflated
-        else (*TUBE_OPTION_NAMES, "around", "seed")
-    )
-    chosen = {n: v for n, v in given.items() if v is not None and n not in left_out}
+    own = {f.name for f in fields(TubeOptions if inflated else PathOptions)}
+    own |= {"pressure_kPa", "circumferential_stretch"} if inflated else {"path"}
+    chosen = {n: v for n, v in given.items() if v is not None and n in own}
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
     if inflated:

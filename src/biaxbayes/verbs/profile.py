@@ -118,6 +118,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
 
     from biaxbayes.identifiability.profile import FLAT_DEVIANCE
     from biaxbayes.identifiability.profile_curve import THRESHOLD
+    from biaxbayes.runs.folder import record_text
     from biaxbayes.runs.result import TABLE_DIGITS
 
     record = {
@@ -136,8 +137,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
     curves = concat(tables, ignore_index=True)
     write_csv(folder / "profile.csv", curves, digits=8)
     write_csv(folder / "profile-intervals.csv", interval_table(profiles), digits=TABLE_DIGITS)
-    text = json.dumps(record, indent=2, ensure_ascii=False) + "\n"
-    atomic_write_text(folder / "profile-provenance.json", text)
+    atomic_write_text(folder / "profile-provenance.json", record_text(record))
 
 
 def profiles_as_json(profiles: Sequence[Profile]) -> str:

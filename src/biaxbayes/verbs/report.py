@@ -8,7 +8,6 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import REPORTS, for_users
-from biaxbayes.runs.run import Run
 from biaxbayes.text_files import as_path, atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
@@ -29,11 +28,10 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     from biaxbayes.reports.page import write_report
 
     opened = as_run(run)
-    _check_kind(kind)
     if kind == "html" and out is None:
         return write_report(opened.path, opened)
     linked = kind == "explore" and out is None
-    text = _explore_text(opened, linked=True) if linked else report_text(opened, kind)
+    text = report_text(opened, kind, linked=linked)
     path = opened.path / REPORTS[kind] if out is None else as_path(out, "out")
     if path.is_dir():
         raise InputError("is a folder", file=path, remedy="give a file name with `out`")
@@ -43,29 +41,22 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     return path
 
 
-def report_text(run: RunLike, kind: str = "html") -> str:
-    """The report of a run: one page, tables for a paper, or a page to explore."""
+def report_text(run: RunLike, kind: str = "html", *, linked: bool = False) -> str:
+    """The report of a run; a page to explore is ``linked`` to the report in the same folder."""
+    from biaxbayes.reports.explore import explore_page
     from biaxbayes.reports.methods import latex_table
     from biaxbayes.reports.page import report_page
 
-    _check_kind(kind)
     opened = as_run(run)
-    if kind == "explore":
-        return _explore_text(opened, linked=False)
-    return latex_table(opened) if kind == "latex" else report_page(opened)
-
-
-def _check_kind(kind: str) -> None:
-    if kind not in REPORTS:
-        raise InputError(f"unknown report {kind[:40]!r}", remedy=f"one of {', '.join(REPORTS)}")
-
-
-def _explore_text(run: Run, *, linked: bool) -> str:
-    """The page to explore, with a link to the report if both are in the run folder."""
-    from biaxbayes.reports.explore import explore_page
-
-    report = REPORTS["html"] if linked else ""
-    return explore_page(run.posterior(), run.draws, run.state, report=report)
+    match kind:
+        case "html":
+            return report_page(opened)
+        case "latex":
+            return latex_table(opened)
+        case "explore":
+            report = REPORTS["html"] if linked else ""
+            return explore_page(opened.posterior(), opened.draws, opened.state, report=report)
+    raise InputError(f"unknown report {kind[:40]!r}", remedy=f"one of {', '.join(REPORTS)}")
 
 
 @click.command("report")

@@ -48,6 +48,7 @@ from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import draw_table, write_archive
 from biaxbayes.runs.folder import (
     PROVENANCE,
+    lock_folder,
     manifest,
     piece_files,
     record_text,
@@ -130,12 +131,7 @@ class SampleJob:
             )
         # refuses options before a folder is made
         posterior = Posterior(mark_grip_corrected(specimen), **options)
-        plan = Plan(
-            ess=amount.ess,
-            max_steps=amount.max_steps,
-            seed=amount.seed,
-            workers=amount.processors,
-        )
+        plan = Plan(**amount.keywords())
         folder = Path(f"{stem}-posterior") if out is None or out == "" else Path(out)
         return cls(specimen, posterior, source, folder, options, plan, findings)
 
@@ -150,7 +146,7 @@ class SampleJob:
         """Sample, write the run folder, and return its path."""
         progress = progress or _warn
         start = time.perf_counter()
-        with inputs.lock_folder(self.folder, PROVENANCE, resume=resume, overwrite=overwrite):
+        with lock_folder(self.folder, PROVENANCE, resume=resume, overwrite=overwrite):
             progress(Progress("fitting"))
             _show(self.findings, progress)
             fit_start = time.perf_counter()
@@ -180,7 +176,7 @@ class SampleJob:
             progress(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - start
             # All files are replaced together.
-            with staged(self.folder, inputs.removal_note(progress, PROVENANCE)) as folder:
+            with staged(self.folder, progress=progress) as folder:
                 findings = [*self.findings, *findings, *bracket]
                 job._write_files(folder, posterior, draws, findings, start)
         return self.folder
@@ -211,11 +207,7 @@ class SampleJob:
         if draws.interrupted:
             steps = draws.chain.shape[1] * draws.thin
             done = f"after {steps} steps" if steps else "after the warm-up"
-            raise Interrupted(
-                f"interrupted {done}, all saved in {self.folder}; "
-                "the same command with `resume=True` continues",
-                stop(),
-            )
+            raise Interrupted(f"interrupted {done}", stop(), folder=self.folder)
         progress(Progress("sampling", 1.0))
         if stored is None:
             draws.seconds["fit"] += fit_seconds

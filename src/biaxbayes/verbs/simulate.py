@@ -17,8 +17,8 @@ from biaxbayes.mechanics.experiments import TESTS, Tube
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
-from biaxbayes.specimens.keys import NO_GRIPS
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS
+from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.verbs.inputs import as_numbers, check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
@@ -26,11 +26,9 @@ from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
 if TYPE_CHECKING:
     from biaxbayes.laws.materials import MaterialResponse
     from biaxbayes.laws.published import PublishedMaterial
-    from biaxbayes.specimens.virtual_specimen import Truth
+    from biaxbayes.specimens.truth import Truth
 
 
-STRESS_PAIRS = ("force", "piola", "cauchy")
-GEOMETRIES = ("unloaded", "mounted")
 DEFAULT_HOOKS = 5
 
 
@@ -82,7 +80,9 @@ class SimulateOptions(Options):
     noise_N: float = option(0.0, "Sd of a force reading.", minimum=0.0, metavar="N")
     misfit: float = option(0.0, "Sd of a smooth error, share of force.", minimum=0.0, metavar="R")
     stress_pair: str = option(
-        "force", "What the file holds: N, or kPa as a lab computes it.", choices=STRESS_PAIRS
+        "force",
+        "What the file holds: N, or kPa as a lab computes it.",
+        choices=tuple(pair for pair in STRESS_PAIRS if pair != "tube"),
     )
     geometry: str = option(
         "unloaded", "State whose dimensions the file states.", choices=GEOMETRIES
@@ -113,14 +113,14 @@ def simulate(
     overwrite : bool
         Replace files of the same name.
     **options
-        As in :class:`VirtualTest`.
+        As in :class:`SimulateOptions`.
 
     Raises
     ------
     InputError
         For an impossible test, or a file that exists already.
     """
-    from biaxbayes.specimens.virtual_specimen import write_truth
+    from biaxbayes.specimens.truth import truth_file, write_truth
 
     test = SimulateOptions.from_values(options)
     if out is not None:
@@ -134,11 +134,6 @@ def simulate(
         write_truth([truth], truth_file(Path(out)))
         write_specimen(specimen, Path(out))
     return specimen, truth
-
-
-def truth_file(out: Path) -> Path:
-    """Path of the true values of a virtual specimen."""
-    return out.with_name(f"{out.stem}.truth.json")
 
 
 def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
@@ -382,6 +377,7 @@ def command(
     """
     from biaxbayes.laws.goh import GOH
     from biaxbayes.laws.published import MATERIALS
+    from biaxbayes.specimens.truth import truth_file
 
     if material == "list":
         for name, published in MATERIALS.items():

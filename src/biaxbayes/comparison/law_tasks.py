@@ -1,0 +1,100 @@
+"""Posteriors of a comparison of laws: what is to be sampled, and what a folder stores of it."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.comparison.law_comparison import (
+    WHOLE,
+    PredictedReadings,
+    Prediction,
+    Task,
+    left_out_parts,
+    sample_part,
+)
+from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.options import LawsPlan
+from biaxbayes.progress_bar import OnProgress, Progress, time_left
+from biaxbayes.runs.checkpoint import DamagedCheckpoint, pack_record, unpack_record
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tasks import Executor, Stop
+from biaxbayes.text_files import atomic_write_bytes, read_bytes
+
+
+def law_tasks(
+    laws: Sequence[str], specimen: Specimen, options: Mapping[str, Any], plan: LawsPlan
+) -> list[Task]:
+    """Every law on the whole record, and without each part of it."""
+    tasks = []
+    for law in laws:
+        for part in (None, *left_out_parts(specimen)):
+            # The seed of a law and part does not depend on which others are sampled.
+            text = f"{law}/{part.name if part else WHOLE}"
+            key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
+            seed = int(np.random.default_rng([plan.seed, key]).integers(2**62))
+            tasks.append(Task(law, specimen, part, options, seed, plan.ess, plan.max_steps))
+    return tasks
+
+
+def sample_parts(
+    tasks: Sequence[Task],
+    folder: Path | None,
+    executor: Executor,
+    progress: OnProgress,
+    stop: Stop,
+) -> dict[tuple[str, str], Prediction]:
+    """Predictions by law and part, read from the folder or computed and stored there."""
+    files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]
+    results = [None if file is None else _read(file) for file in files]
+    missing = [i for i, result in enumerate(results) if result is None]
+    before = done = len(tasks) - len(missing)
+    clock = time.monotonic()
+    if missing:
+        progress(Progress(f"{done} of {len(tasks)} posteriors; first {tasks[missing[0]].name}"))
+    for outcome in executor.run(sample_part, [tasks[i] for i in missing], stop=stop):
+        index = missing[outcome.index]
+        if outcome.failure:
+            raise RunError(f"{tasks[index].name}: {outcome.failure}")
+        results[index], file = outcome.value, files[index]
+        if file is not None:
+            _write(file, outcome.value)
+        done += 1
+        # one that does not converge takes many times the mean of the others: it is named
+        running = [tasks[i].name for i in missing if results[i] is None][:1]
+        named = f", {running[0]} is running" if running else ""
+        left = time_left(clock, done - before, len(tasks) - done)
+        text = f"{done} of {len(tasks)} posteriors{named}{left}"
+        progress(Progress(text, done / len(tasks)))
+    if done < len(tasks):
+        text = f"interrupted after {done} of {len(tasks)} posteriors"
+        raise Interrupted(text, stop(), folder=folder and folder.parent)
+    return {
+        (task.law, task.part.name if task.part else WHOLE): result
+        for task, result in zip(tasks, results, strict=True)
+        if result is not None
+    }
+
+
+def _write(path: Path, prediction: Prediction) -> None:
+    draws = {"draws": prediction.draws.to_numpy(), "columns": list(prediction.draws.columns)}
+    readings = {} if prediction.readings is None else vars(prediction.readings)
+    path.parent.mkdir(exist_ok=True)
+    atomic_write_bytes(path, pack_record(vars(prediction) | draws | {"readings": readings}))
+
+
+def _read(path: Path) -> Prediction | None:
+    """A stored prediction; None if it is missing or damaged and has to be made again."""
+    try:
+        record = unpack_record(read_bytes(path))
+        draws = pd.DataFrame(record["draws"], columns=record.pop("columns"))
+        readings = PredictedReadings(**record["readings"]) if record["readings"] else None
+        return Prediction(**record | {"readings": readings, "draws": draws})
+    except (InputError, DamagedCheckpoint, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,126 @@
+"""Files of a population that other verbs read: its convergence and its draws, population.nc."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.file_lock import folder_lock
+from biaxbayes.populations.result import Population
+from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
+from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, RUNS, STUDY, finish_moving
+from biaxbayes.tasks import kept_warning_filters
+
+MAKE_POPULATION = "make one with 'biaxbayes population'"
+
+
+def population_state(folder: Path) -> str:
+    """Convergence of a finished population."""
+    if (folder / READY).is_dir():  # as in open_run
+        with folder_lock(folder):
+            finish_moving(folder, POPULATION)
+    if not (folder / POPULATION).is_file():
+        if not folder.exists():
+            problem = f"does not exist; {MAKE_POPULATION}"
+        elif (folder / PROVENANCE).exists():
+            problem = "is a run's folder, not a population's; leave --population out"
+        elif (folder / STUDY).is_file() and (folder / RUNS).is_dir():
+            problem = f"is a study's folder, not a population's; {MAKE_POPULATION}"
+        else:
+            problem = f"is not the folder of a finished population; {MAKE_POPULATION}"
+        raise RunError(f"{folder}: {problem}")
+    try:
+        record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
+        return str(record["convergence"]["state"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise RunError(
+            f"{folder}: its population cannot be read, a file is missing or damaged; copy the "
+            f"folder again, or {MAKE_POPULATION}"
+        ) from None
+
+
+def archive(result: Population) -> bytes:
+    """population.nc: draws of means and spreads by chain and draw, and of the specimens."""
+    import xarray as xr
+
+    history = result.sampled.history
+    names = [v.name for v in result.values]
+    groups = list(result.grouping.groups)
+
+    def flat(values: np.ndarray) -> np.ndarray:
+        # (ensembles, sweeps, chains, ...) to (chain, draw, ...), chain after chain of an ensemble,
+        # as in posterior.nc
+        moved = np.moveaxis(values, 2, 1)
+        return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
+
+    dims = ("chain", "draw")
+    sets = groups if history.sd.shape[3] > 2 else ["all"]
+    common = {
+        "mean": ((*dims, "group", "quantity"), flat(history.mu) + result.centre),
+        "sd_donors": ((*dims, "quantity"), flat(history.sd[..., 0, :])),
+        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd[..., 1:, :])),
+    }
+    if history.partial.shape[-1]:
+        common["partial_correlations_0"] = ((*dims, "of", "pair"), flat(history.partial))
+    coords = {"group": groups, "quantity": names, "spread": sets, "of": ["donors", "specimens"]}
+    own = {
+        "values": ((*dims, "specimen", "quantity"), flat(result.sampled.theta) + result.centre),
+        "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
+    }
+    new = result.new_specimens()
+    materials = np.array([table.to_numpy() for table in new.values()])
+    law = result.law
+    attributes = {
+        "biaxbayes_version": biaxbayes.__version__,
+        "law": law.key,
+        "fibre_switch": int(law.fibre_switch),
+        "largest_stretch": result.largest_stretch,
+        "convergence": result.state,
+        "scale": json.dumps({v.name: v.scale for v in result.values}),
+    }
+    datasets = {
+        "posterior": xr.Dataset(common, coords),
+        "specimens": xr.Dataset(
+            own,
+            {
+                "specimen": list(result.grouping.labels),
+                "group_of": ("specimen", list(result.grouping.group)),
+                "donor_of": ("specimen", list(result.grouping.donor)),
+                "donor": list(result.grouping.donors),
+                "quantity": names,
+            },
+        ),
+        "new_specimens": xr.Dataset(
+            {"material": (("group", "draw", "parameter"), materials)},
+            {"group": groups, "parameter": list(law.names)},
+        ),
+    }
+    return netcdf_bytes(datasets, attributes)
+
+
+def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Materials of new specimens of a group, and the attributes of population.nc."""
+    import xarray as xr
+
+    path = folder / "population.nc"
+    try:
+        check_archive(path)
+        with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as tree:
+            materials = tree["new_specimens"]["material"].load()
+            attributes = {str(k): v for k, v in tree.attrs.items()}
+        groups = [str(g) for g in materials["group"].to_numpy()]
+        names = [str(n) for n in materials["parameter"].to_numpy()]
+        values = materials.to_numpy()
+    except (OSError, KeyError, ValueError, SuspiciousArchive) as error:
+        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
+    if group not in groups:
+        raise InputError(
+            f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"
+        )
+    return pd.DataFrame(values[groups.index(group)], columns=names), attributes
