@@ -31,7 +31,7 @@ from biaxbayes.tables.units import (
     units_of,
     words_of,
 )
-from biaxbayes.text_files import cells_of, is_number
+from biaxbayes.text_files import cells_of, first_few, is_number
 
 SHEAR = {"shear_xy": ("f12", "fxy"), "shear_yx": ("f21", "fyx")}
 TARGETS = {
@@ -138,15 +138,14 @@ def directions_of(test: str | None) -> str:
     return test[-1] if test and test.startswith("strip") else "xy"
 
 
-def _targets_of(test: str | None) -> tuple[str, ...]:
+def _targets_of(test: str | None) -> list[str]:
     """Targets of the columns of a kind of test."""
     if test == "tube":
-        lengths = (name for name in TUBE_COLUMNS if name in TARGETS)
-        return (*OF_ALL_TESTS, *OF_TUBES, *lengths)
+        return [*OF_ALL_TESTS, *OF_TUBES, *(name for name in TUBE_COLUMNS if name in TARGETS)]
     directions = directions_of(test)
-    loads = (names for pair, names in STRESS_PAIRS.items() if pair != "tube")
-    read = (name for names in loads for k, name in enumerate(names) if "xy"[k] in directions)
-    return (*OF_ALL_TESTS, *read, *(SHEAR if directions == "xy" else ()))
+    loads = [name for pair, names in STRESS_PAIRS.items() if pair != "tube" for name in names]
+    read = [name for name in loads if name.split("_")[1] in directions]
+    return [*OF_ALL_TESTS, *read, *(SHEAR if directions == "xy" else ())]
 
 
 def column_map(
@@ -221,7 +220,8 @@ def _by_name(table: Table, target: str) -> int | None:
         return table.by_stem(stem_of(target))
     stems = (stem_of(target), *SHEAR.get(target, ()))
     same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
-    return same[0] if len(same) == 1 and table.is_numeric(same[0]) else None
+    numeric = len(same) == 1 and np.isfinite(table.sparse_numbers(same[0], texts=True)).all()
+    return same[0] if numeric else None
 
 
 def _column(
@@ -237,9 +237,8 @@ def _column(
     if TARGETS[target] == "text":
         return Column(indices, name, None)
     find = _stretch_unit if TARGETS[target] == "stretch" else _unit
-    units = {find(table, index, target, given) for index in indices}
-    unit = units.pop()
-    if units or (len(indices) > 1 and unit.quantity not in LENGTHS):
+    unit, *others = {find(table, index, target, given) for index in indices}
+    if others or (len(indices) > 1 and unit.quantity not in LENGTHS):
         raise InputError(
             f"{name!r} cannot be added for {target}",
             file=table.path,
@@ -284,13 +283,9 @@ def _unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
             problem = f"{name!r} is in {unit.name}, {article} {unit.quantity}"
         elif unknown:
             problem = f"{unknown!r} of {name!r} is not a known unit"
-        raise _open(
-            table,
-            index,
-            f"{problem}, but {target} is a {quantity}",
-            f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
-            f"{units_of(needed)}; or choose another column; {table.listing}",
-        )
+        remedy = f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
+        remedy += f"{units_of(needed)}; or choose another column; {table.listing}"
+        raise _open(table, index, f"{problem}, but {target} is a {quantity}", remedy)
     if given is None:
         _check_not_scaled(table, index, target, unit.name)
     return unit
@@ -314,18 +309,15 @@ def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
     pair, axis, _ = target.split("_")
     if not kinds or kinds == [pair]:
         return
-    others = {f"columns={k}_{axis}_kPa={name}": k for k in kinds if k in STRESS_PAIRS and k != pair}
     suggested = " or ".join(KINDS_OF_STRESS[k] for k in kinds)
-    raise Question(
-        f"the name {name!r} suggests {suggested}, and {target} is {KINDS_OF_STRESS[pair]}",
-        {
-            f"columns={target}={name}:{pair}": f"it is {KINDS_OF_STRESS[pair]}",
-            **{answer: f"it is {KINDS_OF_STRESS[k]}" for answer, k in others.items()},
-            f"columns={pair}_{axis}_kPa=COLUMN": "another column; a second Piola-Kirchhoff stress "
-            "times the stretch is a first one",
-        },
-        file=table.path,
+    gives = {f"columns={target}={name}:{pair}": f"it is {KINDS_OF_STRESS[pair]}"}
+    for k in (k for k in kinds if k in STRESS_PAIRS and k != pair):
+        gives[f"columns={k}_{axis}_kPa={name}"] = f"it is {KINDS_OF_STRESS[k]}"
+    gives[f"columns={target}=COLUMN"] = (
+        "another column; a second Piola-Kirchhoff stress times the stretch is a first one"
     )
+    problem = f"the name {name!r} suggests {suggested}, and {target} is {KINDS_OF_STRESS[pair]}"
+    raise Question(problem, gives, file=table.path)
 
 
 def _kinds(table: Table, index: int) -> set[str]:
@@ -394,10 +386,10 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
 
 def _needed(pair: str, test: str | None) -> list[str]:
     """Targets that a kind of test cannot do without."""
-    both = [("stretch_x", "stretch_y"), STRESS_PAIRS[pair]]
-    read = [name for names in both for axis, name in zip("xy", names, strict=True)
-            if axis in directions_of(test)]  # fmt: skip
-    return [name for name in read if name != "axial_force_N"]
+    if pair == "tube":
+        return ["stretch_x", "stretch_y", "pressure_kPa"]
+    both = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
+    return [name for name in both if name.split("_")[1] in directions_of(test)]
 
 
 def _check_complete(table: Table, columns: Mapping[str, Column], test: str | None) -> None:
@@ -449,12 +441,11 @@ def _example(table: Table, test: str | None) -> str:
             quantity = "stretch"
         likely.setdefault(quantity, []).append(name)
     count = len(directions_of(test))
-    pair, loads = ("piola", likely["stress"])
-    if test == "tube":
-        pair, loads = ("tube", likely["stress"][:1])
-    elif len(likely["force"]) >= count:
-        pair, loads = ("force", likely["force"])
-    targets, names = _needed(pair, test), [*likely["stretch"][:count], *loads[:count]]
+    quantity, pair = ("stress", "tube") if test == "tube" else ("stress", "piola")
+    if test != "tube" and len(likely["force"]) >= count:
+        quantity = pair = "force"
+    targets = _needed(pair, test)
+    names = [*likely["stretch"][:count], *likely[quantity][: len(targets) - count]]
     names = names if len(names) == len(targets) else ["COLUMN"] * len(targets)
     pairs = zip(targets, names, strict=True)
     return f"for example --columns {shlex.quote(','.join(f'{t}={name}' for t, name in pairs))}"
@@ -470,44 +461,34 @@ LEAST_ROWS_OF_LABEL = 3
 def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: frozenset[int]) -> None:
     """Ask what a column separates that has the same few labels in many rows."""
     used = {i for column in columns.values() for i in column.indices} | ignored
-    for index, name in enumerate(table.names):
-        if index in used:
-            continue
-        labels = [cell for cell in table.text(index) if cell.lower() not in MISSING]
+    for index in sorted(set(range(len(table.names))) - used):
+        name, cells = table.names[index], table.text(index)
+        labels = [cell for cell in cells if cell.lower() not in MISSING]
         counts = Counter(labels)
-        merged = 2 * len(labels) < table.rows and bool(table.text(index)[0])
-        sparse = 2 * len(labels) < table.rows and not merged
-        if not LEAST_LABELS <= len(counts) <= MAX_LABELS or sparse:
-            continue
         numbers = all(map(is_number, counts))
-        if numbers and not all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts):
+        whole = all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts)
+        reading = any(u.quantity not in ("fraction", *STRAINS) for u in table.units(index))
+        few = LEAST_LABELS <= len(counts) <= MAX_LABELS
+        if not few or (numbers and not whole) or reading:
+            continue
+        merged = 2 * len(labels) < table.rows
+        if merged and not cells[0]:
             continue
         # numbers may be readings, such as a coarse temperature; words may alternate
         changes = sum(a != b for a, b in pairwise(labels)) + 1 if numbers else len(counts)
-        often = changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels))
-        if often or _is_reading(table, index):
+        if changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels)):
             continue
-        shown = ", ".join(f"{k}: {n} rows" for k, n in list(counts.items())[:6])
-        mapped = {
-            f"columns={target}={name}": f"each a {target}"
-            for target in ("protocol", "cycle")
-            if target not in columns
-        }
+        shown = first_few([f"{label}: {count} rows" for label, count in counts.items()], 6)
+        gives = {f"specimen_by={name}": "each a specimen"} if "specimen" not in columns else {}
+        for target in ("protocol", "cycle"):
+            if target not in columns:
+                gives[f"columns={target}={name}"] = f"each a {target}"
         raise Question(
-            f"column {name!r} has {len(counts)} labels ({shown}{' ...' * (len(counts) > 6)}), and "
-            "nothing says what they separate",
-            {
-                **({} if "specimen" in columns else {f"specimen_by={name}": "each a specimen"}),
-                **mapped,
-                f"columns={IGNORE}={name}": "nothing",
-            },
+            f"column {name!r} has {len(counts)} labels ({shown}), and nothing says what they "
+            "separate",
+            gives | {f"columns={IGNORE}={name}": "nothing"},
             file=table.path,
         )
-
-
-def _is_reading(table: Table, index: int) -> bool:
-    """Whether a column has a unit of a reading."""
-    return any(u.quantity not in ("fraction", *STRAINS) for u in table.units(index))
 
 
 def ask_about_opposites(
@@ -515,42 +496,32 @@ def ask_about_opposites(
 ) -> None:
     """Ask for the other actuator of a direction where further lengths move with a displacement."""
     used = {i for column in columns.values() for i in column.indices} | ignored
-    none = np.array([], dtype=int)
     lengths = {
-        i: table.values(i, none)
+        table.names[i]: table.sparse_numbers(i, texts=True)
         for i in range(len(table.names))
         if i not in used and any(u.quantity in LENGTHS for u in table.units(i))
     }
-    for target in ("stretch_x", "stretch_y"):
-        column = columns.get(target)
-        if (
-            column is None
-            or column.unit is None
-            or column.unit.quantity != LENGTHS[1]
-            or len(column.indices) > 1
-        ):
+    for target in (target for target in ("stretch_x", "stretch_y") if target in columns):
+        column, kind = columns[target], columns[target].unit
+        if kind is None or kind.quantity != "displacement" or len(column.indices) > 1:
             continue
-        moved, others = table.values(column.indices[0], none), {}
-        for i, values in lengths.items():
+        moved, others = table.sparse_numbers(column.indices[0], texts=True), {}
+        for name, values in lengths.items():
             both = np.isfinite(moved) & np.isfinite(values)
             extent = np.ptp(moved[both]) if both.sum() > 2 else 0.0
-            if 0.5 * extent < (np.ptp(values[both]) if extent else 0.0) < 2.0 * extent:
+            if extent and 0.5 * extent < np.ptp(values[both]) < 2.0 * extent:
                 sign = np.corrcoef(moved[both], values[both])[0, 1]
-                others[i] = "+" if sign > 0.0 else "-"
+                others[name] = "+" if sign > 0.0 else "-"
         if others:
-            kind = column.unit.name
-            choices = {
-                f"columns={target}={column.name}{sign}{table.names[i]}:{kind}": "both ends move"
-                for i, sign in others.items()
+            gives = {
+                f"columns={target}={column.name}{sign}{name}:{kind.name}": "both ends move"
+                for name, sign in others.items()
             }
-            names = ",".join(f"{IGNORE}={table.names[i]}" for i in others)
-            listed = " and ".join(repr(table.names[i]) for i in others)
+            ignore = ",".join(f"{IGNORE}={name}" for name in others)
+            gives[f"columns={ignore}"] = "the other end is fixed, or they are of other parts"
             raise Question(
-                f"{listed} may be the displacement of the other end of {column.name!r}; where both "
-                "ends move, one of them is half of the stretch",
-                {
-                    **choices,
-                    f"columns={names}": "the other end is fixed, or they are of other parts",
-                },
+                f"{' and '.join(map(repr, others))} may be the displacement of the other end of "
+                f"{column.name!r}; where both ends move, one of them is half of the stretch",
+                gives,
                 file=table.path,
             )
