@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import TUBE_COLUMNS
+from biaxbayes.specimens.keys import TUBE_COLUMNS, directions_of
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import MISSING, Table
@@ -131,11 +131,6 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
             more = f"{wanted[IGNORE]}\n" if target == IGNORE and IGNORE in wanted else ""
             wanted[target] = more + column
     return wanted
-
-
-def directions_of(test: str | None) -> str:
-    """Directions in which a kind of test reads stretch and load; without a name, both."""
-    return test[-1] if test and test.startswith("strip") else "xy"
 
 
 def _targets_of(test: str | None) -> list[str]:

@@ -83,22 +83,16 @@ class Machine:
 
 @dataclass(frozen=True)
 class Truth:
-    """True values behind a record, and how its readings were disturbed.
-
-    ``mounting_force_x, _y`` is the force of the material at the true mounting stretch, in
-    ``unit`` (that of the record: N, or kPa over the section of the record's geometry);
-    ``disturbed_mounting_force`` is the load on the cells before their noise: with the
-    model error of the first row, and for hooks the sum over them. One pair per protocol.
-    ``grips`` is None for a homogeneous specimen.
-    """
+    """True values behind a record, and how its readings were disturbed."""
 
     specimen: str
     material: dict[str, float | bool | str]
     mounting_stretch_x: float
     mounting_stretch_y: float
-    unit: str
-    mounting_force_x: float
+    unit: str  # of the record: N, or kPa over the section of its geometry
+    mounting_force_x: float  # of the material at the true mounting stretch
     mounting_force_y: float
+    # by protocol, with the misfit of the first row and without noise; for hooks their sum
     disturbed_mounting_force: dict[str, tuple[float, float]]
     unloaded_dimensions: dict[str, float]
     load_noise_N: float
@@ -106,7 +100,7 @@ class Truth:
     misfit_length: float
     seed: int
     source: str
-    grips: dict[str, float] | None = None
+    grips: dict[str, float] | None = None  # of a homogeneous specimen None
 
     def __repr__(self) -> str:
         values = ", ".join(
@@ -158,7 +152,8 @@ def virtual_specimen(
     test : {"biaxial", "strip x", "strip y"}
         Kind of test; across a strip neither stretch nor load is recorded.
     **record
-        ``name``, ``machine``, ``seed``, ``labels`` and ``source`` of :func:`record_tests`.
+        ``name`` and ``seed``; ``machine``, a :class:`Machine`; ``labels``, with ``layer``,
+        ``axis_x`` and ``axis_y``; ``source``, the origin of the material.
 
     Returns
     -------
@@ -185,9 +180,7 @@ def virtual_specimen(
     first = next(iter(tests.values()))
     # of a strip, with the width that follows
     mounted = (float(first.total_x[0]), float(first.total_y[0]))
-    return record_tests(
-        tests, material, mounting_stretch=mounted, dimensions=dimensions, test=test, **record
-    )
+    return _recorded(tests, material, mounted, dimensions, test=test, **record)
 
 
 def hooked_specimen(
@@ -208,8 +201,7 @@ def hooked_specimen(
 
     Stretches, the mounting stretch included, are those of the central region, which four markers
     report; the carriages are driven so that the markers reach them (strain control). The force is
-    the sum over the hooks of an edge. The record states the nominal dimensions, so a stress
-    taken from it is the force over the nominal section.
+    the sum over the hooks of an edge, a stress that force over the nominal section.
 
     Parameters
     ----------
@@ -246,14 +238,8 @@ def hooked_specimen(
         label: tester.stretch_to(mounted, stretch, increments=increments)
         for label, stretch in largest.items()
     }
-    return record_tests(
-        tests,
-        material,
-        mounting_stretch=mounting_stretch,
-        dimensions=dimensions,
-        grips={"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE},
-        **record,
-    )
+    grips = {"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE}
+    return _recorded(tests, material, mounting_stretch, dimensions, grips=grips, **record)
 
 
 def _largest_stretches(
@@ -265,10 +251,10 @@ def _largest_stretches(
     """Largest measured stretch (x, y) of every protocol, by its label such as ``1:0.5``."""
     if (total_stretch is None) == (measured_stretch is None):
         raise ValueError("give one of total_stretch and measured_stretch")
-    if total_stretch is None:
-        largest = np.ones(2) * np.asarray(measured_stretch, dtype=float)
-    else:
-        largest = np.ones(2) * np.asarray(total_stretch, dtype=float) / np.asarray(mounting_stretch)
+    given = measured_stretch if total_stretch is None else total_stretch
+    largest = np.ones(2) * np.asarray(given, dtype=float)
+    if total_stretch is not None:
+        largest = largest / np.asarray(mounting_stretch)
     out = {}
     for x, y in ratios:
         if not (max(x, y) > 0.0 and min(x, y) >= 0.0 and math.isfinite(x + y)):
@@ -284,43 +270,58 @@ def _largest_stretches(
 # --- the record and the true values --------------------------------------------------------------
 
 
-def record_tests(
+def _recorded(
     tests: Mapping[str, VirtualTest | SheetTest],
     material: MaterialResponse,
-    *,
-    name: str,
     mounting_stretch: tuple[float, float],
     dimensions: Dimensions,
+    *,
+    name: str,
+    seed: int,
     test: str = "biaxial",
     machine: Machine | None = None,
-    seed: int,
-    labels: Mapping[str, str] | None = None,
+    labels: Mapping[str, Any] | None = None,
     source: str = "",
-    grips: Mapping[str, float] | None = None,
+    grips: dict[str, float] | None = None,
 ) -> tuple[Specimen, Truth]:
-    """Record error-free tests (first row: the mounted state) with the errors of a machine.
-
-    `dimensions` are unloaded, whatever `machine.geometry` is.
-    """
-    machine, labels = machine or Machine(), labels or {}
+    """Record error-free tests (first row: the mounted state) with the errors of a machine."""
+    machine = machine or Machine()
     nominal = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
     # N per unit of the record
     divisor = np.ones(2) if machine.stress_pair == "force" else nominal.area
     # One header value stands for both directions; sections differ by the mounting stretch only.
-    noise = machine.noise_N / float(np.sqrt(divisor.prod()))
-    rng, axes = np.random.default_rng(seed), experiment_of(test).axes
-    protocols, disturbed = _record(tests, machine, divisor, noise, rng, axes)
+    noise_sd = machine.noise_N / float(np.sqrt(divisor.prod()))
+    rng, across = np.random.default_rng(seed), ~np.isin([0, 1], experiment_of(test).axes)
+    protocols, disturbed = [], {}
+    for label, ideal in tests.items():
+        # twelve digits, to avoid 1.0020000000000002 in the file
+        stretch = np.round(np.column_stack([ideal.measured_x, ideal.measured_y]), 12)
+        force = np.column_stack([ideal.force_x_N, ideal.force_y_N])
+        path = np.arange(len(force), dtype=float)
+        # always drawn, so that the noise of a seed does not depend on the misfit
+        misfit = [
+            simulate_smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)
+        ]
+        noise = machine.noise_N * rng.standard_normal(force.shape)
+        # f_j = f_true_j (1 + misfit_j)
+        force = force * (1.0 + machine.misfit * np.column_stack(misfit))
+        load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
+        if noise_sd > 0.0:
+            # To a thousandth of the noise, as a machine writes readings
+            load = np.round(load, 3 + math.ceil(-math.log10(noise_sd)))
+        stretch[:, across], load[:, across] = np.nan, 0.0
+        protocol = label if len(tests) > 1 else "1"
+        protocols.append(Protocol(protocol, *stretch.T, *load.T))
+        disturbed[protocol] = tuple((force[0] / divisor).tolist())
     specimen = Specimen(
         name,
-        protocols,
+        tuple(protocols),
         machine.stress_pair,
         machine.geometry,
         **asdict(nominal),
-        load_noise=noise or None,
+        load_noise=noise_sd or None,
         test=test,
-        layer=labels.get("layer"),
-        axis_x=labels.get("axis_x"),
-        axis_y=labels.get("axis_y"),
+        **(labels or {}),
     )
     # f0_k = A0_k P_k(theta, lm)
     mounting = np.array(material.piola(*mounting_stretch)) * dimensions.area
@@ -340,7 +341,7 @@ def record_tests(
         misfit_length=machine.misfit_length,
         seed=seed,
         source=source,
-        grips=None if grips is None else dict(grips),
+        grips=grips,
     )
     return specimen, truth
 
@@ -353,42 +354,3 @@ def _material_values(material: MaterialResponse) -> dict[str, float | bool | str
     values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
     switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
     return {"law": law.name, **values, **switch}
-
-
-def _record(
-    tests: Mapping[str, VirtualTest | SheetTest],
-    machine: Machine,
-    divisor: np.ndarray,
-    noise_sd: float,
-    rng: np.random.Generator,
-    axes: tuple[int, ...],
-) -> tuple[tuple[Protocol, ...], dict[str, tuple[float, float]]]:
-    """Protocols with the readings of a machine, and loads at the mounted state before noise.
-
-    ``divisor`` is N per unit of the record, ``noise_sd`` the noise in that unit, ``axes`` are the
-    directions that the machine reads.
-    """
-    protocols, disturbed = [], {}
-    for label, test in tests.items():
-        # twelve digits, to avoid 1.0020000000000002 in the file
-        stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
-        force = np.column_stack([test.force_x_N, test.force_y_N])
-        path = np.arange(len(force), dtype=float)
-        # always drawn, so that the noise of a seed does not depend on the misfit
-        misfit = [
-            simulate_smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)
-        ]
-        noise = machine.noise_N * rng.standard_normal(force.shape)
-        # f_j = f_true_j (1 + misfit_j)
-        force = force * (1.0 + machine.misfit * np.column_stack(misfit))
-        load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
-        if noise_sd > 0.0:
-            # To a thousandth of the noise, as a machine writes readings
-            load = np.round(load, 3 + math.ceil(-math.log10(noise_sd)))
-        across = ~np.isin([0, 1], axes)
-        stretch[:, across], load[:, across] = np.nan, 0.0
-        name = label if len(tests) > 1 else "1"
-        protocols.append(Protocol(name, *stretch.T, *load.T))
-        x, y = (force[0] / divisor).tolist()
-        disturbed[name] = (x, y)
-    return tuple(protocols), disturbed

@@ -49,14 +49,15 @@ def read_in_child(path: Path, reader: Reader) -> dict[str, Worksheet]:
     if "sheets" in answer:
         return {name: Worksheet(**sheet) for name, sheet in answer["sheets"].items()}
     problem, remedy = answer["problem"], answer["remedy"]
+    if answer["kind"] == "MemoryError":
+        raise too_large
     if answer["kind"] == "ImportError":
         problem = f"is a {reader.kind}, and {reader.package} is not installed"
-        remedy = f"pip install 'biaxbayes[tables]', or {reader.without}"
-    elif answer["kind"] == "MemoryError":
-        raise too_large
+        remedy = "pip install 'biaxbayes[tables]', or save the table as CSV"
     elif answer["kind"] != "InputError":
         # a damaged file fails in many ways
-        problem, remedy = f"is not a readable {reader.kind} ({answer['kind']})", reader.damaged
+        problem = f"is not a readable {reader.kind} ({answer['kind']})"
+        remedy = "save it again, or the table as CSV"
     raise InputError(problem, file=path, remedy=remedy)
 
 

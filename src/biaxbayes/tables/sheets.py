@@ -41,27 +41,17 @@ class Worksheet:
 
 
 class Reader(NamedTuple):
-    """A module of this package that reads a format, and the words of its refusals."""
+    """A module of this package that reads a kind of file, by an installed package."""
 
     module: str
     kind: str
-    damaged: str  # what to do with a damaged file
     package: str
-    without: str  # what to do without the package
 
 
-WORKBOOK = Reader(
-    "workbook",
-    "workbook",
-    "save it again as .xlsx, or as CSV",
-    "python-calamine",
-    "save the sheet as CSV",
-)
-MATLAB = Reader(
-    "matlab", "MATLAB file", "save it again, or write the table as CSV", "h5py", "write it as CSV"
-)
-TDMS = Reader("tdms", "LabVIEW TDMS file", "export it as CSV", "npTDMS", "export it as CSV")
-NUMPY = Reader("matlab", "NumPy file", "save it again, or write the table as CSV", "numpy", "")
+WORKBOOK = Reader("workbook", "workbook", "python-calamine")
+MATLAB = Reader("matlab", "MATLAB file", "h5py")
+TDMS = Reader("tdms", "LabVIEW TDMS file", "npTDMS")
+NUMPY = Reader("matlab", "NumPy file", "numpy")
 READERS = {
     b"\xd0\xcf\x11\xe0": WORKBOOK,
     b"MATLAB 5.0 MAT-file": MATLAB,
