@@ -31,8 +31,7 @@ SEVERITIES = ("error", "warning", "note")
 """An error cannot be a loading curve; a warning can change what a fit means; a note explains."""
 SERIOUS = (
     "units", "sign", "unloading", "jump", "time", "swapped", "stretch-drift", "camera-lag",
-    "repeats",
-    "clipped",
+    "repeats", "clipped",
 )  # fmt: skip
 """Warnings that are repeated in the output of ``sample``; errors always are."""
 DRIFT = 0.002

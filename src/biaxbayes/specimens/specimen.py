@@ -450,20 +450,12 @@ class Specimen:
         return value if value > 1e-9 * self.peak_loads[axis] else 0.0
 
     def mounting_readings(self, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Mounting load and its standard deviation, as the statistical model uses them.
+        """Mounting load and its standard deviation (m, 2), in :attr:`unit`, as the model uses them.
 
-        Parameters
-        ----------
-        shared : bool
-            True for one mounted state of all protocols, False for one per protocol.
-
-        Returns
-        -------
-        reading, sd : ndarray, shape (m, 2)
-            In :attr:`unit`; m is 1 when shared, else the number of protocols, with NaN for one
-            that does not start at the mounted state. The sd is that of the mean of the rows at
-            rest: the load cell's noise, or the scatter of the rows where five or more show a larger
-            one. When shared, the scatter between the protocols counts as well.
+        One for all protocols when `shared`, else one for each, NaN where it does not start at the
+        mounted state. The sd is that of the mean of the rows at rest: the load cell's noise, or the
+        scatter of the rows where five or more show a larger one. When shared, the scatter between
+        the protocols counts as well.
         """
         if not self.experiment.is_mounted:
             nothing = np.zeros((1 if shared else len(self.protocols), 2))

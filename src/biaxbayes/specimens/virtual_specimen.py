@@ -131,13 +131,21 @@ def virtual_specimen(
     increments: int = 100,
     dimensions: Dimensions | None = None,
     test: str = "biaxial",
+    hooks: Hooks | None = None,
+    elements: int = 20,
+    serendipity: bool = False,
     **record: Any,
 ) -> tuple[Specimen, Truth]:
-    """Test a homogeneous specimen of known material on a virtual biaxial machine.
+    """Test a specimen of known material on a virtual biaxial machine.
+
+    On `hooks`, stretches are those of the central region, which four markers report; the carriages
+    are driven so that the markers reach them (strain control). The force is the sum over the hooks
+    of an edge, a stress that force over the nominal section.
 
     Parameters
     ----------
     material : GOH or CheckedMaterial
+        On hooks GOH.
     mounting_stretch : (float, float)
         Stretch of the mounted relative to the unloaded state.
     total_stretch, measured_stretch : float or (float, float)
@@ -151,6 +159,12 @@ def virtual_specimen(
         Unloaded dimensions, whatever the geometry of the machine is.
     test : {"biaxial", "strip x", "strip y"}
         Kind of test; across a strip neither stretch nor load is recorded.
+    hooks : Hooks, optional
+        Hooks that hold the specimen, in finite elements (needs scikit-fem); else it is homogeneous.
+    elements : int
+        Elements along an edge.
+    serendipity : bool
+        Elements of eight nodes instead of nine.
     **record
         ``name`` and ``seed``; ``machine``, a :class:`Machine`; ``labels``, with ``layer``,
         ``axis_x`` and ``axis_y``; ``source``, the origin of the material.
@@ -162,10 +176,27 @@ def virtual_specimen(
     Raises
     ------
     ValueError
-        If the stretches or ratios do not define a test.
+        If the stretches or ratios do not define a test, or the hooks do not fit.
+    InputError
+        If scikit-fem is not installed.
+    NotConverged
+        If no equilibrium on hooks can be computed, however small the increments.
     """
     dimensions = dimensions or Dimensions()
     largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
+    if hooks is not None:
+        if test != "biaxial" or not isinstance(material, GOH):
+            raise ValueError("hooks hold a square of GOH")
+        edges = (dimensions.edge_x_mm, dimensions.edge_y_mm)
+        sheet = Sheet(*edges, elements=elements, serendipity=serendipity)
+        tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
+        start = tester.mount(mounting_stretch)
+        hooked = {
+            label: tester.stretch_to(start, stretch, increments=increments)
+            for label, stretch in largest.items()
+        }
+        grips = {"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE}
+        return _recorded(hooked, material, mounting_stretch, dimensions, grips=grips, **record)
     tests = {
         label: virtual_test(
             material,
@@ -181,65 +212,6 @@ def virtual_specimen(
     # of a strip, with the width that follows
     mounted = (float(first.total_x[0]), float(first.total_y[0]))
     return _recorded(tests, material, mounted, dimensions, test=test, **record)
-
-
-def hooked_specimen(
-    material: GOH,
-    *,
-    mounting_stretch: tuple[float, float],
-    total_stretch: Stretch | None = None,
-    measured_stretch: Stretch | None = None,
-    ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
-    increments: int = 100,
-    dimensions: Dimensions | None = None,
-    hooks: Hooks | None = None,
-    elements: int = 20,
-    serendipity: bool = False,
-    **record: Any,
-) -> tuple[Specimen, Truth]:
-    """Test a specimen held by hooks, in finite elements (needs scikit-fem).
-
-    Stretches, the mounting stretch included, are those of the central region, which four markers
-    report; the carriages are driven so that the markers reach them (strain control). The force is
-    the sum over the hooks of an edge, a stress that force over the nominal section.
-
-    Parameters
-    ----------
-    hooks : Hooks, optional
-        Five hooks per edge by default.
-    elements : int
-        Elements along an edge.
-    serendipity : bool
-        Elements of eight nodes instead of nine.
-    material, mounting_stretch, total_stretch, measured_stretch, ratios, increments, dimensions, \
-**record
-        As in :func:`virtual_specimen`.
-
-    Returns
-    -------
-    Specimen, Truth
-
-    Raises
-    ------
-    ValueError
-        If the stretches or ratios do not define a test, or the hooks do not fit.
-    InputError
-        If scikit-fem is not installed.
-    NotConverged
-        If no equilibrium can be computed, however small the increments.
-    """
-    dimensions, hooks = dimensions or Dimensions(), hooks or Hooks()
-    largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
-    edges = (dimensions.edge_x_mm, dimensions.edge_y_mm)
-    sheet = Sheet(*edges, elements=elements, serendipity=serendipity)
-    tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
-    mounted = tester.mount(mounting_stretch)
-    tests = {
-        label: tester.stretch_to(mounted, stretch, increments=increments)
-        for label, stretch in largest.items()
-    }
-    grips = {"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE}
-    return _recorded(tests, material, mounting_stretch, dimensions, grips=grips, **record)
 
 
 def _largest_stretches(

@@ -134,7 +134,6 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     from biaxbayes.specimens.virtual_specimen import (
         Dimensions,
         Machine,
-        hooked_specimen,
         virtual_specimen,
     )
 
@@ -175,7 +174,7 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
             if isinstance(material, GOH) and test.hooks:
                 hooks = Hooks(count=test.hooks)
-                specimen, truth = hooked_specimen(material, **common, hooks=hooks)
+                specimen, truth = virtual_specimen(material, **common, hooks=hooks)
                 keys: dict[str, Any] = {
                     "grips": f"hooks {hooks.count}",
                     "grip_inset_mm": hooks.inset_mm,
