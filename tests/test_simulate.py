@@ -9,6 +9,7 @@ import biaxbayes
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.specimens.specimen_file import read_specimen
 from commands import exit_code
+from virtual_tubes import ARTERY, MATERIAL, readings
 
 
 def simulate(*arguments):
@@ -133,3 +134,43 @@ def test_without_prestretch_a_file_looks_tared(tmp_path, capsys):
     arguments = ("--material", "weisbecker-media", "--prestretch", 1, 1, "--total-stretch", 1.1)
     assert simulate(*arguments, "--out", tmp_path / "x.csv") == 0
     assert "tared" in capsys.readouterr().err
+
+
+TUBE = ("--goh", *MATERIAL.values(), "--test", "tube", "--total-stretch", 1.28)
+
+
+def test_a_tube_is_inflated_from_no_pressure(tmp_path, capsys):
+    out = tmp_path / "tube.csv"
+    sizes = ("--outer-diameter", 8, "--thickness", 0.9, "--opening-angle", 70)
+    axial = ("--axial-stretch", 1.1, "--axial-stretch", 1.2)
+    assert simulate(*TUBE, *sizes, *axial, "--out", out) == 0
+    assert "mounting" not in capsys.readouterr().out
+    tube = read_specimen(out)
+    assert tube.experiment == ARTERY
+    assert [p.stretch_y[0] for p in tube.protocols] == [1.1, 1.2]
+    for p in tube.protocols:
+        assert p.load_x[0] == pytest.approx(0.0, abs=1e-3) and p.stretch_x[-1] == 1.28
+        np.testing.assert_allclose(tube.load(p), readings(ARTERY, p.stretch, MATERIAL), rtol=1e-9)
+    noisy = tmp_path / "noisy.csv"
+    errors = ("--noise-kPa", 0.03, "--noise-N", 0.003, "--misfit", 0.02)
+    assert simulate(*TUBE, *sizes, *axial, *errors, "--out", noisy) == 0
+    apart = read_specimen(noisy).protocols[1].load_x / tube.protocols[1].load_x - 1.0
+    assert 0.005 < np.std(apart[10:]) < 0.06
+    assert read_specimen(noisy).noise_sds == pytest.approx([0.03, 0.003])
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ((*TUBE, "--prestretch", 1.02, 1.02), "--prestretch"),
+        ((*TUBE, "--hooks"), "--hooks"),
+        ((*TUBE, "--axial-stretch", 5), "--axial-stretch"),
+        (TUBE[:-2], "--total-stretch"),
+        ((*FUNG, *TEST, "--outer-diameter", 8), "--outer-diameter"),
+        ((*TUBE, "--axial-stretch", 0.5, "--thickness", 4.9), "pressure"),
+    ],
+)
+def test_options_of_another_kind_of_test_are_refused(options, named, tmp_path, capsys):
+    assert simulate(*options, "--out", tmp_path / "x.csv") == 2
+    assert named in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -213,8 +213,11 @@ def test_the_study_answers_at_the_top(tmp_path):
     """Page and terminal say how the groups differ, what the law misses, and no file too many."""
     table = grouped(8.0, 32.0, 12.0, 48.0, 10.0, 40.0).assign(law_misses="")
     table.loc[5, "law_misses"] = "GOH misses the 1:1 protocol by 4 % of its peak"
-    other = table.assign(quantity="k1", verdict="not identified")
-    table = pd.concat([table, other]).reindex(columns=[*STUDY_COLUMNS, "disease"])
+    others = [
+        table.assign(quantity=name, verdict="not identified")
+        for name in ("k1", "mounting_stretch_x[1:1]", "stiffness[s5-strip]")
+    ]
+    table = pd.concat([table, *others]).reindex(columns=[*STUDY_COLUMNS, "disease"])
     table["folder"] = table["reason"] = table["file"] = ""
     table["q05"], table["q95"] = table["q50"] * 0.9, table["q50"] * 1.1
     outcome = StudyResult("two groups", tmp_path, table, pd.DataFrame())

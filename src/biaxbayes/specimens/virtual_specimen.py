@@ -5,7 +5,7 @@ force) into a separate :class:`Truth` with its own file.
 
 A homogeneous specimen follows the model, plus the errors of the machine. A hooked specimen is a
 known material held by five hooks per edge: its stress is not uniform, and a force divided by the
-nominal section is wrong by more than the noise.
+nominal section is wrong by more than the noise. A tube is inflated at constant axial stretches.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.experiments import experiment_of
+from biaxbayes.mechanics.experiments import Tube, experiment_of
 from biaxbayes.mechanics.virtual_test import VirtualTest, simulate_smooth_misfit, virtual_test
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -214,6 +215,104 @@ def virtual_specimen(
     return _recorded(tests, material, mounted, dimensions, test=test, **record)
 
 
+STARTS = 400
+"""Radii at which the pressure is computed to find where it is zero."""
+
+
+def virtual_tube(
+    material: MaterialResponse,
+    tube: Tube,
+    *,
+    name: str,
+    largest_stretch: float,
+    axial_stretches: Sequence[float] = (1.0,),
+    increments: int = 100,
+    noise: tuple[float, float] = (0.0, 0.0),
+    misfit: float = 0.0,
+    seed: int,
+    source: str = "",
+) -> tuple[Specimen, Truth]:
+    """Inflate a tube of known material at constant axial stretches, from no pressure.
+
+    Parameters
+    ----------
+    material : GOH or CheckedMaterial
+    tube : Tube
+        Unloaded dimensions and opening.
+    largest_stretch : float
+        Of the outer surface around the tube.
+    axial_stretches : sequence of float
+        One protocol each.
+    increments : int
+        Equal increments of the outer diameter; a protocol has one more row.
+    noise : (float, float)
+        Standard deviations of a reading of pressure (kPa) and axial force (N).
+    misfit : float
+        As in :class:`Machine`.
+
+    Returns
+    -------
+    Specimen, Truth
+
+    Raises
+    ------
+    ValueError
+        If the tube carries no pressure at the largest stretch.
+    """
+    rng, protocols = np.random.default_rng(seed), []
+    for axial in axial_stretches:
+
+        def readings(around: np.ndarray, axial: float = axial) -> np.ndarray:
+            points = tube.points(np.column_stack([around, np.full(around.size, axial)]))
+            return points.sums(np.stack(material.cauchy(*points.stretch.T), axis=-1))
+
+        inner, outer = tube.radii(np.array([[largest_stretch, axial]]))
+        # the wall's section stays, so that without a lumen ro^2 is that of a solid rod
+        solid = np.sqrt(outer**2 - inner**2)[0] / tube.outer_radius_mm
+        grid = np.linspace(solid, largest_stretch, STARTS)[1:]
+        below = np.flatnonzero(~(readings(grid)[:, 0] > 0.0))
+        if not np.isfinite(solid) or not below.size or below[-1] == grid.size - 1:
+            raise ValueError(f"no pressure holds the tube at an axial stretch of {axial:g}")
+        at = grid[below[-1] : below[-1] + 2]
+        start = brentq(lambda r, readings=readings: float(readings(np.array([r]))[0, 0]), *at)
+        around = np.linspace(start, largest_stretch, increments + 1).round(6)
+        load = _with_misfit(readings(around), misfit, MISFIT_LENGTH, rng)
+        load = _rounded(load + noise * rng.standard_normal(load.shape), noise)
+        protocols.append(Protocol(f"{axial:g}", around, np.full(around.size, axial), *load.T))
+    angle = 0.5 * tube.missing_sector_deg
+    dimensions = {
+        "unloaded_outer_diameter_mm": 2.0 * tube.outer_radius_mm,
+        "opening_angle_fung_deg": angle,
+    }
+    stated = {"axial_force_noise_N": noise[1]} if noise[1] > 0.0 else {}
+    specimen = Specimen(
+        name,
+        tuple(protocols),
+        "tube",
+        thickness_mm=tube.thickness_mm,
+        load_noise=noise[0] or None,
+        metadata=dimensions | stated,
+        test="tube",
+    )
+    truth = Truth(
+        specimen=name,
+        material=_material_values(material),
+        mounting_stretch_x=1.0,
+        mounting_stretch_y=1.0,
+        unit="kPa",
+        mounting_force_x=0.0,
+        mounting_force_y=0.0,
+        disturbed_mounting_force={},
+        unloaded_dimensions=dimensions | {"thickness_mm": tube.thickness_mm},
+        load_noise_N=noise[1],
+        misfit=misfit,
+        misfit_length=MISFIT_LENGTH,
+        seed=seed,
+        source=source,
+    )
+    return specimen, truth
+
+
 def _largest_stretches(
     mounting_stretch: Sequence[float],
     total_stretch: Stretch | None,
@@ -269,18 +368,10 @@ def _recorded(
         # twelve digits, to avoid 1.0020000000000002 in the file
         stretch = np.round(np.column_stack([ideal.measured_x, ideal.measured_y]), 12)
         force = np.column_stack([ideal.force_x_N, ideal.force_y_N])
-        path = np.arange(len(force), dtype=float)
-        # always drawn, so that the noise of a seed does not depend on the misfit
-        misfit = [
-            simulate_smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)
-        ]
+        force = _with_misfit(force, machine.misfit, machine.misfit_length, rng)
         noise = machine.noise_N * rng.standard_normal(force.shape)
-        # f_j = f_true_j (1 + misfit_j)
-        force = force * (1.0 + machine.misfit * np.column_stack(misfit))
         load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
-        if noise_sd > 0.0:
-            # To a thousandth of the noise, as a machine writes readings
-            load = np.round(load, 3 + math.ceil(-math.log10(noise_sd)))
+        load = _rounded(load, (noise_sd, noise_sd))
         stretch[:, across], load[:, across] = np.nan, 0.0
         protocol = label if len(tests) > 1 else "1"
         protocols.append(Protocol(protocol, *stretch.T, *load.T))
@@ -326,3 +417,19 @@ def _material_values(material: MaterialResponse) -> dict[str, float | bool | str
     values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
     switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
     return {"law": law.name, **values, **switch}
+
+
+def _with_misfit(
+    load: np.ndarray, misfit: float, length: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Loads (n, 2) with a smooth error along the path, f = f_true (1 + misfit)."""
+    path = np.arange(len(load), dtype=float)
+    # always drawn, so that the noise of a seed does not depend on the misfit
+    drawn = [simulate_smooth_misfit(path, 1.0, rng, length=length) for _ in range(2)]
+    return load * (1.0 + misfit * np.column_stack(drawn))
+
+
+def _rounded(load: np.ndarray, noise: Sequence[float]) -> np.ndarray:
+    """Loads (n, 2) to a thousandth of their noise, as a machine writes readings."""
+    digits = [3 + math.ceil(-math.log10(sd)) if sd > 0.0 else 15 for sd in noise]
+    return np.column_stack([np.round(v, d) for v, d in zip(load.T, digits, strict=True)])

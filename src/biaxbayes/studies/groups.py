@@ -155,6 +155,8 @@ def group_contrasts(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
 
 
 def _is_of_tissue(name: str) -> bool:
+    if "[" in name:  # of a mounted state or a piece, which have names of their own
+        return False
     quantity = Quantities(all_parameters()).get(name)
     return quantity is None or quantity.parameter.kind == MATERIAL
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.mechanics.experiments import TESTS
+from biaxbayes.mechanics.experiments import TESTS, Tube
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
@@ -24,6 +24,7 @@ from biaxbayes.verbs.inputs import as_numbers, check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
 
 if TYPE_CHECKING:
+    from biaxbayes.laws.materials import MaterialResponse
     from biaxbayes.laws.published import PublishedMaterial
     from biaxbayes.specimens.virtual_specimen import Truth
 
@@ -64,6 +65,19 @@ class SimulateOptions(Options):
     )
     thickness: float | None = option(
         None, "Unloaded thickness  [default: 1]", kind=float, metavar="MM"
+    )
+    axial_stretches: Sequence[float] = option(
+        (),
+        "Axial stretch of a tube, one a protocol  [default: 1]",
+        metavar="L",
+        flag="axial-stretch",
+    )
+    outer_diameter: float = option(10.0, "Of an unloaded tube.", minimum=0.1, metavar="MM")
+    opening_angle: float = option(
+        0.0, "Of a tube: half its missing sector.", minimum=0.0, metavar="DEG"
+    )
+    noise_kPa: float = option(
+        0.0, "Of a tube: sd of a pressure reading.", minimum=0.0, metavar="KPA"
     )
     noise_N: float = option(0.0, "Sd of a force reading.", minimum=0.0, metavar="N")
     misfit: float = option(0.0, "Sd of a smooth error, share of force.", minimum=0.0, metavar="R")
@@ -130,59 +144,36 @@ def truth_file(out: Path) -> Path:
 def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
-    from biaxbayes.laws.goh import GOH
-    from biaxbayes.specimens.virtual_specimen import (
-        Dimensions,
-        Machine,
-        virtual_specimen,
-    )
+    from biaxbayes.specimens.virtual_specimen import virtual_specimen, virtual_tube
 
     material, published = _material(test)
-    edge = as_numbers(test.edge, "edge", 2)
-    if test.prestretch is not None:
-        test = replace(test, prestretch=tuple(as_numbers(test.prestretch, "prestretch", 2)))
-    ratios = as_numbers(test.ratios, "ratios") if len(test.ratios) else np.ones((1, 2))
-    if ratios.shape[1:] != (2,):
-        raise InputError("`ratios` must be pairs of numbers", remedy="as ((1, 1), (1, 0.5))")
-    if test.hooks and test.test != "biaxial":
-        raise InputError("`hooks` hold a square", remedy="leave `hooks` or `test` out")
-    if test.hooks and not isinstance(material, GOH):
-        raise InputError(
-            f"`hooks` computes a sheet with shear, which the law {material.law.name} does not "
-            "define here",
-            remedy="leave `hooks` out, or give a material of goh",
-        )
+    _check_options(test, material)
     thickness = published.thickness_mm or 1.0 if test.thickness is None else test.thickness
     if not (math.isfinite(thickness) and thickness > 0.0):
         raise InputError(f"a thickness of {thickness:g} mm", remedy="give a positive number")
     common: dict[str, Any] = {
         "name": name,
         "source": published.source,
-        **_stretches(test, published),
-        "ratios": tuple(map(tuple, ratios.tolist())),
         "increments": test.increments,
-        "dimensions": Dimensions(float(edge[0]), float(edge[1]), thickness),
-        "machine": Machine(
-            noise_N=test.noise_N,
-            misfit=test.misfit,
-            stress_pair=test.stress_pair,
-            geometry=test.geometry,
-        ),
         "seed": test.seed,
     }
+    keys: dict[str, Any] = {}
     try:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
-            if isinstance(material, GOH) and test.hooks:
-                hooks = Hooks(count=test.hooks)
-                specimen, truth = virtual_specimen(material, **common, hooks=hooks)
-                keys: dict[str, Any] = {
-                    "grips": f"hooks {hooks.count}",
-                    "grip_inset_mm": hooks.inset_mm,
-                    "grip_width_mm": 2.0 * hooks.radius_mm,
-                }
+            if test.test == "tube":
+                tube = Tube(0.5 * test.outer_diameter, thickness, 2.0 * test.opening_angle)
+                specimen, truth = virtual_tube(material, tube, **common, **_inflation(test))
             else:
-                specimen, truth = virtual_specimen(material, **common, test=test.test)
+                common |= _stretching(test, published, thickness)
+                hooks = Hooks(count=test.hooks) if test.hooks else None
+                specimen, truth = virtual_specimen(material, **common, test=test.test, hooks=hooks)
                 keys = {"grips": NO_GRIPS} if test.test == "biaxial" else {}
+                if hooks is not None:
+                    keys = {
+                        "grips": f"hooks {hooks.count}",
+                        "grip_inset_mm": hooks.inset_mm,
+                        "grip_width_mm": 2.0 * hooks.radius_mm,
+                    }
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
     specimen = replace(specimen, metadata={**specimen.metadata, **keys})
@@ -194,6 +185,72 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
             remedy="choose another stretch, ratio or material",
         ) from None
     return specimen, truth
+
+
+OF_TUBES = ("axial_stretches", "outer_diameter", "opening_angle", "noise_kPa")
+NOT_OF_TUBES = ("prestretch", "measured_stretch", "ratios", "edge", "stress_pair", "geometry")
+
+
+def _check_options(test: SimulateOptions, material: MaterialResponse) -> None:
+    """Refuse options that do not belong to the kind of test."""
+    from biaxbayes.laws.goh import GOH
+
+    is_tube, defaults = test.test == "tube", SimulateOptions()
+    for name in NOT_OF_TUBES if is_tube else OF_TUBES:
+        if not np.array_equal(getattr(test, name), getattr(defaults, name)):
+            verb = "does not belong" if is_tube else "belongs"
+            raise InputError(f"`{name}` {verb} to a tube", remedy="leave it out")
+    if is_tube and test.total_stretch is None:
+        raise InputError(
+            "a tube needs its largest stretch around it", remedy="give `total_stretch`"
+        )
+    if test.hooks and test.test != "biaxial":
+        raise InputError("`hooks` hold a square", remedy="leave `hooks` or `test` out")
+    if test.hooks and not isinstance(material, GOH):
+        raise InputError(
+            f"`hooks` computes a sheet with shear, which the law {material.law.name} does not "
+            "define here",
+            remedy="leave `hooks` out, or give a material of goh",
+        )
+
+
+def _inflation(test: SimulateOptions) -> dict[str, Any]:
+    """Stretches and errors of a tube."""
+    axial = as_numbers(test.axial_stretches or (1.0,), "axial_stretches")
+    _check_stretches("`total_stretch`", [test.total_stretch])
+    _check_stretches("`axial_stretches`", axial.ravel())
+    return {
+        "largest_stretch": test.total_stretch,
+        "axial_stretches": axial.ravel().tolist(),
+        "noise": (test.noise_kPa, test.noise_N),
+        "misfit": test.misfit,
+    }
+
+
+def _stretching(
+    test: SimulateOptions, published: PublishedMaterial, thickness: float
+) -> dict[str, Any]:
+    """Stretches, dimensions and machine of a square or a strip."""
+    from biaxbayes.specimens.virtual_specimen import Dimensions, Machine
+
+    edge = as_numbers(test.edge, "edge", 2)
+    if test.prestretch is not None:
+        test = replace(test, prestretch=tuple(as_numbers(test.prestretch, "prestretch", 2)))
+    ratios = as_numbers(test.ratios, "ratios") if len(test.ratios) else np.ones((1, 2))
+    if ratios.shape[1:] != (2,):
+        raise InputError("`ratios` must be pairs of numbers", remedy="as ((1, 1), (1, 0.5))")
+    machine = Machine(
+        noise_N=test.noise_N,
+        misfit=test.misfit,
+        stress_pair=test.stress_pair,
+        geometry=test.geometry,
+    )
+    return {
+        **_stretches(test, published),
+        "ratios": tuple(map(tuple, ratios.tolist())),
+        "dimensions": Dimensions(float(edge[0]), float(edge[1]), thickness),
+        "machine": machine,
+    }
 
 
 def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
@@ -248,15 +305,19 @@ def _stretches(test: SimulateOptions, published: PublishedMaterial) -> dict[str,
         [measured] * 2 if total is None else [total / m if m else 0.0 for m in mounting]
     )
     for label, values in (("`prestretch`", mounting), ("largest measured stretch", top)):
-        for value in values:
-            if not 0.5 <= value <= 3.0:
-                raise InputError(
-                    f"{label} of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
-                )
+        _check_stretches(label, values)
     if 1.0 in top:
         raise InputError("the test ends where it starts", remedy="choose a larger stretch")
     stretches = {"total_stretch": total, "measured_stretch": measured}
     return {"mounting_stretch": tuple(mounting), **stretches}
+
+
+def _check_stretches(label: str, values: Iterable[Any]) -> None:
+    for value in values:
+        if not 0.5 <= value <= 3.0:
+            raise InputError(
+                f"{label} of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
+            )
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -282,7 +343,9 @@ def _stretches(test: SimulateOptions, published: PublishedMaterial) -> dict[str,
     *(name for name in options_of(SimulateOptions) if name != "material"),
     prestretch={"nargs": 2, "type": float},
     ratios={"multiple": True, "type": RATIO, "show_default": False},
+    axial_stretches={"multiple": True, "type": float, "show_default": False},
     edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
+    noise_kPa={"show_default": False},
     noise_N={"show_default": False},
     misfit={"show_default": False},
     hooks={"is_flag": False, "flag_value": DEFAULT_HOOKS},
@@ -308,6 +371,8 @@ def command(
         --total-stretch 1.2 --ratio 1:1 --ratio 1:0.5 --out test.csv
     biaxbayes simulate --law fung --values c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2 \
         --prestretch 1.02 1.02 --total-stretch 1.2 --out fung.csv
+    biaxbayes simulate --goh 15 40 4 40 0.15 --test tube --outer-diameter 8 --thickness 0.9 \
+        --total-stretch 1.28 --axial-stretch 1.1 --axial-stretch 1.2 --out tube.csv
     """
     from biaxbayes.laws.goh import GOH
     from biaxbayes.laws.published import MATERIALS
@@ -341,8 +406,9 @@ def command(
     rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
     paths = plural(len(specimen.protocols), "protocol")
     click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
-    x, y = next(iter(truth.disturbed_mounting_force.values()))
-    click.echo(f"mounting load {x:.4g}, {y:.4g} {unit}; truth in {truth_file(out)}")
+    for x, y in list(truth.disturbed_mounting_force.values())[:1]:
+        click.echo(f"mounting load {x:.4g}, {y:.4g} {unit}")
+    click.echo(f"truth in {truth_file(out)}")
     if specimen.is_tared:
         click.echo("the mounting load is zero: 'sample' will treat the file as tared", err=True)
 
