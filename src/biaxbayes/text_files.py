@@ -178,12 +178,6 @@ def cell_fault(text: str) -> tuple[str, str]:
     return f"{shown} is not a finite number", "mend the value or remove the row"
 
 
-def bad_cell(text: str, path: Path, row: int, column: str) -> InputError:
-    """The error for a cell that holds no finite number."""
-    problem, remedy = cell_fault(text)
-    return InputError(problem, file=path, row=row, column=column, remedy=remedy)
-
-
 def one_line(text: str) -> str:
     """Text of a name: printable, in one line, with single spaces, none at the ends."""
     return " ".join(printable(text).split())

@@ -57,19 +57,14 @@ def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
     index = table.by_stem("cycle")
     if index is None:
         problem = "no column 'Cycle', so this is not a BioTester export"
-        remedy = f"use `machine=generic` with `columns`; {table.listing}"
-        raise InputError(problem, file=table.path, remedy=remedy)
+        raise table.error(problem, f"use `machine=generic` with `columns`; {table.listing}")
     numbers, phases = [], []
-    for cell, line in zip(table.text(index), table.lines, strict=True):
+    for row, cell in enumerate(table.text(index)):
         match = PHASE.match(cell)
         if match is None:
-            raise InputError(
-                f"{cell[:30]!r} is not a phase of a cycle",
-                file=table.path,
-                row=int(line),
-                column=table.names[index],
-                remedy="a BioTester writes 1-Preload, 1-Stretch, 1-Hold, 1-Recover",
-            )
+            remedy = "a BioTester writes 1-Preload, 1-Stretch, 1-Hold, 1-Recover"
+            problem = f"{cell[:30]!r} is not a phase of a cycle"
+            raise table.error(problem, remedy, column=index, row=row)
         numbers.append(match[1].lstrip("0") or "0")
         phases.append(match[2].lower())
     return np.array(numbers), np.array(phases)
@@ -79,8 +74,7 @@ def _chosen_sets(table: Table, counts: Counter[str], wanted: Sequence[str]) -> S
     """Names of the selected sets, of those with their rows; an empty one if there are no sets."""
     names = list(counts)
     if names == [""] and wanted:
-        problem = "no column 'SetName', so the file has no sets"
-        raise InputError(problem, file=table.path, remedy=table.listing)
+        raise table.error("no column 'SetName', so the file has no sets", table.listing)
     if tuple(wanted) == ("all",) or (len(names) == 1 and not wanted):
         return names
     if not wanted:
@@ -89,8 +83,7 @@ def _chosen_sets(table: Table, counts: Counter[str], wanted: Sequence[str]) -> S
         raise Question(f"holds {len(names)} sets", gives, file=table.path)
     for name in wanted:
         if name not in names:
-            remedy = f"sets are {', '.join(names)[:200]}"
-            raise InputError(f"no set {name[:40]!r}", file=table.path, remedy=remedy)
+            raise table.error(f"no set {name[:40]!r}", f"sets are {', '.join(names)[:200]}")
     return tuple(dict.fromkeys(wanted))
 
 
@@ -139,8 +132,7 @@ def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
     for axis in "XY":
         force = _quantity(table, f"{axis.lower()}force", "force", rows)
         if force is None:
-            problem = f"no column '{axis}Force_mN'"
-            raise InputError(problem, file=table.path, remedy=table.listing)
+            raise table.error(f"no column '{axis}Force_mN'", table.listing)
         forces.append(force)
     record = Record(
         name=name,
@@ -180,8 +172,7 @@ def _tracked_points(table: Table, start: np.ndarray, *, required: bool) -> np.nd
             return points
     if required:
         problem = "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows"
-        remedy = f"use `stretch_from=rake`; {table.listing}"
-        raise InputError(problem, file=table.path, remedy=remedy)
+        raise table.error(problem, f"use `stretch_from=rake`; {table.listing}")
     return None
 
 
@@ -193,8 +184,7 @@ def _deformation_gradient(points: np.ndarray, start: np.ndarray, table: Table) -
         metric = X.T @ X
         if np.linalg.cond(metric) > 1e6:
             problem = "the tracked points lie on one line"
-            line = int(table.lines[start[0]])
-            raise InputError(problem, file=table.path, row=line, remedy="use `stretch_from=rake`")
+            raise table.error(problem, "use `stretch_from=rake`", row=start[0])
         x = points - points.mean(axis=1, keepdims=True)
         # x = F X for every point, in the least-squares sense: F = (sum x X^T) (sum X X^T)^-1
         gradient = np.einsum("nmi,mj->nij", x, X) @ np.linalg.inv(metric)
@@ -212,7 +202,7 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
     if unit is None or unit.quantity != quantity:
         problem = f"the unit of {table.names[index]!r} is not clear"
         remedy = f"name it like XForce_mN or XSize_um; {table.listing}"
-        raise InputError(problem, file=table.path, column=table.names[index], remedy=remedy)
+        raise table.error(problem, remedy, column=index)
     return table.values(index, rows) * unit.factor
 
 
@@ -233,15 +223,11 @@ def _rake_stretch(
             assumptions.append(note)
         else:
             problem = f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown"
-            raise InputError(problem, file=table.path, remedy=table.listing)
+            raise table.error(problem, table.listing)
         shortest = rows[int(np.argmin(length[rows]))]
         if length[shortest] <= 0.0:
-            raise InputError(
-                f"the rake distance of {length[shortest]:g} mm in {axis} is not positive",
-                file=table.path,
-                row=int(table.lines[shortest]),
-                remedy="check the size and displacement columns",
-            )
+            problem = f"the rake distance of {length[shortest]:g} mm in {axis} is not positive"
+            raise table.error(problem, "check the size and displacement columns", row=shortest)
         columns.append(length)
     lengths = np.column_stack(columns)
     resting = rest_rows(lengths[start, 0], lengths[start, 1])

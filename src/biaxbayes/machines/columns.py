@@ -156,10 +156,9 @@ def column_map(
         if test is None and target in _targets_of("tube") and target not in targets:
             raise Question(f"{target} is read from a tube", {"test=tube": ""}, file=table.path)
         if target not in (*targets, IGNORE):
-            raise InputError(
+            raise table.error(
                 f"`columns`: {target} is not read from a {test or 'biaxial'} test",
-                file=table.path,
-                remedy=f"leave it out, or give another `test`; it reads {', '.join(targets)}",
+                f"leave it out, or give another `test`; it reads {', '.join(targets)}",
             )
     loads_named = test != "tube" and any(TARGETS.get(t) in ("force", "stress") for t in wanted)
     ignored = {table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name}
@@ -180,7 +179,7 @@ def column_map(
         if standard in columns and (name in wanted or own.indices != columns[standard].indices):
             remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
             names = f"{columns[standard].name!r} and {own.name!r}"
-            raise InputError(f"{names} both give {standard}", file=table.path, remedy=remedy)
+            raise table.error(f"{names} both give {standard}", remedy)
         columns.setdefault(standard, own)
     _check_complete(table, columns, test)
     return columns, frozenset(ignored)
@@ -195,8 +194,8 @@ def _requested(table: Table, target: str, text: str) -> Column:
     given = None if text in table.names or not colon else unit_named(ending)
     if given is None and colon and name.strip() in map(str.strip, table.names):
         problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
-        remedy = f"choose one of {', '.join(UNITS)}"
-        raise InputError(problem, file=table.path, column=name.strip(), remedy=remedy)
+        column = list(map(str.strip, table.names)).index(name.strip())
+        raise table.error(problem, f"choose one of {', '.join(UNITS)}", column=column)
     name = text if given is None else name
     parts, signs = [name], [1]
     if TARGETS[target] == "stretch" and not table.has_column(name):
@@ -234,11 +233,8 @@ def _column(
     find = _stretch_unit if TARGETS[target] == "stretch" else _unit
     unit, *others = {find(table, index, target, given) for index in indices}
     if others or (len(indices) > 1 and unit.quantity not in LENGTHS):
-        raise InputError(
-            f"{name!r} cannot be added for {target}",
-            file=table.path,
-            remedy="only displacements or positions of opposite ends, in one unit, are added",
-        )
+        remedy = "only displacements or positions of opposite ends, in one unit, are added"
+        raise table.error(f"{name!r} cannot be added for {target}", remedy)
     conflicts = [_conflict(table, index, target, given) for index in indices if given]
     return Column(indices, name, unit, next(filter(None, conflicts), ""), signs)
 
@@ -252,11 +248,6 @@ def _conflict(table: Table, index: int, target: str, given: Unit) -> str:
     name = table.names[index]
     text = f"{target} is read as {given.name}, as given; {name!r} suggests "
     return text + " and ".join(suggested) if suggested else ""
-
-
-def _open(table: Table, index: int, problem: str, remedy: str) -> InputError:
-    name = table.names[index]
-    return InputError(problem, file=table.path, column=name, remedy=remedy)
 
 
 def _as(table: Table, index: int, target: str, unit: str) -> str:
@@ -280,7 +271,7 @@ def _unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
             problem = f"{unknown!r} of {name!r} is not a known unit"
         remedy = f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
         remedy += f"{units_of(needed)}; or choose another column; {table.listing}"
-        raise _open(table, index, f"{problem}, but {target} is a {quantity}", remedy)
+        raise table.error(f"{problem}, but {target} is a {quantity}", remedy, column=index)
     if given is None:
         _check_not_scaled(table, index, target, unit.name)
     return unit
@@ -291,7 +282,7 @@ def _check_not_scaled(table: Table, index: int, target: str, unit: str) -> None:
     if is_scaled(name):
         problem = f"the name {name!r} suggests a multiple, a power, an inverse or a rate"
         remedy = f"write {_as(table, index, target, unit)} if the values are plain ones; otherwise "
-        raise _open(table, index, problem, f"{remedy}compute plain values in the table")
+        raise table.error(problem, f"{remedy}compute plain values in the table", column=index)
 
 
 def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
@@ -352,7 +343,7 @@ def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> 
         problem = f"it is not clear what kind of stretch or strain {name!r} is"
     remedy = f"write {_as(table, index, target, 'KIND')} with its kind, one of {STRAIN_CHOICES} "
     remedy += f"(Green-Lagrange is green; true and Hencky are log), {units_of(*LENGTHS)}"
-    raise _open(table, index, problem, remedy)
+    raise table.error(problem, remedy, column=index)
 
 
 def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
@@ -376,7 +367,7 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
         remedy = f"write {distance} marks; a displacement needs the distance in pixels, too: "
         remedy += "compute the stretch in the table"
     problem = f"{table.names[index]!r} may be a displacement or a length"
-    raise _open(table, index, problem, remedy)
+    raise table.error(problem, remedy, column=index)
 
 
 def _needed(pair: str, test: str | None) -> list[str]:
@@ -399,14 +390,13 @@ def _check_complete(table: Table, columns: Mapping[str, Column], test: str | Non
         if not pairs and not missing[0].startswith("stretch"):
             problem = "no column for a force or stress"
     if problem:
-        example = _example(table, test)
-        raise InputError(problem, file=table.path, remedy=f"{table.listing}; {example}")
+        raise table.error(problem, f"{table.listing}; {_example(table, test)}")
     used: dict[int, str] = {}
     for target, column in columns.items():
         for index in column.indices:
             if index in used:
                 problem = f"{column.name!r} is used for both {used[index]} and {target}"
-                raise InputError(problem, file=table.path, remedy=table.listing)
+                raise table.error(problem, table.listing)
             used[index] = target
 
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import (
     SHEAR,
@@ -124,7 +123,7 @@ def _cycles(
         ]
     if not cycles:
         problem = "the record never rises over five rows: no loading branch"
-        raise InputError(problem, file=table.path, remedy=f"check the columns; {table.listing}")
+        raise table.error(problem, f"check the columns; {table.listing}")
     return cycles
 
 
@@ -197,9 +196,10 @@ def _stretches(
         along, unit = values[f"stretch_{axis}"], column.unit
         first = float(along[rows[0]])
         if unit.quantity in STRAINS:
-            stretch[:, k] = _stretch_from_strain(table, column.name, unit, along, rows, gauge)
-            if unit.factor < 1.0 and "percent" in (u.name for u in table.units(column.indices[0])):
-                in_per_cent.append((column.name, float(np.ptp(stretch[rows, k]))))
+            (index,) = column.indices
+            stretch[:, k] = _stretch_from_strain(table, index, unit, along, rows, gauge)
+            if unit.factor < 1.0 and "percent" in (u.name for u in table.units(index)):
+                in_per_cent.append((index, float(np.ptp(stretch[rows, k]))))
             continue
         if unit.name == "px" and not gauge.is_of_tube:
             stretch[:, k] = along / first
@@ -210,33 +210,27 @@ def _stretches(
             stretch[:, k], note = convert(along, first, k, column.name, table.path)
         notes.append(note)
     if in_per_cent and max(extent for _, extent in in_per_cent) <= PER_CENT_RANGE:
-        name, extent = in_per_cent[0]
-        raise InputError(
-            f"{name!r} changes by {extent:.2%} only if it is in per cent",
-            file=table.path,
-            column=name,
-            remedy="spreadsheets store 20 % as 0.2: rename the columns without the per cent sign, "
-            "or multiply the values by 100",
+        index, extent = in_per_cent[0]
+        raise table.error(
+            f"{table.names[index]!r} changes by {extent:.2%} only if it is in per cent",
+            "spreadsheets store 20 % as 0.2: rename the columns without the per cent sign, or "
+            "multiply the values by 100",
+            column=index,
         )
     return stretch, notes
 
 
 def _stretch_from_strain(
-    table: Table, name: str, unit: Unit, e: np.ndarray, rows: np.ndarray, gauge: Gauge
+    table: Table, index: int, unit: Unit, e: np.ndarray, rows: np.ndarray, gauge: Gauge
 ) -> np.ndarray:
     """Stretches from stretches or strains, which must start near no deformation."""
-
-    def refusal(problem: str, row: int, remedy: str) -> InputError:
-        line = int(table.lines[row])
-        return InputError(problem, file=table.path, row=line, column=name, remedy=remedy)
-
     is_stretch = unit.quantity == "stretch"
     # an artery in place is up to twice as long as one cut out
     if abs(e[rows[0]] - is_stretch) > (1.2 if gauge.is_of_tube else 0.6):
-        problem = f"{name!r} starts at {e[rows[0]] / unit.factor:g}, which is not possible for a "
-        problem += f"{unit.name}{'' if is_stretch else ' strain'}"
+        problem = f"{table.names[index]!r} starts at {e[rows[0]] / unit.factor:g}, which is not "
+        problem += f"possible for a {unit.name}{'' if is_stretch else ' strain'}"
         remedy = "a stretch starts near 1 (100 in per cent), a strain near 0; give another kind"
-        raise refusal(problem, rows[0], remedy)
+        raise table.error(problem, remedy, column=index, row=rows[0])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         stretch = {
             "stretch": e,
@@ -248,5 +242,6 @@ def _stretch_from_strain(
     bad = rows[~np.isfinite(stretch[rows])]
     if bad.size:
         problem = f"{e[bad[0]] / unit.factor:g} is not possible as a {unit.name} strain"
-        raise refusal(problem, bad[0], "check the kind of strain of the column")
+        remedy = "check the kind of strain of the column"
+        raise table.error(problem, remedy, column=index, row=bad[0])
     return stretch

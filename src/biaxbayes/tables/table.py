@@ -17,7 +17,6 @@ from biaxbayes.tables.units import Unit, split_units, stem_of, unit_named, unkno
 from biaxbayes.text_files import (
     DECIMAL_COMMA,
     DECIMAL_POINT,
-    bad_cell,
     cell_fault,
     first_few,
     is_number,
@@ -59,6 +58,18 @@ class Table:
         """The column names in one line, for messages."""
         return f"columns are {first_few(self.names, SHOWN_COLUMNS)}"
 
+    def error(
+        self, problem: str, remedy: str, *, column: int | None = None, row: int | None = None
+    ) -> InputError:
+        """An error of the table, at a column and a row of it."""
+        return InputError(
+            problem,
+            file=self.path,
+            row=None if row is None else int(self.lines[row]),
+            column=None if column is None else self.names[column],
+            remedy=remedy,
+        )
+
     def column(self, wanted: str) -> int:
         """Index of the only column of a name, or of a position such as ``#3``."""
         position = re.fullmatch(r"\s*#(\d+)\s*", wanted)
@@ -72,8 +83,8 @@ class Table:
                 numbers = " and ".join(str(i + 1) for i in matches)
                 problem = f"column {wanted[:60]!r} is ambiguous: columns {numbers} have this name"
                 remedy = f"give it by position, as #{matches[0] + 1}; {self.listing}"
-                raise InputError(problem, file=self.path, remedy=remedy)
-        raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
+                raise self.error(problem, remedy)
+        raise self.error(f"no column {wanted[:60]!r}", self.listing)
 
     def has_column(self, name: str) -> bool:
         """True if :meth:`column` gives a column."""
@@ -89,7 +100,7 @@ class Table:
         if len(matches) > 1:
             names = " and ".join(self.names[i] for i in matches)
             problem = f"{names} are ambiguous: each could be {stem}"
-            raise InputError(problem, file=self.path, remedy=f"rename one; {self.listing}")
+            raise self.error(problem, f"rename one; {self.listing}")
         return matches[0] if matches else None
 
     def units(self, index: int) -> list[Unit]:
@@ -108,7 +119,7 @@ class Table:
             if first.quantity == second.quantity and first.factor != second.factor:
                 problem = f"{self.names[index]!r} has two units, {first.name} and {second.name}"
                 remedy = "give the right one after a colon in `columns`, or rename the column"
-                raise InputError(problem, file=self.path, column=self.names[index], remedy=remedy)
+                raise self.error(problem, remedy, column=index)
         return units[0] if units else None
 
     def unknown_unit(self, index: int) -> str:
@@ -126,9 +137,8 @@ class Table:
         values = self.sparse_numbers(index, rows)
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
-            at = int(missing[0]) if rows is None else int(rows[missing[0]])
-            cell = self.columns[index][at]
-            raise bad_cell(cell, self.path, int(self.lines[at]), self.names[index])
+            at = missing[0] if rows is None else rows[missing[0]]
+            raise self.error(*cell_fault(self.columns[index][at]), column=index, row=at)
         return values
 
     def values(self, index: int, rows: np.ndarray) -> np.ndarray:
@@ -167,8 +177,8 @@ class Table:
                 values.append(number_in(plain))
             except ValueError:
                 if not texts and cell.lower() not in MISSING:
-                    row = int(self.lines[at if rows is None else rows[at]])
-                    raise bad_cell(cell, self.path, row, self.names[index]) from None
+                    row = at if rows is None else rows[at]
+                    raise self.error(*cell_fault(cell), column=index, row=row) from None
                 values.append(np.nan)
         return np.array(values)
 
@@ -187,13 +197,7 @@ class Table:
             problem = f"{at.size} of {rows.size} rows lack a reading (the cell is empty or not a "
             problem += f"finite number): rows {in_lines(self.lines[rows[at]], shown=20)}"
             mend = "remove the rows"
-        raise InputError(
-            problem,
-            file=self.path,
-            row=int(self.lines[first]),
-            column=self.names[column],
-            remedy=f"{mend}, or {remedy}",
-        )
+        raise self.error(problem, f"{mend}, or {remedy}", column=column, row=first)
 
     def without(self, rows: np.ndarray, *notes: str) -> Table:
         """The table without some rows."""
