@@ -240,8 +240,8 @@ def test_a_left_out_part_is_predicted_with_the_misfit_that_the_rest_shows(protoc
     left = Posterior(only(specimen, part), mounting="exact", misfit_fit=posterior.misfit_fit)
     at = posterior.paths.path(left.rows.stretch, 0 if protocols == 1 else None)
     average = np.zeros((len(left.readings.weight), len(at.path)))
-    flat = left.readings.index.T.ravel()
-    average[flat, np.arange(len(flat))] = np.tile(left.readings.share, 2)
+    flat = left.readings.index.ravel()
+    average[flat, np.arange(len(flat))] = np.repeat(left.readings.share, 2)
     mean, variance = np.zeros(len(average)), np.zeros(len(average))
     logs = misfit.log_weights(residual)[0]
     shares = np.exp(logs - np.logaddexp.reduce(logs, axis=None))
@@ -262,14 +262,13 @@ def test_a_left_out_part_is_predicted_with_the_misfit_that_the_rest_shows(protoc
             variance += share * (own + centre**2)
     variance -= mean**2
     law = left.readings.means(posterior.forward.load(table[:1], left.rows.stretch)[0])
-    by_axis = (2, -1)
-    expected = (law + mean).reshape(by_axis).T
-    sd = np.sqrt(variance).reshape(by_axis).T
+    expected = (law + mean).reshape(-1, 2)
+    sd = np.sqrt(variance).reshape(-1, 2)
     result_sd = np.sqrt(found.mean.var(axis=0) + (found.sd**2).mean(axis=0))
     # components are drawn: the mean over 4,000 draws
     assert (np.abs(found.mean.mean(axis=0) - expected) < 0.3 * sd).all()
     np.testing.assert_allclose(result_sd, sd, rtol=0.15)
-    np.testing.assert_allclose(found.measured, left.readings.means(left.rows.load).reshape(2, -1).T)
+    np.testing.assert_allclose(found.measured, left.readings.means(left.rows.load).reshape(-1, 2))
 
 
 def test_laws_that_failed_or_have_not_converged_are_named():

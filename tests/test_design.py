@@ -245,11 +245,10 @@ def test_readings_of_a_protocol_have_the_misfit_of_the_run(name):
         whole += reading @ between @ reading.T
     gain = np.linalg.solve(whole[:n, :n], whole[:n, n:])
     covariance = whole[n:, n:] - whole[n:, :n] @ gain
-    mean = protocol.load(draws).transpose(0, 2, 1).reshape(2, -1)
+    mean = protocol.load(draws).reshape(2, -1)
     mean = mean + posterior.residuals(draws) @ gain
     outcomes = protocol.outcomes(draws, np.random.default_rng(5))
-    by_axis = outcomes.reshape(2, -1, 2).transpose(0, 2, 1).reshape(2, -1)
-    exact = np.column_stack([multivariate_normal.logpdf(by_axis, f, covariance) for f in mean])
+    exact = np.column_stack([multivariate_normal.logpdf(outcomes, f, covariance) for f in mean])
     result = protocol.log_likelihood(outcomes, draws)
     assert result - result[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
 

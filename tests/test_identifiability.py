@@ -399,7 +399,7 @@ def test_the_sloppy_direction_changes_the_curves_by_what_is_reported():
     curves = [
         loads_along(
             GOH(*(float(v) for v in row[list(PARAMETERS)])),
-            path.mounting_load[:, 0],
+            path.mounting_load[0],
             made.target.specimen,
         )
         for _, row in path.materials.iterrows()

@@ -149,22 +149,22 @@ def test_response_has_the_derivatives_of_its_loads(axis, width, geometry):
     made = strip(axis, THETA, width=width, geometry=geometry)
     law = law_named("goh")
     forward = ForwardModel(law, made.area, geometry == "mounted", made.experiment)
-    point, stretch = law.to_fit_coordinates(tuple(TRUTH.values())), made.protocols[0].stretch.T
+    point, stretch = law.to_fit_coordinates(tuple(TRUTH.values())), made.protocols[0].stretch
     mounting = np.full(stretch.shape, 1.03)
 
     def load(point, logs):
-        return forward.response(point, stretch, mounting * np.exp(logs)[:, None]).load
+        return forward.response(point, stretch, mounting * np.exp(logs)).load
 
     at, zero, h = forward.response(point, stretch, mounting), np.zeros(2), 1e-6
     for i, e in enumerate(np.eye(point.size)):
         step = h * max(abs(point[i]), 0.1) * e
         slope = (load(point + step, zero) - load(point - step, zero)) / (2.0 * step[i])
-        np.testing.assert_allclose(at.by_fit_coordinate[:, i], slope, rtol=2e-6, atol=1e-9)
+        np.testing.assert_allclose(at.by_fit_coordinate[..., i], slope, rtol=2e-6, atol=1e-9)
     for k, e in enumerate(np.eye(2)):
         slope = (load(point, h * e) - load(point, -h * e)) / (2.0 * h)
-        np.testing.assert_allclose(at.by_log_mounting[:, k], slope, rtol=2e-6, atol=1e-9)
+        np.testing.assert_allclose(at.by_log_mounting[..., k], slope, rtol=2e-6, atol=1e-9)
     if not width:
-        assert not at.by_log_mounting[:, 1 - axis].any()
+        assert not at.by_log_mounting[..., 1 - axis].any()
 
 
 # --- fits ----------------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ def test_jacobian_of_the_fit_with_pieces(first, quantity, geometry):
         data = replace(data.further[0], further=(data.further[1],))
     setup = FitSetup.from_options(data, "noisy", "shared", None, "goh", fibre_switch=False)
     assert setup.piece_sd == 0.1
-    rows, count = setup.data.loaded_rows(), len(data.pieces)
+    rows, count = setup.data.loaded(), len(data.pieces)
     scale = np.linspace(0.1, 0.3, count)
     point = setup.law.to_fit_coordinates(tuple(TRUTH.values()))
     problem = BalancedMounting(
@@ -250,7 +250,9 @@ def points(posterior: Posterior, count: int, seed: int = 4) -> list[dict[str, fl
             elif stem.startswith("mounting_force"):
                 axis, labels = "xy".index(stem[-1]), ["", "strip-x]", "strip-y]"]
                 p = posterior.pieces[labels.index(piece)]
-                values[name] = p.mounting[0][0, axis] + p.mounting[1][0, axis] * rng.normal()
+                values[name] = (
+                    p.rows.mounting_load[0, axis] + p.rows.mounting_sd[0, axis] * rng.normal()
+                )
             elif stem.startswith("load_offset"):
                 values[name] = 0.001 * rng.standard_normal()
             elif stem == "noise_sd":

@@ -405,7 +405,7 @@ def test_bands_hold_curves_of_the_very_model():
         delta, factor = of.misfit.draw(points, rng)
         protocols, curves, first = [], [], 0
         for p, loads, n in zip(of.specimen.protocols, law, counts, strict=True):
-            curve = loads + delta[first : first + 2 * n].reshape(2, n).T
+            curve = loads + delta[first : first + 2 * n].reshape(n, 2)
             first += 2 * n
             readings = curve + factor * noise * rng.standard_normal(curve.shape)
             protocols.append(replace(p, load_x=readings[:, 0], load_y=readings[:, 1]))

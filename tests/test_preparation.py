@@ -133,7 +133,7 @@ def test_independent_errors_of_averaged_rows_are_those_of_all_rows():
     data = long_specimen(misfit=0.02)
     full = Posterior(data, noise="independent", thin="none")
     thin = Posterior(data, noise="independent", thin=100)
-    assert thin.thinned.specimen.protocols[0].rows == 101
+    assert thin.rows.pieces[0].protocols[0].rows == 101
     rng = np.random.default_rng(2)
     reading = data.mounting_readings(shared=True)[0][0]
     n = 40

@@ -215,7 +215,7 @@ def test_a_tube_beside_a_square_has_the_likelihood_of_its_readings(noise):
         (p,) = tube.protocols
         model = 1.1 * readings(ARTERY, p.stretch, MATERIAL)
         measured = tube.load(p)
-        np.testing.assert_allclose(residual[0, own], (measured - model).T.ravel(), atol=1e-10)
+        np.testing.assert_allclose(residual[0, own], (measured - model).ravel(), atol=1e-10)
     assert np.isfinite(natural["log_likelihood"]).all()
 
 
@@ -260,7 +260,7 @@ def test_the_derivatives_of_a_fit_are_right():
     setup = FitSetup.from_options(tissue, "noisy", "shared", None, "goh", fibre_switch=False)
     data = setup.data
     problem = BalancedMounting(
-        data.loaded_rows(),
+        data.loaded(),
         "load",
         setup.point,
         setup.free,

@@ -248,7 +248,7 @@ def left_out(
         points = [law.to_fit_coordinates(m) for m in zip(*map(values.get, law.names), strict=True)]
         lm = np.array(
             [
-                forward.solve_mounting(point, (load / c)[:, None])[:, 0]
+                forward.solve_mounting(point, (load / c)[None])[0]
                 for point, load, c in zip(points, p0, stiffness, strict=True)
             ]
         )
@@ -261,7 +261,7 @@ def left_out(
     predictive = credible.copy()
     for draw in predictive:
         misfit, factor = posterior.misfit.draw(curve, rng)
-        draw += misfit.reshape(2, -1).T[:, axes]
+        draw += misfit.reshape(-1, 2)[:, axes]
         draw += factor * piece.noise_sd * rng.standard_normal(draw.shape)
     law_load = tissue.load[name][1:ROWS][:, axes]
     measured = piece.load(piece.protocols[0])[1:][:, axes]

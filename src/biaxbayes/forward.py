@@ -16,12 +16,12 @@ Results have the shape (draws, rows, 2), x and y last; a reading that a test doe
 
 Least squares use the fit coordinates of the law (:meth:`.Law.to_fit_coordinates`) and need
 derivatives: :meth:`ForwardModel.response` and :meth:`ForwardModel.solve_mounting` take those of one
-material and arrays of shape (2, n), one column per row.
+material.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,53 +39,29 @@ from biaxbayes.mechanics.mounting import (
 from biaxbayes.options import Settings
 from biaxbayes.parameters import DIMENSION_PARAMETERS, STIFFNESS, mounting_names, name_of
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen
 
 EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = (p.name for p in DIMENSION_PARAMETERS)
-
-
-@dataclass(frozen=True)
-class MeasuredRows:
-    """Rows of the likelihood: those after the mounted state, concatenated over protocols."""
-
-    stretch: np.ndarray  # (rows, 2)
-    load: np.ndarray  # (rows, 2)
-    scatter: np.ndarray  # (rows, 2), mean square scatter of the readings that a load is the mean of
-    protocol: np.ndarray  # (rows,), index of the protocol
-    names: tuple[str, ...]  # of the protocols
-
-    @classmethod
-    def from_thinned(cls, thinned: ThinnedSpecimen) -> MeasuredRows:
-        """The rows of a specimen as they enter the likelihood."""
-        specimen = thinned.specimen
-        stretch, load, counts = [], [], []
-        for p in specimen.protocols:
-            stretch.append(p.stretch[p.rest_rows :])
-            load.append(specimen.load(p)[p.rest_rows :])
-            counts.append(p.rows - p.rest_rows)
-        return cls(
-            np.concatenate(stretch),
-            np.concatenate(load),
-            np.concatenate(thinned.scatter),
-            np.repeat(np.arange(len(counts)), counts),
-            tuple(p.name for p in specimen.protocols),
-        )
 
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
     """Readings of one material at n rows, and their derivatives."""
 
-    load: np.ndarray  # (2, n)
-    by_fit_coordinate: np.ndarray  # (2, p, n)
-    by_log_mounting: np.ndarray  # (load, stretch, n), with respect to the log mounting stretches
-    # load per Cauchy stress (2, n), with which a residual is a stress; 1 where nothing is read
+    load: np.ndarray  # (n, 2)
+    by_fit_coordinate: np.ndarray  # (n, 2, p)
+    by_log_mounting: np.ndarray  # (n, load, stretch), with respect to the log mounting stretches
+    # load per Cauchy stress (n, 2), with which a residual is a stress; 1 where nothing is read
     per_stress: np.ndarray
 
     @property
     def stress(self) -> np.ndarray:
-        """The Cauchy stress that a load stands for, (2, n)."""
+        """The Cauchy stress that a load stands for, (n, 2)."""
         return self.load / self.per_stress
+
+    @classmethod
+    def joined(cls, parts: Iterable[LoadResponse]) -> LoadResponse:
+        """Readings at the rows of all parts, one below the other."""
+        return cls(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,67 +84,55 @@ class ForwardModel:
         law, experiment = settings.material_law, specimen.experiment
         return cls(law, specimen.area, mounted, experiment, piece, states)
 
-    # --- one material in fit coordinates, one column per row ---
+    # --- one material in fit coordinates ---
 
-    def per_stress(self, stretch: Any, mounting: Any) -> np.ndarray:
-        """Load per Cauchy stress at measured and mounting stretches, shape (..., 2, n)."""
-        factor = section_per_stress(self.area[:, None], mounting, self.mounted_dimensions)
-        return np.asarray(factor / stretch)
-
-    def response(self, point: np.ndarray, stretch: Any, mounting: np.ndarray) -> LoadResponse:
-        """Readings at measured and mounting stretches of shape (2, n), with derivatives.
+    def response(
+        self, point: np.ndarray, stretch: Any, mounting: np.ndarray, stiffness: float = 1.0
+    ) -> LoadResponse:
+        """Readings at measured and mounting stretches (n, 2), with derivatives.
 
         The mounting stretch of a free side has no influence: its stretch is the root at every row.
         """
-        measured = np.broadcast_to(np.asarray(stretch, dtype=float), mounting.shape)
-        points = self.experiment.points(measured.T)
-        lm, free = mounting[:, points.row], self.experiment.free_side
-        total = points.stretch.T * lm
-        solved = free is not None and bool(np.isnan(total[free]).any())
+        points = self.experiment.points(np.broadcast_to(stretch, mounting.shape))
+        lm, free = mounting[points.row], self.experiment.free_side
+        total = points.stretch * lm
+        solved = free is not None and bool(np.isnan(total[:, free]).any())
         if free is not None and solved:
             constants = self.law.constants_from_fit(*point)
 
             def cauchy(x: Any, y: Any) -> Any:
                 return cauchy_stress(constants, *squared_stretches(x, y))
 
-            total = with_free_side(cauchy, total.T, free).T
+            total = with_free_side(cauchy, total, free)
         at = self.law.response(point, total)
-        stress, by_point, by_log = at.stress, at.by_fit_coordinate, at.by_log_stretch
+        by_point, by_log = at.by_fit_coordinate, at.by_log_stretch
         if free is not None and solved:
             by_point, by_log = _at_free_side(by_point, by_log, free)
         if not self.mounted_dimensions:  # g = A0 / lm
-            by_log = by_log.copy()
-            by_log[0, 0] -= stress[0]
-            by_log[1, 1] -= stress[1]
-        per_lm = section_per_stress(self.area[:, None], lm, self.mounted_dimensions)
-        section = np.broadcast_to(per_lm, lm.shape)
-
-        def readings(values: np.ndarray) -> np.ndarray:
-            """Sums over the points of stresses (2, ..., n), by row."""
-            moved = np.moveaxis(values * section.reshape(2, *(1,) * (values.ndim - 2), -1), 0, -1)
-            return np.moveaxis(points.sums(moved), -1, 0)
-
-        first = np.searchsorted(points.row, np.arange(measured.shape[1]))
-        weight = np.abs(np.add.reduceat(points.weight[:, [0, 1], [0, 1]], first, axis=0)).T
-        scale = weight * section[:, first]
-        return LoadResponse(
-            readings(stress), readings(by_point), readings(by_log), np.where(scale > 0, scale, 1.0)
+            by_log = by_log - at.stress[..., None] * np.eye(2)
+        section = section_per_stress(stiffness * self.area, lm, self.mounted_dimensions)
+        weight = points.weight * np.broadcast_to(section, lm.shape)[:, None]
+        per_stress = np.abs(points.of_rows(np.einsum("nkk->nk", weight)))
+        load, by_point, by_log = (
+            points.of_rows(np.einsum("nik,nk...->ni...", weight, values))
+            for values in (at.stress, by_point, by_log)
         )
+        return LoadResponse(load, by_point, by_log, np.where(per_stress > 0.0, per_stress, 1.0))
 
     def solve_mounting(
         self, point: np.ndarray, load: np.ndarray, *, compiled: bool = True
     ) -> np.ndarray:
-        """Mounting stretches that balance mounting loads, both (2, m); NaN without a root."""
+        """Mounting stretches that balance mounting loads, both (m, 2); NaN without a root."""
         if not self.experiment.is_mounted:
             return np.ones(load.shape)
         # for a law that is fitted once, running in Python is faster than compiling
         solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
         constants = self.law.constants_from_fit(*point)
         roots = np.full(load.shape, np.nan)
-        for m, (px, py) in enumerate((load / self.area[:, None]).T):
+        for m, (px, py) in enumerate(load / self.area):
             ok, x, y, *_ = solve(constants, px, py, self.mounted_dimensions)
             if ok:
-                roots[:, m] = np.exp(x), np.exp(y)
+                roots[m] = np.exp(x), np.exp(y)
         return roots
 
     # --- parts of the model, (draws, 1, 2) unless noted ---
@@ -245,10 +209,10 @@ def _at_free_side(
         d s_k = (ds_k/dp - ds_k/dl_f (ds_f/dl_f)^-1 ds_f/dp) dp
     """
     k = 1 - side
-    ratio = by_log[k, side] / by_log[side, side]
+    ratio = by_log[:, k, side] / by_log[:, side, side]
     of_point, of_log = np.zeros_like(by_point), np.zeros_like(by_log)
-    of_point[k] = by_point[k] - ratio * by_point[side]
-    of_log[k, k] = by_log[k, k] - ratio * by_log[side, k]
+    of_point[:, k] = by_point[:, k] - ratio[:, None] * by_point[:, side]
+    of_log[:, k, k] = by_log[:, k, k] - ratio * by_log[:, side, k]
     return of_point, of_log
 
 

@@ -154,16 +154,12 @@ def _misfits(
     loaded = [p.stretch[p.rest_rows :] for p in protocols]
     if not model.settings.has_misfit:
         return [np.zeros((1 + len(stretch), 2)) for stretch in loaded], 1.0
-    points, out, paths = [], [], model.paths_of_pieces[index]
+    points, paths = [], model.paths_of_pieces[index]
     for i, stretch in enumerate(loaded):
         points += [paths.start(i), paths.tested(i, stretch)]
-    (drawn, factor), first = model.misfits[index].draw(CurvePoints.joined(points), rng), 0
-    for stretch in loaded:
-        last = first + 2 * (1 + len(stretch))
-        start, rows = drawn[first : first + 2], drawn[first + 2 : last].reshape(2, -1).T
-        out.append(np.vstack([start, rows]))
-        first = last
-    return out, factor
+    drawn, factor = model.misfits[index].draw(CurvePoints.joined(points), rng)
+    ends = np.cumsum([1 + len(stretch) for stretch in loaded])
+    return np.split(drawn.reshape(-1, 2), ends[:-1]), factor
 
 
 def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:

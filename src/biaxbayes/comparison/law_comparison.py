@@ -19,7 +19,6 @@ from scipy.special import logsumexp
 
 from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
-from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
@@ -28,8 +27,8 @@ from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import thinned_specimen
 
 WHOLE = "whole record"
 QUARTERS = 4
@@ -198,12 +197,12 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
     """Readings of a part that was left out, averaged as the likelihood would."""
     posterior = tissue.posterior
     settings, single = posterior.settings, len(specimen.protocols) == 1
-    thinned = thinned_specimen(only(specimen.as_compared(settings.mounting), part), settings.thin)
-    rows = MeasuredRows.from_thinned(thinned)
-    readings = ReadingVector.from_rows(rows, thinned, states=0, average=settings.has_misfit)
+    left_out = only(specimen.as_compared(settings.mounting), part)
+    rows = MeasuredRows.from_specimen(left_out, shared=True, thin=settings.thin).loaded()
+    readings = ReadingVector.from_rows(rows, states=0, average=settings.has_misfit)
     count = len(readings.weight) // 2
     average = np.zeros((count, len(rows.load)))
-    average[readings.index[:, 0], np.arange(len(rows.load))] = readings.share
+    average[readings.index[:, 0] // 2, np.arange(len(rows.load))] = readings.share
     law = tissue.law(rows.stretch) + posterior.forward.offset(tissue.draws)
     # a quarter lies on the path of the protocol that is known
     misfit, sd = tissue.misfit(rows.stretch, 0 if single else None)
@@ -213,7 +212,7 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
         average @ _per_kPa(tissue, rows.stretch, rows.names[0]),
         average @ (law + misfit),
         average @ np.broadcast_to(sd, shape),
-        tissue.noise_sd / np.sqrt(readings.weight[:count, None]),
+        tissue.noise_sd / np.sqrt(readings.weight[::2, None]),
     )
 
 

@@ -28,7 +28,7 @@ from biaxbayes.fitting.least_squares import (
     best_descent,
     descend,
 )
-from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
 from biaxbayes.fitting.result import FitResult, rounding_bound
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
@@ -36,6 +36,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions, Settings
+from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
 
 FIT_MOUNTING = ("exact", "noisy", "ignored", "zeroed")
@@ -96,7 +97,7 @@ class FitSetup:
     specimen: Specimen
     law: Law
     mounting: str  # one of FIT_MOUNTING
-    data: Readings
+    data: MeasuredRows
     point: np.ndarray  # fit coordinates with the fixed values
     free: np.ndarray  # indices of the others
     piece_sd: float = 0.0  # of the logs of the stiffnesses of further pieces
@@ -129,7 +130,7 @@ class FitSetup:
                 "prestretch (zeroed)",
             )
         shared = mounting_stretch == "shared"
-        data = Readings.from_specimen(specimen, shared=shared, mounting=mounting)
+        data = MeasuredRows.from_specimen(specimen, shared=shared, mounting=mounting)
         sd = piece_sd if specimen.further else 0.0
         return cls(specimen, chosen, mounting, data, *fixed_and_free(fixed, chosen), sd)
 
@@ -202,7 +203,7 @@ class FitSetup:
         descent: Descent,
         stiffness: np.ndarray | None = None,
     ) -> FitResult:
-        """Result of fit coordinates and mounting stretches (2, m), compared with the data.
+        """Result of fit coordinates and mounting stretches (m, 2), compared with the data.
 
         A fit whose residuals are explained by the written digits of the data has converged, even if
         its descent has not.
@@ -214,7 +215,7 @@ class FitSetup:
         model = LoadResiduals(data, "load", point, self.free, 1.0, lm, law)
         with np.errstate(all="ignore"):
             response = model.response(point, lm, stiffness)
-            mounting_load = model.mounted(point, lm).load * stiffness[data.piece_of_state]
+            mounting_load = model.mounted(point, lm).load * stiffness[data.piece_of_state, None]
             mounting_load[~data.is_mounted] = 0.0
             # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
             measured = (data.load / response.per_stress)[data.is_read]
@@ -231,8 +232,8 @@ class FitSetup:
         return FitResult(
             method=method,
             material=law.material_at(law.from_fit_coordinates(point)),
-            mounting_stretch=lm.T.copy(),
-            mounting_load=mounting_load.T.copy(),
+            mounting_stretch=lm,
+            mounting_load=mounting_load,
             stiffness=stiffness,
             r2=r2,
             rmse_kPa=rmse,
@@ -240,7 +241,9 @@ class FitSetup:
             iterations=descent.iterations,
             converged=bool(converged and np.isfinite(rmse)),
             at_bound=self._at_bound(point, lm, method),
-            residuals=tuple(load_residual[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows),
+            residuals=tuple(
+                load_residual[~data.at_rest & (data.protocol == p)] for p in range(len(data.names))
+            ),
         )
 
     def _at_bound(self, point: np.ndarray, lm: np.ndarray, method: str) -> tuple[str, ...]:
@@ -253,8 +256,8 @@ class FitSetup:
             if at_low or point[i] >= high * (1.0 - 1e-9):
                 names.append(law.names[i])
         if method == "linden":
-            for axis, row in zip("xy", lm, strict=True):
-                if (row <= BRACKET[0]).any() or (row >= BRACKET[1]).any():
+            for axis, own in zip("xy", lm.T, strict=True):
+                if (own <= BRACKET[0]).any() or (own >= BRACKET[1]).any():
                     names.append(f"mounting_stretch_{axis}")
         return tuple(names)
 
@@ -273,7 +276,7 @@ def minimum(
     First the reading is exact. With a noisy one, reweighted least squares with unknown mounting
     forces follow, until w is stable.
     """
-    data, rows_in_fit, free = setup.data, setup.data.loaded_rows(), setup.free
+    data, rows_in_fit, free = setup.data, setup.data.loaded(), setup.free
     peaks, one = data.peaks, np.ones_like(data.mounting_load)
 
     def problem_at(
@@ -290,7 +293,7 @@ def minimum(
     starts = [p[free] for p in points]
     descent = best_descent(problem, starts, lower, upper, finalists=finalists, **limits)
     floor = MIN_RELATIVE_SD * peaks
-    least = floor[data.piece_of_state]
+    least = floor[data.piece_of_state, None]
     exact = setup.mounting != "noisy" or (data.mounting_sd <= least).all()
     if not (setup.balanced and np.isfinite(descent.cost)) or (exact and not setup.piece_sd):
         return problem, descent
@@ -302,7 +305,7 @@ def minimum(
     lower = np.concatenate([lower, np.full(others, -np.inf)])
     upper = np.concatenate([upper, np.full(others, np.inf)])
     limits["tolerance"] = max(tolerance, REWEIGHTED_TOLERANCE)
-    piece = np.tile(rows_in_fit.piece, 2)
+    piece = np.repeat(rows_in_fit.piece, 2)
     count = np.bincount(piece, rows_in_fit.is_read.ravel(), minlength=len(peaks))
 
     def rms_of_pieces(problem: LoadResiduals, unknowns: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
-from biaxbayes.fitting.residuals import FreeMounting, LoadResiduals
+from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, LoadResiduals
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
@@ -56,14 +56,15 @@ def alternate(
 ) -> tuple[Descent, np.ndarray]:
     """Alternate from one material until neither mounting stretch nor stress changes.
 
-    Returns the end, with all fit coordinates, and its mounting stretches (2, m). ``first`` (2, m)
+    Returns the end, with all fit coordinates, and its mounting stretches (m, 2). ``first`` (m, 2)
     are mounting stretches for materials that balance no root; default one.
     """
     data, free, law = setup.data, setup.free, setup.law
     lm = np.ones_like(data.mounting_load) if first is None else first
     cost, converged, count = np.inf, False, 0
     for count in range(1, max_alternations + 1):  # noqa: B007 - reported
-        root = data.forwards(law)[0].solve_mounting(point, data.mounting_load)
+        balanced = BalancedMounting(data, "cauchy", point, free, scale, lm, law)
+        root = balanced.mounting(point[free])
         has_root = bool(np.isfinite(root).all())
         new_lm = root if has_root else lm
         problem = LoadResiduals(data, "cauchy", point, free, scale, new_lm, law)
@@ -155,8 +156,7 @@ def fit(
         return setup.fitted(points)
     data, free = setup.data, setup.free
     refuse_other_tests(specimen, method)
-    area = specimen.area[:, None]
-    scale = max(float(np.abs(data.load * data.stretch / area).max()), 1e-300)
+    scale = max(float(np.abs(data.load * data.stretch / specimen.area).max()), 1e-300)
     if method == "fip":
         known = np.setdiff1d(np.arange(setup.point.size), free)
         points[:, known] = setup.point[known]
@@ -167,10 +167,10 @@ def fit(
     unknowns, (lower, upper) = points[:, free], setup.bounds
     problem = LoadResiduals(*common)
     if method == "linden":
-        problem, groups = FreeMounting(*common), one.shape[1]
-        unknowns = np.hstack([unknowns, np.repeat(stretches, groups, axis=1)])
-        lower = np.concatenate([lower, np.full(2 * groups, BRACKET[0])])
-        upper = np.concatenate([upper, np.full(2 * groups, BRACKET[1])])
+        problem = FreeMounting(*common)
+        unknowns = np.hstack([unknowns, np.tile(stretches, len(one))])
+        lower = np.concatenate([lower, np.full(one.size, BRACKET[0])])
+        upper = np.concatenate([upper, np.full(one.size, BRACKET[1])])
     end = best_descent(problem, unknowns, lower, upper)
     theta, lm = problem.fit_coordinates(end.unknowns), problem.mounting(end.unknowns)
     return setup.result(method, theta, lm, end)

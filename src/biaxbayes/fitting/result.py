@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.fitting.residuals import Readings
 from biaxbayes.forward import LoadResponse
 from biaxbayes.laws.law import Law
+from biaxbayes.specimens.rows import MeasuredRows
 
 EXPLAINED = 1.5
 """Misfit over noise up to which the noise explains the misfit."""
@@ -189,34 +189,28 @@ def half_digits(values: np.ndarray) -> np.ndarray:
     return 0.5 * 10.0 ** np.maximum(-decimals, by_significance)
 
 
-def rounding_bound(data: Readings, response: LoadResponse) -> float:
+def rounding_bound(data: MeasuredRows, response: LoadResponse) -> float:
     """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa."""
     # half digits of the columns; the reader divides stretches, and Cauchy stresses with them, by
     # the stretch at rest
     written = []
-    for name in ("stretch_x", "stretch_y", "load_x", "load_y"):
-        parts = []
-        for piece in data.pieces:
-            divided = name.startswith("stretch") or piece.stress_pair == "cauchy"
-            by = np.concatenate(
-                [
-                    np.full(p.rows, p.reference["xy".index(name[-1])] if divided else 1.0)
-                    for p in piece.protocols
-                ]
-            )
-            column = np.concatenate([getattr(p, name) for p in piece.protocols])
-            parts.append(half_digits(np.nan_to_num(column, nan=1.0) * by) / by)
-        written.append(np.concatenate(parts))
-    stretch, load = np.array(written[:2]), np.array(written[2:])
+    for piece in data.pieces:
+        curves = [np.hstack([p.known_stretch, p.recorded_load]) for p in piece.protocols]
+        by = [np.tile(p.reference, (p.rows, 2)) for p in piece.protocols]
+        values, divided = np.concatenate(curves), np.concatenate(by)
+        if piece.stress_pair != "cauchy":
+            divided[:, 2:] = 1.0
+        digits = np.column_stack([half_digits(column) for column in (values * divided).T])
+        written.append(digits / divided)
+    stretch, load = np.hsplit(np.concatenate(written), 2)
     # data: f l lm / A0 (unloaded), f l / Am (mounted); model: s(l lm). Their difference moves by
     #   df / factor + s dl / l - sum_j ds/d(ln l_j) dl_j / l_j
-    unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[data.piece]
-    stress = np.eye(2)[:, :, None] * response.stress[:, None]
+    stress = response.stress[..., None] * np.eye(2)
     # d(load / section) / d ln lm = ds/d(ln l) - s with unloaded dimensions
-    by_log = response.by_log_mounting / response.per_stress[:, None] + unloaded * stress
-    slope = np.abs(by_log) + np.abs(stress)
+    by_log = response.by_log_mounting / response.per_stress[..., None]
+    slope = np.abs(by_log + data.unloaded[:, None, None] * stress) + np.abs(stress)
     moved = stretch / np.nan_to_num(data.stretch, nan=1.0)
-    bound = load / response.per_stress + np.einsum("kjn,jn->kn", slope, moved)
+    bound = load / response.per_stress + np.einsum("nkj,nj->nk", slope, moved)
     return float(np.sqrt((bound[data.is_read] ** 2).mean()))
 
 

@@ -12,16 +12,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.fitting.residuals import Readings
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.screening import Screening, screen
+from biaxbayes.specimens.rows import MeasuredRows
 
 SCREENING_ROWS = 24  # of each protocol, enough to rank starting points
 CANDIDATES = 512
 
 
 def screened_points(
-    data: Readings,
+    data: MeasuredRows,
     count: int,
     rng: np.random.Generator,
     law: Law,
@@ -36,20 +36,20 @@ def screened_points(
     draws mounting stretches and counts the mounting reading; else they are one.
     """
     # mounting readings first
-    thinned, states = data.thinned(SCREENING_ROWS), len(data.piece_of_state) * with_mounting
-    stretch = np.hstack([np.ones_like(data.mounting_load)[:, :states], thinned.stretch])
-    load = np.hstack([data.mounting_load[:, :states], thinned.load])
-    piece = np.concatenate([data.piece_of_state[:states], thinned.piece])
+    rows, states = data.chosen(SCREENING_ROWS), len(data.piece_of_state) * with_mounting
+    stretch = np.vstack([np.ones((states, 2)), rows.stretch])
+    load = np.vstack([data.mounting_load[:states], rows.load])
+    piece = np.concatenate([data.piece_of_state[:states], rows.piece])
     for i, of_piece in enumerate(data.pieces):
         own = piece == i
-        stresses = of_piece.experiment.stresses(stretch[:, own].T, load[:, own].T)
+        stresses = of_piece.experiment.stresses(stretch[own], load[own])
         if stresses is None:  # in kPa of the unloaded or mounted section
-            load[:, own] /= of_piece.area[:, None]
+            load[own] /= of_piece.area
         else:  # P = s / l
-            load[:, own] = stresses.T / stretch[:, own]
+            load[own] = stresses / stretch[own]
     side = np.array([-1 if p.experiment.free_side is None else p.experiment.free_side
                      for p in data.pieces])[piece]  # fmt: skip
-    unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[piece]
+    unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[piece, None]
 
     def factor(total: np.ndarray) -> np.ndarray:
         # per kPa of Cauchy stress, P = s / (l lm) of the unloaded section, s / l of the mounted one

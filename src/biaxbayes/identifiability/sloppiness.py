@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
 from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
     INTERVAL,
@@ -32,6 +32,7 @@ from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.options import Settings
 from biaxbayes.parameters import MATERIAL, STIFFNESS, mounting_names, name_of
 from biaxbayes.prediction.draws import median_draw
+from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
 
 # --- materials that give the same curves: one parameter is moved, the others follow --------------
@@ -46,18 +47,18 @@ class SameCurves:
 
     moved: str  # the parameter that was fixed at each value
     materials: pd.DataFrame  # natural values (kPa, degrees), one row per point
-    mounting_stretch: np.ndarray  # (points, 2, m); ones where not inferred
-    mounting_load: np.ndarray  # (2, m), of the whole path; zeros where not inferred
+    mounting_stretch: np.ndarray  # (points, m, 2); ones where not inferred
+    mounting_load: np.ndarray  # (m, 2), of the whole path; zeros where not inferred
     change_kPa: float  # largest change of any stress of all rows from the first material to another
     largest_kPa: float  # largest stress of the first material
 
     def to_frame(self) -> pd.DataFrame:
         """Materials and mounting stretches, one row per point of the path."""
         table = self.materials.copy()
-        for m in range(self.mounting_stretch.shape[2]):
-            tail = f"[{m + 1}]" if self.mounting_stretch.shape[2] > 1 else ""
+        for m in range(len(self.mounting_load)):
+            tail = f"[{m + 1}]" if len(self.mounting_load) > 1 else ""
             for k, axis in enumerate("xy"):
-                table[f"mounting_stretch_{axis}{tail}"] = self.mounting_stretch[:, k, m]
+                table[f"mounting_stretch_{axis}{tail}"] = self.mounting_stretch[:, m, k]
         return table
 
 
@@ -71,7 +72,7 @@ def same_curves(
 ) -> SameCurves:
     """Move one parameter of a draw between two natural values; those in `free` follow."""
     law, balanced = settings.material_law, settings.infers_mounting
-    data = Readings.from_specimen(specimen, shared=settings.shared)
+    data = MeasuredRows.from_specimen(specimen, shared=settings.shared)
     quantities = specimen.quantities(law.parameters, shared=settings.shared)
     mounting_load = np.zeros_like(data.mounting_load)
     if balanced:
@@ -82,13 +83,13 @@ def same_curves(
             for piece in quantities.pieces
             for _ in piece.states
         ]
-        forces = [[float(draw.get(pair[k], 0.0)) for pair in pairs] for k in range(2)]
-        mounting_load = np.array(forces) / stiff
+        forces = [[float(draw.get(name, 0.0)) for name in pair] for pair in pairs]
+        mounting_load = np.array(forces) / np.array(stiff)[:, None]
     data = replace(data, mounting_load=mounting_load)
     one = np.ones_like(mounting_load)
 
     def curves(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Loads (2, n) of every row and mounting stretches (2, m)."""
+        """Loads (n, 2) of every row and mounting stretches (m, 2)."""
         kind = BalancedMounting if balanced else LoadResiduals
         problem = kind(data, "load", point, np.arange(point.size), 1.0, one, law)
         lm = problem.mounting(point)
@@ -97,7 +98,7 @@ def same_curves(
     values_of_draw = [float(draw[n]) for n in law.names]
     origin, index = law.to_fit_coordinates(values_of_draw), law.names.index(moved)
     follows = [i for i, n in enumerate(law.names) if n != moved and n in free]
-    target = replace(data, load=curves(origin)[0]).thinned(TARGET_ROWS)
+    target = replace(data, load=curves(origin)[0]).chosen(TARGET_ROWS)
     fits = _CurveFits(law, target, origin, index, np.array(follows, dtype=int), balanced)
     here, low, high = (law.to_fit_coordinate(index, v) for v in (values_of_draw[index], *values))
     logs = law.parameter(moved).logarithmic
@@ -110,7 +111,7 @@ def same_curves(
 
     points = [*reversed(path(low)), origin, *path(high)]
     loads, stretches = zip(*map(curves, points), strict=True)
-    area = np.array([piece.area for piece in data.pieces])[data.piece].T
+    area = np.array([piece.area for piece in data.pieces])[data.piece]
     stress = np.array(loads) / area / data.load_scale
     return SameCurves(
         moved,
@@ -127,7 +128,7 @@ class _CurveFits:
     """Fits of materials to the curves of one draw, with one parameter fixed."""
 
     law: Law
-    target: Readings  # of the draw
+    target: MeasuredRows  # of the draw
     origin: np.ndarray  # (p,), fit coordinates of the draw
     moved: int
     free: np.ndarray  # indices of the parameters that follow
@@ -284,9 +285,9 @@ def path_text(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law)
                 moves.append(f"{name} times {b / a:.3g}")
         elif float(step) != 0.0:
             moves.append(f"{name} {'up' if b > a else 'down'} {step}{parameter.unit_words()}")
-    if mounting_names("stretch")[0] in draws or path.mounting_stretch.shape[2] > 1:
+    if mounting_names("stretch")[0] in draws or len(path.mounting_load) > 1:
         for k, axis in enumerate("xy"):
-            change = float(np.mean(path.mounting_stretch[-1, k] - path.mounting_stretch[0, k]))
+            change = float(np.mean((path.mounting_stretch[-1] - path.mounting_stretch[0])[:, k]))
             if abs(change) >= 5e-4:
                 way = "up" if change > 0 else "down"
                 moves.append(f"mounting stretch {axis} {way} {abs(change):.3f}")

@@ -60,9 +60,9 @@ INTERIOR_MARGIN, INTERIOR_MARGIN_DEG = 0.02, 3.0  # fraction of a range; degrees
 class StressResponse:
     """Cauchy stresses (kPa) at n states and their derivatives."""
 
-    stress: np.ndarray  # (2, n)
-    by_fit_coordinate: np.ndarray  # (2, p, n), d stress / d fit coordinate
-    by_log_stretch: np.ndarray  # (2, 2, n), d stress / d ln(total stretch), symmetric
+    stress: np.ndarray  # (n, 2)
+    by_fit_coordinate: np.ndarray  # (n, 2, p), d stress / d fit coordinate
+    by_log_stretch: np.ndarray  # (n, 2, 2), d stress / d ln(total stretch), symmetric
 
 
 class TransformInputs(NamedTuple):
@@ -382,15 +382,15 @@ class Law:
         return tuple(float(v) for v in moved)
 
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
-        """Stresses and derivatives at fit coordinates (p,), stretches (2, n), by complex step."""
+        """Stresses and derivatives at fit coordinates (p,), stretches (n, 2), by complex step."""
         p = point.size
-        # one row per coordinate and log stretch, each with an imaginary step of its own
+        # one material and state per coordinate and log stretch, each with an imaginary step
         step = 1j * STEP * np.eye(p + 2)
         constants = self.constants_from_fit(*(point + step[:, :p]).T[:, :, None])
-        lx, ly = (stretch[k] * (1.0 + step[:, p + k, None]) for k in range(2))
-        stress = np.array(cauchy_stress(constants, *squared_stretches(lx, ly)))
+        lx, ly = (stretch[:, k] * (1.0 + step[:, p + k, None]) for k in range(2))
+        stress = np.stack(cauchy_stress(constants, *squared_stretches(lx, ly)), axis=1).T
         slope = stress.imag / STEP
-        return StressResponse(stress[:, 0].real, slope[:, :p], slope[:, p:])
+        return StressResponse(stress[..., 0].real, slope[..., :p], slope[..., p:])
 
     # --- starting points of fits ---
 

@@ -21,14 +21,14 @@ NARROWING = (0.2, 0.9)
 class Screening(NamedTuple):
     """Readings on which starting points are ranked, and the random materials."""
 
-    stretch: np.ndarray  # (2, n), measured
-    stress: np.ndarray  # (2, n), kPa, of the section that the dimensions refer to
+    stretch: np.ndarray  # (n, 2), measured
+    stress: np.ndarray  # (n, 2), kPa, of the section that the dimensions refer to
     free_side: np.ndarray  # (n,), the direction that carries no load and may be unmeasured, or -1
     with_mounting: bool  # draw mounting stretches; else they are one
     point: np.ndarray  # (p,), fit coordinates, used where they are not free
     free: np.ndarray  # indices of the free fit coordinates
     size: int  # number of materials
-    # the same per Cauchy stress, at total stretches (S, 2, n)
+    # the same per Cauchy stress, at total stretches (S, n, 2)
     factor: Callable[[np.ndarray], np.ndarray]
 
 
@@ -43,22 +43,22 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
     if data.with_mounting:
         moved = rng.random((data.size, 1)) > 0.2
         mounting += np.abs(rng.normal(0.0, 0.03, mounting.shape)) * moved
-    total = data.stretch * mounting[:, :, None]  # (S, 2, n)
+    total = data.stretch * mounting[:, None]  # (S, n, 2)
     for side in np.unique(data.free_side[data.free_side >= 0]):
         # a guess of how a strip narrows, which its stress across it has to confirm
         own = data.free_side == side
         narrowing = rng.uniform(*NARROWING, (data.size, 1))
-        guess = total[:, 1 - side, own] ** -narrowing
-        total[:, side, own] = np.where(np.isnan(total[:, side, own]), guess, total[:, side, own])
-    points, features = law.random_materials(data.size, total.max(axis=2), rng)
+        guess = total[:, own, 1 - side] ** -narrowing
+        total[:, own, side] = np.where(np.isnan(total[:, own, side]), guess, total[:, own, side])
+    points, features = law.random_materials(data.size, total.max(axis=1), rng)
     others = np.setdiff1d(np.arange(points.shape[1]), data.free)
     points[:, others] = data.point[others]
     factor = data.factor(total)
 
     def load_at(points: np.ndarray) -> np.ndarray:
         constants = law.constants_from_fit(*points.T[:, :, None])
-        stress = cauchy_stress(constants, *squared_stretches(total[:, 0], total[:, 1]))
-        stress = np.stack(np.broadcast_arrays(*stress), axis=1)  # (S, 2, n)
+        stress = cauchy_stress(constants, *squared_stretches(total[..., 0], total[..., 1]))
+        stress = np.stack(np.broadcast_arrays(*stress), axis=-1)  # (S, n, 2)
         return (stress * factor).reshape(data.size, -1)
 
     linear = [law.names.index(name) for name in law.amplitudes]

@@ -39,11 +39,14 @@ class Points:
     def sums(self, stress: np.ndarray) -> np.ndarray:
         """Readings (..., rows, 2) of stresses times sections (..., n, 2)."""
         # q_i = sum_p sum_k w_pik g_k s_k
-        of_points = np.einsum("nik,...nk->...ni", self.weight, stress)
+        return self.of_rows(np.einsum("nik,...nk->...ni", self.weight, stress), axis=-2)
+
+    def of_rows(self, values: np.ndarray, axis: int = 0) -> np.ndarray:
+        """Sums of values over the points of each row."""
         if self.row.size == self.row[-1] + 1:
-            return of_points
+            return values
         first = np.flatnonzero(np.diff(self.row, prepend=-1))
-        return np.add.reduceat(of_points, first, axis=-2)
+        return np.add.reduceat(values, first, axis=axis)
 
 
 class Experiment(ABC):

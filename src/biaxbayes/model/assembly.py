@@ -121,7 +121,7 @@ def assemble(
     first = len(law.names) + PIECE_SLOTS * len(pieces)
     fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
     if settings.mounting == "exact":
-        fixed[first:] = np.concatenate([piece.mounting[0].ravel() for piece in pieces])
+        fixed[first:] = np.concatenate([piece.rows.mounting_load.ravel() for piece in pieces])
     for i, (p, _) in enumerate(of_slot):
         if p.kind == DIMENSION and not p.unit_symbol("N"):
             fixed[i] = 1.0
@@ -324,7 +324,7 @@ def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[st
         for p in range(len(rows.names)):
             count = int((rows.protocol[of_point.row] == p).sum())
             by_protocol["start"].append(by_protocol["start"][-1] + count)
-            by_protocol["mount"].append(states + piece.mount[p])
+            by_protocol["mount"].append(states + rows.state_of_protocol[p])
             by_protocol["solved"].append(unmeasured)
         mode = _MODES[settings.mounting] if experiment.is_mounted else MODE_UNSTRETCHED
         for _ in piece.labels.states:
@@ -341,7 +341,6 @@ def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[st
         mounting_reading.append(index)
         measured.append(piece.measured)
         offset_of.append(size + PIECE_SLOTS * i + OFFSET_X + readings.axis)
-    lx, ly = np.concatenate(points.pop("stretch")).T.copy()
     integers = {name: np.array(v, dtype=np.int64) for name, v in by_state.items()}
     return {
         **{name: np.array(v) for name, v in by_protocol.items()},
@@ -352,11 +351,6 @@ def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[st
         "mounting_reading": np.concatenate(mounting_reading),
         "measured": np.concatenate(measured),
         "offset_of": np.concatenate(offset_of),
-        "lx": lx,
-        "ly": ly,
-        "X": lx * lx,
-        "Y": ly * ly,
-        "Z": 1.0 / (lx * ly) ** 2,
     }
 
 

@@ -84,8 +84,8 @@ class Problem(NamedTuple):
         First point of each protocol; the mounted state it belongs to.
     solved : bool ndarray, shape (p,)
         Whether the stretch of the free side was not measured.
-    lx, ly, X, Y, Z : ndarray, shape (n,)
-        Measured stretches of the points, and their squares.
+    stretch : ndarray, shape (n, 2)
+        Measured stretches of the points.
     weight : ndarray, shape (n, 2, 2); reading_of : int64 ndarray, shape (n, 2)
         Weight of stress k in reading i of a point, and which reading that is, or -1.
     measured : ndarray, shape (r,)
@@ -114,11 +114,7 @@ class Problem(NamedTuple):
     start: np.ndarray
     mount: np.ndarray
     solved: np.ndarray
-    lx: np.ndarray
-    ly: np.ndarray
-    X: np.ndarray
-    Y: np.ndarray
-    Z: np.ndarray
+    stretch: np.ndarray
     weight: np.ndarray
     reading_of: np.ndarray
     measured: np.ndarray
@@ -221,24 +217,21 @@ def _curves(problem, constants, p, x, y, area_x, area_y, residual):
     side, mounted = problem.free_side[m], problem.mounted[problem.piece[m]]
     lm_x, lm_y = np.exp(x), np.exp(y)
     gx, gy = section_per_stress(area_x, lm_x, mounted), section_per_stress(area_y, lm_y, mounted)
-    X_lm, Y_lm = lm_x * lm_x, lm_y * lm_y
-    Z_lm = 1.0 / (X_lm * Y_lm)
     total = 0.0
     for j in range(problem.start[p], problem.start[p + 1]):
-        X, Y, Z = problem.X[j] * X_lm, problem.Y[j] * Y_lm, problem.Z[j] * Z_lm
+        lx, ly = problem.stretch[j, 0] * lm_x, problem.stretch[j, 1] * lm_y
         if problem.solved[p]:
             # across the strip s = 0; the root of the row before is near
-            loaded = np.log((problem.lx[j] * lm_x) if side == 1 else (problem.ly[j] * lm_y))
             if side == 1:
-                ok, _, y = solve_free_side(constants, loaded, y, side)
-                X, Y = np.exp(2.0 * loaded), np.exp(2.0 * y)
+                ok, _, y = solve_free_side(constants, np.log(lx), y, side)
+                ly = np.exp(y)
             else:
-                ok, x, _ = solve_free_side(constants, x, loaded, side)
-                X, Y = np.exp(2.0 * x), np.exp(2.0 * loaded)
+                ok, x, _ = solve_free_side(constants, x, np.log(ly), side)
+                lx = np.exp(x)
             if not ok:
                 return False
-            Z = 1.0 / (X * Y)
-        sx, sy = cauchy_stress(constants, X, Y, Z)
+        X, Y = lx * lx, ly * ly
+        sx, sy = cauchy_stress(constants, X, Y, 1.0 / (X * Y))
         sx, sy = gx * sx, gy * sy
         # q_i = sum_p sum_k w_pik g_k s_k
         for i in range(2):

@@ -69,7 +69,7 @@ LEAST_EIGENVALUE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class CurvePoints:
-    """Points of load curves, shapes (n,) unless stated."""
+    """Points of load curves, x and y of each state on a path; shapes (n,) unless stated."""
 
     protocol: np.ndarray  # index of the protocol; another number for a path that was not tested
     axis: np.ndarray  # 0 for x, 1 for y

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.forward import ForwardModel, MeasuredRows
+from biaxbayes.forward import ForwardModel
 from biaxbayes.model.readings import IndependentErrors, ReadingVector
 from biaxbayes.options import Settings
 from biaxbayes.parameters import PieceLabels
+from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen, thinned_specimen
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +39,12 @@ class Piece:
         return f"{label}: {protocol}"
 
     @cached_property
-    def thinned(self) -> ThinnedSpecimen:
-        """The rows that enter the likelihood: zeroed and thinned according to the settings."""
-        source = self.specimen.as_compared(self.settings.mounting)
-        return thinned_specimen(source, self.settings.thin)
-
-    @cached_property
     def rows(self) -> MeasuredRows:
-        """The rows after the mounted state."""
-        return MeasuredRows.from_thinned(self.thinned)
+        """The rows after the mounted state: zeroed and averaged according to the settings."""
+        how = self.settings
+        return MeasuredRows.from_specimen(
+            self.specimen, shared=how.shared, mounting=how.mounting, thin=how.thin
+        ).loaded()
 
     @cached_property
     def forward(self) -> ForwardModel:
@@ -55,36 +52,23 @@ class Piece:
         return ForwardModel.from_specimen(self.specimen, self.settings, self.labels.label)
 
     @property
-    def mount(self) -> np.ndarray:
-        """Index of the mounted state of each protocol."""
-        count = len(self.rows.names)
-        return np.zeros(count, dtype=int) if self.settings.shared else np.arange(count)
-
-    @property
     def reads_force(self) -> bool:
         """Whether mounting forces are among the readings."""
         return self.settings.reads_force and self.specimen.experiment.is_mounted
-
-    @cached_property
-    def mounting(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mounting loads and the noise of their readings, (m, 2)."""
-        return self.specimen.mounting_readings(shared=self.settings.shared)
 
     @cached_property
     def readings(self) -> ReadingVector:
         """How the rows make up the vector of readings."""
         return ReadingVector.from_rows(
             self.rows,
-            self.thinned,
-            states=len(self.mounting[0]) if self.reads_force else 0,
-            axes=self.specimen.experiment.axes,
+            states=len(self.rows.mounting_load) if self.reads_force else 0,
             average=self.settings.has_misfit,
         )
 
     @cached_property
     def mounting_sd(self) -> np.ndarray:
         """Noise of the mounting readings; empty where there are none."""
-        sd = self.mounting[1][:, list(self.specimen.experiment.axes)]
+        sd = self.rows.mounting_sd[:, list(self.specimen.experiment.axes)]
         return sd.ravel() if self.reads_force else np.empty(0)
 
     @cached_property
@@ -97,7 +81,7 @@ class Piece:
         """All readings, (n,)."""
         out = self.readings.means(self.rows.load)
         states = self.readings.mounting_index
-        out[states[states >= 0]] = self.mounting[0][: len(states)][states >= 0]
+        out[states[states >= 0]] = self.rows.mounting_load[: len(states)][states >= 0]
         return out
 
     def residuals(self, values: Any) -> np.ndarray:

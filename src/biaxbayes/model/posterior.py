@@ -18,7 +18,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.result import FitResult
-from biaxbayes.forward import ForwardModel, MeasuredRows
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density
 from biaxbayes.model.assembly import (
@@ -38,8 +38,9 @@ from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
 from biaxbayes.options import FitOptions, ModelOptions, Settings, takes_options
 from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
 from biaxbayes.sampling.target import Target, bounds_array
+from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep
+from biaxbayes.specimens.thinning import rows_to_keep
 
 MAX_POINTS = 65_536
 """Points of a density that are evaluated together."""
@@ -132,11 +133,6 @@ class Posterior:
     def pieces(self) -> tuple[Piece, ...]:
         """The pieces of the tissue, with their rows, readings and forward models."""
         return self.assembly.pieces
-
-    @property
-    def thinned(self) -> ThinnedSpecimen:
-        """The first piece, zeroed and thinned according to the settings."""
-        return self.pieces[0].thinned
 
     @property
     def rows(self) -> MeasuredRows:
@@ -262,7 +258,7 @@ class Posterior:
     def misfits(self) -> tuple[SmoothMisfit, ...]:
         """The smooth misfit of the law in each piece, independent of one another."""
         return tuple(
-            smooth_misfit(paths, p.rows, p.readings, p.mount, p.mounting_sd, self.settings.toe)
+            smooth_misfit(paths, p.rows, p.readings, p.mounting_sd, self.settings.toe)
             for paths, p in zip(self.paths_of_pieces, self.pieces, strict=True)
         )
 

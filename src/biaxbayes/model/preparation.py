@@ -151,7 +151,7 @@ def mounting_force_width(posterior: Posterior) -> dict[str, float]:
     """Error (sd) of each mounting force by name, the misfit of the law included."""
     out: dict[str, float] = {}
     for i, piece in enumerate(posterior.pieces):
-        sd, readings = piece.mounting[1].copy(), piece.readings
+        sd, readings = piece.rows.mounting_sd.copy(), piece.readings
         if posterior.settings.has_misfit and readings.mounted:
             variance = np.diag(posterior.misfits[i].toe_and_noise[0])
             known = readings.mounting_index >= 0

@@ -1,9 +1,8 @@
 """The readings of a piece that a likelihood compares, as one vector, and their places on the paths.
 
-First the mounting readings, x and y of each mounted state; then, protocol by protocol, the rows in
-x and those in y; of a strip, those along it alone. Neighbouring rows may be averaged into one
-reading: the model's loads are computed at every row and averaged in the same way, so that nothing
-is lost of a curve.
+First the mounting readings, x and y of each mounted state; then x and y of each row; of a strip,
+those along it alone. Neighbouring rows may be averaged into one reading: the model's loads are
+computed at every row and averaged in the same way, so that nothing is lost of a curve.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.error_model import HALF_LOG_2PI
-from biaxbayes.forward import ForwardModel, MeasuredRows
+from biaxbayes.forward import ForwardModel
 from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
+from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen
 
 LEAST_NOISE = 1e-4
 """Least noise of a reading under a smooth misfit, as a fraction of the largest load."""
@@ -64,52 +63,38 @@ class ReadingVector:
         return int((self.mounting_index >= 0).sum())
 
     @classmethod
-    def from_rows(
-        cls,
-        rows: MeasuredRows,
-        thinned: ThinnedSpecimen,
-        *,
-        states: int,
-        axes: tuple[int, ...] = (0, 1),
-        average: bool,
-    ) -> ReadingVector:
+    def from_rows(cls, rows: MeasuredRows, *, states: int, average: bool) -> ReadingVector:
         """Of the rows of a piece; ``average`` them to what a smooth misfit needs.
 
-        ``states`` is the number of mounted states whose loads are readings, ``axes`` are the
-        directions that are read.
+        ``states`` is the number of mounted states whose loads are readings.
         """
+        (piece,) = rows.pieces
+        axes = piece.experiment.axes
         mounted = states * len(axes)
         mounting_index = np.full((states, 2), -1)
         mounting_index[:, axes] = np.arange(mounted).reshape(states, len(axes))
-        protocols = len(rows.names)
-        most = int(np.clip(CURVE_READINGS // protocols, FEWEST_READINGS, MOST_READINGS))
-        index, share = np.full(rows.load.shape, -1), np.zeros(len(rows.load))
-        weight, scatter = [np.ones(mounted)], [np.zeros(mounted)]
-        axis = [np.tile(axes, states)]
-        first = mounted
-        for p in range(protocols):
-            at = np.flatnonzero(rows.protocol == p)
-            groups = min(len(at), most) if average else len(at)
+        most = int(np.clip(CURVE_READINGS // len(rows.names), FEWEST_READINGS, MOST_READINGS))
+        of_protocols, groups = [], 0
+        for count in np.bincount(rows.protocol, minlength=len(rows.names)):
+            own = min(count, most) if average else count
             # as many rows in each group as in every other, to one
-            group = np.arange(len(at)) * groups // max(len(at), 1)
-            size = np.bincount(group, minlength=groups)
-            for k, a in enumerate(axes):
-                index[at, a] = first + group + k * groups
-            axis.append(np.repeat(axes, groups))
-            share[at] = 1.0 / size[group]
-            weight.append(np.tile(thinned.weight[p] * size, len(axes)))
-            of_group = np.stack([np.bincount(group, rows.scatter[at, a]) for a in axes])
-            scatter.append((of_group / size).ravel())
-            first += groups * len(axes)
-        direction = np.concatenate(axis)
+            of_protocols.append(groups + np.arange(count) * own // max(count, 1))
+            groups += own
+        group = np.concatenate(of_protocols)
+        share = 1.0 / np.bincount(group)[group]
+        index = np.full(rows.load.shape, -1)
+        index[:, axes] = mounted + len(axes) * group[:, None] + np.arange(len(axes))
+        weight = np.repeat(np.bincount(group, rows.weight), len(axes))
+        scatter = np.column_stack([np.bincount(group, share * rows.scatter[:, a]) for a in axes])
+        axis = np.tile(axes, states + groups)
         return cls(
             index,
             mounting_index,
             share,
-            np.concatenate(weight),
-            np.concatenate(scatter),
-            direction,
-            thinned.specimen.load_scale[direction],
+            np.concatenate([np.ones(mounted), weight]),
+            np.concatenate([np.zeros(mounted), scatter.ravel()]),
+            axis,
+            piece.load_scale[axis],
         )
 
     def means(self, values: np.ndarray) -> np.ndarray:
@@ -206,11 +191,11 @@ class TestedPaths:
         peak = self.peaks[protocol] if protocol is not None else np.abs(load).max(axis=0)
         return CurvePoints(
             protocol=np.full(2 * m, -1 if protocol is None else protocol),
-            axis=np.repeat([0, 1], m),
-            path=np.tile(position, 2),
-            plane=np.tile(np.log(known(stretch)) / self.span, (2, 1)),
-            load=load.T.ravel(),
-            peak=np.repeat(peak, m),
+            axis=np.tile([0, 1], m),
+            path=np.repeat(position, 2),
+            plane=np.repeat(np.log(known(stretch)) / self.span, 2, axis=0),
+            load=load.ravel(),
+            peak=np.tile(peak, m),
         )
 
     @cached_property
@@ -244,7 +229,6 @@ def smooth_misfit(
     paths: TestedPaths,
     rows: MeasuredRows,
     readings: ReadingVector,
-    mount: np.ndarray,
     mounting_sd: np.ndarray,
     toe: float,
 ) -> SmoothMisfit:
@@ -252,8 +236,6 @@ def smooth_misfit(
 
     Parameters
     ----------
-    mount : int ndarray, shape (protocols,)
-        Index of the mounted state of each protocol.
     mounting_sd : ndarray, shape (mounting readings,)
         Noise of the mounting readings.
     """
@@ -262,18 +244,18 @@ def smooth_misfit(
     for i in range(len(rows.names)):
         at = rows.protocol == i
         index = readings.index[at][:, axes]
-        own = np.unique(index)  # readings of x, then of y
+        own = np.unique(index)
         curve, start = (
             points.take(np.flatnonzero(np.isin(points.axis, axes)))
             for points in (paths.tested(i, rows.stretch[at]), paths.start(i))
         )
-        share = np.tile(readings.share[at], len(axes))
-        averaged = _averaged(curve, index.T.ravel() - first, share)
+        share = np.repeat(readings.share[at], len(axes))
+        averaged = _averaged(curve, index.ravel() - first, share)
         parts += [start, averaged]
         of_start = np.zeros((n, len(axes)))
         if readings.mounted:
-            state = mount[i]
-            pooled = int((mount == state).sum())
+            state = rows.state_of_protocol[i]
+            pooled = int((rows.state_of_protocol == state).sum())
             of_start[readings.mounting_index[state, axes], range(len(axes))] = 1.0 / pooled
         of_rows = np.zeros((n, len(own)))
         of_rows[own, np.arange(len(own))] = 1.0

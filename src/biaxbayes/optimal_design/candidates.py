@@ -119,8 +119,8 @@ class FurtherProtocol:
             sd[0] = specimen.noise_sd
         if not settings.has_misfit:
             return None, np.diag(sd.ravel())
-        misfit, order = self.posterior.misfit, np.arange(2 * len(self.stretch)).reshape(2, -1).T
-        at = self.posterior.paths.path(self.stretch).take(order[self.first :].ravel())
+        misfit, points = self.posterior.misfit, self.posterior.paths.path(self.stretch)
+        at = points.take(np.arange(2 * self.first, self.stretch.size))
 
         def covariance(a: CurvePoints, b: CurvePoints) -> np.ndarray:
             out = np.zeros((len(a.path), len(b.path)))

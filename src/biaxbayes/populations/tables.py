@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.distance import contractions
-from biaxbayes.forward import ForwardModel
 from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.verdict import NO_VERDICT
+from biaxbayes.mechanics.mounting import section_per_stress
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
 from biaxbayes.populations.model import INCONCLUSIVE, LARGER, LINEAR, LOG, SMALLER
 from biaxbayes.populations.result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
@@ -292,9 +292,8 @@ def equibiaxial_records(population: Population) -> list[tuple[str, np.ndarray, n
             off = (stretch * lm)[-1] - 1.0
             if abs(off[0] - off[1]) > EQUIBIAXIAL_TOLERANCE * np.abs(off).max():
                 continue
-            forward = ForwardModel.from_specimen(specimen, source.run.settings)
-            per_stress = forward.per_stress(stretch.T, lm[:, None]).T
-            stress = specimen.load(p) / per_stress
+            section = section_per_stress(specimen.area, lm, specimen.geometry == "mounted")
+            stress = specimen.load(p) * stretch / section
             out.append((population.grouping.group[i], stretch * lm, stress))
     return out
 

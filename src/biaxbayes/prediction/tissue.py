@@ -101,7 +101,7 @@ class Tissue:
         mean, sd = np.zeros((1, 1, 1)), np.zeros((1, 1, 1))
         if self.posterior.settings.has_misfit:
             points = self.posterior.paths_of_pieces[self.piece].tested(protocol, stretch)
-            mean, sd = self._misfit(points.take(np.r_[rows, len(stretch) + rows]))
+            mean, sd = self._misfit(points.take((2 * rows[:, None] + [0, 1]).ravel()))
         return TissueLoads(law, law + mean, sd, self.noise_sd)
 
     def law(self, stretch: np.ndarray, protocol: str = "") -> np.ndarray:
@@ -144,5 +144,4 @@ class Tissue:
 
     def _misfit(self, points: CurvePoints) -> tuple[np.ndarray, np.ndarray]:
         mean, sd = self._smooth.given(self._residual, self._chosen, points)
-        by_axis = (len(self.draws), 2, len(points.path) // 2)
-        return tuple(v.reshape(by_axis).transpose(0, 2, 1) for v in (mean, sd))  # type: ignore[return-value]
+        return mean.reshape(len(mean), -1, 2), sd.reshape(len(sd), -1, 2)

@@ -165,7 +165,8 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         row, mount = of_piece("row"), of_piece("mount")
         rows[row] = np.arange(len(piece.rows.load))
         observed[of_piece("load")] = ((row, "direction"), piece.rows.load, unit)
-        reading, reading_sd = piece.mounting
+        shared = posterior.settings.shared
+        reading, reading_sd = piece.specimen.mounting_readings(shared=shared)
         constant |= {
             of_piece("stretch"): ((row, "direction"), piece.rows.stretch, {"units": "1"}),
             of_piece("protocol"): (row, np.asarray(piece.rows.protocol)),
@@ -203,7 +204,7 @@ def _predictive(
     tissue = Tissue(posterior, table, seed, piece)
     law, readings = [], []
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99, piece)))
-    for i, p in enumerate(posterior.pieces[piece].thinned.specimen.protocols):
+    for i, p in enumerate(posterior.pieces[piece].rows.pieces[0].protocols):
         loads = tissue.tested(i, p.stretch, np.arange(p.rest_rows, p.rows))
         law.append(loads.law)
         readings.append(simulate(loads.mean, loads.reading_sd, rng))
