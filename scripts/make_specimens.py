@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import InputError
+from biaxbayes.fem.sheet_tester import Hooks
 from biaxbayes.laws.published import MATERIALS, PublishedMaterial
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
@@ -27,7 +28,6 @@ from biaxbayes.specimens.truth import Truth, write_truth
 from biaxbayes.specimens.virtual_specimen import (
     Dimensions,
     Machine,
-    hooked_specimen,
     virtual_specimen,
 )
 
@@ -76,9 +76,10 @@ def conditions(published: PublishedMaterial) -> dict[str, Any]:
 def hooked_media(name: str, seed: int) -> tuple[Specimen, Truth]:
     """The media of donor 2 as above, but on hooks."""
     published = MATERIALS["donor2-media"]
-    return hooked_specimen(
+    return virtual_specimen(
         published.material,
         name=name,
+        hooks=Hooks(),
         machine=Machine(noise_N=NOISE_N),
         seed=seed,
         labels={"layer": "media", **AXES},
@@ -90,9 +91,10 @@ def hooked_weisbecker(name: str, seed: int) -> tuple[Specimen, Truth]:
     """The stiffening material of Table 1 at the paper's largest prestretch, on hooks."""
     thickness = MATERIALS["donor2-media"].thickness_mm  # none is printed for this material
     assert thickness is not None
-    return hooked_specimen(
+    return virtual_specimen(
         MATERIALS["weisbecker-media"].material,
         name=name,
+        hooks=Hooks(),
         mounting_stretch=(1.02, 1.02),
         total_stretch=1.2,
         increments=INCREMENTS,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import make_examples
+from biaxbayes.fem.sheet_tester import Hooks
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
@@ -16,7 +17,6 @@ from biaxbayes.specimens.truth import write_truth
 from biaxbayes.specimens.virtual_specimen import (
     Dimensions,
     Machine,
-    hooked_specimen,
     virtual_specimen,
 )
 from biaxbayes.tables.table import ALL_SHEETS, read_tables
@@ -107,8 +107,14 @@ def test_no_truth_in_the_specimen_file(tmp_path):
 
 def test_hooked_specimen_reports_the_central_stretch_and_the_hook_force():
     pytest.importorskip("skfem")
-    specimen, truth = hooked_specimen(
-        MEDIA, **TEST, seed=1, increments=5, elements=8, ratios=((1.0, 1.0), (0.5, 1.0))
+    specimen, truth = virtual_specimen(
+        MEDIA,
+        **TEST,
+        seed=1,
+        increments=5,
+        hooks=Hooks(),
+        elements=8,
+        ratios=((1.0, 1.0), (0.5, 1.0)),
     )
     p, q = specimen.protocols
     np.testing.assert_allclose(p.stretch_x, np.linspace(1.0, 1.2, 6), rtol=1e-9)

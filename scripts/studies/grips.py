@@ -35,7 +35,7 @@ from biaxbayes.model import density
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 from studies.common import DATA, options_of, parser, print_table, run_all
 
 FINE: dict[str, Any] = {"elements": 44, "serendipity": True}
@@ -106,7 +106,7 @@ def tested(case: int, protocols: int, misfit: float = 0.0) -> tuple[Specimen, Sp
         "seed": case,
         "name": f"case {case}" + (" with misfit" if misfit else ""),
     }
-    measured, _ = hooked_specimen(material, hooks=hooks, **FINE, **test)
+    measured, _ = virtual_specimen(material, hooks=hooks, **FINE, **test)
     twin, _ = virtual_specimen(material, **test)
     keys = {"grips": f"hooks {hooks.count}", "grip_inset_mm": hooks.inset_mm}
     return stated(measured, keys | {"grip_width_mm": 2.0 * hooks.radius_mm}), twin

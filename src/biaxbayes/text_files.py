@@ -178,15 +178,15 @@ def cell_fault(text: str) -> tuple[str, str]:
     return f"{shown} is not a finite number", "mend the value or remove the row"
 
 
-def bad_cell(text: str, path: Path, row: int, column: str) -> InputError:
-    """The error for a cell that holds no finite number."""
-    problem, remedy = cell_fault(text)
-    return InputError(problem, file=path, row=row, column=column, remedy=remedy)
-
-
 def one_line(text: str) -> str:
     """Text of a name: printable, in one line, with single spaces, none at the ends."""
     return " ".join(printable(text).split())
+
+
+def first_few(texts: Sequence[str], most: int, separator: str = ", ") -> str:
+    """The first of some texts, and how many more there are: ``a, b and 5 more``."""
+    more = f" and {len(texts) - most} more" if len(texts) > most else ""
+    return separator.join(texts[:most]) + more
 
 
 def without_empty_end(cells: Sequence[str]) -> list[str]:
@@ -201,20 +201,21 @@ def cells_of(line: str) -> list[str]:
 
 
 def rows_of(
-    lines: Sequence[str], path: Path, *, first: int = 0, separator: str = ",", kind: str = "a CSV"
+    lines: Sequence[str], path: Path, *, first: int = 0, separator: str = ",", in_cell: int = 1
 ) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers from 1 and cells, from index `first`; `kind` of file is named in errors."""
-    # the csv module joins lines with an open quotation mark between them
+    """First line (from 1) and cells of each row from index `first`; `in_cell`: lines of a cell."""
+    ended = (f"{line}\n" for line in islice(lines, first, None))
+    reader = csv.reader(ended, delimiter=separator, skipinitialspace=True)
     number = first
-    reader = csv.reader(islice(lines, first, None), delimiter=separator, skipinitialspace=True)
     try:
         for cells in reader:
-            if first + reader.line_num > number + 1:
+            # the csv module joins lines with an open quotation mark between them
+            if first + reader.line_num > number + in_cell:
                 raise csv.Error("a quotation mark is not closed")
-            number += 1
-            yield number, cells
+            yield number + 1, cells
+            number = first + reader.line_num
     except csv.Error as error:
-        problem = f"not a row of {kind}: {error}"
+        problem = f"not a row of a CSV: {error}"
         remedy = "look for a stray quotation mark"
         raise InputError(problem, file=path, row=number + 1, remedy=remedy) from None
 

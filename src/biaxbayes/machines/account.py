@@ -14,20 +14,19 @@ from biaxbayes.text_files import aligned
 
 def account(conversion: Conversion) -> list[str]:
     """Rows read, kept by protocol and left out by reason; columns and units as understood."""
-    lines = []
-    notes = dict.fromkeys(note for record in conversion.records for note in record.notes)
-    common = [n for n in notes if all(n in record.notes for record in conversion.records)]
-    for record in conversion.records:
+    lines, records = [], conversion.records
+    common = [n for n in records[0].notes if all(n in record.notes for record in records)]
+    for record in records:
         lines.append(f"{record.source}: {record.lines.size} rows read")
-        own = [note for note in record.notes if note not in common]
         lines += [f"  {line}" for line in aligned(_rows_of(record, conversion), right=(1,))]
-        lines += [f"  {note}" for note in own]
+        lines += [f"  {note}" for note in record.notes if note not in common]
+    notes = [note for r in conversion.recordings for note in r.notes]
     assumed = str(conversion.specimen.metadata.get("conversion", "")).split("; ")
-    notes = dict.fromkeys(note for r in conversion.recordings for note in r.notes)
     return [*lines, *filter(None, dict.fromkeys([*common, *notes, *assumed]))]
 
 
 def _rows_of(record: Record, conversion: Conversion) -> list[Sequence[str]]:
+    """Rows kept and left out, with their number, lines and peaks or reason."""
     table: list[Sequence[str]] = []
     left = np.ones(record.lines.size, dtype=bool)
     for r, p in zip(conversion.recordings, conversion.specimen.protocols, strict=True):
@@ -35,18 +34,17 @@ def _rows_of(record: Record, conversion: Conversion) -> list[Sequence[str]]:
             continue
         left[r.rows] = False
         side = "reversed unloading" if r.branch == "unloading" else r.branch
-        stretch, load = p.stretch.max(axis=0), p.recorded_load.max(axis=0)
+        cycle = f", cycle {r.cycle}" if r.cycle else ""
+        reference = f"reference {record.stretches_text(p.reference, '.4f')} (rows: {p.rest_rows});"
         table.append(
             (
                 "kept",
                 str(p.rows),
-                f"protocol {p.name}" + (f", cycle {r.cycle}" if r.cycle else "") + f", {side}:",
+                f"protocol {p.name}{cycle}, {side}:",
                 f"lines {in_lines(r.lines)};",
-                f"reference {record.stretches_text(p.reference, '.4f')} (rows: {p.rest_rows});"
-                if p.rest_rows
-                else "",
-                f"largest stretch {record.stretches_text(stretch, '.4f')},",
-                f"load {record.loads_text(load, 4)}",
+                reference if p.rest_rows else "",
+                f"largest stretch {record.stretches_text(p.stretch.max(axis=0), '.4f')},",
+                f"load {record.loads_text(p.recorded_load.max(axis=0), 4)}",
             )
         )
     for reason in dict.fromkeys(record.reasons[left].tolist()):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,9 +34,9 @@ def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
     """
     index = table.by_stem("setname")
     sets = np.full(table.rows, "") if index is None else np.array(table.text(index))
-    names = list(dict.fromkeys(sets.tolist()))
-    chosen = _chosen_sets(table, names, sets, choice.sets)
-    left = [f"{name} ({(sets == name).sum()} rows)" for name in names if name not in chosen]
+    counts = Counter(sets.tolist())
+    chosen = _chosen_sets(table, counts, choice.sets)
+    left = [f"{name} ({count} rows)" for name, count in counts.items() if name not in chosen]
     notes = [f"sets left out: {', '.join(left)}"] if left else []
     return [
         _record(table.without(np.flatnonzero(sets != name), *notes), name, choice, gauge)
@@ -56,41 +57,33 @@ def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
     index = table.by_stem("cycle")
     if index is None:
         problem = "no column 'Cycle', so this is not a BioTester export"
-        remedy = f"use `machine=generic` with `columns`; {table.listing}"
-        raise InputError(problem, file=table.path, remedy=remedy)
+        raise table.error(problem, f"use `machine=generic` with `columns`; {table.listing}")
     numbers, phases = [], []
-    for cell, line in zip(table.text(index), table.lines, strict=True):
+    for row, cell in enumerate(table.text(index)):
         match = PHASE.match(cell)
         if match is None:
-            raise InputError(
-                f"{cell[:30]!r} is not a phase of a cycle",
-                file=table.path,
-                row=int(line),
-                column=table.names[index],
-                remedy="a BioTester writes 1-Preload, 1-Stretch, 1-Hold, 1-Recover",
-            )
+            remedy = "a BioTester writes 1-Preload, 1-Stretch, 1-Hold, 1-Recover"
+            problem = f"{cell[:30]!r} is not a phase of a cycle"
+            raise table.error(problem, remedy, column=index, row=row)
         numbers.append(match[1].lstrip("0") or "0")
         phases.append(match[2].lower())
     return np.array(numbers), np.array(phases)
 
 
-def _chosen_sets(
-    table: Table, names: Sequence[str], sets: np.ndarray, wanted: Sequence[str]
-) -> Sequence[str]:
-    """Names of the selected sets; an empty one if the file has no sets."""
+def _chosen_sets(table: Table, counts: Counter[str], wanted: Sequence[str]) -> Sequence[str]:
+    """Names of the selected sets, of those with their rows; an empty one if there are no sets."""
+    names = list(counts)
     if names == [""] and wanted:
-        problem = "no column 'SetName', so the file has no sets"
-        raise InputError(problem, file=table.path, remedy=table.listing)
+        raise table.error("no column 'SetName', so the file has no sets", table.listing)
     if tuple(wanted) == ("all",) or (len(names) == 1 and not wanted):
         return names
     if not wanted:
-        gives = {f"sets={name}": f"{int((sets == name).sum())} rows" for name in names}
+        gives = {f"sets={name}": f"{count} rows" for name, count in counts.items()}
         gives["sets=all"] = "each a protocol"
         raise Question(f"holds {len(names)} sets", gives, file=table.path)
     for name in wanted:
         if name not in names:
-            remedy = f"sets are {', '.join(names)[:200]}"
-            raise InputError(f"no set {name[:40]!r}", file=table.path, remedy=remedy)
+            raise table.error(f"no set {name[:40]!r}", f"sets are {', '.join(names)[:200]}")
     return tuple(dict.fromkeys(wanted))
 
 
@@ -103,11 +96,11 @@ def _cycles(
         problem = f"no Stretch phase in set {name!r}" if name else "no Stretch phase"
         remedy = f"phases are {', '.join(sorted(set(phases[rows].tolist())))[:80]}"
         raise InputError(problem, file=table.path, column="Cycle", remedy=remedy)
-    cycles = []
-    for label in labels:
-        phase = {name: rows[(numbers[rows] == label) & (phases[rows] == name)] for name in PHASES}
-        cycles.append(Cycle(label, *phase.values()))
-    return cycles
+
+    def of_phase(label: str, phase: str) -> np.ndarray:
+        return rows[(numbers[rows] == label) & (phases[rows] == phase)]
+
+    return [Cycle(label, *(of_phase(label, phase) for phase in PHASES)) for label in labels]
 
 
 # --- stretches and forces -------------------------------------------------------------------------
@@ -121,30 +114,34 @@ def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
     cycles = _cycles(table, numbers, phases, name, rows)
     chosen = next((c for c in cycles if c.label == choice.cycles), cycles[-1])
     start = chosen.rows("unloading" if choice.branch == "unloading" else "loading")
-    at_start = np.searchsorted(rows, start)
-    points = _tracked_points(table, at_start, rows, required=choice.stretch_from == "tracked")
+    points = _tracked_points(table, start, required=choice.stretch_from == "tracked")
     gradient: np.ndarray | None = None
     assumptions: list[str] = []
     if points is None or choice.stretch_from == "rake":
         source, note = "Size_um", "stretch from the rakes, not from the tissue"
-        stretch, assumptions = _rake_stretch(table, rows, at_start, gauge)
+        stretch, assumptions = _rake_stretch(table, rows, start, gauge)
     else:
         source, note = "tracked points", f"stretch from {points.shape[1]} tracked points"
         complete = np.isfinite(points).all(axis=(1, 2))
-        reasons[rows[~complete]] = "points not tracked"
-        gradient = _deformation_gradient(points, at_start[complete[at_start]], table, rows)
+        reasons[rows[~complete[rows]]] = "points not tracked"
+        gradient = _deformation_gradient(points, start[complete[start]], table)
         stretch = np.sqrt((gradient**2).sum(axis=1))  # |F e_x| and |F e_y|
     for phase in set(phases[rows]) - set(PHASES):
         reasons[rows[phases[rows] == phase]] = f"phase {phase}"
-    time = _quantity(table, "time", "time", rows)
+    forces = []
+    for axis in "XY":
+        force = _quantity(table, f"{axis.lower()}force", "force", rows)
+        if force is None:
+            raise table.error(f"no column '{axis}Force_mN'", table.listing)
+        forces.append(force)
     record = Record(
         name=name,
         path=table.path,
         lines=table.lines,
-        stretch=_placed(stretch, rows, table.rows),
-        load=_placed(_forces(table, rows) * choice.signs, rows, table.rows),
-        time_s=None if time is None else _placed(time, rows, table.rows),
-        gradient=None if gradient is None else _placed(gradient, rows, table.rows),
+        stretch=stretch,
+        load=np.column_stack(forces) * choice.signs,
+        time_s=_quantity(table, "time", "time", rows),
+        gradient=gradient,
         columns=(f"X {source}", f"Y {source}", "XForce", "YForce"),
         stress_pair="force",
         cycles={name: [cycle.only(reasons == "") for cycle in cycles]},
@@ -159,63 +156,35 @@ def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
     return record
 
 
-def _placed(values: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
-    """Values of some rows among all rows of a table, NaN elsewhere."""
-    placed = np.full((count, *values.shape[1:]), np.nan)
-    placed[rows] = values
-    return placed
-
-
-def _forces(table: Table, rows: np.ndarray) -> np.ndarray:
-    """Forces in x and y, N."""
-    forces = []
-    for axis in "XY":
-        force = _quantity(table, f"{axis.lower()}force", "force", rows)
-        if force is None:
-            problem = f"no column '{axis}Force_mN'"
-            raise InputError(problem, file=table.path, remedy=table.listing)
-        forces.append(force)
-    return np.column_stack(forces)
-
-
-def _tracked_points(
-    table: Table, at_start: np.ndarray, rows: np.ndarray, *, required: bool
-) -> np.ndarray | None:
+def _tracked_points(table: Table, start: np.ndarray, *, required: bool) -> np.ndarray | None:
     """Positions of tracked points, shape (n, points, 2), NaN where one is lost."""
     pairs = []
     for number in range(1, 100):
         x, y = table.by_stem(f"x{number}"), table.by_stem(f"y{number}")
         if x is None or y is None:
             break
-        pairs.append([table.sparse_numbers(x, rows), table.sparse_numbers(y, rows)])
+        pairs.append([table.sparse_numbers(x), table.sparse_numbers(y)])
     if len(pairs) >= 3:
         points = np.moveaxis(np.array(pairs), 2, 0)
         # Trackers write 0, 0 for a point that they lost.
         points[(points == 0.0).all(axis=2)] = np.nan
-        if np.isfinite(points[at_start]).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
+        if np.isfinite(points[start]).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
             return points
     if required:
         problem = "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows"
-        remedy = f"use `stretch_from=rake`; {table.listing}"
-        raise InputError(problem, file=table.path, remedy=remedy)
+        raise table.error(problem, f"use `stretch_from=rake`; {table.listing}")
     return None
 
 
-def _deformation_gradient(
-    points: np.ndarray, start: np.ndarray, table: Table, rows: np.ndarray
-) -> np.ndarray:
-    """In-plane deformation gradient of points by least squares, (n, 2, 2).
-
-    It refers to the rows at rest of a branch, whose rows are `start`.
-    """
+def _deformation_gradient(points: np.ndarray, start: np.ndarray, table: Table) -> np.ndarray:
+    """In-plane gradient (n, 2, 2) of points by least squares from the rest of the rows `start`."""
     reference = points[start[0]]
     for _ in range(2):
         X = reference - reference.mean(axis=0)
         metric = X.T @ X
         if np.linalg.cond(metric) > 1e6:
             problem = "the tracked points lie on one line"
-            line = int(table.lines[rows[start[0]]])
-            raise InputError(problem, file=table.path, row=line, remedy="use `stretch_from=rake`")
+            raise table.error(problem, "use `stretch_from=rake`", row=start[0])
         x = points - points.mean(axis=1, keepdims=True)
         # x = F X for every point, in the least-squares sense: F = (sum x X^T) (sum X X^T)^-1
         gradient = np.einsum("nmi,mj->nij", x, X) @ np.linalg.inv(metric)
@@ -225,7 +194,7 @@ def _deformation_gradient(
 
 
 def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.ndarray | None:
-    """A column in N, mm or s; None where the file has none."""
+    """A column in N, mm or s, which has to be readable in some rows; None where there is none."""
     index = table.by_stem(stem)
     if index is None:
         return None
@@ -233,8 +202,8 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
     if unit is None or unit.quantity != quantity:
         problem = f"the unit of {table.names[index]!r} is not clear"
         remedy = f"name it like XForce_mN or XSize_um; {table.listing}"
-        raise InputError(problem, file=table.path, column=table.names[index], remedy=remedy)
-    return table.numbers(index, rows) * unit.factor
+        raise table.error(problem, remedy, column=index)
+    return table.values(index, rows) * unit.factor
 
 
 def _rake_stretch(
@@ -244,26 +213,21 @@ def _rake_stretch(
     columns, assumptions = [], []
     for k, axis in enumerate("xy"):
         size = _quantity(table, f"{axis}size", "length", rows)
-        moved = _quantity(table, f"{axis}displacement", "length", rows)
+        moved = _quantity(table, f"{axis}displacement", "length", np.append(0, rows))
         if size is not None:
             # XSize is the rake distance at every moment, or that at the start
-            length = size if moved is None or np.ptp(size) > 0.0 else size + moved
+            length = size if moved is None or np.ptp(size[rows]) > 0.0 else size + moved
         elif moved is not None:
-            first = _quantity(table, f"{axis}displacement", "length", np.array([0]))
-            assert first is not None
             name = f"{axis.upper()}Displacement"
-            length, note = gauge.from_displacement(moved, float(first[0]), k, name, table.path)
+            length, note = gauge.from_displacement(moved, float(moved[0]), k, name, table.path)
             assumptions.append(note)
         else:
             problem = f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown"
-            raise InputError(problem, file=table.path, remedy=table.listing)
-        if length.min() <= 0.0:
-            raise InputError(
-                f"the rake distance of {length.min():g} mm in {axis} is not positive",
-                file=table.path,
-                row=int(table.lines[rows[int(np.argmin(length))]]),
-                remedy="check the size and displacement columns",
-            )
+            raise table.error(problem, table.listing)
+        shortest = rows[int(np.argmin(length[rows]))]
+        if length[shortest] <= 0.0:
+            problem = f"the rake distance of {length[shortest]:g} mm in {axis} is not positive"
+            raise table.error(problem, "check the size and displacement columns", row=shortest)
         columns.append(length)
     lengths = np.column_stack(columns)
     resting = rest_rows(lengths[start, 0], lengths[start, 1])

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import TUBE_COLUMNS
+from biaxbayes.specimens.keys import TUBE_COLUMNS, directions_of
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import MISSING, Table
@@ -31,7 +31,7 @@ from biaxbayes.tables.units import (
     units_of,
     words_of,
 )
-from biaxbayes.text_files import cells_of, is_number
+from biaxbayes.text_files import cells_of, first_few, is_number
 
 SHEAR = {"shear_xy": ("f12", "fxy"), "shear_yx": ("f21", "fyx")}
 TARGETS = {
@@ -133,20 +133,14 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
     return wanted
 
 
-def directions_of(test: str | None) -> str:
-    """Directions in which a kind of test reads stretch and load; without a name, both."""
-    return test[-1] if test and test.startswith("strip") else "xy"
-
-
-def _targets_of(test: str | None) -> tuple[str, ...]:
+def _targets_of(test: str | None) -> list[str]:
     """Targets of the columns of a kind of test."""
     if test == "tube":
-        lengths = (name for name in TUBE_COLUMNS if name in TARGETS)
-        return (*OF_ALL_TESTS, *OF_TUBES, *lengths)
+        return [*OF_ALL_TESTS, *OF_TUBES, *(name for name in TUBE_COLUMNS if name in TARGETS)]
     directions = directions_of(test)
-    loads = (names for pair, names in STRESS_PAIRS.items() if pair != "tube")
-    read = (name for names in loads for k, name in enumerate(names) if "xy"[k] in directions)
-    return (*OF_ALL_TESTS, *read, *(SHEAR if directions == "xy" else ()))
+    loads = [name for pair, names in STRESS_PAIRS.items() if pair != "tube" for name in names]
+    read = [name for name in loads if name.split("_")[1] in directions]
+    return [*OF_ALL_TESTS, *read, *(SHEAR if directions == "xy" else ())]
 
 
 def column_map(
@@ -162,10 +156,9 @@ def column_map(
         if test is None and target in _targets_of("tube") and target not in targets:
             raise Question(f"{target} is read from a tube", {"test=tube": ""}, file=table.path)
         if target not in (*targets, IGNORE):
-            raise InputError(
+            raise table.error(
                 f"`columns`: {target} is not read from a {test or 'biaxial'} test",
-                file=table.path,
-                remedy=f"leave it out, or give another `test`; it reads {', '.join(targets)}",
+                f"leave it out, or give another `test`; it reads {', '.join(targets)}",
             )
     loads_named = test != "tube" and any(TARGETS.get(t) in ("force", "stress") for t in wanted)
     ignored = {table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name}
@@ -186,7 +179,7 @@ def column_map(
         if standard in columns and (name in wanted or own.indices != columns[standard].indices):
             remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
             names = f"{columns[standard].name!r} and {own.name!r}"
-            raise InputError(f"{names} both give {standard}", file=table.path, remedy=remedy)
+            raise table.error(f"{names} both give {standard}", remedy)
         columns.setdefault(standard, own)
     _check_complete(table, columns, test)
     return columns, frozenset(ignored)
@@ -201,8 +194,8 @@ def _requested(table: Table, target: str, text: str) -> Column:
     given = None if text in table.names or not colon else unit_named(ending)
     if given is None and colon and name.strip() in map(str.strip, table.names):
         problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
-        remedy = f"choose one of {', '.join(UNITS)}"
-        raise InputError(problem, file=table.path, column=name.strip(), remedy=remedy)
+        column = list(map(str.strip, table.names)).index(name.strip())
+        raise table.error(problem, f"choose one of {', '.join(UNITS)}", column=column)
     name = text if given is None else name
     parts, signs = [name], [1]
     if TARGETS[target] == "stretch" and not table.has_column(name):
@@ -221,7 +214,8 @@ def _by_name(table: Table, target: str) -> int | None:
         return table.by_stem(stem_of(target))
     stems = (stem_of(target), *SHEAR.get(target, ()))
     same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
-    return same[0] if len(same) == 1 and table.is_numeric(same[0]) else None
+    numeric = len(same) == 1 and np.isfinite(table.sparse_numbers(same[0], texts=True)).all()
+    return same[0] if numeric else None
 
 
 def _column(
@@ -237,14 +231,10 @@ def _column(
     if TARGETS[target] == "text":
         return Column(indices, name, None)
     find = _stretch_unit if TARGETS[target] == "stretch" else _unit
-    units = {find(table, index, target, given) for index in indices}
-    unit = units.pop()
-    if units or (len(indices) > 1 and unit.quantity not in LENGTHS):
-        raise InputError(
-            f"{name!r} cannot be added for {target}",
-            file=table.path,
-            remedy="only displacements or positions of opposite ends, in one unit, are added",
-        )
+    unit, *others = {find(table, index, target, given) for index in indices}
+    if others or (len(indices) > 1 and unit.quantity not in LENGTHS):
+        remedy = "only displacements or positions of opposite ends, in one unit, are added"
+        raise table.error(f"{name!r} cannot be added for {target}", remedy)
     conflicts = [_conflict(table, index, target, given) for index in indices if given]
     return Column(indices, name, unit, next(filter(None, conflicts), ""), signs)
 
@@ -258,11 +248,6 @@ def _conflict(table: Table, index: int, target: str, given: Unit) -> str:
     name = table.names[index]
     text = f"{target} is read as {given.name}, as given; {name!r} suggests "
     return text + " and ".join(suggested) if suggested else ""
-
-
-def _open(table: Table, index: int, problem: str, remedy: str) -> InputError:
-    name = table.names[index]
-    return InputError(problem, file=table.path, column=name, remedy=remedy)
 
 
 def _as(table: Table, index: int, target: str, unit: str) -> str:
@@ -284,13 +269,9 @@ def _unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
             problem = f"{name!r} is in {unit.name}, {article} {unit.quantity}"
         elif unknown:
             problem = f"{unknown!r} of {name!r} is not a known unit"
-        raise _open(
-            table,
-            index,
-            f"{problem}, but {target} is a {quantity}",
-            f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
-            f"{units_of(needed)}; or choose another column; {table.listing}",
-        )
+        remedy = f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
+        remedy += f"{units_of(needed)}; or choose another column; {table.listing}"
+        raise table.error(f"{problem}, but {target} is a {quantity}", remedy, column=index)
     if given is None:
         _check_not_scaled(table, index, target, unit.name)
     return unit
@@ -301,7 +282,7 @@ def _check_not_scaled(table: Table, index: int, target: str, unit: str) -> None:
     if is_scaled(name):
         problem = f"the name {name!r} suggests a multiple, a power, an inverse or a rate"
         remedy = f"write {_as(table, index, target, unit)} if the values are plain ones; otherwise "
-        raise _open(table, index, problem, f"{remedy}compute plain values in the table")
+        raise table.error(problem, f"{remedy}compute plain values in the table", column=index)
 
 
 def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
@@ -314,18 +295,15 @@ def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
     pair, axis, _ = target.split("_")
     if not kinds or kinds == [pair]:
         return
-    others = {f"columns={k}_{axis}_kPa={name}": k for k in kinds if k in STRESS_PAIRS and k != pair}
     suggested = " or ".join(KINDS_OF_STRESS[k] for k in kinds)
-    raise Question(
-        f"the name {name!r} suggests {suggested}, and {target} is {KINDS_OF_STRESS[pair]}",
-        {
-            f"columns={target}={name}:{pair}": f"it is {KINDS_OF_STRESS[pair]}",
-            **{answer: f"it is {KINDS_OF_STRESS[k]}" for answer, k in others.items()},
-            f"columns={pair}_{axis}_kPa=COLUMN": "another column; a second Piola-Kirchhoff stress "
-            "times the stretch is a first one",
-        },
-        file=table.path,
+    gives = {f"columns={target}={name}:{pair}": f"it is {KINDS_OF_STRESS[pair]}"}
+    for k in (k for k in kinds if k in STRESS_PAIRS and k != pair):
+        gives[f"columns={k}_{axis}_kPa={name}"] = f"it is {KINDS_OF_STRESS[k]}"
+    gives[f"columns={target}=COLUMN"] = (
+        "another column; a second Piola-Kirchhoff stress times the stretch is a first one"
     )
+    problem = f"the name {name!r} suggests {suggested}, and {target} is {KINDS_OF_STRESS[pair]}"
+    raise Question(problem, gives, file=table.path)
 
 
 def _kinds(table: Table, index: int) -> set[str]:
@@ -365,7 +343,7 @@ def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> 
         problem = f"it is not clear what kind of stretch or strain {name!r} is"
     remedy = f"write {_as(table, index, target, 'KIND')} with its kind, one of {STRAIN_CHOICES} "
     remedy += f"(Green-Lagrange is green; true and Hencky are log), {units_of(*LENGTHS)}"
-    raise _open(table, index, problem, remedy)
+    raise table.error(problem, remedy, column=index)
 
 
 def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
@@ -389,15 +367,15 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
         remedy = f"write {distance} marks; a displacement needs the distance in pixels, too: "
         remedy += "compute the stretch in the table"
     problem = f"{table.names[index]!r} may be a displacement or a length"
-    raise _open(table, index, problem, remedy)
+    raise table.error(problem, remedy, column=index)
 
 
 def _needed(pair: str, test: str | None) -> list[str]:
     """Targets that a kind of test cannot do without."""
-    both = [("stretch_x", "stretch_y"), STRESS_PAIRS[pair]]
-    read = [name for names in both for axis, name in zip("xy", names, strict=True)
-            if axis in directions_of(test)]  # fmt: skip
-    return [name for name in read if name != "axial_force_N"]
+    if pair == "tube":
+        return ["stretch_x", "stretch_y", "pressure_kPa"]
+    both = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
+    return [name for name in both if name.split("_")[1] in directions_of(test)]
 
 
 def _check_complete(table: Table, columns: Mapping[str, Column], test: str | None) -> None:
@@ -412,14 +390,13 @@ def _check_complete(table: Table, columns: Mapping[str, Column], test: str | Non
         if not pairs and not missing[0].startswith("stretch"):
             problem = "no column for a force or stress"
     if problem:
-        example = _example(table, test)
-        raise InputError(problem, file=table.path, remedy=f"{table.listing}; {example}")
+        raise table.error(problem, f"{table.listing}; {_example(table, test)}")
     used: dict[int, str] = {}
     for target, column in columns.items():
         for index in column.indices:
             if index in used:
                 problem = f"{column.name!r} is used for both {used[index]} and {target}"
-                raise InputError(problem, file=table.path, remedy=table.listing)
+                raise table.error(problem, table.listing)
             used[index] = target
 
 
@@ -449,12 +426,11 @@ def _example(table: Table, test: str | None) -> str:
             quantity = "stretch"
         likely.setdefault(quantity, []).append(name)
     count = len(directions_of(test))
-    pair, loads = ("piola", likely["stress"])
-    if test == "tube":
-        pair, loads = ("tube", likely["stress"][:1])
-    elif len(likely["force"]) >= count:
-        pair, loads = ("force", likely["force"])
-    targets, names = _needed(pair, test), [*likely["stretch"][:count], *loads[:count]]
+    quantity, pair = ("stress", "tube") if test == "tube" else ("stress", "piola")
+    if test != "tube" and len(likely["force"]) >= count:
+        quantity = pair = "force"
+    targets = _needed(pair, test)
+    names = [*likely["stretch"][:count], *likely[quantity][: len(targets) - count]]
     names = names if len(names) == len(targets) else ["COLUMN"] * len(targets)
     pairs = zip(targets, names, strict=True)
     return f"for example --columns {shlex.quote(','.join(f'{t}={name}' for t, name in pairs))}"
@@ -470,44 +446,34 @@ LEAST_ROWS_OF_LABEL = 3
 def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: frozenset[int]) -> None:
     """Ask what a column separates that has the same few labels in many rows."""
     used = {i for column in columns.values() for i in column.indices} | ignored
-    for index, name in enumerate(table.names):
-        if index in used:
-            continue
-        labels = [cell for cell in table.text(index) if cell.lower() not in MISSING]
+    for index in sorted(set(range(len(table.names))) - used):
+        name, cells = table.names[index], table.text(index)
+        labels = [cell for cell in cells if cell.lower() not in MISSING]
         counts = Counter(labels)
-        merged = 2 * len(labels) < table.rows and bool(table.text(index)[0])
-        sparse = 2 * len(labels) < table.rows and not merged
-        if not LEAST_LABELS <= len(counts) <= MAX_LABELS or sparse:
-            continue
         numbers = all(map(is_number, counts))
-        if numbers and not all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts):
+        whole = all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts)
+        reading = any(u.quantity not in ("fraction", *STRAINS) for u in table.units(index))
+        few = LEAST_LABELS <= len(counts) <= MAX_LABELS
+        if not few or (numbers and not whole) or reading:
+            continue
+        merged = 2 * len(labels) < table.rows
+        if merged and not cells[0]:
             continue
         # numbers may be readings, such as a coarse temperature; words may alternate
         changes = sum(a != b for a, b in pairwise(labels)) + 1 if numbers else len(counts)
-        often = changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels))
-        if often or _is_reading(table, index):
+        if changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels)):
             continue
-        shown = ", ".join(f"{k}: {n} rows" for k, n in list(counts.items())[:6])
-        mapped = {
-            f"columns={target}={name}": f"each a {target}"
-            for target in ("protocol", "cycle")
-            if target not in columns
-        }
+        shown = first_few([f"{label}: {count} rows" for label, count in counts.items()], 6)
+        gives = {f"specimen_by={name}": "each a specimen"} if "specimen" not in columns else {}
+        for target in ("protocol", "cycle"):
+            if target not in columns:
+                gives[f"columns={target}={name}"] = f"each a {target}"
         raise Question(
-            f"column {name!r} has {len(counts)} labels ({shown}{' ...' * (len(counts) > 6)}), and "
-            "nothing says what they separate",
-            {
-                **({} if "specimen" in columns else {f"specimen_by={name}": "each a specimen"}),
-                **mapped,
-                f"columns={IGNORE}={name}": "nothing",
-            },
+            f"column {name!r} has {len(counts)} labels ({shown}), and nothing says what they "
+            "separate",
+            gives | {f"columns={IGNORE}={name}": "nothing"},
             file=table.path,
         )
-
-
-def _is_reading(table: Table, index: int) -> bool:
-    """Whether a column has a unit of a reading."""
-    return any(u.quantity not in ("fraction", *STRAINS) for u in table.units(index))
 
 
 def ask_about_opposites(
@@ -515,42 +481,32 @@ def ask_about_opposites(
 ) -> None:
     """Ask for the other actuator of a direction where further lengths move with a displacement."""
     used = {i for column in columns.values() for i in column.indices} | ignored
-    none = np.array([], dtype=int)
     lengths = {
-        i: table.values(i, none)
+        table.names[i]: table.sparse_numbers(i, texts=True)
         for i in range(len(table.names))
         if i not in used and any(u.quantity in LENGTHS for u in table.units(i))
     }
-    for target in ("stretch_x", "stretch_y"):
-        column = columns.get(target)
-        if (
-            column is None
-            or column.unit is None
-            or column.unit.quantity != LENGTHS[1]
-            or len(column.indices) > 1
-        ):
+    for target in (target for target in ("stretch_x", "stretch_y") if target in columns):
+        column, kind = columns[target], columns[target].unit
+        if kind is None or kind.quantity != "displacement" or len(column.indices) > 1:
             continue
-        moved, others = table.values(column.indices[0], none), {}
-        for i, values in lengths.items():
+        moved, others = table.sparse_numbers(column.indices[0], texts=True), {}
+        for name, values in lengths.items():
             both = np.isfinite(moved) & np.isfinite(values)
             extent = np.ptp(moved[both]) if both.sum() > 2 else 0.0
-            if 0.5 * extent < (np.ptp(values[both]) if extent else 0.0) < 2.0 * extent:
+            if extent and 0.5 * extent < np.ptp(values[both]) < 2.0 * extent:
                 sign = np.corrcoef(moved[both], values[both])[0, 1]
-                others[i] = "+" if sign > 0.0 else "-"
+                others[name] = "+" if sign > 0.0 else "-"
         if others:
-            kind = column.unit.name
-            choices = {
-                f"columns={target}={column.name}{sign}{table.names[i]}:{kind}": "both ends move"
-                for i, sign in others.items()
+            gives = {
+                f"columns={target}={column.name}{sign}{name}:{kind.name}": "both ends move"
+                for name, sign in others.items()
             }
-            names = ",".join(f"{IGNORE}={table.names[i]}" for i in others)
-            listed = " and ".join(repr(table.names[i]) for i in others)
+            ignore = ",".join(f"{IGNORE}={name}" for name in others)
+            gives[f"columns={ignore}"] = "the other end is fixed, or they are of other parts"
             raise Question(
-                f"{listed} may be the displacement of the other end of {column.name!r}; where both "
-                "ends move, one of them is half of the stretch",
-                {
-                    **choices,
-                    f"columns={names}": "the other end is fixed, or they are of other parts",
-                },
+                f"{' and '.join(map(repr, others))} may be the displacement of the other end of "
+                f"{column.name!r}; where both ends move, one of them is half of the stretch",
+                gives,
                 file=table.path,
             )

@@ -11,13 +11,12 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.columns import directions_of
 from biaxbayes.machines.gauge import Gauge
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.machines.selection import select, without_repeats
 from biaxbayes.specimens.check import LARGE_DRIFT
-from biaxbayes.specimens.keys import ARGUMENT_KEYS, DIMENSIONS
-from biaxbayes.specimens.plausibility import check_load
+from biaxbayes.specimens.keys import ARGUMENT_KEYS, needed_with_forces
+from biaxbayes.specimens.plausibility import check_readings, check_varies
 from biaxbayes.specimens.protocol import (
     CURVES,
     LOAD_ROWS,
@@ -57,7 +56,7 @@ class Conversion:
         return "\n".join(account(self))
 
     def __repr__(self) -> str:
-        sources = ", ".join(r.source for r in self.recordings)
+        sources = ", ".join(r.record.source for r in self.recordings)
         return f"Conversion({self.specimen!r} from {sources})"
 
 
@@ -69,9 +68,44 @@ def convert(
     protocol_names: Sequence[str] = (),
 ) -> Conversion:
     """Read machine exports as one specimen, as :func:`biaxbayes.convert` does."""
-    choice = replace(choice, specimen=choice.specimen or _text(header.get("specimen")))
+    name = choice.specimen or (str(header["specimen"]) if "specimen" in header else None)
+    choice = replace(choice, specimen=name)
     records, recordings = _named_recordings(paths, choice, header, protocol_names)
-    # stretches as measured: `Specimen` divides them by those at rest, and `check` reports the drift
+    stress_pair = recordings[0].record.stress_pair
+    _check_header(header, stress_pair, choice.test)
+    noise = _number(header, "load_noise_N" if stress_pair == "force" else "load_noise_kPa")
+    try:
+        protocols = _protocols(recordings)
+        if choice.test != "tube":
+            _check_references(protocols, header, paths[0])
+        specimen = Specimen(
+            name=name or paths[0].stem,
+            protocols=tuple(protocols),
+            stress_pair=stress_pair,
+            test=choice.test or "biaxial",
+            geometry=str(header.get("geometry", "unloaded")),
+            load_noise=noise,
+            metadata=_metadata(recordings, paths, choice, header),
+            **{key: header[key] for key in ARGUMENT_KEYS if key in header},  # type: ignore[arg-type]
+        )
+        check_readings(specimen)
+    except ReadingError as error:
+        r = next((r for r in recordings if r.name == error.protocol), None)
+        if r is None:
+            raise
+        columns = dict(zip(CURVES, r.record.columns, strict=True))
+        raise error.at(r.record.path, r.lines, columns) from None
+    for p, r in zip(specimen.protocols, recordings, strict=True):
+        _check_start(p, r)
+    given = "geometry" in header
+    return Conversion(specimen, tuple(recordings), tuple(protocols), given, tuple(records))
+
+
+def _protocols(recordings: Sequence[Recording]) -> list[Protocol]:
+    """Protocols with stretches as measured, so that the specimen and `check` see where each starts.
+
+    Each has to hold a load in the directions that were read.
+    """
     timed = all(r.time_s is not None for r in recordings)
     protocols = []
     for r in recordings:
@@ -79,35 +113,28 @@ def convert(
         measured = [bool(name) for name in r.record.columns[:2]]
         (x, y), (load_x, load_y) = np.where(measured, r.stretch, np.nan).T, r.load.T
         protocols.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
-    if choice.test != "tube":
-        _check_references(protocols, header, paths[0])
-    stress_pair = recordings[0].record.stress_pair
+        for k in r.record.read:
+            check_varies(r.load[:, k], argument=LOAD_ROWS[k], protocol=r.name)
+    return protocols
+
+
+def _check_header(header: Header, stress_pair: str, test: str | None) -> None:
+    """Refuse a header that lacks dimensions of the test, or has the noise of other loads."""
     unit, other = ("N", "kPa") if stress_pair == "force" else ("kPa", "N")
     if f"load_noise_{other}" in header:
         raise InputError(
             f"`load_noise_{other}` does not fit: the columns are in {unit}",
             remedy=f"give `load_noise_{unit}`",
         )
-    noise = header.get(f"load_noise_{unit}")
-    specimen = Specimen(
-        name=choice.specimen or paths[0].stem,
-        protocols=tuple(protocols),
-        stress_pair=stress_pair,
-        test=choice.test or "biaxial",
-        geometry=str(header.get("geometry", "unloaded")),
-        load_noise=None if noise is None else float(noise),
-        metadata=_metadata(recordings, paths, choice, header),
-        **{key: header[key] for key in ARGUMENT_KEYS if key in header},  # type: ignore[arg-type]
-    )
-    for p, r in zip(specimen.protocols, recordings, strict=True):
-        _check_start(p, r)
-    return Conversion(
-        specimen, tuple(recordings), tuple(protocols), "geometry" in header, tuple(records)
-    )
-
-
-def _text(value: object) -> str | None:
-    return None if value is None else str(value)
+    of_tube = ["unloaded_outer_diameter_mm", "thickness_mm"] if stress_pair == "tube" else []
+    needed = needed_with_forces(test) if stress_pair == "force" else of_tube
+    missing = [key for key in needed if key not in header]
+    if missing:
+        what = "a tube needs" if stress_pair == "tube" else "forces need"
+        remedy = "give " + ", ".join(f"`{key}`" for key in missing)
+        if "geometry" in missing:
+            remedy += " (unloaded or mounted: the state in which they were measured)"
+        raise InputError(f"{what} {', '.join(missing)}", remedy=remedy)
 
 
 def _number(header: Header, key: str) -> float | None:
@@ -170,10 +197,8 @@ def _named_recordings(
             f"the files hold different stress pairs ({', '.join(sorted(pairs))})",
             remedy="convert them with the same columns",
         )
-    for r in recordings:
-        _check(r, choice.test, header)
     if protocol_names and len(protocol_names) != len(recordings):
-        of = ", ".join(f"{r.name} from {r.source}" for r in recordings)
+        of = ", ".join(f"{r.name} from {r.record.source}" for r in recordings)
         raise InputError(
             f"{len(protocol_names)} protocol names for {len(recordings)} protocols",
             remedy=f"the protocols are {of[:300]}",
@@ -221,42 +246,6 @@ def _records(path: Path, choice: Choice, header: Header) -> list[Record]:
     return records
 
 
-def _check(r: Recording, test: str | None, header: Header) -> None:
-    """Refuse a recording whose numbers cannot be what their columns say."""
-    sections: list[float | None] = [None, None]
-    if test == "tube":
-        of_tube = ("unloaded_outer_diameter_mm", "thickness_mm")
-        if lacking := [key for key in of_tube if key not in header]:
-            remedy = "give " + " and ".join(f"`{key}`" for key in lacking)
-            raise InputError(f"a tube needs {' and '.join(lacking)}", remedy=remedy)
-        diameter, thickness = (float(header[key]) for key in of_tube)
-        # force over the section of the wall
-        sections[1] = np.pi * max(diameter - thickness, 0.0) * thickness
-    if r.record.stress_pair == "force":
-        gauge_length = f"edge_{directions_of(test)}_mm"  # of a strip, which no section depends on
-        needed = tuple(key for key in (*DIMENSIONS, "geometry") if key != gauge_length)
-        missing = [key for key in needed if key not in header]
-        if missing:
-            options = [f"`{key}`" for key in missing]
-            state = ""
-            if "geometry" in missing:
-                state = " (unloaded or mounted: the state in which they were measured)"
-            raise InputError(
-                f"forces need {', '.join(missing)}", remedy=f"give {', '.join(options)}{state}"
-            )
-        edge_x, edge_y, thickness = (_number(header, key) or 0.0 for key in DIMENSIONS)
-        sections = [edge_y * thickness, edge_x * thickness]
-    limit = float(header["stress_limit_kPa"]) if "stress_limit_kPa" in header else None
-    try:
-        Protocol("", *r.stretch.T, *r.load.T)
-        for k in r.record.read:
-            check_load(r.load[:, k], sections[k], limit, argument=LOAD_ROWS[k])
-    except ReadingError as error:
-        raise error.at(
-            r.record.path, r.lines, dict(zip(CURVES, r.record.columns, strict=True))
-        ) from None
-
-
 def _metadata(
     recordings: Sequence[Recording], paths: Sequence[Path], choice: Choice, header: Header
 ) -> dict[str, float | str]:
@@ -273,7 +262,7 @@ def _metadata(
     )
     if assumptions:
         metadata["conversion"] = "; ".join(assumptions)
-    gradients = [r.gradient for r in recordings if r.gradient is not None]
+    gradients = [r.record.gradient[r.rows] for r in recordings if r.record.gradient is not None]
     if gradients:
         # rounded, as it is a caution and not a measurement
         gradient = np.concatenate(gradients)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
 
-from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import (
     SHEAR,
@@ -14,7 +14,6 @@ from biaxbayes.machines.columns import (
     ask_about_labels,
     ask_about_opposites,
     column_map,
-    directions_of,
     parse_columns,
 )
 from biaxbayes.machines.cycles import Cycle, cut, quieter_path
@@ -27,10 +26,11 @@ from biaxbayes.machines.readings import (
     check_signs,
 )
 from biaxbayes.machines.record import Record
+from biaxbayes.specimens.keys import directions_of
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
-from biaxbayes.tables.units import STRAINS
+from biaxbayes.tables.units import STRAINS, Unit
 
 INFLATES = 0.5
 """Change of a pressure over its largest value, from which a tube is inflated."""
@@ -84,7 +84,7 @@ def _left_out(table: Table, columns: Mapping[str, Column], choice: Choice) -> np
     reasons[table.hidden] = "hidden"
     if "specimen" in columns:
         labels = np.array(table.labels(columns["specimen"].indices[0], choice.fill_labels))
-        counts = {name: int((labels == name).sum()) for name in dict.fromkeys(labels.tolist())}
+        counts = Counter(labels.tolist())
         if choice.specimen not in counts and len(counts) > 1:
             gives = {f"specimen={name}": f"{count} rows" for name, count in counts.items()}
             raise Question("holds several specimens", gives, file=table.path)
@@ -123,7 +123,7 @@ def _cycles(
         ]
     if not cycles:
         problem = "the record never rises over five rows: no loading branch"
-        raise InputError(problem, file=table.path, remedy=f"check the columns; {table.listing}")
+        raise table.error(problem, f"check the columns; {table.listing}")
     return cycles
 
 
@@ -154,6 +154,11 @@ def _converted(
         if all(target in columns for target in SHEAR):
             # the stretch of a line along x is |F e_x|: a rotation of the specimen leaves it
             stretch = np.sqrt((gradient**2).sum(axis=1))
+    axes = tuple("xy".index(axis) for axis in directions_of(choice.test))
+    if choice.test == "tube":
+        # at constant pressure a tube is pulled along its axis
+        pressure = load[rows, 0]
+        axes = (0,) if np.ptp(pressure) > INFLATES * np.abs(pressure).max() else (1,)
     targets = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
     read = ", ".join(f"{target} from {column}" for target, column in columns.items())
     conflicts = [column.conflict for column in columns.values() if column.conflict]
@@ -171,16 +176,8 @@ def _converted(
         reasons=reasons,
         notes=(*table.notes, read),
         assumptions=(*conflicts, *notes, *choice.sign_notes),
-        axes=_pulled_axes(choice.test, load[rows]),
+        axes=axes,
     )
-
-
-def _pulled_axes(test: str | None, load: np.ndarray) -> tuple[int, ...]:
-    """Directions in which stretch and load of a record rise together."""
-    if test == "tube":
-        # at constant pressure a tube is pulled along its axis
-        return (0,) if np.ptp(load[:, 0]) > INFLATES * np.abs(load[:, 0]).max() else (1,)
-    return tuple("xy".index(axis) for axis in directions_of(test))
 
 
 def _stretches(
@@ -191,59 +188,49 @@ def _stretches(
     gauge: Gauge,
 ) -> tuple[np.ndarray, list[str]]:
     """Stretches in x and y from strains, displacements or distances, and notes on them."""
-    stretches, notes = [], []
+    stretch, notes, in_per_cent = np.ones((table.rows, 2)), [], []
     for k, axis in enumerate("xy"):
-        if f"stretch_{axis}" not in columns:  # across a strip
-            stretches.append(np.ones(table.rows))
+        column = columns.get(f"stretch_{axis}")
+        if column is None or column.unit is None:  # across a strip
             continue
-        column, along = columns[f"stretch_{axis}"], values[f"stretch_{axis}"]
-        if column.unit is not None and column.unit.quantity in STRAINS:
-            stretches.append(_stretch_from_strain(table, column, along, rows, gauge))
+        along, unit = values[f"stretch_{axis}"], column.unit
+        first = float(along[rows[0]])
+        if unit.quantity in STRAINS:
+            (index,) = column.indices
+            stretch[:, k] = _stretch_from_strain(table, index, unit, along, rows, gauge)
+            if unit.factor < 1.0 and "percent" in (u.name for u in table.units(index)):
+                in_per_cent.append((index, float(np.ptp(stretch[rows, k]))))
+            continue
+        if unit.name == "px" and not gauge.is_of_tube:
+            stretch[:, k] = along / first
+            note = f"stretch {axis} is {column.name} over its first value, {first:g} px"
         else:
-            stretch, note = _stretch_from_length(table, column, along, rows[0], k, gauge)
-            stretches.append(stretch)
-            notes.append(note)
-    stretch = np.column_stack(stretches)
-    _check_per_cent(table, columns, stretch[rows])
+            displaced = unit.quantity == "displacement"
+            convert = gauge.from_displacement if displaced else gauge.from_distance
+            stretch[:, k], note = convert(along, first, k, column.name, table.path)
+        notes.append(note)
+    if in_per_cent and max(extent for _, extent in in_per_cent) <= PER_CENT_RANGE:
+        index, extent = in_per_cent[0]
+        raise table.error(
+            f"{table.names[index]!r} changes by {extent:.2%} only if it is in per cent",
+            "spreadsheets store 20 % as 0.2: rename the columns without the per cent sign, or "
+            "multiply the values by 100",
+            column=index,
+        )
     return stretch, notes
 
 
-def _stretch_from_length(
-    table: Table,
-    column: Column,
-    lengths_mm: np.ndarray,
-    first: int,
-    k: int,
-    gauge: Gauge,
-) -> tuple[np.ndarray, str]:
-    """Stretches from a displacement or a distance between marks or grips, and a note."""
-    unit = column.unit
-    assert unit is not None
-    displaced = unit.quantity == "displacement"
-    if unit.name == "px" and not gauge.is_of_tube:
-        note = f"stretch {'xy'[k]} is {column.name} over its first value, {lengths_mm[first]:g} px"
-        return lengths_mm / lengths_mm[first], note
-    convert = gauge.from_displacement if displaced else gauge.from_distance
-    return convert(lengths_mm, float(lengths_mm[first]), k, column.name, table.path)
-
-
 def _stretch_from_strain(
-    table: Table, column: Column, e: np.ndarray, rows: np.ndarray, gauge: Gauge
+    table: Table, index: int, unit: Unit, e: np.ndarray, rows: np.ndarray, gauge: Gauge
 ) -> np.ndarray:
     """Stretches from stretches or strains, which must start near no deformation."""
-    unit = column.unit
-    assert unit is not None
     is_stretch = unit.quantity == "stretch"
     # an artery in place is up to twice as long as one cut out
     if abs(e[rows[0]] - is_stretch) > (1.2 if gauge.is_of_tube else 0.6):
-        raise InputError(
-            f"{column.name!r} starts at {e[rows[0]] / unit.factor:g}, which is not possible for a "
-            f"{unit.name}{'' if is_stretch else ' strain'}",
-            file=table.path,
-            row=int(table.lines[rows[0]]),
-            column=column.name,
-            remedy="a stretch starts near 1 (100 in per cent), a strain near 0; give another kind",
-        )
+        problem = f"{table.names[index]!r} starts at {e[rows[0]] / unit.factor:g}, which is not "
+        problem += f"possible for a {unit.name}{'' if is_stretch else ' strain'}"
+        remedy = "a stretch starts near 1 (100 in per cent), a strain near 0; give another kind"
+        raise table.error(problem, remedy, column=index, row=rows[0])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         stretch = {
             "stretch": e,
@@ -254,32 +241,7 @@ def _stretch_from_strain(
         }[unit.quantity]
     bad = rows[~np.isfinite(stretch[rows])]
     if bad.size:
-        raise InputError(
-            f"{e[bad[0]] / unit.factor:g} is not possible as a {unit.name} strain",
-            file=table.path,
-            row=int(table.lines[bad[0]]),
-            column=column.name,
-            remedy="check the kind of strain of the column",
-        )
+        problem = f"{e[bad[0]] / unit.factor:g} is not possible as a {unit.name} strain"
+        remedy = "check the kind of strain of the column"
+        raise table.error(problem, remedy, column=index, row=bad[0])
     return stretch
-
-
-def _check_per_cent(table: Table, columns: Mapping[str, Column], stretch: np.ndarray) -> None:
-    """Refuse per cent in a name where the values are fractions, as spreadsheets keep them."""
-    in_per_cent = []
-    for k, axis in enumerate("xy"):
-        column = columns.get(f"stretch_{axis}")
-        if column is None:
-            continue
-        written = any(u.name == "percent" for u in table.units(column.indices[0]))
-        if written and column.unit is not None and column.unit.factor < 1.0:
-            in_per_cent.append((column.name, float(np.ptp(stretch[:, k]))))
-    if in_per_cent and max(extent for _, extent in in_per_cent) <= PER_CENT_RANGE:
-        name = in_per_cent[0][0]
-        raise InputError(
-            f"{name!r} changes by {in_per_cent[0][1]:.2%} only if it is in per cent",
-            file=table.path,
-            column=name,
-            remedy="spreadsheets store 20 % as 0.2: rename the columns without the per cent sign, "
-            "or multiply the values by 100",
-        )

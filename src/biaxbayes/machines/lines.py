@@ -6,12 +6,10 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 
-ALL = "all"
-
 
 def outside(lines: np.ndarray, wanted: str | None, file: object) -> np.ndarray:
     """A reason for each line outside ``12:480`` or ``2:30,32:61``, empty for the others."""
-    if wanted in (None, ALL):
+    if wanted in (None, "all"):
         return np.full(lines.size, "", dtype=object)
     inside = np.zeros(lines.size, dtype=bool)
     for part in str(wanted).split(","):

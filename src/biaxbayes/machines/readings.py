@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter, median_filter
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
@@ -31,18 +31,18 @@ LEAST_WAY = 0.02
 
 def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
     """Ask for `rows` where up to three rows lie apart from those on both sides of them."""
-    left, sides = rows, dict.fromkeys(SIDES, False)
+    left, jumping = rows, set[str]()
     while left.size > LEAST_ROWS:  # a row far off may hide others
         curves = np.column_stack([record.stretch, record.load])[left]
         found = {side: rows_apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
-        sides = {side: sides[side] or at.size > 0 for side, at in found.items()}
+        jumping |= {side for side, at in found.items() if at.size}
         apart = np.unique(np.concatenate(list(found.values())))
         if not apart.size:
             break
         left = np.delete(left, apart)
     apart = np.setdiff1d(rows, left)
     if apart.size:
-        which = " and ".join(side for side, jumps in sides.items() if jumps)
+        which = " and ".join(side for side in SIDES if side in jumping)
         problem = f"the {which} jumps in {in_lines(record.lines[apart])} (lines of the file)"
         _ask_for_rows(record, problem, apart)
 
@@ -63,19 +63,18 @@ def ask_about_steps(record: Record, rows: np.ndarray) -> None:
         if at.size:
             row = int(at[0])
             verb = "falls" if curve[row + 1] < curve[row] else "rises"
-            problem = (
-                f"the {record.load_named(k)} {verb} at once behind line "
-                f"{record.lines[rows[row]]} while the stretch goes on "
-                "evenly: a tear, a slip, or another gain"
+            problem = f"the {record.load_named(k)} {verb} at once behind line "
+            problem += (
+                f"{record.lines[rows[row]]} while the stretch goes on evenly: a tear, a slip, "
             )
+            problem += "or another gain"
             _ask_for_rows(record, problem, rows[row + 1 :])
 
 
 def _step_over_others(curve: np.ndarray) -> np.ndarray:
     """Each step of a curve over the largest of the two before and after it."""
     step = np.abs(np.diff(curve))
-    padded = np.pad(step, 2)
-    others = np.max([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]], axis=0)
+    others = maximum_filter(step, footprint=[1, 1, 0, 1, 1], mode="constant")
     return step / np.maximum(others, 1e-9 * max(float(np.ptp(curve)), 1e-300))
 
 
@@ -97,9 +96,7 @@ def ask_about_falls_of_one(record: Record, rows: np.ndarray, cycles: Sequence[Cy
     for end, cycle in zip(ends, cycles, strict=False):
         low = int(cycle.loading[0])
         before = rows[(rows >= end) & (rows < low)]
-        if not before.size:
-            continue
-        peak = int(before[path[before].argmax()])
+        peak = int(before[path[before].argmax()]) if before.size else low
         fall = path[peak] - path[low] > 2.0 * JUMP * np.ptp(path[rows])
         load = float(total[peak]) - lowest
         fell_too = total[peak] - total[low] > FALLS_TOO * load
@@ -144,22 +141,28 @@ def check_signs(record: Record, rows: np.ndarray) -> None:
 
 def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recording:
     """A loading branch whose load and stretch go on together; asks where they do not."""
+    record, loads = taken.record, taken.pulled[1]
     rest = rest_rows(taken.stretch[:, 0], taken.stretch[:, 1], taken.load)
-    _, loads = taken.pulled
-    held = taken.record.pulled[1][cycle.hold]
     falling = None if choice.rows else _falls(taken, rest)
-    stuck = max(_runs(taken.stretch[rest:]), key=len, default=held)
+    stuck = max(_runs(taken.stretch[rest:]), key=len)
     steps = repeats(taken.stretch, rest) or any(
-        _rises(load, loads) for load in (held, loads[rest:][stuck]) if len(load) > 2
+        _rises(load, loads)
+        for load in (record.pulled[1][cycle.hold], loads[rest:][stuck])
+        if len(load) > 2
     )
-    relaxes = falling is not None and _relaxes(taken, falling)
+    relaxes = falling is not None and _relaxes(taken, falling[1])
     if choice.still in ("first", "last") or (choice.still is None and (steps or relaxes)):
         return _one_row_a_step(taken, cycle.hold, choice, "goes on" if steps else "relaxes")
-    if choice.rows is None:
-        if falling is not None and choice.still is None:
-            _ask_about_fall(taken, cycle, falling)
-        _ask_about_level_loads(taken, cycle)
-        _ask_about_delay(taken, cycle)
+    if choice.rows is not None:
+        return taken
+    if falling is not None and choice.still is None:
+        k, rows = falling
+        problem = f"the {record.load_named(k)} falls behind line {taken.lines[rows[0] - 1]} while "
+        problem += f"the stretch rises{f' ({taken.name})' if taken.name else ''}: a tear, a grip "
+        problem += "that slips, or lost rows"
+        _ask_for_rows(record, problem, np.union1d(taken.rows[rows], cycle.hold))
+    _ask_about_level_loads(taken, cycle)
+    _ask_about_delay(taken, cycle)
     return taken
 
 
@@ -183,20 +186,20 @@ def _one_row_a_step(
             },
             file=record.path,
         )
-    at = np.array([run[0] if choice.still == "first" else run[-1] for run in runs])
-    whole = replace(taken, rows=rows)
-    return whole.at(at, "repeats the stretch of another row")
+    kept = rows[[run[0] if choice.still == "first" else run[-1] for run in runs]]
+    record.leave_out(np.setdiff1d(rows, kept), "repeats the stretch of another row")
+    return replace(taken, rows=kept)
 
 
 def _runs(curves: np.ndarray, level: float | None = None) -> list[np.ndarray]:
     """Rows in runs of the same values, within a level, or within the scatter of each curve."""
     within = level or 4.0 * np.array([second_difference_scatter(curve) for curve in curves.T])
     runs, first = [], 0
-    for row in range(1, len(curves) + 1):
-        if row == len(curves) or np.any(np.abs(curves[row] - curves[first]) > within):
+    for row in range(1, len(curves)):
+        if np.any(np.abs(curves[row] - curves[first]) > within):
             runs.append(np.arange(first, row))
             first = row
-    return runs
+    return [*runs, np.arange(first, len(curves))]
 
 
 def _rises(held: np.ndarray, load: np.ndarray) -> bool:
@@ -222,24 +225,13 @@ def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
     return None
 
 
-def _relaxes(taken: Recording, falling: tuple[int, np.ndarray]) -> bool:
-    """Whether the stretch stands still while the load falls."""
-    stretch, rows = taken.pulled[0].sum(axis=1), falling[1]
-    after = stretch[rows[0] - 1 : rows[0] + 5]
-    mean = float(np.ptp(stretch)) / stretch.size
-    return bool(
-        np.ptp(after) < max(0.5 * mean * after.size, 4.0 * second_difference_scatter(stretch))
-    )
-
-
-def _ask_about_fall(taken: Recording, cycle: Cycle, falling: tuple[int, np.ndarray]) -> None:
-    k, rows = falling
-    problem = (
-        f"the {taken.record.load_named(k)} falls behind line {taken.lines[rows[0] - 1]} while the "
-        f"stretch rises{f' ({taken.name})' if taken.name else ''}: a tear, a grip that slips, "
-        "or lost rows"
-    )
-    _ask_for_rows(taken.record, problem, np.union1d(taken.rows[rows], cycle.hold))
+def _relaxes(taken: Recording, falling: np.ndarray) -> bool:
+    """Whether the stretch stands still in the first rows in which the load falls."""
+    stretch = taken.pulled[0].sum(axis=1)
+    after = stretch[falling[0] - 1 : falling[0] + 5]
+    half_step = 0.5 * float(np.ptp(stretch)) / stretch.size
+    scatter = 4.0 * second_difference_scatter(stretch)
+    return bool(np.ptp(after) < max(half_step * after.size, scatter))
 
 
 def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:

@@ -32,12 +32,7 @@ def recipe_text(choice: Choice, header: Mapping[str, Any], result: Conversion) -
     lines = ["# Answers for 'biaxbayes convert FILE --recipe': one line an option"]
     for f in fields(choice):
         value = getattr(choice, f.name)
-        if f.name not in (*OF_ONE_FILE, *OF_ONE_SPECIMEN) and value not in (
-            f.default,
-            None,
-            (),
-            False,
-        ):
+        if f.name not in (*OF_ONE_FILE, *OF_ONE_SPECIMEN) and value != f.default:
             lines.append(f"{f.name} = {_toml(value)}")
     header_lines = [f"{key} = {_toml(header[key])}" for key in OF_A_LAB if key in header]
     if header_lines:

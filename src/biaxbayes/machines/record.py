@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -96,16 +96,6 @@ class Recording:
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
 
-    def at(self, rows: np.ndarray, reason: str) -> Recording:
-        """The same path with some of its rows, the others left out for a reason."""
-        self.record.leave_out(np.setdiff1d(self.rows, self.rows[rows]), reason)
-        return replace(self, rows=self.rows[rows])
-
-    @property
-    def source(self) -> str:
-        """File, and sheet or set in it."""
-        return self.record.source
-
     @property
     def stretch(self) -> np.ndarray:
         """Stretches as measured, shape (n, 2)."""
@@ -127,11 +117,6 @@ class Recording:
         """Times; none of a path that was reversed."""
         time = self.record.time_s
         return None if time is None or self.branch == "unloading" else time[self.rows]
-
-    @property
-    def gradient(self) -> np.ndarray | None:
-        """Deformation gradients, if the file has their off-diagonal components."""
-        return None if self.record.gradient is None else self.record.gradient[self.rows]
 
     @property
     def lines(self) -> np.ndarray:

@@ -17,6 +17,7 @@ from biaxbayes.machines.cycles import LEAST_ROWS, Cycle, by_ratio, peak_change, 
 from biaxbayes.machines.readings import followed_by_load
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.tables.question import Question
+from biaxbayes.text_files import first_few
 
 RATIOS = ("ratio", "load-ratio")
 SHOWN = 8
@@ -26,24 +27,21 @@ SHOWN = 8
 def select(record: Record, choice: Choice) -> list[Recording]:
     """The chosen branch of the chosen cycles of each protocol of a record."""
     protocols = _protocols(record, choice)
-    taken = []
-    for name, cycles in _chosen(record, protocols, choice).items():
-        before, cycle = cycles[-2:] if len(cycles) > 1 else (None, cycles[-1])
-        taken.append(_branch(record, name, before, cycle, choice))
-    if len(protocols) != len(taken) or any(len(cycles) > 1 for cycles in protocols.values()):
-        taken = [_counted(r, protocols, choice) for r in taken]
+    taken = [
+        _recording(record, name, protocols[name], number, choice)
+        for name, numbers in _chosen(record, protocols, choice).items()
+        for number in numbers
+    ]
     kept = np.concatenate([r.rows for r in taken])
-    for cycles in protocols.values():
-        for cycle in cycles:
-            mine = np.isin(cycle.rows("both"), kept).any()
-            for rows, reason in (
-                (cycle.loading, "loading"),
-                (cycle.hold, "hold at the peak"),
-                (cycle.unloading, "unloading"),
-            ):
-                record.leave_out(
-                    np.setdiff1d(rows, kept), reason if mine else "a cycle that was not chosen"
-                )
+    for cycle in (cycle for cycles in protocols.values() for cycle in cycles):
+        mine = np.isin(cycle.rows("both"), kept).any()
+        for rows, side in (
+            (cycle.loading, "loading"),
+            (cycle.hold, "hold at the peak"),
+            (cycle.unloading, "unloading"),
+        ):
+            reason = side if mine else "a cycle that was not chosen"
+            record.leave_out(np.setdiff1d(rows, kept), reason)
     record.leave_out(np.setdiff1d(np.arange(record.lines.size), kept), "in no cycle")
     return taken
 
@@ -86,11 +84,12 @@ def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
 
 
 def _in_groups(groups: Mapping[str, Sequence[int]]) -> str:
+    """Cycles by ratio, for a question."""
     listed = [
         f"{name}: cycle{'s' * (len(g) > 1)} {' '.join(str(n + 1) for n in g)}"
         for name, g in groups.items()
     ]
-    return "; ".join(listed[:SHOWN]) + (" ..." if len(listed) > SHOWN else "")
+    return first_few(listed, SHOWN, "; ")
 
 
 # --- cycles and branches --------------------------------------------------------------------------
@@ -98,62 +97,49 @@ def _in_groups(groups: Mapping[str, Sequence[int]]) -> str:
 
 def _chosen(
     record: Record, protocols: Mapping[str, list[Cycle]], choice: Choice
-) -> dict[str, list[Cycle]]:
-    """By the name of a protocol, the chosen cycle behind those before it."""
+) -> dict[str, Sequence[int]]:
+    """Indices of the chosen cycles of each protocol."""
     which = choice.cycles
     several = {name: cycles for name, cycles in protocols.items() if len(cycles) > 1}
     if which is None and several:
+        numbers = [f"{name}: {len(c)}".removeprefix(": ") for name, c in several.items()]
+        last = [
+            f"{name}: {record.shown(cycles[-1].loading)}".removeprefix(": ")
+            for name, cycles in protocols.items()
+        ]
+        first = next(iter(several.values()))[:SHOWN]
         raise Question(
-            f"holds several cycles ({_in_numbers(several)})",
+            f"holds several cycles ({first_few(numbers, SHOWN)})",
             {
-                "cycles=last": _given(record, protocols, -1),
+                "cycles=last": first_few(last, 3, "; "),
                 "cycles=all": "each cycle a protocol",
-                **{
-                    f"cycles={cycle.label}": record.shown(cycle.loading)
-                    for cycle in next(iter(several.values()))[:SHOWN]
-                },
+                **{f"cycles={cycle.label}": record.shown(cycle.loading) for cycle in first},
             },
             file=record.path,
         )
     if which in (None, "last") or (choice.repeats == "cycles" and not several):
-        return dict(protocols)
+        return {name: [len(cycles) - 1] for name, cycles in protocols.items()}
     if which == "all":
-        return {
-            f"{name} cycle {cycle.label}".strip() if len(cycles) > 1 else name: [cycle]
-            for name, cycles in protocols.items()
-            for cycle in cycles
-        }
-    chosen = {}
+        return {name: range(len(cycles)) for name, cycles in protocols.items()}
+    chosen: dict[str, Sequence[int]] = {}
     for name, cycles in protocols.items():
         labels = [cycle.label for cycle in cycles]
         if which not in labels:
             shown = ", ".join(labels) if len(labels) < 12 else f"{labels[0]} to {labels[-1]}"
             of = f" of {name}" if name else ""
-            raise InputError(
-                f"no cycle {which}{of}", file=record.path, remedy=f"cycles are {shown}"
-            )
-        chosen[name] = cycles[: labels.index(which) + 1]
+            remedy = f"cycles are {shown}"
+            raise InputError(f"no cycle {which}{of}", file=record.path, remedy=remedy)
+        chosen[name] = [labels.index(which)]
     return chosen
 
 
-def _in_numbers(protocols: Mapping[str, list[Cycle]]) -> str:
-    listed = [f"{name}: {len(c)}" if name else f"{len(c)}" for name, c in protocols.items()]
-    return ", ".join(listed[:SHOWN]) + (" ..." if len(listed) > SHOWN else "")
-
-
-def _given(record: Record, protocols: Mapping[str, list[Cycle]], number: int) -> str:
-    """What a cycle of each protocol would give."""
-    parts = [
-        f"{name}: {record.shown(cycles[number].loading)}".removeprefix(": ")
-        for name, cycles in protocols.items()
-    ]
-    return "; ".join(parts[:3]) + (f"; {len(parts) - 3} more" if len(parts) > 3 else "")
-
-
-def _branch(
-    record: Record, name: str, before: Cycle | None, cycle: Cycle, choice: Choice
+def _recording(
+    record: Record, name: str, cycles: Sequence[Cycle], number: int, choice: Choice
 ) -> Recording:
     """The chosen branch of a cycle, with a note on how it differs from the cycle before."""
+    cycle, counted = cycles[number], f"{number + 1} of {len(cycles)}"
+    if choice.cycles == "all" and len(cycles) > 1:
+        name = f"{name} cycle {cycle.label}".strip()
     if choice.branch is None and cycle.unloading.size >= LEAST_ROWS:
         gives = {f"branch={b}": record.shown(cycle.rows(b)) for b in BRANCHES}
         of = f" of {name}" if name else ""
@@ -164,28 +150,17 @@ def _branch(
         problem = f"{rows.size} rows in the {branch} branch of cycle {cycle.label}"
         remedy = "choose another with `cycles` or `branch`"
         raise InputError(problem, file=record.path, remedy=remedy)
-    taken = Recording(name, record, rows, branch=branch)
+    if cycle.label != str(number + 1):
+        counted = f"{cycle.label} ({counted})"
+    taken = Recording(name, record, rows, counted if len(cycles) > 1 else None, branch)
     if branch == "loading":
         taken = followed_by_load(taken, cycle, choice)
-    if before is None or choice.cycles == "all":
+    if number == 0 or choice.cycles == "all":
         return taken
     names = "".join("xy"[k] for k in record.axes)
-    text, settled = settling(*record.pulled, names, before.loading, cycle.loading)
+    text, settled = settling(*record.pulled, names, cycles[number - 1].loading, cycle.loading)
     text = f"{name}: {text}" if name else text
-    if settled:
-        return replace(taken, notes=(text,))
-    return replace(taken, assumptions=(text,))
-
-
-def _counted(taken: Recording, protocols: Mapping[str, list[Cycle]], choice: Choice) -> Recording:
-    """The recording with its cycle, such as ``6 of 6``."""
-    for cycles in protocols.values():
-        for number, cycle in enumerate(cycles, start=1):
-            if len(cycles) > 1 and np.isin(taken.rows, cycle.rows("both")).any():
-                of = f"{number} of {len(cycles)}"
-                name = of if cycle.label == str(number) else f"{cycle.label} ({of})"
-                return replace(taken, cycle=name)
-    return taken
+    return replace(taken, notes=(text,)) if settled else replace(taken, assumptions=(text,))
 
 
 # --- recordings of several files, sheets or sets --------------------------------------------------
@@ -197,35 +172,33 @@ def without_repeats(recordings: Sequence[Recording], choice: Choice) -> list[Rec
     for r in recordings:
         ratio = ratio_name(peak_change(r.record.stretch, np.sort(r.rows)))
         groups.setdefault(ratio, []).append(r)
-    repeated = {
-        ratio: group for ratio, group in groups.items() if len({r.source for r in group}) > 1
-    }
+    repeated = [
+        f"{ratio}: {', '.join(sources)}"
+        for ratio, group in groups.items()
+        if len(sources := dict.fromkeys(r.record.source for r in group)) > 1
+    ]
     if not repeated or choice.repeats == "protocols":
         return list(recordings)
     file = recordings[0].record.path
     if choice.repeats is None:
-        listed = "; ".join(
-            f"{ratio}: {', '.join(dict.fromkeys(r.source for r in group))}"
-            for ratio, group in repeated.items()
-        )
         gives = {
             "repeats=protocols": f"{len(recordings)} protocols",
             "repeats=cycles": f"{len(groups)} protocols, their cycles in this order",
         }
-        raise Question(f"the same stretch ratio comes back ({listed[:300]})", gives, file=file)
+        problem = f"the same stretch ratio comes back ({'; '.join(repeated)[:300]})"
+        raise Question(problem, gives, file=file)
     which, kept = choice.cycles, []
     for ratio, group in groups.items():
-        if which is None and len(group) > 1:
-            gives = {"cycles=last": group[-1].source, "cycles=all": "each a protocol"}
-            raise Question(f"{ratio} has {len(group)} cycles", gives, file=file)
-        if which not in (None, "last", "all") and not 0 < int(which) <= len(group):
-            raise InputError(
-                f"no cycle {which} of {ratio}", file=file, remedy=f"{len(group)} cycles"
-            )
-        number = len(group) if which in (None, "last") else 0 if which == "all" else int(which)
+        count = len(group)
+        if which is None and count > 1:
+            gives = {"cycles=last": group[-1].record.source, "cycles=all": "each a protocol"}
+            raise Question(f"{ratio} has {count} cycles", gives, file=file)
+        if which not in (None, "last", "all") and not 0 < int(which) <= count:
+            raise InputError(f"no cycle {which} of {ratio}", file=file, remedy=f"{count} cycles")
+        number = count if which in (None, "last") else 0 if which == "all" else int(which)
         for n, r in enumerate(group, start=1):
             if number in (0, n):
-                kept.append(replace(r, cycle=f"{n} of {len(group)}" if len(group) > 1 else r.cycle))
+                kept.append(replace(r, cycle=f"{n} of {count}" if count > 1 else r.cycle))
             else:
                 r.record.leave_out(r.rows, "a cycle that was not chosen")
     return kept

@@ -25,13 +25,13 @@ from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
 from biaxbayes.specimens.table import STRETCHES
+from biaxbayes.text_files import first_few
 
 SEVERITIES = ("error", "warning", "note")
 """An error cannot be a loading curve; a warning can change what a fit means; a note explains."""
 SERIOUS = (
     "units", "sign", "unloading", "jump", "time", "swapped", "stretch-drift", "camera-lag",
-    "repeats",
-    "clipped",
+    "repeats", "clipped",
 )  # fmt: skip
 """Warnings that are repeated in the output of ``sample``; errors always are."""
 DRIFT = 0.002
@@ -157,10 +157,8 @@ def with_force(specimen: Specimen, mounting_force: Sequence[float], file: object
     except (TypeError, ValueError):
         x = y = math.nan
     if not math.isfinite(x + y) or (x, y) == (0.0, 0.0):
-        raise InputError(
-            "`mounting_force` must be two finite numbers, not both zero",
-            remedy=f"give the force before taring, in {unit}",
-        )
+        problem = "`mounting_force` must be two finite numbers, not both zero"
+        raise InputError(problem, remedy=f"give the force before taring, in {unit}")
     problem = ""
     if max(abs(x), abs(y)) > FORCE_LIMIT * largest:
         problem = f"more than {FORCE_LIMIT:g} times the largest load recorded"
@@ -175,7 +173,7 @@ def with_force(specimen: Specimen, mounting_force: Sequence[float], file: object
 
 def check_round_trip(specimen: Specimen, file: object) -> None:
     """Refuse a specimen that cannot be read again from the copy in a run folder."""
-    check_readings(specimen)
+    check_readings(specimen)  # names the row
     try:
         parse_specimen(specimen_text(specimen).split("\n"), Path("specimen.csv"))
     except InputError as error:
@@ -211,7 +209,7 @@ def _tared(specimen: Specimen) -> Iterator[Finding]:
 def _clipped(specimen: Specimen) -> Iterator[Finding]:
     """Loads clipped at zero, or at the limit of the load cell."""
 
-    def repeats(curve: np.ndarray, value: float, resting: int) -> int:
+    def clipped_rows(curve: np.ndarray, value: float, resting: int) -> int:
         """Rows of exactly this load; 0 if coarse digits or the rest explain them."""
         same = curve == value
         others = curve[~same]
@@ -222,22 +220,20 @@ def _clipped(specimen: Specimen) -> Iterator[Finding]:
 
     for p in specimen.protocols:
         for axis, curve, unit in zip("xy", p.recorded_load.T, specimen.units, strict=True):
-            zeros = repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
+            of_loads, top = f"of {p.rows} loads in {axis} are exactly", float(curve.max())
+            zeros = clipped_rows(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
             if zeros:
-                yield Finding(
-                    "clipped",
-                    "error" if np.any(curve[: p.rest_rows] == 0.0) else "warning",
-                    f"{zeros} of {p.rows} loads in {axis} are exactly 0 {unit} and none "
-                    "is negative: forces below zero were clipped before export, and the start of "
-                    "the curve is lost with them. Export the raw readings",
-                    p.name,
-                )
-            tops = repeats(curve, float(curve.max()), p.rest_rows)
-            if tops:
                 message = (
-                    f"{tops} of {p.rows} loads in {axis} are exactly {curve.max():g} "
-                    f"{unit}, the largest: the load cell or the amplifier was at its "
-                    "limit. Remove these rows"
+                    f"{zeros} {of_loads} 0 {unit} and none is negative: forces below zero were "
+                    "clipped before export, and the start of the curve is lost with them. Export "
+                    "the raw readings"
+                )
+                at_rest = np.any(curve[: p.rest_rows] == 0.0)
+                yield Finding("clipped", "error" if at_rest else "warning", message, p.name)
+            if tops := clipped_rows(curve, top, p.rest_rows):
+                message = (
+                    f"{tops} {of_loads} {top:g} {unit}, the largest: the load cell or the "
+                    "amplifier was at its limit. Remove these rows"
                 )
                 yield warning("clipped", message, p.name)
 
@@ -298,11 +294,9 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
     if specimen.reference == "common":
         without_rest = [p.name for p in specimen.protocols if p.rest_rows == 0]
         if without_rest:
-            more = " ..." if len(without_rest) > 4 else ""
             message = (
                 f"{len(without_rest)} of {len(names)} protocols do not start at the mounted state "
-                f"({', '.join(without_rest[:4])}{more}): the mounting "
-                "force is taken from the others"
+                f"({first_few(without_rest, 4)}): the mounting force is taken from the others"
             )
             yield Finding("common-reference", "note", message)
         return
@@ -470,13 +464,12 @@ def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
                 ends.append(float(load[rows, k].mean()))
                 names.append(f"{p.name} {axis}")
     if ratios:
-        shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
         yield warning(
             "stiff-start",
             f"{len(ratios)} of {2 * len(specimen.protocols)} curves are concave at their start: up "
             f"to {max(ratios):.1f} times as stiff there as at about {np.median(ends):.2g} "
-            f"{specimen.unit} ({shown}). GOH predicts a convex start, from which the mounting "
-            "stretch is inferred",
+            f"{specimen.unit} ({first_few(names, 4)}). GOH predicts a convex start, from which the "
+            "mounting stretch is inferred",
         )
 
 
@@ -484,30 +477,23 @@ def _bins(curve: np.ndarray) -> list[slice]:
     """Rows between fractions of the load's range, by the first crossing of the smoothed curve."""
     width = max(1, curve.size // 30)
     smooth = np.convolve(curve, np.ones(width) / width, mode="valid")
-    low, high = float(smooth[0]), float(smooth.max())
-    if high <= low:
-        return [slice(0, 0)] * (len(START_BINS) - 1)
-    ends = [0]
-    for fraction in START_BINS[1:]:
-        ends.append(int(np.argmax(smooth >= low + fraction * (high - low))) + width // 2)
-    return [slice(a, b) for a, b in pairwise(ends)]
+    levels = smooth[0] + np.array(START_BINS[1:]) * (smooth.max() - smooth[0])
+    ends = [int(np.argmax(smooth >= level)) + width // 2 for level in levels]
+    return [slice(a, b) for a, b in pairwise([0, *ends])]
 
 
 def _slope(
     path: np.ndarray, curve: np.ndarray, matrix: np.ndarray, rows: slice
 ) -> tuple[float, float] | None:
     """Stiffness over some rows relative to that of a unit matrix, and its standard error."""
-    x, y, unit = path[rows], curve[rows], matrix[rows]
+    x, unit = path[rows], matrix[rows]
     if x.size < 6 or np.ptp(x) <= 1e-6 or not np.all(np.isfinite(unit)):
         return None
-    centred = x - x.mean()
-    square = float(centred @ centred)
-    slope = float(centred @ y) / square
-    basis = float(centred @ unit) / square
-    residual = y - y.mean() - slope * centred
-    error = float(np.sqrt(residual @ residual / (x.size - 2) / square))
+    x = x - x.mean()
+    slope, covariance = np.polyfit(x, curve[rows], 1, cov=True)
+    basis = float(np.polyfit(x, unit, 1)[0])
     # no stiffness on a path that hardly advances, or on which the matrix unloads
-    return (slope / basis, error / basis) if basis >= 0.5 else None
+    return (slope[0] / basis, np.sqrt(covariance[0, 0]) / basis) if basis >= 0.5 else None
 
 
 def _one_direction(specimen: Specimen) -> Iterator[Finding]:
@@ -595,15 +581,17 @@ def _dimensions(specimen: Specimen) -> Iterator[Finding]:
 
 def _short_strip(specimen: Specimen) -> Iterator[Finding]:
     """Clamps hold the width of a strip at its ends; its middle is free only if it is long."""
-    for k in specimen.experiment.axes if specimen.gauge_length else ():
-        edges = (specimen.edge_x_mm, specimen.edge_y_mm)
-        length, width = edges[k], edges[1 - k]
-        if length is not None and width is not None and length < LEAST_WIDTHS * width:
-            yield warning(
-                "short-strip",
-                f"the strip is {length:g} mm long and {width:g} mm wide: clamped strips shorter "
-                f"than {LEAST_WIDTHS:g} widths are not free to contract, and look stiffer",
-            )
+    side = specimen.experiment.free_side
+    if side is None:
+        return
+    edges = (specimen.edge_x_mm, specimen.edge_y_mm)
+    length, width = edges[1 - side], edges[side]
+    if length is not None and width is not None and length < LEAST_WIDTHS * width:
+        yield warning(
+            "short-strip",
+            f"the strip is {length:g} mm long and {width:g} mm wide: clamped strips shorter "
+            f"than {LEAST_WIDTHS:g} widths are not free to contract, and look stiffer",
+        )
 
 
 def _noise(specimen: Specimen) -> Iterator[Finding]:
@@ -611,8 +599,10 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
     given, scatter = specimen.load_noise, specimen.high_frequency_scatter()
     noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
     if noise > LARGE_NOISE * peak:
-        percentage = f"{100 * noise / peak:.0f} % of the largest load"
-        yield warning("units", f"the load noise of {noise:.2g} {unit} is {percentage}")
+        share = 100 * noise / peak
+        yield warning(
+            "units", f"the load noise of {noise:.2g} {unit} is {share:.0f} % of the largest load"
+        )
     if given is not None and scatter > 0.0 and not 0.2 < scatter / given < 5.0:
         smoothed = ": the record was smoothed or averaged" if scatter < given else ""
         yield warning(

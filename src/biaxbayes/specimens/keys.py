@@ -260,6 +260,16 @@ CHOICE_REMEDIES = {
 }
 
 
+def directions_of(test: str | None) -> str:
+    """Directions in which a kind of test reads stretch and load; both if it is not known."""
+    return test[-1] if test and test.startswith("strip") else "xy"
+
+
+def needed_with_forces(test: str | None) -> list[str]:
+    """Keys that forces need; no section depends on the length of a strip."""
+    return [key for key in (*DIMENSIONS, "geometry") if key != f"edge_{directions_of(test)}_mm"]
+
+
 def checked_value(key: str, value: object) -> float | str:
     """Value of a known key from a number or text; refuses impossible ones."""
     text = one_line(str(value))

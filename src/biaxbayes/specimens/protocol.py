@@ -24,26 +24,16 @@ TIME_LIMIT_S = 1e9
 
 
 class ReadingError(InputError):
-    """A value of a protocol or a specimen that cannot be used.
+    """A value of an argument of :class:`Protocol` or :class:`Specimen` that cannot be used.
 
-    Parameters
-    ----------
-    fault : str
-        The problem.
-    argument : str
-        Argument of :class:`Protocol` or :class:`Specimen`, such as ``load_x``.
-    index : int, optional
-        Index of the value in its array, from 0.
-    protocol : str, optional
-        Name of the protocol, if the error concerns a single one.
-    remedy : str, optional
+    ``index`` is that of the value in its array, from 0.
     """
 
     def __init__(
         self,
         fault: str,
         *,
-        argument: str = "",
+        argument: str,
         index: int | None = None,
         protocol: str | None = None,
         remedy: str | None = None,
@@ -52,17 +42,13 @@ class ReadingError(InputError):
         location = argument if index is None else f"{argument}[{index}] (row {index + 1})"
         where = None if protocol is None else f"protocol {protocol[:40]!r}"
         # a fault such as "rest_rows must be ..." already names its argument
-        text = fault if not location or fault.startswith(argument) else f"{location}: {fault}"
+        text = fault if fault.startswith(argument) else f"{location}: {fault}"
         super().__init__(text, file=where, remedy=remedy)
 
     def at(
         self, file: object, lines: Sequence[int] | np.ndarray, columns: Mapping[str, str]
     ) -> InputError:
-        """The same error by file, row and column.
-
-        ``lines`` are the lines of the file that the values of the array are in, ``columns`` the
-        columns of the file by argument.
-        """
+        """The same error in a file, by the lines of the array and the columns of the arguments."""
         return InputError(
             self.fault,
             file=file,
@@ -111,17 +97,15 @@ class Protocol:
         for key in (*CURVES, "time_s"):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, self._column(key))
+        low, high = STRETCH_RANGE
         for key in ("stretch_x", "stretch_y"):
             values = getattr(self, key)
-            for index in np.flatnonzero((values < STRETCH_RANGE[0]) | (values > STRETCH_RANGE[1])):
-                negative = values[index] < 0.0 and np.median(values) > STRETCH_RANGE[0]
-                remedy = "a stretch is positive; mend the value or remove the row"
-                raise self._error(
-                    f"a stretch of {values[index]:g} is out of range",
-                    key,
-                    int(index),
-                    remedy if negative else STRETCH_REMEDY,
-                )
+            for index in np.flatnonzero((values < low) | (values > high)):
+                remedy = STRETCH_REMEDY
+                if values[index] < 0.0 and np.median(values) > low:
+                    remedy = "a stretch is positive; mend the value or remove the row"
+                problem = f"a stretch of {values[index]:g} is out of range"
+                raise self._error(problem, key, int(index), remedy)
         time = np.empty(0) if self.time_s is None else self.time_s
         for index in np.flatnonzero(np.abs(time) > TIME_LIMIT_S):
             remedy = "give seconds from the start of the test"
@@ -132,7 +116,9 @@ class Protocol:
             rest = rest_rows(x, y, self.recorded_load)
             object.__setattr__(self, "rest_rows", rest)
         if not 0 <= self.rest_rows <= self.rows:
-            raise self._error("must lie between 1 and the number of rows", "rest_rows")
+            problem = f"rest_rows of {self.rest_rows} is less than 0, or leaves no stretched row"
+            remedy = "rest_rows counts the leading rows recorded before the test starts"
+            raise self._error(problem, "rest_rows", None, remedy)
 
     def _error(
         self, fault: str, argument: str, index: int | None = None, remedy: str | None = None
@@ -144,13 +130,9 @@ class Protocol:
     def _column(self, key: str) -> np.ndarray:
         """A frozen copy of one column, of the shape of the first and finite."""
         if np.ma.is_masked(getattr(self, key)):
-            rows = np.flatnonzero(np.ma.getmaskarray(getattr(self, key)))
-            raise self._error(
-                f"is masked in {rows.size} rows",
-                key,
-                int(rows[0]),
-                "leave out masked rows, in all columns",
-            )
+            masked = np.flatnonzero(np.ma.getmaskarray(getattr(self, key)))
+            remedy = "leave out masked rows, in all columns"
+            raise self._error(f"is masked in {masked.size} rows", key, int(masked[0]), remedy)
         try:
             values = np.array(getattr(self, key), dtype=float)
         except (TypeError, ValueError):
@@ -165,12 +147,8 @@ class Protocol:
         unmeasured = key in ("stretch_x", "stretch_y") and bool(np.isnan(values).all())
         if bad.size and not unmeasured:
             more = f", and {bad.size - 1} more of {values.size}" if bad.size > 1 else ""
-            raise self._error(
-                f"is {values[bad[0]]:g}{more}",
-                key,
-                int(bad[0]),
-                "leave out rows without a reading, in all columns",
-            )
+            remedy = "leave out rows without a reading, in all columns"
+            raise self._error(f"is {values[bad[0]]:g}{more}", key, int(bad[0]), remedy)
         values.setflags(write=False)
         return values
 

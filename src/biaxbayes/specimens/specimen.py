@@ -21,6 +21,7 @@ from biaxbayes.specimens.keys import (
     REFERENCES,
     TUBE_KEYS,
     checked_value,
+    needed_with_forces,
 )
 from biaxbayes.specimens.protocol import CURVES, Protocol, ReadingError
 
@@ -113,10 +114,9 @@ class Specimen:
             value = getattr(self, argument)
             if value is not None:
                 object.__setattr__(self, argument, _checked(argument, value))
-            elif self.stress_pair == "force" and argument != self.gauge_length:
-                raise ReadingError(
-                    "is needed with forces", argument=argument, remedy="give it in mm"
-                )
+            elif self.stress_pair == "force" and argument in needed_with_forces(self.test):
+                problem = "is needed with forces"
+                raise ReadingError(problem, argument=argument, remedy="give it in mm")
         self._check_keys_of_test()
         if self.load_noise is not None:
             try:
@@ -137,7 +137,8 @@ class Specimen:
         object.__setattr__(self, "metadata", metadata)
         object.__setattr__(self, "protocols", self._referenced_protocols())
         self._check_directions()
-        self._check_wall()
+        if isinstance(tube := self.experiment, Tube):
+            self._check_wall(tube)
         names = [piece.name for piece in self.pieces]
         for name in names:
             if names.count(name) > 1:
@@ -158,19 +159,13 @@ class Specimen:
             )
         for key in NOT_OF_TUBES if is_tube else TUBE_KEYS:
             if key in self.metadata or getattr(self, key, None) is not None:
-                raise ReadingError(
-                    f"{key} does not belong to a {self.test.split()[0]} test",
-                    argument=key,
-                    remedy="leave it out",
-                )
+                problem = f"{key} does not belong to a {self.test.split()[0]} test"
+                raise ReadingError(problem, argument=key, remedy="leave it out")
         if not is_tube:
             return
         if self.geometry != "unloaded":
-            raise ReadingError(
-                "dimensions of a tube are those of the unloaded tube",
-                argument="geometry",
-                remedy="leave it out",
-            )
+            problem = "dimensions of a tube are those of the unloaded tube"
+            raise ReadingError(problem, argument="geometry", remedy="leave it out")
         for key in ("unloaded_outer_diameter_mm", "thickness_mm"):
             if getattr(self, key, self.metadata.get(key)) is None:
                 raise ReadingError(f"a tube needs {key}", argument=key, remedy="give it in mm")
@@ -181,11 +176,8 @@ class Specimen:
                 remedy="keep opening_angle_fung_deg or missing_sector_deg",
             )
 
-    def _check_wall(self) -> None:
+    def _check_wall(self, tube: Tube) -> None:
         """Refuse a tube without a lumen."""
-        tube = self.experiment
-        if not isinstance(tube, Tube):
-            return
         if not tube.sector[0] > 0.0 or not tube.thickness_mm < tube.outer_radius_mm:
             raise ReadingError(
                 f"a wall of {tube.thickness_mm:g} mm leaves no lumen in an outer diameter of "
@@ -288,11 +280,6 @@ class Specimen:
         return experiment_of(self.test)
 
     @property
-    def gauge_length(self) -> str:
-        """The dimension of a strip along it, which no section depends on; else empty."""
-        return f"edge_{self.test[-1]}_mm" if self.test.startswith("strip") else ""
-
-    @property
     def pieces(self) -> tuple[Specimen, ...]:
         """All pieces of the tissue, this one first."""
         return (replace(self, further=()) if self.further else self, *self.further)
@@ -301,21 +288,17 @@ class Specimen:
         """The same tissue with more pieces."""
         return replace(self, further=(*self.further, *further))
 
-    def quantities(
-        self, material: Sequence[Parameter], *, shared: bool, inferred: bool = True
-    ) -> Quantities:
+    def quantities(self, material: Sequence[Parameter], *, shared: bool) -> Quantities:
         """Quantities of a run with all pieces, for a law of these parameters.
 
-        ``shared``: one mounted state for all protocols of a piece; ``inferred``: their stretches
-        are unknown.
+        ``shared``: one mounted state for all protocols of a piece.
         """
         labels = []
         for i, piece in enumerate(self.pieces):
             label = piece.name if i else ""
             own = [f"{label}: {p.name}" if label else p.name for p in piece.protocols]
-            states = (label,) if shared else tuple(own)
             axes = piece.experiment.axes if piece.experiment.is_mounted else ()
-            labels.append(PieceLabels(label, states if inferred else (), axes, piece.unit))
+            labels.append(PieceLabels(label, (label,) if shared else tuple(own), axes, piece.unit))
         return Quantities(material, labels)
 
     @property
@@ -470,34 +453,26 @@ class Specimen:
         return value if value > 1e-9 * self.peak_loads[axis] else 0.0
 
     def mounting_readings(self, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Mounting load and its standard deviation, as the statistical model uses them.
+        """Mounting load and its standard deviation (m, 2), in :attr:`unit`, as the model uses them.
 
-        Parameters
-        ----------
-        shared : bool
-            True for one mounted state of all protocols, False for one per protocol.
-
-        Returns
-        -------
-        reading, sd : ndarray, shape (m, 2)
-            In :attr:`unit`; m is 1 when shared, else the number of protocols, with NaN for one
-            that does not start at the mounted state. The sd is that of the mean of the rows at
-            rest: the load cell's noise, or the scatter of the rows where five or more show a larger
-            one. When shared, the scatter between the protocols counts as well.
+        One for all protocols when `shared`, else one for each, NaN where it does not start at the
+        mounted state. The sd is that of the mean of the rows at rest: the load cell's noise, or the
+        scatter of the rows where five or more show a larger one. When shared, the scatter between
+        the protocols counts as well.
         """
-        readings, sds = [], []
         if not self.experiment.is_mounted:
             nothing = np.zeros((1 if shared else len(self.protocols), 2))
             return nothing, nothing
-        for p in self.protocols:
-            rest = self.load(p)[: p.rest_rows]
-            sd = np.full(2, self.noise_sd)
+        reading = np.array([self.mounting_reading(p) for p in self.protocols])
+        sd = np.full_like(reading, np.nan)
+        for p, sd_of_mean in zip(self.protocols, sd, strict=True):
+            scatter = np.full(2, self.noise_sd)
             if p.rest_rows >= 5:
-                sd = np.maximum(sd, rest.std(axis=0, ddof=1))
-            sd = np.where(np.isin([0, 1], self.experiment.axes), sd, 0.0)
-            readings.append(self.mounting_reading(p))
-            sds.append(sd / np.sqrt(p.rest_rows) if p.rest_rows else np.full(2, np.nan))
-        reading, sd = np.array(readings), np.array(sds)
+                rest = self.load(p)[: p.rest_rows]
+                scatter = np.maximum(scatter, rest.std(axis=0, ddof=1))
+            if p.rest_rows:
+                scatter[~np.isin([0, 1], self.experiment.axes)] = 0.0
+                sd_of_mean[:] = scatter / np.sqrt(p.rest_rows)
         if not shared:
             return reading, sd
         at_rest = [p.rest_rows > 0 for p in self.protocols]
@@ -554,23 +529,18 @@ class Specimen:
         chosen = tuple(protocols)
         if chosen and not any(p.rest_rows for p in chosen):
             source = next(p for p in self.protocols if p.rest_rows)
-            columns = {
-                key: np.concatenate(
-                    [getattr(source, key)[: source.rest_rows], getattr(chosen[0], key)]
-                )
+            columns: dict[str, Any] = {
+                key: np.append(getattr(source, key)[: source.rest_rows], getattr(chosen[0], key))
                 for key in CURVES
             }
-            first = Protocol(chosen[0].name, **columns, rest_rows=source.rest_rows)  # type: ignore[arg-type]
+            first = Protocol(chosen[0].name, **columns, rest_rows=source.rest_rows)
             chosen = (first, *(replace(p, time_s=None) for p in chosen[1:]))
         return replace(self, protocols=chosen)
 
 
 def third_difference_scatter(load: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Scatter of loads (n, 2) about parabolas through neighbouring rows at some places (n,).
-
-    Four readings are combined so that a parabola gives zero; with even places that is the third
-    difference, (-1, 3, -3, 1).
-    """
+    """Scatter of loads (n, 2) about parabolas through neighbouring rows at some places (n,)."""
+    # four readings are combined so that a parabola gives zero: (-1, 3, -3, 1) at even places
     span = max(float(np.ptp(place)), 1e-300)
     at = place / span + 1e-9 * np.arange(place.size)  # no two the same
     windows = np.lib.stride_tricks.sliding_window_view(at, 4)
@@ -591,17 +561,9 @@ def _checked(key: str, value: object) -> Any:
 
 
 def pooled_reading(reading: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of several readings of one mounting load, and its sd.
+    """Mean (..., 2) of readings (..., m, 2) of one mounting load, and its sd.
 
-    Parameters
-    ----------
-    reading, sd : ndarray, shape (..., m, 2)
-        Of each protocol.
-
-    Returns
-    -------
-    mean, sd : ndarray, shape (..., 2)
-        The sd is propagated from those of the readings, or their scatter if that is larger.
+    The sd is propagated from those of the readings, or their scatter if that is larger.
     """
     count = reading.shape[-2]
     pooled = np.sqrt((sd**2).sum(axis=-2)) / count

@@ -7,6 +7,7 @@ import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ from biaxbayes.specimens.keys import (
     NOT_OF_TUBES,
     TUBE_COLUMNS,
     checked_value,
+    directions_of,
+    needed_with_forces,
 )
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.protocol import AUTO_REST_ROWS, CURVES, Protocol, ReadingError
@@ -107,9 +110,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     """A specimen from the lines of its file; ``path`` serves messages and the default name."""
     values, rows, first = read_header(lines, path)
     test = values.get("test", "biaxial")
-    # the directions of the test: both, or that of a strip
-    directions = test[-1] if test.startswith("strip") else "xy"
-    is_tube = test == "tube"
+    directions, is_tube = directions_of(test), test == "tube"
     table = read_table(
         lines,
         first,
@@ -120,7 +121,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     table, written = _without_tube_columns(table, values, is_tube, path)
     stress_pair = _stress_pair(table, directions, path)
     unit = "N" if stress_pair == "force" else "kPa"
-    _check_keys(values, rows, stress_pair, directions, path)
+    _check_keys(values, rows, stress_pair, path)
     arguments: dict[str, Any] = {key: values.get(key) for key in ARGUMENT_KEYS}
     try:
         specimen = Specimen(
@@ -216,21 +217,17 @@ def _stress_pair(table: SpecimenTable, directions: str, path: Path) -> str:
 
 
 def _check_keys(
-    values: Mapping[str, Any],
-    rows: Mapping[str, int],
-    stress_pair: str,
-    directions: str,
-    path: Path,
+    values: Mapping[str, Any], rows: Mapping[str, int], stress_pair: str, path: Path
 ) -> None:
     """Refuse keys that are missing with forces, or do not fit the others or the columns."""
-    for key in (*DIMENSIONS, "geometry") if stress_pair == "force" else ():
-        if key not in values and key != f"edge_{directions}_mm":
-            line = f"'# {key}: ...' at the top"
+    for key in needed_with_forces(values.get("test")) if stress_pair == "force" else ():
+        if key not in values:
+            line = f"add a line '# {key}: ...' at the top"
             if key == "geometry":
-                line = f"'# {key}: unloaded|mounted' at the top, the state that dimensions refer to"
-            raise InputError(
-                f"a force file must state {key}", file=path, remedy=f"add a line {line}"
-            )
+                line = (
+                    line.replace("...", "unloaded|mounted") + ", the state that dimensions refer to"
+                )
+            raise InputError(f"a force file must state {key}", file=path, remedy=line)
     wrong, right = ("kPa", "N") if stress_pair == "force" else ("N", "kPa")
     unit = ("does not fit the file's columns", f"give it in {right}")
     unfit = {f"load_noise_{wrong}": unit, f"load_offset_sd_{wrong}": unit}
@@ -266,17 +263,12 @@ def _protocols(
     protocols = []
     for index, (name, rows) in enumerate(table.groups):
         at_rest = 0 if stress_pair == "tube" else resting[index % len(resting)]
-        if at_rest >= rows.stop - rows.start:
-            problem = f"rest_rows of {at_rest} leaves no stretched row in protocol {name[:40]!r}"
-            remedy = "rest_rows counts the leading rows recorded before the test starts"
-            raise InputError(problem, file=path, row=lines["rest_rows"], remedy=remedy)
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
         # across a strip the stretch may be unknown, and the load is zero
         missing = dict.fromkeys(STRETCHES, np.nan) | dict.fromkeys(STRESS_PAIRS[stress_pair], 0.0)
-        count = rows.stop - rows.start
         x, y, load_x, load_y = (
-            table.columns[name][rows] if name in table.columns else np.full(count, value)
-            for name, value in missing.items()
+            table.columns.get(column, np.full(len(table.lines), value))[rows]
+            for column, value in missing.items()
         )
         protocol = Protocol(name, x, y, load_x, load_y, time, at_rest)
         protocols.append(protocol.divided_by(mounted, stress_pair))
@@ -292,9 +284,9 @@ def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
     Parameters
     ----------
     specimen : Specimen
-        The specimen; its protocols must have different names.
+        Its protocols must have different names.
     path : path-like
-        The file; it is written completely or not at all.
+        Written completely or not at all.
 
     Raises
     ------
@@ -321,13 +313,8 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
     keys: dict[str, object] = {
         "specimen": specimen.name,
         "test": specimen.test if specimen.test != "biaxial" else None,
-        "layer": specimen.layer,
-        "axis_x": specimen.axis_x,
-        "axis_y": specimen.axis_y,
-        "geometry": specimen.geometry,
-        "edge_x_mm": specimen.edge_x_mm,
-        "edge_y_mm": specimen.edge_y_mm,
-        "thickness_mm": specimen.thickness_mm,
+        **{key: getattr(specimen, key) for key in ("layer", "axis_x", "axis_y", "geometry")},
+        **{key: getattr(specimen, key) for key in DIMENSIONS},
         f"load_noise_{specimen.unit}": specimen.load_noise,
         "reference": specimen.reference,
         **specimen.metadata,
@@ -345,24 +332,20 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
         if value is not None and value != "":
             text = repr(float(value)) if isinstance(value, float) else one_line(str(value))
             header += f"# {key}: {text}\n"
-    named = len(protocols) > 1 or protocols[0].name != "1"
-    timed = ["time_s"] if protocols[0].time_s is not None else []
+    first, axes = protocols[0], specimen.experiment.axes
+    named = len(protocols) > 1 or first.name != "1"
     # columns of a strip: those along it, and its other stretch where that was measured
-    axes, first = specimen.experiment.axes, protocols[0]
-    written = {
-        **{name: np.isfinite(first.stretch[0, k]) for k, name in enumerate(STRETCHES)},
+    is_written = {
+        "protocol": named,
+        "time_s": first.time_s is not None,
+        **dict(zip(STRETCHES, np.isfinite(first.stretch[0]), strict=True)),
         **{name: k in axes for k, name in enumerate(STRESS_PAIRS[specimen.stress_pair])},
     }
-    columns = [*timed, *(name for name, is_written in written.items() if is_written)]
-    rows: list[Sequence] = [["protocol", *columns] if named else columns]
-    for p in protocols:
-        curves = [p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y]
-        kept = [p.time_s is not None, *written.values()]
-        numbers = zip(
-            *(c.tolist() for c, k in zip(curves, kept, strict=True) if c is not None and k),
-            strict=True,
-        )
-        rows += [[one_line(p.name), *row] for row in numbers] if named else numbers
     table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows(rows)
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(compress(is_written, is_written.values()))
+    for p in protocols:
+        curves = [[one_line(p.name)] * p.rows, p.time_s, *(getattr(p, key) for key in CURVES)]
+        kept = compress(curves, is_written.values())
+        writer.writerows(zip(*(np.asarray(curve).tolist() for curve in kept), strict=True))
     return header + table.getvalue()

@@ -15,13 +15,7 @@ from biaxbayes.specimens.keys import COLUMNS, STRETCH_RANGE
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
 from biaxbayes.tables.table import Table, in_lines
 from biaxbayes.tables.units import likely_name
-from biaxbayes.text_files import (
-    cells_of,
-    one_line,
-    read_lines,
-    rows_of,
-    without_empty_end,
-)
+from biaxbayes.text_files import cells_of, one_line, read_lines, rows_of, without_empty_end
 
 STRETCHES = ("stretch_x", "stretch_y")
 MAX_SPECIMEN_COLUMNS = 50
@@ -94,10 +88,13 @@ def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> l
                 "save it with commas and decimal points, or use 'biaxbayes convert --machine "
                 "generic'",
             )
-    if len(names) > MAX_SPECIMEN_COLUMNS or not any(name in COLUMNS for name in names):
-        count = f" ({len(names)} columns)" if len(names) > MAX_SPECIMEN_COLUMNS else ""
+    if len(names) > MAX_SPECIMEN_COLUMNS:
         raise error(
-            f"not a specimen CSV: no column of the first line after the header is known{count}",
+            f"not a specimen CSV: {len(names)} columns", "'biaxbayes convert' reads exports"
+        )
+    if not any(name in COLUMNS for name in names):
+        raise error(
+            "not a specimen CSV: no column of the first line after the header is known",
             "expected comma-separated column names such as "
             "stretch_x,stretch_y,force_x_N,force_y_N ('biaxbayes convert' reads machine exports)",
         )
@@ -107,10 +104,8 @@ def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> l
         if names.count(name) > 1:
             raise error("column appears twice", "keep one", name[:60])
         if name not in COLUMNS:
-            _, hint = likely_name(name, COLUMNS)
-            raise error(
-                "unknown column", f"{hint}known columns are {', '.join(COLUMNS)}", name[:60]
-            )
+            remedy = f"{likely_name(name, COLUMNS)[1]}known columns are {', '.join(COLUMNS)}"
+            raise error("unknown column", remedy, name[:60])
     for name in needed:
         if name not in names:
             remedy = "stretches are relative to the mounted state; a uniaxial strip is stated by "
@@ -151,32 +146,23 @@ def _protocol_rows(
     groups: dict[str, slice] = {}
     start = 0
     for label, rows in groupby(labels):
-        name, stop = one_line(label), start + sum(1 for _ in rows)
+        name, stop = one_line(label), start + len(list(rows))
         if not name:
             raise error("the name is empty", start, "fill it in")
         if name in groups:
-            raise error(
-                f"the rows of the protocols {', '.join(groups)[:200]} are mixed: protocol "
-                f"{name[:40]!r} comes back after another one",
-                start,
-                "keep its rows together in the order of the test, or give each loading path its "
-                "own name",
-            )
+            problem = f"the rows of the protocols {', '.join(groups)[:200]} are mixed: protocol "
+            problem += f"{name[:40]!r} comes back after another one"
+            remedy = "keep its rows together in the order of the test, or give each loading path "
+            raise error(problem, start, f"{remedy}its own name")
         if len(groups) == MAX_PROTOCOLS:
-            raise error(
-                f"more than {MAX_PROTOCOLS} protocols",
-                start,
-                "the column names the loading path, the same in all its rows",
-            )
+            remedy = "the column names the loading path, the same in all its rows"
+            raise error(f"more than {MAX_PROTOCOLS} protocols", start, remedy)
         groups[name] = slice(start, stop)
         start = stop
     for name, where in groups.items():
         if where.stop - where.start < 2:
-            raise error(
-                f"protocol {name[:40]!r} has one row",
-                where.start,
-                "give the mounted state and at least one stretched state",
-            )
+            remedy = "give the mounted state and at least one stretched state"
+            raise error(f"protocol {name[:40]!r} has one row", where.start, remedy)
     return tuple(groups.items())
 
 

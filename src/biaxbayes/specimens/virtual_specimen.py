@@ -92,13 +92,21 @@ def virtual_specimen(
     increments: int = 100,
     dimensions: Dimensions | None = None,
     test: str = "biaxial",
+    hooks: Hooks | None = None,
+    elements: int = 20,
+    serendipity: bool = False,
     **record: Any,
 ) -> tuple[Specimen, Truth]:
-    """Test a homogeneous specimen of known material on a virtual biaxial machine.
+    """Test a specimen of known material on a virtual biaxial machine.
+
+    On `hooks`, stretches are those of the central region, which four markers report; the carriages
+    are driven so that the markers reach them (strain control). The force is the sum over the hooks
+    of an edge, a stress that force over the nominal section.
 
     Parameters
     ----------
     material : GOH or CheckedMaterial
+        On hooks GOH.
     mounting_stretch : (float, float)
         Stretch of the mounted relative to the unloaded state.
     total_stretch, measured_stretch : float or (float, float)
@@ -112,8 +120,15 @@ def virtual_specimen(
         Unloaded dimensions, whatever the geometry of the machine is.
     test : {"biaxial", "strip x", "strip y"}
         Kind of test; across a strip neither stretch nor load is recorded.
+    hooks : Hooks, optional
+        Hooks that hold the specimen, in finite elements (needs scikit-fem); else it is homogeneous.
+    elements : int
+        Elements along an edge.
+    serendipity : bool
+        Elements of eight nodes instead of nine.
     **record
-        ``name``, ``machine``, ``seed``, ``labels`` and ``source`` of :func:`record_tests`.
+        ``name`` and ``seed``; ``machine``, a :class:`Machine`; ``labels``, with ``layer``,
+        ``axis_x`` and ``axis_y``; ``source``, the origin of the material.
 
     Returns
     -------
@@ -122,10 +137,27 @@ def virtual_specimen(
     Raises
     ------
     ValueError
-        If the stretches or ratios do not define a test.
+        If the stretches or ratios do not define a test, or the hooks do not fit.
+    InputError
+        If scikit-fem is not installed.
+    NotConverged
+        If no equilibrium on hooks can be computed, however small the increments.
     """
     dimensions = dimensions or Dimensions()
     largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
+    if hooks is not None:
+        if test != "biaxial" or not isinstance(material, GOH):
+            raise ValueError("hooks hold a square of GOH")
+        edges = (dimensions.edge_x_mm, dimensions.edge_y_mm)
+        sheet = Sheet(*edges, elements=elements, serendipity=serendipity)
+        tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
+        start = tester.mount(mounting_stretch)
+        hooked = {
+            label: tester.stretch_to(start, stretch, increments=increments)
+            for label, stretch in largest.items()
+        }
+        grips = {"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE}
+        return _recorded(hooked, material, mounting_stretch, dimensions, grips=grips, **record)
     tests = {
         label: virtual_test(
             material,
@@ -140,75 +172,7 @@ def virtual_specimen(
     first = next(iter(tests.values()))
     # of a strip, with the width that follows
     mounted = (float(first.total_x[0]), float(first.total_y[0]))
-    return record_tests(
-        tests, material, mounting_stretch=mounted, dimensions=dimensions, test=test, **record
-    )
-
-
-def hooked_specimen(
-    material: GOH,
-    *,
-    mounting_stretch: tuple[float, float],
-    total_stretch: Stretch | None = None,
-    measured_stretch: Stretch | None = None,
-    ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
-    increments: int = 100,
-    dimensions: Dimensions | None = None,
-    hooks: Hooks | None = None,
-    elements: int = 20,
-    serendipity: bool = False,
-    **record: Any,
-) -> tuple[Specimen, Truth]:
-    """Test a specimen held by hooks, in finite elements (needs scikit-fem).
-
-    Stretches, the mounting stretch included, are those of the central region, which four markers
-    report; the carriages are driven so that the markers reach them (strain control). The force is
-    the sum over the hooks of an edge. The record states the nominal dimensions, so a stress
-    taken from it is the force over the nominal section.
-
-    Parameters
-    ----------
-    hooks : Hooks, optional
-        Five hooks per edge by default.
-    elements : int
-        Elements along an edge.
-    serendipity : bool
-        Elements of eight nodes instead of nine.
-    material, mounting_stretch, total_stretch, measured_stretch, ratios, increments, dimensions, \
-**record
-        As in :func:`virtual_specimen`.
-
-    Returns
-    -------
-    Specimen, Truth
-
-    Raises
-    ------
-    ValueError
-        If the stretches or ratios do not define a test, or the hooks do not fit.
-    InputError
-        If scikit-fem is not installed.
-    NotConverged
-        If no equilibrium can be computed, however small the increments.
-    """
-    dimensions, hooks = dimensions or Dimensions(), hooks or Hooks()
-    largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
-    edges = (dimensions.edge_x_mm, dimensions.edge_y_mm)
-    sheet = Sheet(*edges, elements=elements, serendipity=serendipity)
-    tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
-    mounted = tester.mount(mounting_stretch)
-    tests = {
-        label: tester.stretch_to(mounted, stretch, increments=increments)
-        for label, stretch in largest.items()
-    }
-    return record_tests(
-        tests,
-        material,
-        mounting_stretch=mounting_stretch,
-        dimensions=dimensions,
-        grips={"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE},
-        **record,
-    )
+    return _recorded(tests, material, mounted, dimensions, test=test, **record)
 
 
 STARTS = 400
@@ -318,10 +282,10 @@ def _largest_stretches(
     """Largest measured stretch (x, y) of every protocol, by its label such as ``1:0.5``."""
     if (total_stretch is None) == (measured_stretch is None):
         raise ValueError("give one of total_stretch and measured_stretch")
-    if total_stretch is None:
-        largest = np.ones(2) * np.asarray(measured_stretch, dtype=float)
-    else:
-        largest = np.ones(2) * np.asarray(total_stretch, dtype=float) / np.asarray(mounting_stretch)
+    given = measured_stretch if total_stretch is None else total_stretch
+    largest = np.ones(2) * np.asarray(given, dtype=float)
+    if total_stretch is not None:
+        largest = largest / np.asarray(mounting_stretch)
     out = {}
     for x, y in ratios:
         if not (max(x, y) > 0.0 and min(x, y) >= 0.0 and math.isfinite(x + y)):
@@ -337,43 +301,50 @@ def _largest_stretches(
 # --- the record and the true values --------------------------------------------------------------
 
 
-def record_tests(
+def _recorded(
     tests: Mapping[str, VirtualTest | SheetTest],
     material: MaterialResponse,
-    *,
-    name: str,
     mounting_stretch: tuple[float, float],
     dimensions: Dimensions,
+    *,
+    name: str,
+    seed: int,
     test: str = "biaxial",
     machine: Machine | None = None,
-    seed: int,
-    labels: Mapping[str, str] | None = None,
+    labels: Mapping[str, Any] | None = None,
     source: str = "",
-    grips: Mapping[str, float] | None = None,
+    grips: dict[str, float] | None = None,
 ) -> tuple[Specimen, Truth]:
-    """Record error-free tests (first row: the mounted state) with the errors of a machine.
-
-    `dimensions` are unloaded, whatever `machine.geometry` is.
-    """
-    machine, labels = machine or Machine(), labels or {}
+    """Record error-free tests (first row: the mounted state) with the errors of a machine."""
+    machine = machine or Machine()
     nominal = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
     # N per unit of the record
     divisor = np.ones(2) if machine.stress_pair == "force" else nominal.area
     # One header value stands for both directions; sections differ by the mounting stretch only.
-    noise = machine.noise_N / float(np.sqrt(divisor.prod()))
-    rng, axes = np.random.default_rng(seed), experiment_of(test).axes
-    protocols, disturbed = _record(tests, machine, divisor, noise, rng, axes)
+    noise_sd = machine.noise_N / float(np.sqrt(divisor.prod()))
+    rng, across = np.random.default_rng(seed), ~np.isin([0, 1], experiment_of(test).axes)
+    protocols, disturbed = [], {}
+    for label, ideal in tests.items():
+        # twelve digits, to avoid 1.0020000000000002 in the file
+        stretch = np.round(np.column_stack([ideal.measured_x, ideal.measured_y]), 12)
+        force = np.column_stack([ideal.force_x_N, ideal.force_y_N])
+        force = _with_misfit(force, machine.misfit, machine.misfit_length, rng)
+        noise = machine.noise_N * rng.standard_normal(force.shape)
+        load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
+        load = _rounded(load, (noise_sd, noise_sd))
+        stretch[:, across], load[:, across] = np.nan, 0.0
+        protocol = label if len(tests) > 1 else "1"
+        protocols.append(Protocol(protocol, *stretch.T, *load.T))
+        disturbed[protocol] = tuple((force[0] / divisor).tolist())
     specimen = Specimen(
         name,
-        protocols,
+        tuple(protocols),
         machine.stress_pair,
         machine.geometry,
         **asdict(nominal),
-        load_noise=noise or None,
+        load_noise=noise_sd or None,
         test=test,
-        layer=labels.get("layer"),
-        axis_x=labels.get("axis_x"),
-        axis_y=labels.get("axis_y"),
+        **(labels or {}),
     )
     # f0_k = A0_k P_k(theta, lm)
     mounting = np.array(material.piola(*mounting_stretch)) * dimensions.area
@@ -393,7 +364,7 @@ def record_tests(
         misfit_length=machine.misfit_length,
         seed=seed,
         source=source,
-        grips=None if grips is None else dict(grips),
+        grips=grips,
     )
     return specimen, truth
 
@@ -406,37 +377,6 @@ def _material_values(material: MaterialResponse) -> dict[str, float | bool | str
     values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
     switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
     return {"law": law.name, **values, **switch}
-
-
-def _record(
-    tests: Mapping[str, VirtualTest | SheetTest],
-    machine: Machine,
-    divisor: np.ndarray,
-    noise_sd: float,
-    rng: np.random.Generator,
-    axes: tuple[int, ...],
-) -> tuple[tuple[Protocol, ...], dict[str, tuple[float, float]]]:
-    """Protocols with the readings of a machine, and loads at the mounted state before noise.
-
-    ``divisor`` is N per unit of the record, ``noise_sd`` the noise in that unit, ``axes`` are the
-    directions that the machine reads.
-    """
-    protocols, disturbed = [], {}
-    for label, test in tests.items():
-        # twelve digits, to avoid 1.0020000000000002 in the file
-        stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
-        force = np.column_stack([test.force_x_N, test.force_y_N])
-        force = _with_misfit(force, machine.misfit, machine.misfit_length, rng)
-        noise = machine.noise_N * rng.standard_normal(force.shape)
-        load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
-        load = _rounded(load, (noise_sd, noise_sd))
-        across = ~np.isin([0, 1], axes)
-        stretch[:, across], load[:, across] = np.nan, 0.0
-        name = label if len(tests) > 1 else "1"
-        protocols.append(Protocol(name, *stretch.T, *load.T))
-        x, y = (force[0] / divisor).tolist()
-        disturbed[name] = (x, y)
-    return tuple(protocols), disturbed
 
 
 def _with_misfit(

@@ -49,14 +49,15 @@ def read_in_child(path: Path, reader: Reader) -> dict[str, Worksheet]:
     if "sheets" in answer:
         return {name: Worksheet(**sheet) for name, sheet in answer["sheets"].items()}
     problem, remedy = answer["problem"], answer["remedy"]
+    if answer["kind"] == "MemoryError":
+        raise too_large
     if answer["kind"] == "ImportError":
         problem = f"is a {reader.kind}, and {reader.package} is not installed"
-        remedy = f"pip install 'biaxbayes[tables]', or {reader.without}"
-    elif answer["kind"] == "MemoryError":
-        raise too_large
+        remedy = "pip install 'biaxbayes[tables]', or save the table as CSV"
     elif answer["kind"] != "InputError":
         # a damaged file fails in many ways
-        problem, remedy = f"is not a readable {reader.kind} ({answer['kind']})", reader.damaged
+        problem = f"is not a readable {reader.kind} ({answer['kind']})"
+        remedy = "save it again, or the table as CSV"
     raise InputError(problem, file=path, remedy=remedy)
 
 
@@ -64,9 +65,8 @@ def _answer(module: str, path: Path) -> dict[str, object]:
     """What the child prints: the sheets, or why there are none."""
     try:
         sheets = import_module(f"biaxbayes.tables.{module}").sheets(path)
-        cells = sum(len(row) for sheet in sheets.values() for row in sheet.rows)
-        letters = sum(len(c) for s in sheets.values() for row in s.rows for c in row)
-        if cells > MAX_CELLS or letters > MAX_LETTERS:
+        letters = [len(cell) for s in sheets.values() for row in s.rows for cell in row]
+        if len(letters) > MAX_CELLS or sum(letters) > MAX_LETTERS:
             raise MemoryError
         return {"sheets": {name: asdict(sheet) for name, sheet in sheets.items()}}
     except InputError as error:
@@ -77,15 +77,10 @@ def _answer(module: str, path: Path) -> dict[str, object]:
         return {"kind": kind.__name__, "problem": "", "remedy": None}
 
 
-def _limit_memory() -> None:
-    """Limit the memory and the time of this process."""
-    with contextlib.suppress(ImportError, OSError, ValueError):  # not every platform can
+if __name__ == "__main__":
+    with contextlib.suppress(ImportError, OSError, ValueError):  # not every platform can limit
         import resource
 
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
-
-
-if __name__ == "__main__":
-    _limit_memory()
     json.dump(_answer(sys.argv[1], Path(sys.argv[2])), sys.stdout)

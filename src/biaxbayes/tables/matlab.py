@@ -22,7 +22,7 @@ TOP = "variables"
 
 
 def sheets(path: Path) -> dict[str, Worksheet]:
-    """Numeric variables of a file as sheets."""
+    """Numeric variables of a file, those of each struct and length as a sheet."""
     with path.open("rb") as file:
         first = file.read(10)
     if first.startswith(b"PK"):
@@ -41,13 +41,6 @@ def sheets(path: Path) -> dict[str, Worksheet]:
         if array.ndim == 2:
             columns = {f"{name}_{i}": column for i, column in enumerate(array.T, start=1)}
         groups.setdefault((sheet, len(array)), {}).update(columns)
-    return _sheets(groups, path)
-
-
-def _sheets(
-    groups: Mapping[tuple[str, int], Mapping[str, np.ndarray]], path: Path
-) -> dict[str, Worksheet]:
-    """A sheet for the arrays of each struct and length."""
     groups = {key: columns for key, columns in groups.items() if len(columns) > 1}
     if not groups:
         remedy = "a MATLAB table or timetable: save it with writetable(T, 'name.csv')"
@@ -69,10 +62,8 @@ def _arrays(sheet: str, name: str, value: Any) -> Iterator[tuple[str, str, np.nd
             yield from _arrays(path, key, item)
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for number, item in enumerate(np.asarray(value, dtype=object).flat, start=1):
-            if isinstance(item, Mapping):
-                yield from _arrays(f"{path}({number})", "", item)
-            else:
-                yield from _arrays(f"{path}({number})", name, item)
+            of_item = "" if isinstance(item, Mapping) else name
+            yield from _arrays(f"{path}({number})", of_item, item)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
         array = np.squeeze(value)
         if array.ndim in (1, 2) and array.size and max(array.shape) >= LEAST_ROWS:

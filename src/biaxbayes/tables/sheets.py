@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 from biaxbayes.errors import InputError, printable
-from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, without_empty_end
+from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of, without_empty_end
 
 MAX_WORKBOOK_BYTES = 64_000_000
 MAX_ROWS = 500_000
@@ -42,27 +41,17 @@ class Worksheet:
 
 
 class Reader(NamedTuple):
-    """A module of this package that reads a format, and the words of its refusals."""
+    """A module of this package that reads a kind of file, by an installed package."""
 
     module: str
     kind: str
-    damaged: str  # what to do with a damaged file
     package: str
-    without: str  # what to do without the package
 
 
-WORKBOOK = Reader(
-    "workbook",
-    "workbook",
-    "save it again as .xlsx, or as CSV",
-    "python-calamine",
-    "save the sheet as CSV",
-)
-MATLAB = Reader(
-    "matlab", "MATLAB file", "save it again, or write the table as CSV", "h5py", "write it as CSV"
-)
-TDMS = Reader("tdms", "LabVIEW TDMS file", "export it as CSV", "npTDMS", "export it as CSV")
-NUMPY = Reader("matlab", "NumPy file", "save it again, or write the table as CSV", "numpy", "")
+WORKBOOK = Reader("workbook", "workbook", "python-calamine")
+MATLAB = Reader("matlab", "MATLAB file", "h5py")
+TDMS = Reader("tdms", "LabVIEW TDMS file", "npTDMS")
+NUMPY = Reader("matlab", "NumPy file", "numpy")
 READERS = {
     b"\xd0\xcf\x11\xe0": WORKBOOK,
     b"MATLAB 5.0 MAT-file": MATLAB,
@@ -138,7 +127,7 @@ def _text_sheet(raw: bytes, path: Path) -> Worksheet:
     if separator != ",":
         sheet.notes.append(f"columns separated by {SEPARATORS[separator]}")
     cut = "\t" if separator == " " else separator
-    for number, cells in _rows(lines, cut, path):
+    for number, cells in rows_of(lines, path, separator=cut, in_cell=LINES_OF_A_CELL):
         if cells and cells[0].startswith("#"):
             first = cells[0].lstrip("#").strip()
             if not sheet.rows:
@@ -147,23 +136,6 @@ def _text_sheet(raw: bytes, path: Path) -> Worksheet:
             sheet.rows.append(cells)
             sheet.lines.append(number)
     return sheet
-
-
-def _rows(lines: Sequence[str], separator: str, path: Path) -> Iterator[tuple[int, list[str]]]:
-    """First line and cells of each row; a quoted cell may have a few line breaks."""
-    reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, skipinitialspace=True)
-    number = 0
-    try:
-        for cells in reader:
-            if reader.line_num > number + LINES_OF_A_CELL:
-                raise csv.Error("a quotation mark is not closed")
-            yield number + 1, cells
-            number = reader.line_num
-    except csv.Error as error:
-        remedy = "look for a stray quotation mark"
-        raise InputError(
-            f"not a row of a table: {error}", file=path, row=number + 1, remedy=remedy
-        ) from None
 
 
 def _decoded(raw: bytes, path: Path) -> tuple[str, str]:

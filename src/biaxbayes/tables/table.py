@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,8 +17,8 @@ from biaxbayes.tables.units import Unit, split_units, stem_of, unit_named, unkno
 from biaxbayes.text_files import (
     DECIMAL_COMMA,
     DECIMAL_POINT,
-    bad_cell,
     cell_fault,
+    first_few,
     is_number,
     number_in,
     one_line,
@@ -57,9 +56,19 @@ class Table:
     @property
     def listing(self) -> str:
         """The column names in one line, for messages."""
-        shown = ", ".join(self.names[:SHOWN_COLUMNS])
-        more = len(self.names) - SHOWN_COLUMNS
-        return f"columns are {shown}" + (f" and {more} more" if more > 0 else "")
+        return f"columns are {first_few(self.names, SHOWN_COLUMNS)}"
+
+    def error(
+        self, problem: str, remedy: str, *, column: int | None = None, row: int | None = None
+    ) -> InputError:
+        """An error of the table, at a column and a row of it."""
+        return InputError(
+            problem,
+            file=self.path,
+            row=None if row is None else int(self.lines[row]),
+            column=None if column is None else self.names[column],
+            remedy=remedy,
+        )
 
     def column(self, wanted: str) -> int:
         """Index of the only column of a name, or of a position such as ``#3``."""
@@ -74,8 +83,8 @@ class Table:
                 numbers = " and ".join(str(i + 1) for i in matches)
                 problem = f"column {wanted[:60]!r} is ambiguous: columns {numbers} have this name"
                 remedy = f"give it by position, as #{matches[0] + 1}; {self.listing}"
-                raise InputError(problem, file=self.path, remedy=remedy)
-        raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
+                raise self.error(problem, remedy)
+        raise self.error(f"no column {wanted[:60]!r}", self.listing)
 
     def has_column(self, name: str) -> bool:
         """True if :meth:`column` gives a column."""
@@ -91,7 +100,7 @@ class Table:
         if len(matches) > 1:
             names = " and ".join(self.names[i] for i in matches)
             problem = f"{names} are ambiguous: each could be {stem}"
-            raise InputError(problem, file=self.path, remedy=f"rename one; {self.listing}")
+            raise self.error(problem, f"rename one; {self.listing}")
         return matches[0] if matches else None
 
     def units(self, index: int) -> list[Unit]:
@@ -110,7 +119,7 @@ class Table:
             if first.quantity == second.quantity and first.factor != second.factor:
                 problem = f"{self.names[index]!r} has two units, {first.name} and {second.name}"
                 remedy = "give the right one after a colon in `columns`, or rename the column"
-                raise InputError(problem, file=self.path, column=self.names[index], remedy=remedy)
+                raise self.error(problem, remedy, column=index)
         return units[0] if units else None
 
     def unknown_unit(self, index: int) -> str:
@@ -123,30 +132,18 @@ class Table:
         cells = self.columns[index]
         return [cell.strip() for cell in (cells if rows is None else [cells[i] for i in rows])]
 
-    def is_numeric(self, index: int) -> bool:
-        """True if all cells of a column are numbers."""
-        try:
-            self.numbers(index)
-        except InputError:
-            return False
-        return True
-
     def numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
         """Numbers of a column, of all rows or of some; any other cell is refused."""
         values = self.sparse_numbers(index, rows)
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
-            at = int(missing[0]) if rows is None else int(rows[missing[0]])
-            cell = self.columns[index][at]
-            raise bad_cell(cell, self.path, int(self.lines[at]), self.names[index])
+            at = missing[0] if rows is None else rows[missing[0]]
+            raise self.error(*cell_fault(self.columns[index][at]), column=index, row=at)
         return values
 
     def values(self, index: int, rows: np.ndarray) -> np.ndarray:
-        """Numbers of a column: of some rows, where any other cell is refused, NaN elsewhere."""
-        values = np.full(self.rows, np.nan)
-        for row in np.setdiff1d(np.arange(self.rows), rows).tolist():
-            with contextlib.suppress(InputError):
-                values[row] = self.sparse_numbers(index, np.array([row]))[0]
+        """Numbers of a column; NaN for any other cell, which is refused in some rows."""
+        values = self.sparse_numbers(index, texts=True)
         values[rows] = self.numbers(index, rows)
         return values
 
@@ -166,8 +163,10 @@ class Table:
             labels[row] = filled = label or filled
         return labels
 
-    def sparse_numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
-        """Numbers of a column, NaN where a reading is missing."""
+    def sparse_numbers(
+        self, index: int, rows: np.ndarray | None = None, *, texts: bool = False
+    ) -> np.ndarray:
+        """Numbers of a column, NaN where a reading is missing and, with `texts`, for a text."""
         values = []
         for at, cell in enumerate(self.text(index, rows)):
             plain = cell
@@ -177,9 +176,9 @@ class Table:
             try:
                 values.append(number_in(plain))
             except ValueError:
-                if cell.lower() not in MISSING:
-                    row = int(self.lines[at if rows is None else rows[at]])
-                    raise bad_cell(cell, self.path, row, self.names[index]) from None
+                if not texts and cell.lower() not in MISSING:
+                    row = at if rows is None else rows[at]
+                    raise self.error(*cell_fault(cell), column=index, row=row) from None
                 values.append(np.nan)
         return np.array(values)
 
@@ -191,31 +190,23 @@ class Table:
         at = np.flatnonzero(lacks.any(axis=0))
         if not at.size or (drop and at.size < rows.size):
             return rows[at]
-        where = f"row{'s' * (at.size > 1)} {in_lines(self.lines[rows[at]], shown=20)}"
-        column = indices[int(np.argmax(lacks[:, at[0]]))]
-        mend = "remove the rows"
-        problem = f"{at.size} of {rows.size} rows lack a reading (the cell is empty or not a "
-        problem += f"finite number): {where}"
+        first, column = rows[at[0]], indices[int(np.argmax(lacks[:, at[0]]))]
         if at.size in (1, rows.size):
-            problem, mend = cell_fault(self.columns[column][int(rows[at[0]])])
-        raise InputError(
-            problem,
-            file=self.path,
-            row=int(self.lines[rows[at[0]]]),
-            column=self.names[column],
-            remedy=f"{mend}, or {remedy}",
-        )
+            problem, mend = cell_fault(self.columns[column][first])
+        else:
+            problem = f"{at.size} of {rows.size} rows lack a reading (the cell is empty or not a "
+            problem += f"finite number): rows {in_lines(self.lines[rows[at]], shown=20)}"
+            mend = "remove the rows"
+        raise self.error(problem, f"{mend}, or {remedy}", column=column, row=first)
 
     def without(self, rows: np.ndarray, *notes: str) -> Table:
         """The table without some rows."""
         kept = np.setdiff1d(np.arange(self.rows), rows)
-        columns = tuple([cells[i] for i in kept.tolist()] for cells in self.columns)
-        hidden = np.flatnonzero(np.isin(kept, self.hidden))
         return replace(
             self,
-            columns=columns,
+            columns=tuple([cells[i] for i in kept.tolist()] for cells in self.columns),
             lines=self.lines[kept],
-            hidden=hidden,
+            hidden=np.flatnonzero(np.isin(kept, self.hidden)),
             notes=(*self.notes, *notes),
         )
 
@@ -243,16 +234,13 @@ def read_tables(
     `sheets` selects by name, or ``all``; `hidden` is what to do with hidden rows, keep or drop.
     """
     available = read_sheets(path)
+    listing = f"sheets are {', '.join(available)[:300]}"
     wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
     if sheets and "" in available:
         raise InputError("is text and has no sheets", file=path, remedy="leave out `sheets`")
     for name in wanted:
         if name not in available:
-            raise InputError(
-                f"no sheet {name[:40]!r}",
-                file=path,
-                remedy=f"sheets are {', '.join(available)[:300]}",
-            )
+            raise InputError(f"no sheet {name[:40]!r}", file=path, remedy=listing)
         if wanted.count(name) > 1:
             raise InputError(f"sheet {name[:40]!r} is given twice", file=path, remedy="keep one")
     tables: dict[str, Table] = {}
@@ -268,9 +256,7 @@ def read_tables(
                 ) from None
             others[name] = error.problem
     if not tables:
-        raise InputError(
-            "no sheet holds a table", file=path, remedy=f"sheets are {', '.join(available)[:300]}"
-        )
+        raise InputError("no sheet holds a table", file=path, remedy=listing)
     if len(tables) > 1 and not sheets:
         gives = {f"sheets={name}": f"{t.rows} rows; {t.listing}" for name, t in tables.items()}
         gives[f"sheets={ALL_SHEETS}"] = "each a protocol"

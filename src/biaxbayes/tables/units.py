@@ -22,7 +22,10 @@ class Unit:
     factor: float
 
 
+STRAINS = ("stretch", "engineering", "green", "log", "almansi")
+"""Kinds of strain, the stretch itself among them."""
 GRAVITY = 9.80665
+MM = {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3, "inch": 25.4}
 FACTORS: dict[str, dict[str, float]] = {
     "force": {
         "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 1e-3 * GRAVITY, "kgf": GRAVITY,
@@ -35,18 +38,11 @@ FACTORS: dict[str, dict[str, float]] = {
         "psi": 6.894757293168, "bar": 100.0, "mbar": 0.1, "mmHg": 0.133322387415,
         "cmH2O": 1e-2 * GRAVITY,
     },
-    "length": {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3, "inch": 25.4, "px": 1.0},
-    "displacement": {
-        "displacement_mm": 1.0, "displacement_um": 1e-3, "displacement_cm": 10.0,
-        "displacement_m": 1e3, "displacement_inch": 25.4,
-    },
+    "length": {**MM, "px": 1.0},
+    "displacement": {f"displacement_{name}": factor for name, factor in MM.items()},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "fraction": {"percent": 0.01, "permille": 1e-3, "microstrain": 1e-6, "mm/mm": 1.0},
-    "stretch": {"stretch": 1.0, "stretch_percent": 0.01},
-    "engineering": {"engineering": 1.0, "engineering_percent": 0.01},
-    "green": {"green": 1.0, "green_percent": 0.01},
-    "log": {"log": 1.0, "log_percent": 0.01},
-    "almansi": {"almansi": 1.0, "almansi_percent": 0.01},
+    **{kind: {kind: 1.0, f"{kind}_percent": 0.01} for kind in STRAINS},
     # Units that a column may have, but that cannot be converted; named in errors.
     "membrane tension": {"N/m": 1.0, "N/mm": 1e3, "N/cm": 100.0, "mN/mm": 1.0, "gf/cm": GRAVITY},
     "angle": {"deg": 1.0, "rad": 57.29577951308232},
@@ -151,8 +147,6 @@ def words_of(column: str) -> list[str]:
 
 # --- kinds of strain ------------------------------------------------------------------------------
 
-STRAINS = ("stretch", "engineering", "green", "log", "almansi")
-"""Kinds of strain, the stretch itself among them."""
 STRAIN_CHOICES = units_of(*STRAINS)
 KIND_WORDS = {
     "stretch": r"\w*stretch\w*|[xy]?(lambda|lam)([xy12]{1,2})?|\w*λ\w*|f11|f22|fxx|fyy|lx|ly",

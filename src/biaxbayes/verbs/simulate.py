@@ -139,11 +139,7 @@ def simulate(
 def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
-    from biaxbayes.specimens.virtual_specimen import (
-        hooked_specimen,
-        virtual_specimen,
-        virtual_tube,
-    )
+    from biaxbayes.specimens.virtual_specimen import virtual_specimen, virtual_tube
 
     material, published = _material(test)
     _check_options(test, material)
@@ -162,19 +158,17 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
             if test.test == "tube":
                 tube = Tube(0.5 * test.outer_diameter, thickness, 2.0 * test.opening_angle)
                 specimen, truth = virtual_tube(material, tube, **common, **_inflation(test))
-            elif test.hooks:
-                common |= _stretching(test, published, thickness)
-                hooks = Hooks(count=test.hooks)
-                specimen, truth = hooked_specimen(material, **common, hooks=hooks)
-                keys = {
-                    "grips": f"hooks {hooks.count}",
-                    "grip_inset_mm": hooks.inset_mm,
-                    "grip_width_mm": 2.0 * hooks.radius_mm,
-                }
             else:
                 common |= _stretching(test, published, thickness)
-                specimen, truth = virtual_specimen(material, **common, test=test.test)
+                hooks = Hooks(count=test.hooks) if test.hooks else None
+                specimen, truth = virtual_specimen(material, **common, test=test.test, hooks=hooks)
                 keys = {"grips": NO_GRIPS} if test.test == "biaxial" else {}
+                if hooks is not None:
+                    keys = {
+                        "grips": f"hooks {hooks.count}",
+                        "grip_inset_mm": hooks.inset_mm,
+                        "grip_width_mm": 2.0 * hooks.radius_mm,
+                    }
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
     specimen = replace(specimen, metadata={**specimen.metadata, **keys})
