@@ -1,7 +1,5 @@
 """Tables of strips and tubes: the readings that they were made from come back, or it is asked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -41,9 +39,6 @@ def inflated(axial, around=None):
     around = np.linspace(1.0, 1.3, 40) if around is None else around
     stretch = np.column_stack([around, np.full(around.size, axial)])
     return stretch, readings(ARTERY, stretch, MATERIAL)
-
-
-# --- strips ---------------------------------------------------------------------------------------
 
 
 def test_a_strip_comes_back_from_displacement_and_force(tmp_path, capsys):
@@ -108,15 +103,6 @@ def test_a_strip_has_no_load_across_it(tmp_path, capsys):
     assert "force_y_N is not read from a strip x test" in err
     _, _, err = convert(capsys, path, "force_x_N=force_x_N", "--test", "strip x")
     assert "forces need edge_y_mm, thickness_mm, geometry" in err
-
-
-def test_kinds_of_test_are_of_generic_tables(tmp_path, capsys):
-    path = table(tmp_path, "stretch_x,force_x_N", *np.ones((2, 20)))
-    with pytest.raises(InputError, match="--test is for"):
-        biaxbayes.convert(path, machine="biotester", test="strip x")
-
-
-# --- tubes ----------------------------------------------------------------------------------------
 
 
 def test_a_tube_comes_back_from_a_table_of_other_units(tmp_path, capsys):
