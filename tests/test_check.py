@@ -1,7 +1,5 @@
 """What ``check`` says of a specimen: each warning where it belongs, and none where it does not."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -21,25 +19,14 @@ MEDIA = GOH(C1_kPa=14.0, k1_kPa=140.0, k2=11.9, alpha_deg=38.4, kappa=0.21)
 
 
 def protocol(
-    name: str = "1",
-    ratio: tuple[float, float] = (1.0, 1.0),
-    *,
-    noise: float = 0.05,
-    prestretch: tuple[float, float] = (1.02, 1.03),
-    seed: int = 0,
-    increments: int = 100,
+    name="1", ratio=(1.0, 1.0), *, noise=0.05, prestretch=(1.02, 1.03), seed=0
 ) -> Protocol:
     """A virtual test recorded as first Piola-Kirchhoff stress with a noisy load cell."""
     test = virtual_test(
-        MEDIA,
-        mounting_stretch=prestretch,
-        measured_stretch=1.18,
-        ratio=ratio,
-        increments=increments,
+        MEDIA, mounting_stretch=prestretch, measured_stretch=1.18, ratio=ratio, increments=100
     )
-    rng = np.random.default_rng(seed)
     load = np.column_stack([test.piola_x_kPa, test.piola_y_kPa])
-    load += rng.normal(0.0, noise, load.shape) if noise else 0.0
+    load += np.random.default_rng(seed).normal(0.0, noise, load.shape)
     return Protocol(name, test.measured_x, test.measured_y, *load.T)
 
 
@@ -85,32 +72,12 @@ def test_mounting_forces_that_differ():
     assert ", in x by up to " in differs.message and " and in y by up to " in differs.message
 
 
-def test_drift_of_the_reference():
-    p, q = GOOD.protocols
-    (warning,) = check_specimen(specimen(p, replace(q, reference=(1.0, 1.011))))
-    assert (warning.code, warning.severity) == ("stretch-drift", "warning")
-    assert "from 1.0000 (1:1) to 1.0110 (1:0.5) in y" in warning.message
-    assert "# reference: common" in warning.message
-    far = replace(q, reference=(1.0, 1.03))
-    (error,) = check_specimen(specimen(p, far))
-    assert (error.code, error.severity) == ("stretch-drift", "error")
-    (warning,) = check_specimen(specimen(p, far, reference="each protocol"))
-    assert (warning.code, warning.severity) == ("stretch-drift", "warning")
-
-
 def test_unloading():
     p = GOOD.protocols[1]
     there = np.r_[np.arange(101), np.arange(100, 40, -1)]
-    both = replace(
-        p,
-        stretch_x=p.stretch_x[there],
-        stretch_y=p.stretch_y[there],
-        load_x=p.load_x[there],
-        load_y=p.load_y[there],
-    )
+    both = Protocol(p.name, *p.stretch[there].T, *p.recorded_load[there].T)
     (result,) = check_specimen(specimen(both))
-    assert result.code == "unloading"
-    assert "row 101 of 161" in result.message
+    assert result.code == "unloading" and "row 101 of 161" in result.message
 
 
 def test_a_jump_and_a_cut_last_number():
@@ -152,14 +119,6 @@ def test_units():
         assert sum(words in message for message in messages) == 1
 
 
-def test_noise_that_is_not_that_of_the_rows():
-    p = GOOD.protocols[0]
-    result = check_specimen(Specimen("a", (p,), "piola", load_noise=1.0))
-    assert "noise-differs" in {f.code for f in result}
-    clean = Specimen("a", (protocol(noise=0.0),), "piola")
-    assert "no-noise" not in codes(Specimen("a", (clean.protocols[0],), "piola", load_noise=0.05))
-
-
 def test_stiff_start_is_more_than_a_soft_matrix_does():
     # A neo-Hookean matrix is concave by itself: no warning.
     soft = GOH(C1_kPa=30.0, k1_kPa=0.0, k2=1.0, alpha_deg=0.0, kappa=0.0)
@@ -182,32 +141,6 @@ def test_one_direction():
     assert "one-direction" not in codes(specimen(same, GOOD.protocols[1]))
 
 
-def test_origin():
-    subject = specimen(
-        *GOOD.protocols,
-        metadata={
-            "largest_shear": 0.036,
-            "largest_shear_angle_deg": 0.4,
-            "cycle": "10 of 10",
-            "branch": "unloading",
-        },
-    )
-    result = {f.code: f for f in check_specimen(subject)}
-    assert "up to 0.036" in result["shear"].message and result["shear"].severity == "warning"
-    assert result["cycle"].severity == "note" and "10 of 10" in result["cycle"].message
-    assert result["branch"].severity == "warning"
-
-
-def test_resampled_loads():
-    load = np.linspace(1.0, 50.0, 60)
-    stretch = 1.0 + 0.2 * np.sqrt((load - 1.0) / 49.0)
-    even = Protocol("1", stretch, 1.0 + 0.5 * (stretch - 1.0), load, 0.5 * load)
-    assert "resampled" in codes(specimen(even))
-
-
-# --- branches ---------------------------------------------------------------------------------
-
-
 def test_a_record_that_only_rises_keeps_every_row():
     rng = np.random.default_rng(1)
     t = np.linspace(0.0, 1.0, 300)
@@ -220,20 +153,15 @@ def test_a_record_that_only_rises_keeps_every_row():
     assert cycle.loading[0] == 0 and cycle.loading[-1] > 290
 
 
-# --- GOH ---------------------------------------------------------------------------------------
-
-
 def test_goh_describes_its_own_specimen_and_not_another_law():
     result = misfit_finding(GOOD, quick_fit(GOOD))
     assert result.severity == "note" and result.message.startswith("GOH misses this record by ")
     # Two directions that know nothing of each other: no GOH material does that.
     t = np.linspace(0.0, 1.0, 60)
-    odd = [
-        Protocol(
-            f"{a}:{b}", 1 + 0.3 * a * t, 1 + 0.6 * b * t, 1 + 80 * t**6, 1 + 60 * t ** (1 + 5 * b)
-        )
-        for a, b in ((1.0, 1.0), (1.0, 0.3), (0.3, 1.0))
-    ]
+    odd = []
+    for a, b in ((1.0, 1.0), (1.0, 0.3), (0.3, 1.0)):
+        load = 1 + 80 * t**6, 1 + 60 * t ** (1 + 5 * b)
+        odd.append(Protocol(f"{a}:{b}", 1 + 0.3 * a * t, 1 + 0.6 * b * t, *load))
     result = misfit_finding(specimen(*odd), quick_fit(specimen(*odd)))
     assert result.severity == "warning"
     assert "does not describe this specimen" in result.message
@@ -245,25 +173,12 @@ def test_check_and_a_run_say_the_same_of_a_misfit(media_run):
     assert media_run.result.fit == said.partition(";")[0]
 
 
-# --- the command ------------------------------------------------------------------------------
-
-
 def test_the_text_holds_what_was_understood(tmp_path, capsys):
-    subject = specimen(
-        *GOOD.protocols, layer="media", edge_x_mm=20.0, edge_y_mm=18.0, thickness_mm=1.35
-    )
-    write_specimen(subject, tmp_path / "a.csv")
+    size = {"edge_x_mm": 20.0, "edge_y_mm": 18.0, "thickness_mm": 1.35}
+    write_specimen(specimen(*GOOD.protocols, layer="media", **size), tmp_path / "a.csv")
     code, out, err = run(capsys, "check", str(tmp_path / "a.csv"))
     assert (code, err) == (0, "")
-    for words in (
-        "virtual, media",
-        "20 x 18 mm, 1.35 mm thick",
-        "1:0.5",
-        "202 rows in 2 protocols",
-        "no warnings",
-        "GOH misses this record by 0.047 kPa",
-        "0.05 kPa, stated",
-    ):
+    for words in ("20 x 18 mm, 1.35 mm", "1:0.5", "202 rows in 2 protocols", "0.047 kPa"):
         assert words in out
     assert max(map(len, out.splitlines())) <= 100
 
@@ -285,7 +200,5 @@ def test_figure(tmp_path, capsys):
     words = ("check", tmp_path / "a.csv", "--no-fit", "--figure")
     for ending, head in (("png", b"\x89PNG"), ("pdf", b"%PDF-"), ("svg", b"<?xml")):
         path = tmp_path / f"b.{ending}"
-        code, out, _ = run(capsys, *words, path)
-        assert code == 0 and str(path) in out and path.read_bytes().startswith(head)
-    err = refused(capsys, *words, "b.doc")
-    assert "'.doc'" in err and ".pdf, .png or .svg" in err and not Path("b.doc").exists()
+        assert run(capsys, *words, path)[0] == 0 and path.read_bytes().startswith(head)
+    assert "'.doc'" in refused(capsys, *words, "b.doc") and not Path("b.doc").exists()

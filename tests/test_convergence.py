@@ -55,13 +55,6 @@ def test_autocorrelation_time_is_that_of_the_process(rho):
     assert autocorrelation_time(1e6 + 3 * x) == pytest.approx(autocorrelation_time(x), rel=1e-6)
 
 
-def test_effective_size_of_short_chains_is_that_of_the_process():
-    """25 autocorrelation times; ArviZ cuts walkers in halves, which makes the time longer."""
-    result = [assess({"a": ar1(0.905, (4, 512, 64), seed)}, target_ess=1) for seed in range(4)]
-    tau = 1.905 / 0.095
-    assert np.mean([c.tau[0] for c in result]) == pytest.approx(tau, rel=0.15)
-
-
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_effective_sizes_agree_with_arviz(rho):
     x = ar1(rho)
@@ -85,12 +78,6 @@ def test_rhat_is_the_published_one_of_ensembles(shift, stretch):
     assert assess({"a": x}, target_ess=100).rhat[0] == split_rhat(x)
 
 
-def test_rhat_sees_a_drift_within_every_ensemble():
-    x = ar1(0.3) + np.linspace(0, 0.6, SHAPE[1])[:, None]
-    assert split_rhat(x) > 1.01
-    assert assess({"a": x}, target_ess=100).state != "converged"
-
-
 def test_coverage_of_intervals_of_the_mean_is_what_the_effective_size_promises():
     hits = 0
     for seed in range(200):
@@ -98,17 +85,6 @@ def test_coverage_of_intervals_of_the_mean_is_what_the_effective_size_promises()
         error = x.std() / np.sqrt(effective_sample_size(x))
         hits += abs(x.mean()) < 1.96 * error
     assert 180 <= hits <= 199  # 95 % of 200, within binomial error
-
-
-# --- states ----------------------------------------------------------------------------------
-
-
-def test_independent_draws_are_reliable():
-    x = np.random.default_rng(1).standard_normal(SHAPE)
-    c = assess({"a": x, "fixed": np.full(SHAPE, 3.0)}, target_ess=2000)
-    assert (c.state, c.reason) == ("converged", "")
-    assert c.names == ("a",)
-    assert c.worst_ess > 2000 and c.worst_rhat < 1.01
 
 
 def test_too_few_draws_are_tentative_and_say_so():
@@ -153,19 +129,11 @@ def test_walkers_stuck_in_a_tail_are_noticed(steps, stuck):
     assert assess({"a": x}, target_ess=2000).state != "converged"
 
 
-def test_scale_differences_between_ensembles_are_seen():
-    x = np.random.default_rng(5).standard_normal(SHAPE)
-    x[1] *= 1.6
-    c = assess({"a": x}, target_ess=100)
-    assert c.state != "converged" and c.reason.startswith("R-hat")
-
-
 def test_nothing_moving_or_nothing_there_is_unusable():
-    still = np.broadcast_to(np.random.default_rng(6).standard_normal((4, 1, 32)), SHAPE).copy()
-    assert assess({"a": still}, target_ess=100).state == "unusable"
-    assert assess({"a": np.ones(SHAPE)}, target_ess=100).state == "unusable"
-    one = np.random.default_rng(7).standard_normal((4, 1, 32))
-    assert assess({"a": one}, target_ess=100).state == "unusable"
+    rng = np.random.default_rng(6)
+    still = np.broadcast_to(rng.standard_normal((4, 1, 32)), SHAPE).copy()
+    for draws in (still, np.ones(SHAPE), rng.standard_normal((4, 1, 32))):
+        assert assess({"a": draws}, target_ess=100).state == "unusable"
     assert split_rhat(np.repeat(np.arange(4.0)[:, None, None], 10, axis=1)) == np.inf
 
 
