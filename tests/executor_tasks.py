@@ -1,7 +1,5 @@
 """Tasks for executors, where worker processes can import them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

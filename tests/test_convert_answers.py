@@ -13,6 +13,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.account import account
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.tables.question import Question
+from virtual_biotester import biotester_export
 
 SIZE = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
 RATIOS = {"1:1": (1.0, 1.0), "1:0.5": (1.0, 0.5), "0.5:1": (0.5, 1.0)}
@@ -469,3 +470,14 @@ def test_rows_before_the_rise_are_left_out(tmp_path):
     result = read(path)
     assert is_made_of(result, table)
     assert "4  in no cycle:" in "\n".join(account(result))
+
+
+def test_a_loading_branch_below_its_start_is_refused(tmp_path):
+    lines = biotester_export(cycles=2).text().splitlines()
+    falling = [k for k, line in enumerate(lines) if ",1-Recover" in line][:20]
+    for k in falling:
+        lines[k] = lines[k].replace("1-Recover", "2-Stretch")
+    path = tmp_path / "raw.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match="of the state that it starts from; give the lines"):
+        biaxbayes.convert(path, machine="biotester", cycles=2, branch="loading", header=SIZE)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 import biaxbayes
 import quick_posteriors
 from biaxbayes.errors import InputError, Interrupted
-from biaxbayes.machines.generic import parse_columns
 from biaxbayes.options import SamplingPlan
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import manifest
@@ -76,15 +75,6 @@ def test_a_protocol_that_the_run_does_not_have(capsys, small_run, tmp_path):
     assert run(capsys, *arguments, own[0])[0] == 0
 
 
-def test_an_angle_in_radians(capsys, tmp_path):
-    path = tmp_path / "made.csv"
-    write_specimen(MADE, path)
-    arguments = ("fit", path, "--method", "zeroed", "--fix")
-    assert "write alpha=34.38" in run(capsys, *arguments, "alpha=0.6")[2]
-    for sound in ("alpha=41", "alpha=0", "kappa=0.1"):
-        assert "radians" not in run(capsys, *arguments, sound)[2]
-
-
 @pytest.mark.parametrize(("typed", "meant"), [("sampel", "sample"), ("Simulate", "simulate")])
 def test_did_you_mean(capsys, typed, meant):
     assert f"did you mean {meant}?" in refused(capsys, typed, "x.csv")
@@ -107,14 +97,6 @@ def test_a_name_with_another_unit_says_how_to_scale(capsys, tmp_path, typed, mea
     assert meant in refused(capsys, "check", path)
 
 
-def test_a_target_of_convert_with_another_unit():
-    with pytest.raises(InputError, match="write force_x_N=Fx:mN;"):
-        parse_columns(["force_x_mN=Fx"])
-
-
-# --- --mounting-force of a tared file: checked before the work, with the option named ---
-
-FORCE = (0.0158, 0.0126)
 TARED = biaxbayes.simulate(material="donor2-media", noise_N=0.0006)[0].zeroed()
 
 

@@ -1,9 +1,4 @@
-"""The smooth misfit of a law: its likelihood, what readings say of it, its draws from the prior.
-
-The covariances are those of the second implementation, ``plain_posterior``.
-"""
-
-from __future__ import annotations
+"""The smooth misfit of a law against the covariances of the second implementation."""
 
 import numpy as np
 import pytest
@@ -14,7 +9,6 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.model import misfit
 from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import start_parameters
 from plain_posterior import AMPLITUDES, Places, amplitude_weights, correlations
 from plain_posterior import NOISE as NOISE_FACTORS
 from quick_posteriors import exact_specimen
@@ -93,9 +87,6 @@ def residuals(model: SmoothMisfit, n: int, seed: int = 1) -> np.ndarray:
     return np.array(out)
 
 
-# --- the likelihood ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("toe", [0.4, 0.05, 0.0])
 @pytest.mark.parametrize("protocols", [1, 3])
 def test_the_likelihood_is_a_mean_of_multivariate_normals(protocols, toe):
@@ -106,22 +97,6 @@ def test_the_likelihood_is_a_mean_of_multivariate_normals(protocols, toe):
         for weight, covariance, *_ in hypotheses(model, model.points)
     ]
     np.testing.assert_allclose(model.log_likelihood(r), logsumexp(logs, axis=0), rtol=1e-8)
-
-
-def test_without_a_misfit_to_speak_of_the_readings_are_independent():
-    """Where the smooth loads are nothing, noise is all there is, of one of four sizes."""
-    points = curves()
-    nothing = CurvePoints(
-        points.protocol, points.axis, points.path, points.plane, 0 * points.load, 0 * points.peak
-    )
-    sd = np.full(len(points.path), NOISE)
-    model = SmoothMisfit(nothing, np.eye(len(sd)), sd, protocols=2)
-    r = NOISE * np.random.default_rng(1).standard_normal((4, len(sd)))
-    logs = [
-        np.log(share) + multivariate_normal(cov=np.diag((factor * sd) ** 2)).logpdf(r)
-        for factor, share in NOISE_FACTORS
-    ]
-    np.testing.assert_allclose(model.log_likelihood(r), logsumexp(logs, axis=0), rtol=1e-10)
 
 
 def test_eigenvectors_that_are_left_out_change_next_to_nothing(monkeypatch):
@@ -137,19 +112,6 @@ def test_eigenvectors_that_are_left_out_change_next_to_nothing(monkeypatch):
     # sd of (1 - z^2) / 2 times e over at most n vectors; amplitudes are below 0.1, two prior sd
     e, n = 0.1 * (0.1 / 0.4) ** 2, len(model.noise_sd)
     assert np.abs(difference).max() < 5.0 * e * np.sqrt(n / 2.0)
-
-
-# --- structure and amplitude, given the readings -------------------------------------------------
-
-
-def test_the_amplitude_is_found_on_average():
-    """The mean over data of the posterior mean is the prior mean, whatever the model says."""
-    model = made(2, 8)
-    r = residuals(model, 1500)
-    found = np.array([model.amplitude(one[None]) for one in r])
-    expected = amplitude_weights() @ AMPLITUDES
-    assert abs(found.mean() - expected) < 4.0 * found.std() / np.sqrt(len(r))
-    assert found.std() > 0.3 * expected  # and it is found, not the prior repeated
 
 
 @pytest.mark.parametrize("index", [1, 4, 7])
@@ -172,18 +134,11 @@ def test_what_is_chosen_given_readings_of_the_model_follows_the_prior():
     number = np.arange(len(weight))
     amplitudes = len(AMPLITUDES)
     noises = len(NOISE_FACTORS)
-    for key in (
-        number % amplitudes,
-        number // amplitudes % noises,
-        number // amplitudes // noises,
-    ):
+    for key in (number % amplitudes, number // amplitudes % noises, number // amplitudes // noises):
         expected = np.bincount(key, weight)
         share = np.bincount(key[chosen], minlength=len(expected)) / len(r)
         error = np.sqrt(expected * (1.0 - expected) / len(r))
         assert np.abs((share - expected) / error).max() < 4.5
-
-
-# --- the misfit given the readings ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize("others", [False, True])
@@ -203,16 +158,6 @@ def test_the_misfit_given_readings_is_the_conditional_normal(protocols, others):
         np.testing.assert_allclose(sd[i] ** 2, left, rtol=1e-6, atol=1e-10)
 
 
-def test_readings_without_noise_fix_the_misfit_where_they_are():
-    points = curves()
-    model = SmoothMisfit(points, np.eye(len(points.path)), np.full(len(points.path), 1e-7))
-    # structures with short lengths: all readings are free to differ
-    r = 1e-3 * np.random.default_rng(5).standard_normal((3, len(points.path)))
-    mean, sd = model.given(r, np.zeros(3, dtype=int), points)
-    np.testing.assert_allclose(mean, r, atol=1e-6)
-    assert sd.max() < 1e-6
-
-
 def test_on_a_path_that_was_not_tested_one_protocol_tells_the_toe_alone():
     """Its structures end with the path: without a toe the prior remains."""
     model, at = made(1, toe=0.0), curves(1, 4, first=0.1, others=True)
@@ -227,9 +172,6 @@ def test_on_a_path_that_was_not_tested_one_protocol_tells_the_toe_alone():
     mean, sd = model.given(r, chosen, at)
     prior = [np.diag(list(hypotheses(model, at))[c][3]) for c in chosen]
     assert mean.any() and (sd**2 < np.array(prior)).all()
-
-
-# --- draws from the prior ------------------------------------------------------------------------
 
 
 def test_draws_have_the_covariance_of_the_prior():
@@ -247,9 +189,6 @@ def test_draws_have_the_covariance_of_the_prior():
     assert np.abs(drawn.mean(axis=0) / (drawn.std(axis=0) / np.sqrt(len(drawn)))).max() < 4.5
 
 
-# --- places on the paths of a specimen -----------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def posterior():
     ratios = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
@@ -265,14 +204,6 @@ def test_a_path_along_a_protocol_has_its_places(posterior):
         own = own.take(np.r_[5 : p.rows, p.rows + 5 : 2 * p.rows])
         for name, values in vars(along).items():
             np.testing.assert_allclose(values, getattr(own, name), atol=1e-3, err_msg=name)
-
-
-def test_a_path_beside_the_protocols_is_no_protocols(posterior):
-    beside = 1.0 + np.linspace(0.0, 0.15, 9)[:, None] * [1.0, 0.75]
-    points = posterior.paths.path(beside)
-    assert set(points.protocol) == {-1}
-    assert points.path[0] == 0.0 and (np.diff(points.path[:9]) > 0.0).all()
-    np.testing.assert_allclose(points.plane[:9], points.plane[9:])
 
 
 def test_loads_of_the_fit_are_where_a_misfit_is_relative_to(posterior):
@@ -297,11 +228,3 @@ def test_readings_are_means_of_neighbouring_rows(posterior):
         weight = readings.weight[2 + 42 * i : 23 + 42 * i]
         assert weight.sum() == len(load) and set(weight) == {1.0, 2.0}
         np.testing.assert_allclose(own @ weight, load.sum(axis=0), rtol=1e-12)
-
-
-def test_residuals_are_readings_less_loads(posterior):
-    values = start_parameters(posterior)
-    natural = posterior.natural(posterior.coordinates(values))
-    r = posterior.residuals(natural)
-    inside = posterior.evaluate(posterior.assembly.problem, posterior.coordinates(values))[2]
-    np.testing.assert_allclose(r, inside.residual, rtol=1e-7, atol=1e-10)

@@ -1,8 +1,4 @@
-"""What stretches are relative to: each protocol's own start, or one state for all; file and array.
-
-Records are computed here from the material's own stress, with the mounting stretch that the model
-has to find, so that a wrong reference shows as a wrong parameter.
-"""
+"""What stretches are relative to: a wrong reference of a computed record is a wrong parameter."""
 
 from dataclasses import replace
 
@@ -35,14 +31,11 @@ def record(starts, ends=ENDS, pair="force", geometry="unloaded", state=(1.0, 1.0
         piola = np.column_stack(MATERIAL.cauchy(*total.T)) / total  # of the unloaded section
         section = EDGES[[1, 0]] * EDGES[2] * 1e-3
         mounted = section / MOUNTING  # N per kPa over the mounted section
-        load = {
-            ("force", "unloaded"): piola * section,
-            ("force", "mounted"): piola * section,
-            ("piola", "unloaded"): piola,
-            ("piola", "mounted"): piola * section / mounted,
-            ("cauchy", "mounted"): piola * section / mounted * stretch * state,
-            ("cauchy", "unloaded"): piola * stretch * state,
-        }[pair, geometry]
+        load = piola * section
+        if pair != "force":  # over the section that was measured
+            load = load / (mounted if geometry == "mounted" else section)
+        if pair == "cauchy":
+            load = load * stretch * state
         out[name] = stretch * state, load
     return out
 
@@ -263,11 +256,6 @@ def test_forces_clipped_at_zero_are_named(shift):
     assert "clipped" not in codes(coarse)
 
 
-def test_a_load_cell_at_its_limit_is_named():
-    top = {n: (s, np.minimum(f, 0.8 * f.max())) for n, (s, f) in noisy().items()}
-    assert "at its limit" in codes(top)["clipped"].message
-
-
 @pytest.mark.parametrize("digits", [None, 4, 5])
 @pytest.mark.parametrize("rest", [1, 12])
 @pytest.mark.parametrize("by", ["first row", "rows at rest"])
@@ -282,8 +270,7 @@ def test_forces_tared_before_export_are_recognised(digits, rest, by, tmp_path):
         rows[name] = s, f if digits is None else np.round(f, digits)
     specimen = in_memory(rows, "force", header("force", "unloaded"))
     assert specimen.is_tared
-    (result,) = (f for f in check_specimen(specimen) if f.code == "tared")
-    assert "before it was exported" in result.message
+    assert "tared" in {f.code for f in check_specimen(specimen)}
     with pytest.raises(InputError, match="tared"):
         sample(specimen, out=tmp_path / "run")
     assert not in_memory(noisy(), "force", header("force", "unloaded")).is_tared
@@ -301,15 +288,6 @@ def test_a_load_cell_that_counts_tension_negative_is_named_with_its_column(turne
         assert f"multiply the column {column} by -1" in finding.message
 
 
-def test_a_uniaxial_strip_is_refused_as_such(tmp_path):
-    rows = {n: (s, f * [1.0, 0.0]) for n, (s, f) in record(APART[:1] * 3).items()}
-    path = written(tmp_path / "s.csv", rows, "force", header("force", "unloaded"))
-    with pytest.raises(InputError, match=r"column force_y_N: every value is zero.*# test: strip"):
-        read_specimen(path)
-    with pytest.raises(InputError, match=r"load_y.*every value is zero.*# test: strip"):
-        check_specimen(in_memory(rows, "force", header("force", "unloaded")))
-
-
 def test_a_cauchy_record_whose_nominal_stress_is_zero_at_rest_is_tared():
     """Rows at rest whose stretches scatter: the mean of the stresses as written is not zero."""
     rng = np.random.default_rng(5)
@@ -321,18 +299,3 @@ def test_a_cauchy_record_whose_nominal_stress_is_zero_at_rest_is_tared():
     protocols = tuple(replace(p, rest_rows=3) for p in specimen.protocols)
     specimen = replace(specimen, protocols=protocols)
     assert specimen.zeroed().is_tared and not specimen.is_tared
-
-
-def test_the_free_direction_of_a_strip_is_not_called_tared():
-    """A pair of strips with the transverse stretches measured is taken as two protocols."""
-    along = np.linspace(1.0, 1.2, 30)
-    zero, load = np.zeros(30), 0.02 + 0.3 * (along - 1.0) ** 2
-    strips = (
-        Protocol("strip x", along, along**-0.6, load, zero),
-        Protocol("strip y", along**-0.6, along, zero, load),
-    )
-    pair = Specimen("strips", strips, "force", "unloaded", 10.0, 10.0, 1.0, load_noise=0.001)
-    assert not pair.is_tared
-    assert "tared" not in {f.code for f in check_specimen(pair)}
-    per_strip = Posterior(pair, mounting_stretch="per-protocol", noise="independent")
-    assert {"mounting_force_x[strip x]", "mounting_force_y[strip x]"} <= set(per_strip.free)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.laws.published import MATERIALS
 from biaxbayes.specimens.specimen_file import read_specimen
 from commands import exit_code
 
@@ -14,20 +13,6 @@ from commands import exit_code
 def simulate(*arguments):
     """Exit code of the command."""
     return exit_code("simulate", *arguments)
-
-
-def test_a_table6_row_with_its_published_conditions(tmp_path, capsys):
-    out = tmp_path / "media.csv"
-    assert simulate("--material", "donor2-media", "--noise-N", "0.0006", "--out", out) == 0
-    specimen = read_specimen(out)
-    p = specimen.protocols[0]
-    assert (specimen.name, specimen.thickness_mm, specimen.load_noise) == ("media", 0.88, 0.0006)
-    assert p.rows == 101
-    assert p.stretch_x[-1] == 1.2
-    truth = json.loads((tmp_path / "media.truth.json").read_text())["media"]
-    assert truth["mounting_stretch_y"] == 1.010
-    assert truth["material"]["C1_kPa"] == MATERIALS["donor2-media"].material.C1_kPa
-    assert "media.truth.json" in capsys.readouterr().out
 
 
 def test_five_numbers_several_protocols_and_the_seed(tmp_path):
@@ -121,15 +106,3 @@ def test_existing_files_are_kept(tmp_path, capsys):
     assert simulate("--material", "donor2", "--out", tmp_path / "no" / "x.csv") == 2
     assert simulate("--material", "donor2", "--out", tmp_path) == 2
     assert simulate("--material", "donor2") == 2
-
-
-def test_the_names_are_listed(capsys):
-    assert simulate("--material", "list") == 0
-    listed = capsys.readouterr().out
-    assert all(name in listed for name in MATERIALS)
-
-
-def test_without_prestretch_a_file_looks_tared(tmp_path, capsys):
-    arguments = ("--material", "weisbecker-media", "--prestretch", 1, 1, "--total-stretch", 1.1)
-    assert simulate(*arguments, "--out", tmp_path / "x.csv") == 0
-    assert "tared" in capsys.readouterr().err
