@@ -6,8 +6,6 @@ import io
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,18 +45,6 @@ def test_scripts_and_studies_that_pages_name_are_there():
     named = set(re.findall(r"scripts/study\.py (\w+)", text))
     assert len(named) >= 6
     assert named <= study.studies().keys()
-
-
-def test_a_study_says_what_it_is_and_its_help_names_it():
-    listed = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "study.py"], capture_output=True, text=True, check=True
-    )
-    names = [line.split()[0] for line in listed.stdout.splitlines()]
-    assert names == list(study.studies()) and "crashes" in names and "page" not in names
-    unknown = [sys.executable, ROOT / "scripts" / "study.py", "nothing"]
-    assert subprocess.run(unknown, capture_output=True).returncode == 2
-    for name, path in study.studies().items():
-        assert f"scripts/study.py {name}" in text_of(path), name
 
 
 def test_the_reference_of_the_command_line_is_current():

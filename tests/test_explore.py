@@ -109,14 +109,6 @@ def test_curves_of_a_run_with_a_misfit_are_those_of_the_law(media_run, page):
     np.testing.assert_allclose(np.sort(curve["median"]), np.sort(law), rtol=1e-5)
 
 
-def test_offline_and_small(page, hostile_run):
-    for page in (page, report_text(hostile_run, "explore")):
-        assert len(page.encode()) <= 4_000_000
-        assert "Content-Security-Policy\" content=\"default-src 'none'" in page
-        assert "<script src" not in page and '<link rel="stylesheet"' not in page
-        assert 500 <= len(draws_of(page)["opacity"]) <= 1000
-
-
 def test_what_is_fixed_has_neither_panels_nor_a_prior(small_run):
     page = explore_page(small_run.posterior(), small_run.draws, "converged")
     assert not {"kappa", "axis kappa"} & set(draws_of(page))

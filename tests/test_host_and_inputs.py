@@ -1,9 +1,7 @@
 """What a caller's settings, closed streams and arguments of a wrong kind may not do."""
 
-import os
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -28,18 +26,6 @@ def test_numpy_that_raises_in_the_caller_raises_nowhere_here(tmp_path):
         biaxbayes.predict(run, stretch=1.1, anyway=True)
         biaxbayes.report(run)
         assert np.geterr()["under"] == "raise"
-
-
-def test_arviz_reads_into_memory_and_closes_the_file(run):
-    before = list(warnings.filters)
-    tree = run.arviz
-    (run.path / "posterior.nc").unlink()
-    assert np.isfinite(tree["posterior"]["C1"].to_numpy()).all()
-    assert not [f for f in warnings.filters if f not in before and "decode" in str(f[1])]
-    handles = Path("/proc/self/fd")
-    if handles.is_dir():
-        names = [os.fspath(h.readlink()) for h in handles.iterdir() if h.is_symlink()]
-        assert not [n for n in names if "posterior.nc" in n]
 
 
 @pytest.mark.parametrize(
