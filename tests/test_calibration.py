@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import binomtest, kstest, norm
+from scipy.stats import binom, binomtest, kstest, norm
 
 from biaxbayes.calibration.calibration import Calibration, replicate
 from biaxbayes.calibration.ranks import (
@@ -59,6 +59,21 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
     amount = {"seed": 3, "ess": 200, "max_steps": 384, "population": 1024}
     priors = protocol_prior(specimen, Settings(**given))
     return Calibration(specimen, given, priors, broken=broken, **amount)
+
+
+def test_two_thresholds_are_a_multinomial():
+    n, level = 12, 0.2
+    total = 0.0
+    z = [1 / 3, 2 / 3]
+
+    def inside(count: int, at: float) -> bool:
+        return 2.0 * min(binom.cdf(count, n, at), binom.sf(count - 1, n, at)) > level
+
+    for a in range(n + 1):
+        for b in range(n + 1 - a):
+            if inside(a, z[0]) and inside(a + b, z[1]):
+                total += binom.pmf(a, n, 1 / 3) * binom.pmf(b, n - a, 1 / 2)
+    assert probability_inside(n, 2, level) == pytest.approx(total, rel=1e-12)
 
 
 # --- ranks and bands ---

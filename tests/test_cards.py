@@ -297,6 +297,33 @@ def test_a_card_that_fails_its_check_is_removed(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_orientation_of_the_geometry_is_honoured():
+    """Axes swapped: what was stress in x is stress in y."""
+    text = write_abaqus(card(), "1.0").replace("1., 0., 0., 0., 1., 0.", "0., 1., 0., -1., 0., 0.")
+    x, y = biaxial_stress(read_abaqus(text).energy, 1.2, 1.2)
+    assert (y[0], x[0]) == pytest.approx(HAND, rel=1e-11)
+    text = write_febio(card(), "1.0").replace("1,0,0", "0,2,0").replace("0,1,0", "-1,1,0", 1)
+    x, y = biaxial_stress(read_febio(text).energy, 1.2, 1.2)
+    assert (y[0], x[0]) == pytest.approx(HAND, rel=1e-11)
+
+
+def test_bulk_modulus_limits_the_change_of_volume(tmp_path):
+    """Free thickness instead of the incompressible limit, ratio 1000: J - 1 is about p / K."""
+    frame = draws(1).assign(C1=14.0, k1=140.0, k2=11.9, alpha=38.4, kappa=0.21)
+    manifest = export_cards(frame, specimen(), GOH_LAW, [0], tmp_path, program="febio")
+    energy = read_febio((tmp_path / manifest["file"][0]).read_text()).energy
+    lz, h = 1.0 / (1.18 * 1.18), 1e-30
+    for _ in range(40):  # Newton for s_zz = 0, slope by differences of complex steps
+        slopes = []
+        for z in (lz, lz * (1.0 + 1e-7)):
+            F = np.diag([1.18, 1.18, z]).astype(complex)[None]
+            F[0, 2, 2] += 1j * h
+            slopes.append(energy(F)[0].imag / h)
+        lz -= slopes[0] / ((slopes[1] - slopes[0]) / (lz * 1e-7))
+    assert abs(1.18 * 1.18 * lz - 1.0) < 2e-3
+    assert abs(1.18 * 1.18 * lz - 1.0) > 1e-5
+
+
 # --- edges of the parameters ---
 
 

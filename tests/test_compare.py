@@ -9,11 +9,12 @@ from biaxbayes.comparison.compare import ComparedRun, compare, differing_setting
 from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.figures.comparisons import forest_figure
-from biaxbayes.identifiability.determined import Derived
+from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Tie
+from goh_functions import GOH_LAW
 from made_up import SOFT, STIFF
 from quick_posteriors import EQUIBIAXIAL, sampled, small_specimen, specimen
 from readable import assert_readable
@@ -67,6 +68,21 @@ def test_materials_of_the_priors_are_independent_draws_of_them():
     ranks = result[["C1", "k2", "alpha"]].rank().corr().to_numpy()
     # four standard errors of a correlation of 4,096 pairs
     assert np.abs(ranks - np.eye(3)).max() < 4.0 / np.sqrt(len(result))
+
+
+def test_derived_quantities_are_the_materials_own():
+    columns = {"C1": 10.0, "k1": 40.0, "k2": 8.0, "alpha": 40.0, "kappa": 0.1}
+    draws = pd.DataFrame({k: [v, v] for k, v in columns.items()})
+    result = {d.key: d for d in derived_quantities(draws, GOH_LAW, [1.1], [1.0])}
+    assert result["cauchy_x at 1.1"].values == pytest.approx(SOFT.cauchy(1.1, 1.1)[0])
+    H = SOFT.structure_tensor()
+    assert [result[f"H{k}"].values[0] for k in "xyz"] == pytest.approx(H)
+    # d s_x / d ln l_x by central differences
+    h = 1e-5
+    ahead, behind = (SOFT.cauchy(np.exp(s * h), 1.0)[0] for s in (1.0, -1.0))
+    assert result["stiffness_x at 1"].values[0] == pytest.approx(
+        (ahead - behind) / (2 * h), rel=1e-6
+    )
 
 
 @pytest.fixture(scope="module")

@@ -60,6 +60,14 @@ def test_stacking_weights_are_those_of_an_optimiser():
         assert mixed > density.sum(axis=1).max() - models * np.log(1e3)
 
 
+def test_nothing_to_tell_apart_leaves_equal_weights():
+    same = np.tile(np.linspace(-3.0, 0.0, 20), (4, 1))
+    np.testing.assert_allclose(stacking_weights(same), 0.25)
+    # a reading that no model allows says nothing
+    barred = np.hstack([same, np.full((4, 1), -np.inf)])
+    np.testing.assert_allclose(stacking_weights(barred), 0.25)
+
+
 @pytest.fixture(scope="module")
 def two_laws():
     """Draws of GOH, and of the same with aligned fibres, that scatter in C1 alone."""
@@ -186,6 +194,25 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(g
     assert table["left_out_rms_kPa"][STACKED] == pytest.approx(rms, rel=1e-9)
     assert set(judged.draws["law"]) == {"goh", "hgo"}
     assert len(judged.bands) == mixture["readings"].sum()
+
+
+def test_weights_of_the_other_parts_alone_and_of_none():
+    specimen, result = predicted()
+    judged = weigh_laws(specimen, result, ["goh", "hgo"])
+    # of the first part, by the weights that the other two alone give
+    others = np.array(
+        [
+            np.concatenate([norm.logpdf(miss, 0.0, SD).ravel() for miss, _ in missed[1:]])
+            for missed in (misses(specimen, 60.0, 0.1), misses(specimen, 63.0, 0.0))
+        ]
+    )
+    expected = stacking_weights(others)
+    mixture = judged.parts[judged.parts["law"] == STACKED].set_index("part")
+    first = np.concatenate([m.ravel() for m, _ in misses(specimen, 60.0, 0.1)[:1]])
+    second = np.concatenate([m.ravel() for m, _ in misses(specimen, 63.0, 0.0)[:1]])
+    density = np.log(expected @ np.exp(norm.logpdf([first, second], 0.0, SD))).sum()
+    name = specimen.protocols[0].name
+    assert mixture["left_out_density_nats"][name] == pytest.approx(density, rel=1e-9)
 
 
 @pytest.mark.parametrize("protocols", [1, 3])

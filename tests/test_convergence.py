@@ -55,6 +55,13 @@ def test_autocorrelation_time_is_that_of_the_process(rho):
     assert autocorrelation_time(1e6 + 3 * x) == pytest.approx(autocorrelation_time(x), rel=1e-6)
 
 
+def test_effective_size_of_short_chains_is_that_of_the_process():
+    """25 autocorrelation times; ArviZ cuts walkers in halves, which makes the time longer."""
+    result = [assess({"a": ar1(0.905, (4, 512, 64), seed)}, target_ess=1) for seed in range(4)]
+    tau = 1.905 / 0.095
+    assert np.mean([c.tau[0] for c in result]) == pytest.approx(tau, rel=0.15)
+
+
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_effective_sizes_agree_with_arviz(rho):
     x = ar1(rho)

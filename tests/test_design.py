@@ -60,6 +60,18 @@ def test_histology_agrees_with_the_exact_gaussian_answer(accuracy):
     assert result.gain_error < 0.1
 
 
+def test_two_readings_agree_with_the_exact_gaussian_answer():
+    draws, covariance = _gaussian()
+    scaled = pd.DataFrame({"alpha": draws["alpha"], "kappa": 100.0 * draws["kappa"]})
+    covariance = covariance * np.outer([1.0, 100.0], [1.0, 100.0])
+    reading = Reading("both", ("alpha", "kappa"), 3.0)
+    quantities = {n: scaled[n].to_numpy() for n in scaled}
+    result = expect(reading, scaled, quantities, np.random.default_rng(2), outcomes=400)
+    after = np.linalg.inv(np.linalg.inv(covariance) + np.eye(2) / 9.0)
+    exact = 1.0 - np.sqrt(np.diag(after) / np.diag(covariance))
+    assert np.all(np.abs(result.reduction - exact) < 4.0 * result.error + 0.005)
+
+
 @pytest.fixture(scope="module")
 def run():
     data = specimen(MATERIAL, ratios=EQUIBIAXIAL, increments=15)

@@ -144,6 +144,19 @@ def test_regions_reach_the_edge_and_hold_their_share():
     assert ends.min() == pytest.approx(7.854, abs=0.2)
 
 
+def test_narrow_ridge_stays_narrow():
+    rng = np.random.default_rng(6)
+    a = 100.0 + rng.standard_normal(20_000)
+    b = a + 0.05 * rng.standard_normal(20_000)
+    ax = panel(corner_figure(pd.DataFrame({"C1": a, "k1": b})), 1, 0)
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    x, y = np.meshgrid(np.linspace(low, high, 700), np.linspace(bottom, top, 700))
+    share = inside(ax, 0.9, np.column_stack([x.ravel(), y.ravel()])).mean()
+    area = share * (high - low) * (top - bottom)
+    # Area of the 90 % ellipse: pi * 4.605 * sqrt(det covariance)
+    assert 0.9 * np.pi * 4.605 * 0.05 < area < 1.9 * np.pi * 4.605 * 0.05
+
+
 def test_the_interval_of_a_panel_is_that_of_the_table_at_an_edge_too():
     """Central, with the digits of report.csv, though kappa lies against its end."""
     rng = np.random.default_rng(1)

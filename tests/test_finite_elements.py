@@ -61,6 +61,15 @@ def test_work_at_the_hooks_is_the_energy_in_the_sheet():
     assert work == pytest.approx(4.0 * quarter * THICKNESS * 1e-3, rel=1e-5)
 
 
+def test_directions_are_treated_equally():
+    along = hooked(GOH(5.0, 20.0, 5.0, 20.0, 0.1), elements=6)
+    across = hooked(GOH(5.0, 20.0, 5.0, 70.0, 0.1), elements=6)
+    a = along.stretch_to(along.mount((1.02, 1.01)), (1.1, 1.06), increments=3)
+    b = across.stretch_to(across.mount((1.01, 1.02)), (1.06, 1.1), increments=3)
+    np.testing.assert_allclose(a.force_x_N, b.force_y_N, rtol=1e-8)
+    np.testing.assert_allclose(a.grip_y, b.grip_x, rtol=1e-8)
+
+
 def test_markers_reach_the_stretch_and_hooks_carry_less_than_uniform_edges():
     tester = hooked(MEDIA)
     test = tester.stretch_to(tester.mount((1.009, 1.010)), (1.2, 1.2), increments=10)
@@ -141,6 +150,25 @@ def test_stress_and_tangent_are_derivatives(material, F):
             np.testing.assert_allclose(P[k, L], dW, atol=1e-13 * np.abs(P).max())
             np.testing.assert_allclose(A[:, :, k, L], dP, atol=1e-13 * np.abs(A).max())
     np.testing.assert_allclose(A, A.transpose(2, 3, 0, 1, 4), atol=1e-13 * np.abs(A).max())
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+def test_without_shear_it_is_the_closed_form(material):
+    lx, ly = np.array([0.9, 1.1, 1.2]), np.array([1.0, 0.95, 1.25])
+    F = np.zeros((2, 2, 3))
+    F[0, 0], F[1, 1] = lx, ly
+    P = membrane_stress(material, F)
+    np.testing.assert_allclose([P[0, 0], P[1, 1]], material.piola(lx, ly), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose([P[0, 1], P[1, 0]], 0.0, atol=1e-12)
+
+
+def test_rotation_costs_no_energy(F):
+    c, s = np.cos(0.4), np.sin(0.4)
+    rotated = np.einsum("ij,jKn->iKn", np.array([[c, -s], [s, c]]), F)
+    for material in MATERIALS:
+        np.testing.assert_allclose(
+            membrane_energy(material, rotated), membrane_energy(material, F), rtol=1e-10
+        )
 
 
 @pytest.mark.parametrize(("material", "top"), [(MEDIA, 1.2), (WEISBECKER, 1.12)])

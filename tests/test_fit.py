@@ -21,7 +21,15 @@ from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from commands import exit_code, refused, run
-from goh_functions import GOH_LAW, LOWER, UPPER, cauchy_stress, coordinates_of, stress_response
+from goh_functions import (
+    GOH_LAW,
+    LOWER,
+    UPPER,
+    cauchy_stress,
+    coordinates_of,
+    material_at,
+    stress_response,
+)
 from readable import assert_readable
 
 PRESTRETCHES = (1.005, 1.02)
@@ -167,6 +175,19 @@ def test_stress_response_against_complex_step(fibre_switch):
             step[i] *= 1 + 1j * h
             expected = stress(point, step).imag / h
             np.testing.assert_allclose(got.by_log_stretch[:, i], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_stress_response_is_regular_at_90_degrees():
+    # In alpha the derivative vanishes there; in cos^2 alpha it does not.
+    point = coordinates_of(GOH(5.0, 20.0, 8.0, 90.0, 0.1))
+    assert point[3] == 0.0 and material_at(point).alpha_deg == 90.0
+    stretch = np.array([[1.1], [1.2]])
+    near = point.copy()
+    near[3] = 1e-7
+    slope = (stress_response(near, stretch).stress - stress_response(point, stretch).stress) / 1e-7
+    np.testing.assert_allclose(
+        stress_response(point, stretch).by_fit_coordinate[:, 3], slope, rtol=1e-4
+    )
 
 
 PAIRS = [("unloaded", "force"), ("mounted", "cauchy")]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from biaxbayes.error_model import log_likelihood, simulate
+from biaxbayes.error_model import log_likelihood, simulate, standard_cdf, standard_quantile
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
@@ -85,3 +85,9 @@ def test_likelihood_and_simulation_are_those_of_normal_errors():
     error = readings - LOAD
     assert np.all(np.abs(error.mean(axis=0)) < 5.0 * sd / np.sqrt(20_000))
     np.testing.assert_allclose(error.std(axis=0), sd, rtol=5.0 / np.sqrt(2 * 20_000))
+
+
+def test_bands_and_checks_use_the_same_distribution():
+    z = np.linspace(-3.0, 3.0, 7)
+    np.testing.assert_allclose(standard_cdf(z), norm.cdf(z), rtol=1e-12)
+    np.testing.assert_allclose(standard_quantile(norm.cdf(z)), z, rtol=1e-9, atol=1e-12)

@@ -59,6 +59,16 @@ def test_fibre_switch_drops_compressed_fibres_and_nothing_else():
     )
 
 
+def test_structure_tensor_has_unit_trace_and_turns_with_the_axes():
+    rng = np.random.default_rng(2)
+    alpha, kappa = rng.uniform(0, np.pi / 2, 50), rng.uniform(0, 1 / 3, 50)
+    Hx, Hy, Hz = structure_tensor(np.cos(alpha) ** 2, kappa)
+    np.testing.assert_allclose(Hx + Hy + Hz, 1.0, rtol=1e-15)
+    np.testing.assert_allclose(
+        structure_tensor(np.sin(alpha) ** 2, kappa), (Hy, Hx, Hz), rtol=0, atol=1e-15
+    )
+
+
 def test_dispersion_in_and_out_of_plane_is_goh_at_another_angle():
     """The structure tensor of Holzapfel et al. 2015, Eq. 2.17, from its two directions."""
     rng, output = np.random.default_rng(8), 0

@@ -64,6 +64,24 @@ def test_means_and_effects_are_integrated_out(p, eta):
         assert result[c] - 2 * np.log(of.mean_sd).sum() == pytest.approx(known, rel=1e-9)
 
 
+def test_donors_of_other_counts_and_groups_of_other_spreads():
+    """Equal and unequal counts, a group that a donor lacks: by the covariance of the whole."""
+    rng = np.random.default_rng(3)
+    group = np.array([0, 0, 1, 0, 0, 1, 1, 0, 0])
+    donor = np.array([0, 0, 0, 1, 1, 1, 2, 3, 3])
+    scale = np.full(2, 0.5)
+    ends = np.full(2, -INF), np.full(2, INF)
+    scales = np.array([scale, scale])
+    of = Layout(group, donor, np.array([0, 1]), 4, 2, *ends, 2 * scale, scales, np.ones(2))
+    theta, sd = rng.standard_normal((1, 9, 2)), 0.3 + rng.random((1, 3, 2))
+    partial = np.array([[[0.6], [-0.4]]])
+    chains = common(of, theta, rng, sd=sd, partial=partial)
+    result = chains.log_marginal(chains.with_rejected(theta))[0]
+    first, second = (correlation_factors(partial[:, side], 2)[0] for side in (0, 1))
+    known = by_definition(of, theta[0], sd[0], [first, second, second])
+    assert result[0, 0] == pytest.approx(known, rel=1e-9)  # means have a prior sd of 1
+
+
 @pytest.mark.long
 def test_draws_of_the_whole_model_keep_its_prior():
     """Geweke's joint test, cut at both sides: values given spreads, spreads given values."""

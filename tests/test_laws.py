@@ -191,6 +191,16 @@ def test_energy_and_stress_without_an_exponent_are_its_limit(name, exponents):
     np.testing.assert_allclose(none.cauchy(1.2, 1.1), few.cauchy(1.2, 1.1), rtol=1e-5)
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_fung_holds_where_its_form_is_definite(sign):
+    law = law_named("fung")
+    for b_x, b_y in ((8.0, 5.0), (0.4, 0.9), (50.0, 300.0)):
+        most = sign * np.sqrt(b_x * b_y)
+        for share, holds in ((0.999, True), (1.001, False)):
+            values = {"c0": 1.0, "c": 1.0, "b_x": b_x, "b_y": b_y, "b_xy": share * most}
+            assert bool(law.is_admissible(values)) is holds
+
+
 def test_a_stress_that_overflows_is_refused():
     material = biaxbayes.law("fung", c0=1, c=1, b_x=50, b_y=50, b_xy=0)
     with pytest.raises(InputError, match="no finite stress at stretches 5, 4"):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import lognorm, norm, uniform
 
-from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd
+from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
 from biaxbayes.identifiability.marginals import ComparisonScale, density, find_edges
-from biaxbayes.identifiability.power_scaling import ends_by_prior
+from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import MOUNTING_PARAMETERS, Quantity
 from goh_functions import GOH_LAW
@@ -56,6 +56,35 @@ def test_a_spread_is_not_that_of_the_tails():
     assert robust_sd(np.full(9, 0.3)) == 0.0
     # the middle half is one value: the standard deviation tells
     assert robust_sd(np.r_[np.zeros(90), np.full(10, 0.5)]) == pytest.approx(0.15)
+
+
+def test_a_range_shows_the_draws_and_ends_where_physics_does():
+    draws = np.linspace(1.0, 2.0, 10_001)
+    low, high = np.quantile(draws, [0.0005, 0.9995])
+    margin = 0.08 * (high - low)
+    result = span(draws)
+    assert (result.low, result.high) == pytest.approx((low - margin, high + margin))
+    assert not (result.closed_low or result.closed_high)
+    result = span(draws, edges=(0.95, 5.0))
+    assert result.low == 0.95 and result.closed_low and not result.closed_high
+    result = span(draws, draws + 1.0, include=(4.0,), log=True)
+    assert result.log
+    moved = np.log(np.quantile(draws, 0.0005))
+    margin = 0.08 * (np.log(4.0) - moved)
+    assert (result.low, result.high) == pytest.approx(
+        (np.exp(moved - margin), np.exp(np.log(4.0) + margin)), rel=1e-6
+    )
+    assert not span(draws - 1.5, log=True).log
+    alone = span(np.full(9, 2.0))
+    assert (alone.low, alone.high) == pytest.approx((1.9, 2.1))
+
+
+def test_widths_above_a_share_of_the_peak():
+    result = density(norm.ppf(LEVELS), (-np.inf, np.inf))
+    # exp(-1.92) of the peak lies 1.96 sd away
+    assert result.width_above(0.147) == pytest.approx(2 * 1.96 * 1.02, rel=0.02)
+    assert result.at(result.x[0] - 1.0) == 0.0
+    assert result.at(0.0) == pytest.approx(result.peak, rel=1e-3)
 
 
 def scale_of(name: str, **prior: object) -> ComparisonScale:
@@ -112,3 +141,12 @@ def test_a_prior_decides_ends_by_its_share_of_the_precision(share, decided):
     # precision 1 of the posterior, the prior's centre that of the posterior
     z = norm.ppf(LEVELS)
     assert ends_by_prior(z, -0.5 * share * z * z) == (decided, decided)
+
+
+def test_sensitivity_to_what_is_not_known_is_not_known():
+    values = np.random.default_rng(1).normal(size=(2000, 2))
+    values[:, 1] = 3.0
+    assert np.isnan(sensitivity(values, None)).all()
+    assert sensitivity(values, np.zeros(2000)).tolist() == [0.0, 0.0]
+    result = sensitivity(values, -0.5 * values[:, 0] ** 2)
+    assert result[0] > 0.05 and result[1] == 0.0

@@ -99,6 +99,22 @@ def test_the_likelihood_is_a_mean_of_multivariate_normals(protocols, toe):
     np.testing.assert_allclose(model.log_likelihood(r), logsumexp(logs, axis=0), rtol=1e-8)
 
 
+def test_without_a_misfit_to_speak_of_the_readings_are_independent():
+    """Where the smooth loads are nothing, noise is all there is, of one of four sizes."""
+    points = curves()
+    nothing = CurvePoints(
+        points.protocol, points.axis, points.path, points.plane, 0 * points.load, 0 * points.peak
+    )
+    sd = np.full(len(points.path), NOISE)
+    model = SmoothMisfit(nothing, np.eye(len(sd)), sd, protocols=2)
+    r = NOISE * np.random.default_rng(1).standard_normal((4, len(sd)))
+    logs = [
+        np.log(share) + multivariate_normal(cov=np.diag((factor * sd) ** 2)).logpdf(r)
+        for factor, share in NOISE_FACTORS
+    ]
+    np.testing.assert_allclose(model.log_likelihood(r), logsumexp(logs, axis=0), rtol=1e-10)
+
+
 def test_eigenvectors_that_are_left_out_change_next_to_nothing(monkeypatch):
     """ln(1 + e) - z^2 e / (1 + e) with z^2 about one; e < 0.1 at the largest amplitude, 0.4."""
     r, logs, columns = residuals(made(3, 12), 200), [], []
@@ -112,6 +128,16 @@ def test_eigenvectors_that_are_left_out_change_next_to_nothing(monkeypatch):
     # sd of (1 - z^2) / 2 times e over at most n vectors; amplitudes are below 0.1, two prior sd
     e, n = 0.1 * (0.1 / 0.4) ** 2, len(model.noise_sd)
     assert np.abs(difference).max() < 5.0 * e * np.sqrt(n / 2.0)
+
+
+def test_the_amplitude_is_found_on_average():
+    """The mean over data of the posterior mean is the prior mean, whatever the model says."""
+    model = made(2, 8)
+    r = residuals(model, 1500)
+    found = np.array([model.amplitude(one[None]) for one in r])
+    expected = amplitude_weights() @ AMPLITUDES
+    assert abs(found.mean() - expected) < 4.0 * found.std() / np.sqrt(len(r))
+    assert found.std() > 0.3 * expected  # and it is found, not the prior repeated
 
 
 @pytest.mark.parametrize("index", [1, 4, 7])

@@ -235,6 +235,15 @@ def test_folding_at_two_coordinates_adds_up_every_combination(d):
     np.testing.assert_allclose(q.log_density(x), np.log(total), rtol=1e-9)
 
 
+def test_first_proposal_is_the_given_mixture_and_needs_no_triangle():
+    rng = np.random.default_rng(5)
+    factor = rng.standard_normal((3, 3))  # any square root
+    q = first_proposal(np.zeros((1, 3)), [factor], np.ones(1), bounds_array({}, 3))
+    x = rng.standard_normal((20, 3))
+    expected = multivariate_t(np.zeros(3), factor @ factor.T, df=6.0).logpdf(x)
+    np.testing.assert_allclose(q.log_density(x), expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize("d", [2, 7, 20])
 def test_transport_map_is_inverted_exactly_and_knows_its_jacobian(d):
     rng = np.random.default_rng(d)

@@ -22,6 +22,14 @@ from biaxbayes.sampling.target import bounds_array
 FREE = bounds_array({}, 2)
 
 
+def test_the_effective_fraction_is_that_of_equal_weights():
+    assert effective_fraction(np.full(50, -700.0)) == pytest.approx(1.0)
+    # ten of fifty have all the weight
+    assert effective_fraction(np.r_[np.full(10, 3.0), np.full(40, -np.inf)]) == pytest.approx(0.2)
+    w = np.array([1.0, 2.0, 3.0, 4.0])
+    assert effective_fraction(np.log(w)) == pytest.approx(100.0 / (4 * 30.0))
+
+
 def test_weights_are_tempered_as_far_as_the_share_needs():
     assert tempering_power(np.zeros(10)) == 1.0
     # w = exp(s z): the share of the power p is exp(-p^2 s^2)

@@ -185,6 +185,12 @@ def test_extrapolation_is_marked_row_by_row():
     assert list(region.extrapolation([np.nan], [1.1])) == [BEYOND]
 
 
+def test_a_single_protocol_is_a_line_not_an_area():
+    region = covered_stretches(specimen())
+    assert len(region.hull) == 2
+    assert list(region.extrapolation([1.1, 1.1], [1.1, 1.0])) == [INSIDE, OFF_PATH]
+
+
 def test_total_stretches_below_the_mounted_state_are_marked():
     path = stretch_path(1.3, points=7)
     table = predict_stress(posterior(), draws(50), path, reference="total")
@@ -235,6 +241,19 @@ def test_the_residual_of_the_stress_widens_pressure_and_diameter():
     assert edge == pytest.approx(p["pressure_kPa_median"][0], rel=0.02)  # 2000 residuals
     again = predict_diameter(sample, certain, tube, p["pressure_kPa_median"], seed=5)
     pd.testing.assert_frame_equal(d, again)
+
+
+def test_draws_without_a_state_are_counted_and_left_out():
+    frame = draws(10, spread=0.0)
+    frame.loc[:3, "k1"] = 0.0
+    frame.loc[:3, "C1"] = 1.0
+    table = predict_diameter(posterior(), frame, ThinTube(9.0, 1.2), [15.0, 1e6])
+    assert table["share_without_equilibrium"].tolist() == pytest.approx([0.4, 0.4])
+    assert np.isfinite(table["outer_diameter_mm_median"]).all()
+    soft = frame.iloc[:3]
+    table = predict_diameter(posterior(), soft, ThinTube(9.0, 1.2), [15.0])
+    assert np.isnan(table["outer_diameter_mm_median"][0])
+    assert table["extrapolation"][0] == BEYOND
 
 
 # --- with a smooth misfit of the law ---
@@ -438,8 +457,21 @@ def test_stretch_inverts_pressure_for_many_draws():
     np.testing.assert_allclose(back, np.broadcast_to(wanted, back.shape), rtol=1e-7, atol=1e-8)
 
 
+def test_unloaded_tube_rests_at_its_own_radius():
+    assert inflation_stretch(at(*MEDIA.theta), ThinTube(9.0, 1.0), [0.0])[0, 0] == pytest.approx(
+        1.0, abs=1e-12
+    )
+    pulled = inflation_stretch(at(*MEDIA.theta), ThinTube(9.0, 1.0, 1.2), [0.0])[0, 0]
+    assert pulled < 1.0  # it narrows
+
+
 def test_a_soft_tube_has_no_state_at_a_high_pressure():
     # Neo-Hookean: p = 2 C1 H/R (1 - lt^-4) la^-1 never reaches 2 C1 H / R = 1 kPa
     stretch = inflation_stretch(at(5.0, 0.0, 1.0, 0.5, 0.1), ThinTube(10.0, 1.0), [0.5, 1.1])
     assert stretch[0, 0] == pytest.approx(0.5**-0.25, rel=1e-10)
     assert np.isnan(stretch[0, 1])
+
+
+def test_stiff_exponential_overflow_is_a_wall_not_a_warning():
+    stretch = inflation_stretch(at(2.0, 30.0, 4000.0, 0.7, 0.2), ThinTube(10.0, 1.0), [16.0])
+    assert 1.0 < stretch[0, 0] < 1.2

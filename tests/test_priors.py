@@ -99,6 +99,11 @@ def test_mass_is_the_share_of_the_prior_that_was_not_cut(prior):
     assert prior.mass(positive=True) == pytest.approx(expected, abs=1e-7)
 
 
+def test_a_uniform_prior_below_zero_has_no_positive_mass():
+    assert Prior("uniform", low=-2.0, high=-1.0).mass(positive=True) == 0.0
+    assert Prior("normal", -5.0, 1.0, high=-1.0).mass(positive=True) == 0.0
+
+
 @pytest.mark.parametrize("prior", PRIORS, ids=str)
 def test_a_table_reads_back_to_the_prior(prior):
     if prior.low < 0.0:  # below the range of a stiffness

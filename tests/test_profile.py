@@ -189,6 +189,21 @@ def test_one_ratio_leaves_the_dispersion_open():
     assert np.ptp(alpha[inside]) > 20.0  # the angle follows
 
 
+def test_aligned_fibres_are_open_towards_zero_only():
+    data = specimen(GOH(10.0, 20.0, 5.0, 40.0, 0.0))
+    result = profile_likelihood(Posterior(data, noise="independent"), "kappa")
+    assert result.kind == "practical" and result.open_low and not result.open_high
+    assert result.high < 0.05
+    assert "open towards 0" in result.in_words()
+
+
+def test_an_angle_at_a_mirror_is_closed():
+    data = specimen(GOH(10.0, 20.0, 5.0, 90.0, 0.15), total_stretch=1.25)
+    result = profile_likelihood(Posterior(data, noise="independent"), "alpha")
+    assert result.kind == "finite"
+    assert result.high == 90.0 and 70.0 < result.low < 90.0
+
+
 @cache
 def low_stretch():
     data = specimen(GOH(10.0, 50.0, 5.0, 40.0, 0.2), total_stretch=1.05)

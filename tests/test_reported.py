@@ -1,5 +1,6 @@
 """One interval, verdict and reason a parameter: laws and priors take verdicts, never numbers."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -74,6 +75,18 @@ def test_a_clean_record_identifies_and_holds_the_truth(clean):
         assert bool(row.partners) == (row.verdict == "only in combination")
         assert row.low < truth[name] < row.high
     assert sum(row.verdict == "identified" for row in result.values()) >= 4
+
+
+def test_ends_that_hold(clean):
+    row = rows(identified(clean, "C1"))["C1"]
+    for verdict, bound, ends in (
+        ("identified", "", (row.low, row.high)),
+        ("only in combination", "", (row.low, row.high)),
+        ("bounded", "low", (row.low, math.nan)),
+        ("bounded", "high", (math.nan, row.high)),
+        ("not identified", "", (math.nan, math.nan)),
+    ):
+        np.testing.assert_equal(replace(row, verdict=verdict, bound=bound).ends, ends)
 
 
 def near(clean: Identifiability, widths: float = 0.0) -> tuple[float, float]:

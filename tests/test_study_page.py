@@ -96,6 +96,11 @@ def test_only_specimens_that_determine_a_quantity_give_numbers():
     assert ("layer", "") not in outcome.index
 
 
+def test_a_spread_that_the_posteriors_explain_is_none_between_specimens():
+    table = rows(specimen("a", "", "media", 10.0, 0.5), specimen("b", "", "media", 11.0, 0.5))
+    assert group_summaries(table).iloc[0].sd_between == 0.0
+
+
 def distance(donor, a, b, low, middle, high, *, known=True, kind="parameter", stretch=math.nan):
     quantity = "C1" if kind == "parameter" else kind
     values = (donor, a, b, kind, quantity, "kPa", stretch, low, middle, high, known)
@@ -156,6 +161,14 @@ def test_donors_of_both_groups_are_compared_with_themselves():
     assert row["difference"] == pytest.approx(2.0, rel=0.01)
     (alone,) = group_contrasts(grouped(*values), ["disease"]).to_dict("records")
     assert not alone["paired"] and alone["direction"] == "open"
+
+
+def test_a_donor_counts_once():
+    donors = ["D1", "E1", "D1", "E1", "D1", "E2"]
+    (row,) = group_contrasts(grouped(1, 2, 1, 2, 1, 2, donors=donors), ["disease"]).to_dict(
+        "records"
+    )
+    assert (row["donors_a"], row["donors_b"]) == (1, 2) and not isinstance(row["direction"], str)
 
 
 def test_the_study_answers_at_the_top(tmp_path):

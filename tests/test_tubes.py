@@ -94,6 +94,13 @@ def test_a_tube_with_residual_stress_is_in_equilibrium(sector_deg):
         assert 1e3 * f == pytest.approx(quad(force, A, B)[0], rel=2e-4)
 
 
+def test_gauss_points_are_enough():
+    stretch = np.vstack(states(1.1, 1.3))
+    fine = readings(replace(ARTERY, points_through_wall=40), stretch, MATERIAL)
+    few = readings(ARTERY, stretch, MATERIAL)
+    assert np.abs(few - fine).max(axis=0) / np.abs(fine).max(axis=0) == pytest.approx(0, abs=1e-4)
+
+
 FILE = """# test: tube
 # unloaded_outer_diameter_mm: 8
 # unloaded_length_mm: 30
