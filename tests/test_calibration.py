@@ -36,7 +36,12 @@ from biaxbayes.parallel import Processes
 from biaxbayes.parameters import Quantities
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.verbs.calibrate import read_ranks, run_calibration
+from biaxbayes.verbs.calibrate import (
+    CalibrationResult,
+    closing_message,
+    read_ranks,
+    run_calibration,
+)
 from commands import run
 from goh_functions import GOH_LAW
 
@@ -383,6 +388,17 @@ def test_what_cannot_be_studied_is_refused(arguments, problem, capsys, tmp_path)
     words = ("--noise", "independent", "--out", tmp_path / "s", *arguments)
     code, _, err = run(capsys, "calibrate", DATA / "donor2-media.csv", *words)
     assert code == 2 and problem in err
+
+
+@pytest.mark.parametrize(("replications", "p"), [(4, 0.6), (200, 0.6), (200, 1e-6), (4, 1e-6)])
+def test_few_replications_conclude_nothing(tmp_path, replications, p):
+    row = {"parameter": "C1", "uniformity_p": p, "inside_band": "yes"}
+    row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
+    outcome = CalibrationResult(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
+    message = closing_message(tmp_path, outcome)
+    assert ("replications are too few" in message) == (replications < 50 and p >= 0.05)
+    assert ("are uniform" in message) == (replications >= 50 and p >= 0.05)
+    assert ("NOT uniform" in message) == (p < 0.05)
 
 
 @pytest.mark.slow

@@ -108,6 +108,14 @@ def test_units():
         assert sum(words in message for message in messages) == 1
 
 
+def test_noise_that_is_not_that_of_the_rows():
+    p = GOOD.protocols[0]
+    result = check_specimen(Specimen("a", (p,), "piola", load_noise=1.0))
+    assert "noise-differs" in {f.code for f in result}
+    clean = Specimen("a", (protocol(noise=0.0),), "piola")
+    assert "no-noise" not in codes(Specimen("a", (clean.protocols[0],), "piola", load_noise=0.05))
+
+
 def test_stiff_start_is_more_than_a_soft_matrix_does():
     # A neo-Hookean matrix is concave by itself: no warning.
     soft = GOH(C1_kPa=30.0, k1_kPa=0.0, k2=1.0, alpha_deg=0.0, kappa=0.0)
@@ -121,6 +129,13 @@ def test_stiff_start_is_more_than_a_soft_matrix_does():
     # The same with a friction-like rise in the first per cents of the path.
     rise = 12.0 * (1.0 - np.exp(-(p.stretch_x - 1.0) / 0.01))
     assert "stiff-start" in codes(specimen(replace(p, load_x=p.load_x + rise)))
+
+
+def test_resampled_loads():
+    load = np.linspace(1.0, 50.0, 60)
+    stretch = 1.0 + 0.2 * np.sqrt((load - 1.0) / 49.0)
+    even = Protocol("1", stretch, 1.0 + 0.5 * (stretch - 1.0), load, 0.5 * load)
+    assert "resampled" in codes(specimen(even))
 
 
 def test_a_record_that_only_rises_keeps_every_row():

@@ -169,6 +169,16 @@ def cycled_export(
     return table, last, list(ratios)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_record_with_missing_rows_starts_at_its_valley(seed, tmp_path):
+    """Uneven sampling is no noise of the path: the end of the fall before is not at rest."""
+    stretch, load = record([(0.2, 0.2)] * 3)
+    kept = np.random.default_rng(seed).random(len(stretch)) < 0.6
+    kept[120:124] = True
+    (recording,) = read(tmp_path, stretch[kept], load[kept]).recordings
+    assert np.abs(recording.stretch[0] - 1.0).max() < 1e-9 or recording.stretch.argmin() == 0
+
+
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_cycled_export_is_cut_right(shape, noise, tmp_path):

@@ -102,6 +102,12 @@ def test_prestretch_methods_return_the_truth_from_five_random_starts(name, prest
         np.testing.assert_allclose(result.mounting_stretch, prestretch, atol=1e-6)
 
 
+def test_optima_on_bounds_are_named():
+    result = fit(specimen_of(MATERIALS["smoljkic-m55"].material, (1.02, 1.02)), "standard")
+    assert result.at_bound == ("k2", "alpha", "kappa")
+    assert result.material.alpha_deg == 90.0
+
+
 # --- stress pairs, geometries, protocols ----------------------------------------------------
 
 

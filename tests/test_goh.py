@@ -235,3 +235,18 @@ def test_area_of_the_chart_is_that_of_the_box():
             values = [np.exp(forward(di, 0.5 * (1 + vj))[2]) for vj in v]
             total += wi * 0.5 * float(np.dot(wv, values))
         assert total == pytest.approx(np.pi / 2 / 3, rel=5e-3)
+
+
+def test_columns_lists_and_numbers_give_the_same_stress():
+    """A table's column has no real part of its own; whatever NumPy takes is taken."""
+    import pandas as pd
+
+    material = GOH(C1_kPa=14.0, k1_kPa=140.0, k2=11.9, alpha_deg=38.4, kappa=0.21)
+    table = pd.DataFrame({"x": [1.0, 0.98, 1.1], "y": [1.0, 1.05, 1.1]}, index=[7, 8, 9])
+    for function in (material.cauchy, material.piola, material.strain_energy):
+        wanted = np.array([function(x, y) for x, y in table.itertuples(index=False)]).T
+        for x, y in ((table["x"], table["y"]), (list(table["x"]), list(table["y"]))):
+            np.testing.assert_array_equal(np.array(function(x, y)), wanted)
+    draws = pd.Series([10.0, 20.0])
+    stress, _ = cauchy_stress(draws, 140.0, 11.9, 0.6, 0.1, 1.1, 1.1)
+    assert stress.shape == (2,)

@@ -146,6 +146,19 @@ def test_check_draws_a_sketch_to_scale(tmp_path):
         notes_of_check(replace(specimen, metadata={}), sketch=tmp_path / "none.png")
 
 
+def test_stated_dimensions_of_the_mounted_state_give_the_same_ratios():
+    specimen, _ = hooked()
+    mounted = replace(
+        specimen,
+        geometry="mounted",
+        edge_x_mm=16.0 * MOUNTING[0],
+        edge_y_mm=14.0 * MOUNTING[1],
+        thickness_mm=0.9 / (MOUNTING[0] * MOUNTING[1]),
+    )
+    ratios = [correct_for_grips(s, fitted).ratios[0].force for s in (specimen, mounted)]
+    np.testing.assert_allclose(*ratios, rtol=2e-4)
+
+
 @pytest.mark.long
 def test_a_run_keeps_the_ratios_and_opens_with_the_same_numbers(tmp_path):
     measured = read_specimen(DATA / "hooked-weisbecker.csv")

@@ -10,6 +10,7 @@ import pytest
 import biaxbayes
 from biaxbayes.cards import export as cards
 from biaxbayes.errors import InputError
+from biaxbayes.text_files import atomic_write_all
 
 DATA = Path(__file__).parents[1] / "data" / "donor2-media.csv"
 
@@ -38,6 +39,16 @@ def test_a_closed_pipe_ends_as_other_programs_do(words):
     said = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 141 and not said
+
+
+def test_files_that_belong_together_are_written_together(tmp_path):
+    names = [tmp_path / "a", tmp_path / "b"]
+    atomic_write_all(dict.fromkeys(names, b"old"))
+    names[1].unlink()
+    names[1].mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        atomic_write_all(dict.fromkeys(names, b"new"))
+    assert names[0].read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 2
 
 
 def test_an_export_that_fails_leaves_the_earlier_one(run, tmp_path, monkeypatch):

@@ -172,6 +172,13 @@ def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
     assert result.verdict == NOT_IDENTIFIED
 
 
+def test_fixed_and_tied_parameters_are_named():
+    result = identify(made_up(priors={"kappa": 0.1}))
+    assert result["kappa"].verdict == FIXED
+    assert "kappa" not in {row.name for row in result.reported}
+    assert "kappa" not in {q for p in result.parameters for q in p.partners}
+
+
 def test_a_ridge_names_all_who_move_along_it():
     rng = np.random.default_rng(4)
     kappa = rng.uniform(0.02, 0.3, 8000)

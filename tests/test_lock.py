@@ -89,6 +89,13 @@ def test_new_files_replace_all_of_the_old_and_none_of_the_users(old_run):
     assert content(old_run)["posterior.nc"] == "new draws"
 
 
+def test_a_product_that_the_user_changed_stays(old_run):
+    (old_run / "corner.pdf").write_text("mended by hand")
+    with staged(old_run) as aside:
+        write_new(aside)
+    assert content(old_run)["corner.pdf"] == "mended by hand"
+
+
 @pytest.mark.parametrize(
     "trouble",
     [OSError(errno.ENOSPC, "No space left on device"), InputError("No space left on device")]

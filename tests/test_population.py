@@ -74,6 +74,19 @@ def test_a_run_that_is_sampled_again_has_the_draws_that_weights_give(study):
     assert sample_again(source, values, mean, sd, plan, lambda: True) is None
 
 
+def test_runs_whose_prior_is_narrower_than_the_range_are_cut_short(study):
+    source = Source.from_run("a", biaxbayes.open_run(study / "runs" / "a"))
+    values = pooled_values(source.run.law, pooled_names([source]))
+    for prior, short in (
+        ({"distribution": "uniform", "low": 0.0, "high": 90.0}, False),
+        ({"distribution": "uniform", "low": 20.0, "high": 90.0}, True),
+        ({"distribution": "normal", "mean": 45.0, "sd": 9.0, "high": 60.0}, True),
+    ):
+        priors = {**source.posterior.settings.priors, "alpha": prior}
+        other = replace(source, posterior=source.posterior.replaced(priors=priors))
+        assert is_cut_short(other, values) == short
+
+
 def test_tables_have_their_columns_and_hold_together(population):
     table = population.groups
     assert list(dict.fromkeys(table["group"])) == ["healthy", "aneurysm"]

@@ -10,6 +10,7 @@ import pytest
 import biaxbayes
 import quick_posteriors
 from biaxbayes.errors import InputError
+from biaxbayes.identifiability.fit_quality import quick_fit, swapped_columns
 from biaxbayes.options import SamplingPlan
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen import Protocol, Specimen
@@ -89,6 +90,13 @@ def test_anyway_samples_it_and_says_so_first(capsys, tmp_path):
     assert (
         "turns back" in (tmp_path / "run" / "report.html").read_text().split("Mounting stretch")[0]
     )
+
+
+def test_columns_that_fit_as_they_are_are_not_exchanged():
+    for specimen in (GOOD, sound(1), sound(2)):
+        assert swapped_columns(specimen, quick_fit(specimen).residuals) is None
+    other = changed(GOOD, lambda c: c[:, [0, 1, 3, 2]])
+    assert swapped_columns(other, quick_fit(other).residuals).code == "swapped"
 
 
 def errors_of(specimen: Specimen) -> list[str]:

@@ -57,6 +57,18 @@ def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
     assert pickle.loads(pickle.dumps(second)) == second
 
 
+def test_cauchy_stress_keeps_its_nominal_stress_when_the_reference_moves(tmp_path):
+    # The lab: sigma = P * stretch, with its own reference. Dividing the stretch by its value at
+    # rest must leave P alone.
+    p = noisy_protocol(3)
+    specimen = Specimen("a", (p,), "cauchy")
+    write_specimen(specimen, tmp_path / "a.csv")
+    read = read_specimen(tmp_path / "a.csv")
+    nominal = np.column_stack([p.load_x / p.stretch_x, p.load_y / p.stretch_y])
+    np.testing.assert_allclose(read.load(read.protocols[0]), nominal, rtol=1e-14)
+    assert read.protocols[0].stretch_x[:5].mean() == pytest.approx(1.0, abs=1e-15)
+
+
 @given(
     name=st.text(min_size=1, max_size=30),
     layer=st.text(max_size=30),
@@ -196,3 +208,12 @@ def test_lost_rows_are_neither_noise_nor_rest(gap):
     assert specimen.noise_sd == pytest.approx(5e-4, rel=0.4)
     assert full.noise_sd == pytest.approx(5e-4, rel=0.3)
     assert [p.rest_rows for p in specimen.protocols] == [p.rest_rows for p in full.protocols]
+
+
+def test_masked_readings_are_refused():
+    stretch = np.linspace(1.0, 1.2, 12)
+    masked = np.ma.masked_greater(stretch, 1.15)
+    for columns in ([masked, *[stretch] * 3], [*[stretch] * 3, masked]):
+        with pytest.raises(InputError, match="is masked in 3 rows; leave out masked rows"):
+            Protocol("p", *columns)
+    assert Protocol("p", *[np.ma.array(stretch)] * 4).rows == 12  # nothing is masked

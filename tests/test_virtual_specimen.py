@@ -38,6 +38,18 @@ def test_the_mounting_reading_leads_back_to_the_mounting_stretch(pair, geometry)
     assert truth.mounting_force_y == pytest.approx(specimen.protocols[0].load_y[0], rel=1e-9)
 
 
+def test_cauchy_and_piola_files_of_the_mounted_geometry_are_what_a_lab_computes():
+    machine = Machine(stress_pair="cauchy", geometry="mounted")
+    specimen, _ = virtual_specimen(MEDIA, **TEST, machine=machine, seed=1)
+    force, _ = virtual_specimen(MEDIA, **TEST, seed=1)
+    p, f = specimen.protocols[0], force.protocols[0]
+    edge_y, thickness = 15.0 * 1.01, 0.88 / (1.02 * 1.01)
+    assert specimen.edge_y_mm == pytest.approx(edge_y)
+    assert specimen.thickness_mm == pytest.approx(thickness)
+    expected = f.load_x / (edge_y * thickness * 1e-3) * f.stretch_x
+    np.testing.assert_allclose(p.load_x, expected, rtol=1e-12)
+
+
 def test_errors_have_the_given_size():
     residuals, first = [], []
     for seed in range(40):
