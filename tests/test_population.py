@@ -40,7 +40,7 @@ from biaxbayes.verbs.population import (
 )
 from biaxbayes.verbs.population_files import members_of_study
 from commands import refused, run
-from made_population import QUICK, quick_job, sample_study
+from made_population import MATERIALS, QUICK, quick_job, sample_study
 
 
 @pytest.fixture
@@ -261,6 +261,19 @@ def test_words_for_difficult_studies(study):
     states = ["converged", "unusable", "converged", "converged"]
     _, left_out = open_sources(changed(state=states), anyway=True)
     assert list(left_out) == ["b"] and "did not converge" in left_out["b"]
+
+
+def test_columns_of_the_study_file(study, tmp_path, capsys):
+    text = (study.parent / "study.toml").read_text()
+    for name in MATERIALS:
+        shutil.copy(study.parent / f"{name}.csv", tmp_path)
+    bad = tmp_path / "study.toml"
+    for change, message in (
+        ('columns = ["disease"]', "'disease' is not a key of specimen 1"),
+        ('disease = "healthy"\n', "disease is missing, which columns declares"),
+    ):
+        bad.write_text(text.replace(change, "", 1))
+        assert message in refused(capsys, "population", bad, "--out", tmp_path / "out")
 
 
 def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
