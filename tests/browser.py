@@ -1,7 +1,5 @@
 """Headless Chromium: what a page does when it is really opened."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

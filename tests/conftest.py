@@ -1,7 +1,5 @@
 """What the tests share: runs that are sampled once a test session, by whichever worker is first."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -82,13 +80,9 @@ def small_run(session_folder):
     def sample(folder: Path) -> None:
         with quick_posteriors.runs_without_figures():
             biaxbayes.sample(
-                quick_posteriors.small_specimen(),
-                out=folder,
-                noise="independent",
-                mounting="exact",
-                priors={"kappa": 0.1},
-                ess=60,
-            )
+                quick_posteriors.small_specimen(), out=folder, noise="independent",
+                mounting="exact", priors={"kappa": 0.1}, ess=60,
+            )  # fmt: skip
 
     return biaxbayes.open_run(shared.made_once("small", sample))
 

@@ -1,7 +1,5 @@
 """Tasks for executors, where worker processes can import them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
@@ -49,10 +47,3 @@ def until_stopped(folder: str) -> str:
     while not (Path(folder) / "stop").exists():
         time.sleep(0.02)
     return "ended"
-
-
-def mark_and_wait(task: tuple[str, float]) -> float:
-    folder, seconds = task
-    (Path(folder) / f"started-{os.getpid()}").touch()
-    time.sleep(seconds)
-    return seconds

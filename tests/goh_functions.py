@@ -1,7 +1,5 @@
 """The GOH law as functions of its parameters (kPa, radians), for the tests that speak of it so."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from biaxbayes.laws.goh import GOHLaw

@@ -1,7 +1,5 @@
 """The text of a good specimen file, of one path or of several."""
 
-from __future__ import annotations
-
 HEADER = (
     "# specimen: A12\n# layer: media\n# geometry: unloaded\n"
     "# edge_x_mm: 20\n# edge_y_mm: 18\n# thickness_mm: 1.35\n# load_noise_N: 0.0006\n"

@@ -1,7 +1,5 @@
 """A study of four specimens and its population, sampled quickly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Results that are made up, for pages and tables of several specimens, runs or laws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +18,6 @@ from biaxbayes.studies.result import STUDY_COLUMNS
 from quick_posteriors import specimen as specimen_of
 
 SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
-
-# --- a study ---
 
 LAYERS = ("intima", "media", "<b>adventitia</b>")
 QUANTITIES = {
@@ -80,8 +76,6 @@ def distances(count: int) -> pd.DataFrame:
             )
     return pd.DataFrame(rows)
 
-
-# --- laws compared ---
 
 SD = 0.002
 

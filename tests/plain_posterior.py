@@ -10,8 +10,6 @@ the law. For the latter the covariance of all readings is written out for every 
 amplitude and toe, and the likelihood is the mean of as many multivariate normal densities.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json

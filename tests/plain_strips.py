@@ -5,8 +5,6 @@ stretch across a strip is a root that SciPy brackets, row by row; its mounting f
 of variables from it to the mounting stretch are those of the strip alone.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -34,8 +32,6 @@ from plain_posterior import (
     readings,
     theta_of,
 )
-
-# --- the mechanics of a strip ------------------------------------------------------------------
 
 
 def pair(axis, along, across):
@@ -80,9 +76,6 @@ def strip(
         f"strip-{'xy'[axis]}", (protocol,), "force", geometry, thickness_mm=1.1,
         load_noise=noise, test=f"strip {'xy'[axis]}", metadata=extra, **edges,
     )  # fmt: skip
-
-
-# --- the posterior -----------------------------------------------------------------------------
 
 
 @dataclass

@@ -1,7 +1,5 @@
 """Quick posteriors of virtual specimens, for tests that need draws."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 from collections.abc import Iterator, Mapping, Sequence
@@ -50,15 +48,9 @@ def specimen(
 ) -> Specimen:
     """A virtual specimen mounted at 1.01, 1.02."""
     made, _ = virtual_specimen(
-        material,
-        name="virtual",
-        mounting_stretch=(1.01, 1.02),
-        total_stretch=total_stretch,
-        ratios=ratios,
-        increments=increments,
-        machine=Machine(noise_N=noise_N),
-        seed=seed,
-    )
+        material, name="virtual", mounting_stretch=(1.01, 1.02), total_stretch=total_stretch,
+        ratios=ratios, increments=increments, machine=Machine(noise_N=noise_N), seed=seed,
+    )  # fmt: skip
     return made
 
 
@@ -73,16 +65,11 @@ def exact_specimen(
 ) -> Specimen:
     """A square of 20 mm, 0.88 mm thick, tested without noise unless ``machine`` says otherwise."""
     made, _ = virtual_specimen(
-        material,
-        name=name,
-        mounting_stretch=mounting_stretch,
-        measured_stretch=measured_stretch,
-        ratios=ratios,
-        dimensions=Dimensions(20.0, 20.0, 0.88),
-        increments=machine.pop("increments", 100),
-        machine=Machine(**machine),
-        seed=1,
-    )
+        material, name=name, mounting_stretch=mounting_stretch,
+        measured_stretch=measured_stretch, ratios=ratios,
+        dimensions=Dimensions(20.0, 20.0, 0.88), increments=machine.pop("increments", 100),
+        machine=Machine(**machine), seed=1,
+    )  # fmt: skip
     return made
 
 
@@ -149,9 +136,6 @@ def runs_without_figures() -> Iterator[None]:
     """Quick run folders: few walkers, and figures would cost most of the time."""
     with runs_of_few_walkers(), without_figures():
         yield
-
-
-# --- specimens that GOH does not describe ---
 
 
 def bent(data: Specimen, name: str, share: float) -> Specimen:

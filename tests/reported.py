@@ -1,7 +1,5 @@
 """A run whose names try to break the report, sampled once for the tests that read it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,10 +25,6 @@ def hostile_run(folder: Path) -> Run:
     made = replace(made, name=NAME, layer=LAYER, protocols=protocols)
     with quick.runs_of_few_walkers():
         return biaxbayes.sample(
-            made,
-            out=folder,
-            noise="independent",
-            mounting_stretch="per-protocol",
-            ess=100,
+            made, out=folder, noise="independent", mounting_stretch="per-protocol", ess=100,
             workers=2,
-        )
+        )  # fmt: skip

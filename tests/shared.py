@@ -1,7 +1,5 @@
 """Things that are made once a test session, whichever of its worker processes comes first."""
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 from collections.abc import Callable

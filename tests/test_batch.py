@@ -1,9 +1,6 @@
 """A study in a folder: its file, done once, continued, and never stopped by one specimen."""
 
-from __future__ import annotations
-
 import json
-import re
 import shutil
 from dataclasses import replace
 
@@ -19,13 +16,12 @@ from biaxbayes.parallel import InThisProcess
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.result import SpecimenOutcome
-from biaxbayes.studies.study_file import DEFAULT_OPTIONS, read_study, study_of_files
+from biaxbayes.studies.study_file import DEFAULT_OPTIONS, read_study
 from biaxbayes.tasks import Outcome
 from biaxbayes.verbs import batch as batch_module
 from biaxbayes.verbs.batch import SpecimenTask, run_study, sample_specimen
 from commands import refused, run
 
-LAYERS = ("media", "intima")
 MEDIA = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)
 INTIMA = GOH(C1_kPa=30.0, k1_kPa=120.0, k2=12.0, alpha_deg=55.0, kappa=0.1)
 STUDY = """
@@ -73,16 +69,6 @@ def result(study, tmp_path_factory):
     return run_study(study, tmp_path_factory.mktemp("done") / "study")
 
 
-@pytest.mark.long
-def test_one_failure_stops_nobody_and_is_named(result):
-    states = dict(zip(result.specimens["specimen"], result.specimens["state"], strict=True))
-    assert states["<script>alert(1)</script>"] == "failed"
-    assert set(states.values()) <= {"converged", "tentative", "failed"}
-    assert not result.converged
-    [reason] = result.failures.values()
-    assert "broken.csv" in reason and "\n" not in reason
-
-
 def test_the_table_says_what_the_runs_say(result):
     table = pd.read_csv(result.folder / "study.csv")
     assert not table.duplicated(["specimen", "quantity"]).any()
@@ -114,15 +100,6 @@ def test_layers_of_a_donor_are_compared(result):
     assert set(result.groups["group"]) == {"media", "intima", "D <i>1</i>", "all"}
 
 
-def test_the_page_needs_nothing_and_believes_nobody(result):
-    page = (result.folder / "study.html").read_text()
-    assert "<script" not in page and "<i>1" not in page and "<one>" not in page
-    assert not re.search(r'src="(?!data:)', page)
-    links = re.findall(r'href="([^#d][^"]*)"', page)
-    assert links == ["runs/media/report.html", "runs/intima/report.html"]
-    assert all((result.folder / link).is_file() for link in links)
-
-
 def test_a_repeat_writes_the_same_files_without_sampling_again(result, study):
     def files(*patterns):
         return sorted(path for p in patterns for path in result.folder.glob(p))
@@ -138,16 +115,8 @@ def test_a_repeat_writes_the_same_files_without_sampling_again(result, study):
     assert {path: path.stat().st_mtime_ns for path in files("runs/*/posterior.nc")} == before
 
 
-def test_other_donors_and_layers_of_the_same_runs_are_compared(result, study, tmp_path):
+def test_other_options_or_data_are_sampled_again(result, study, monkeypatch, tmp_path):
     folder = shutil.copytree(result.folder, tmp_path / "study")
-    other = [replace(s, donor="D2", layer=f"{s.layer} 2") for s in study.specimens]
-    outcome = run_study(replace(study, specimens=tuple(other)), folder)
-    assert set(outcome.distances["donor"]) == {"D2"}
-    assert set(outcome.distances["layer_a"]) == {"media 2"}
-
-
-def spy(monkeypatch):
-    """Tasks that are handed out, each ending as if its run folder had gone."""
     seen: list[SpecimenTask] = []
 
     def note(task):
@@ -155,24 +124,14 @@ def spy(monkeypatch):
         return SpecimenOutcome("failed", "not tried", [])
 
     monkeypatch.setattr(batch_module, "sample_specimen", note)
-    return seen
-
-
-def test_other_options_or_data_are_sampled_again(result, study, monkeypatch):
-    seen = spy(monkeypatch)
     first, broken, last = study.specimens
-    changed = replace(study, specimens=(replace(first, seed=2), broken, last))
-    record = (result.folder / "study.json").read_text()
-    try:
-        run_study(changed, result.folder)
-        assert {t.folder.name: t.finished for t in seen} == {"media": False, "intima": True}
-        seen.clear()
-        # Fingerprints of before must not come back with the options of before.
-        assert len(json.loads((result.folder / "study.json").read_text())["done"]) == 1
-        run_study(replace(study, ess=70.0), result.folder)
-        assert not any(t.finished for t in seen)
-    finally:
-        (result.folder / "study.json").write_text(record)
+    run_study(replace(study, specimens=(replace(first, seed=2), broken, last)), folder)
+    assert {t.folder.name: t.finished for t in seen} == {"media": False, "intima": True}
+    seen.clear()
+    # Fingerprints of before must not come back with the options of before.
+    assert len(json.loads((folder / "study.json").read_text())["done"]) == 1
+    run_study(replace(study, ess=70.0), folder)
+    assert not any(t.finished for t in seen)
 
 
 def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_path):
@@ -323,29 +282,15 @@ def test_specimens_take_what_is_common_and_replace_what_is_their_own(folder):
     first, second = study.specimens
     assert first.file == folder / "a.csv"
     assert (first.label, first.donor, first.layer, first.seed) == ("a", None, None, 7)
-    assert first.options == {
-        **DEFAULT_OPTIONS,
-        "noise": "independent",
-        "thin": 80,
-        "priors": {"kappa": 0.2},
-    }
-    assert (second.label, second.donor, second.layer, second.seed) == (
-        "second one",
-        "D2",
-        "media",
-        8,
-    )
+    own = {"noise": "independent", "thin": 80, "priors": {"kappa": 0.2}}
+    assert first.options == {**DEFAULT_OPTIONS, **own}
+    told = (second.label, second.donor, second.layer, second.seed)
+    assert told == ("second one", "D2", "media", 8)
     assert second.mounting_force == (0.015, 0.0)
     assert second.options["mounting"] == "zeroed" and second.options["fibre_switch"] is True
     assert second.options["noise"] == "independent"
     assert second.options["priors"]["kappa"] == 0.0
     assert isinstance(second.options["priors"]["alpha"], Prior)
-
-
-def test_a_study_without_a_name_has_that_of_its_file(folder):
-    study = read_study(written(folder, '[[specimen]]\nfile = "a.csv"\n'))
-    assert study.name == "study"
-    assert study.specimens[0].options == {**DEFAULT_OPTIONS, "priors": {}}
 
 
 A = '[[specimen]]\nfile = "a.csv"\n'
@@ -378,19 +323,14 @@ def test_what_cannot_be_used_is_one_line_with_file_and_key(folder, text):
     with pytest.raises(InputError) as raised:
         read_study(written(folder, text))
     message = str(raised.value)
-    assert "\n" not in message
-    assert "study.toml" in message
-    assert BAD[text] in message
+    assert "\n" not in message and "study.toml" in message and BAD[text] in message
 
 
-def test_files_make_a_study_of_their_own(folder):
-    files = [folder / "a.csv", folder / "sub" / "b.csv"]
-    study = study_of_files(files, {"noise": "independent"}, seed=3)
-    assert [s.label for s in study.specimens] == ["a", "b"]
-    assert {s.seed for s in study.specimens} == {3}
-    with pytest.raises(InputError, match="no such file"):
-        study_of_files([folder / "none.csv"], {})
-    with pytest.raises(InputError, match="label 'a'"):
-        study_of_files([files[0], files[0]], {})
-    with pytest.raises(InputError, match="`ess` must be a number from 50"):
-        study_of_files(files, {}, ess=3.0)
+@pytest.mark.long
+def test_one_failure_stops_nobody_and_is_named(result):
+    states = dict(zip(result.specimens["specimen"], result.specimens["state"], strict=True))
+    assert states["<script>alert(1)</script>"] == "failed"
+    assert set(states.values()) <= {"converged", "tentative", "failed"}
+    assert not result.converged
+    [reason] = result.failures.values()
+    assert "broken.csv" in reason and "\n" not in reason

@@ -1,7 +1,5 @@
 """A study on worker processes and on a Dask cluster that loses a worker: equal results."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

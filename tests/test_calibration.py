@@ -1,7 +1,5 @@
 """Calibration: ranks, bands and coverage against things known; simulation against the model."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -46,12 +44,7 @@ from commands import run
 from goh_functions import GOH_LAW
 
 DATA = Path(__file__).resolve().parents[1] / "data"
-OPTIONS = {
-    "mounting": "noisy",
-    "noise": "independent",
-    "mounting_stretch": "shared",
-    "fibre_switch": False,
-}
+OPTIONS = {"mounting": "noisy", "noise": "independent", "mounting_stretch": "shared"}
 
 
 def media(rows: int = 101) -> Specimen:
@@ -66,19 +59,9 @@ def media(rows: int = 101) -> Specimen:
 def study(specimen: Specimen | None = None, broken: str = "", **options: object) -> Calibration:
     specimen = specimen or media(21)
     given = {**OPTIONS, **options}
-    return Calibration(
-        specimen,
-        given,
-        protocol_prior(specimen, Settings(**given)),
-        seed=3,
-        ess=200,
-        max_steps=384,
-        population=1024,
-        broken=broken,
-    )
-
-
-# --- ranks and bands ---
+    amount = {"seed": 3, "ess": 200, "max_steps": 384, "population": 1024}
+    priors = protocol_prior(specimen, Settings(**given))
+    return Calibration(specimen, given, priors, broken=broken, **amount)
 
 
 def test_two_thresholds_are_a_multinomial():
@@ -94,6 +77,9 @@ def test_two_thresholds_are_a_multinomial():
             if inside(a, z[0]) and inside(a + b, z[1]):
                 total += binom.pmf(a, n, 1 / 3) * binom.pmf(b, n - a, 1 / 2)
     assert probability_inside(n, 2, level) == pytest.approx(total, rel=1e-12)
+
+
+# --- ranks and bands ---
 
 
 def test_band_holds_uniform_ranks_as_often_as_it_says():
@@ -237,14 +223,9 @@ def test_simulated_readings_are_the_virtual_tests(geometry, stress_pair):
     thickness = 0.88 * (lm.prod() if geometry == "mounted" else 1.0)
     material = GOH(*(truth[k] for k in ("C1", "k1", "k2", "alpha", "kappa")))
     test = virtual_test(
-        material,
-        mounting_stretch=tuple(lm),
-        measured_stretch=(1.2, 1.2),
-        increments=100,
-        edge_x_mm=edges[0],
-        edge_y_mm=edges[1],
-        thickness_mm=thickness,
-    )
+        material, mounting_stretch=tuple(lm), measured_stretch=(1.2, 1.2), increments=100,
+        edge_x_mm=edges[0], edge_y_mm=edges[1], thickness_mm=thickness,
+    )  # fmt: skip
     force = np.array([test.force_x_N, test.force_y_N])
     p = simulated.protocols[0]
     measured = np.array([p.load_x, p.load_y])
@@ -341,21 +322,6 @@ def test_residuals_of_simulated_readings_have_the_covariance_of_the_likelihood(m
     correlation = (found.T @ found / 400) / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     exact = expected / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs(correlation - exact).mean() < 0.1
-
-
-def test_several_protocols_and_unknown_dimensions_are_simulated():
-    one = media(21)
-    p = one.protocols[0]
-    second = replace(p, name="2", stretch_x=1.0 + 0.5 * (p.stretch_x - 1.0))
-    specimen = replace(
-        one, protocols=(p, second), metadata={"thickness_sd_mm": 0.05, "load_offset_sd_N": 0.001}
-    )
-    the_study = study(specimen, mounting_stretch="per-protocol")
-    model, rng = the_study.model(), np.random.default_rng(8)
-    truth, _ = draw_truth(model, rng)
-    assert {"mounting_stretch_x[2]", "thickness", "load_offset_y"} <= set(truth)
-    posterior = the_study.posterior(simulate_specimen(model, truth, rng))
-    assert np.isfinite(posterior.log_density(truth))
 
 
 # --- studies ---

@@ -1,16 +1,14 @@
 """Comparisons and distances, against closed forms and specimens of known material."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import ks_2samp, mannwhitneyu, norm
 
-from biaxbayes.comparison.compare import ComparedRun, compare, differing_settings, run_labels
+from biaxbayes.comparison.compare import ComparedRun, compare, differing_settings
 from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
-from biaxbayes.figures.comparisons import forest_figure, matrix_figure
+from biaxbayes.figures.comparisons import forest_figure
 from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import Thresholds
@@ -20,8 +18,6 @@ from goh_functions import GOH_LAW
 from made_up import SOFT, STIFF
 from quick_posteriors import EQUIBIAXIAL, sampled, small_specimen, specimen
 from readable import assert_readable
-
-# --- distances -----------------------------------------------------------------------------
 
 
 def test_distance_of_normal_draws_is_that_of_the_distributions():
@@ -74,9 +70,6 @@ def test_materials_of_the_priors_are_independent_draws_of_them():
     assert np.abs(ranks - np.eye(3)).max() < 4.0 / np.sqrt(len(result))
 
 
-# --- derived quantities --------------------------------------------------------------------
-
-
 def test_derived_quantities_are_the_materials_own():
     columns = {"C1": 10.0, "k1": 40.0, "k2": 8.0, "alpha": 40.0, "kappa": 0.1}
     draws = pd.DataFrame({k: [v, v] for k, v in columns.items()})
@@ -92,21 +85,14 @@ def test_derived_quantities_are_the_materials_own():
     )
 
 
-# --- comparisons ---------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def members():
-    out = []
-    for label, material, ratios in (
-        ("soft", SOFT, None),
-        ("stiff", STIFF, None),
-        ("one <ratio>", SOFT, EQUIBIAXIAL),
-    ):
-        data = specimen(material, increments=10, **({"ratios": ratios} if ratios else {}))
-        result = sampled(data, ess=60.0)
-        out.append(ComparedRun(label, result.target, result.draws, result.state))
-    return out
+    def member(label, material, **how):
+        result = sampled(specimen(material, increments=10, **how), ess=60.0)
+        return ComparedRun(label, result.target, result.draws, result.state)
+
+    one = member("one <ratio>", SOFT, ratios=EQUIBIAXIAL)
+    return [member("soft", SOFT), member("stiff", STIFF), one]
 
 
 @pytest.fixture(scope="module")
@@ -139,32 +125,10 @@ def test_what_one_run_does_not_determine_is_no_difference(result, members):
     assert abs(stress.standardised) < 4.0
 
 
-def test_stiffness_is_compared_at_rest_and_at_the_largest_common_stretch(result):
-    t = result.distances
-    at = set(t[t["quantity"] == "stiffness_x"]["total_stretch"])
-    assert at == {1.0, result.stretches[-1]}
-    assert len(result.stretches) == 5
-
-
 def test_common_stretches_were_reached_by_every_run(members):
     short = Posterior(specimen(SOFT, total_stretch=1.1, increments=10), noise="independent")
     result = compare([members[0], ComparedRun("short", short, members[0].draws, "converged")])
     assert result.stretches[-1] == pytest.approx(1.1, abs=2e-3)
-
-
-def test_what_is_reported_is_shown(members):
-    name = "mounting_stretch_x"
-    rows = (
-        Reported(name, "", 1.016, 1.0123, 1.02, "bounded", "why", "low"),
-        Reported(name, "", 1.015, 1.0101, 1.0202, "identified", "the data determine it"),
-    )
-    shown = [replace(m, reported=(r,)) for m, r in zip(members, rows, strict=False)]
-    result = compare(shown)
-    table = result.matrix()
-    assert list(table["interval"]) == ["above 1.0123", "1.010 to 1.020"]
-    cells = [text.get_text() for text in matrix_figure(result).axes[0].texts]
-    assert any(c.endswith("above 1.0123") for c in cells)
-    assert any("1.010 to 1.020" in c for c in cells)
 
 
 def test_distances_and_forest_are_of_the_draws_that_the_report_is_of(members, result):
@@ -200,12 +164,6 @@ def test_different_settings_are_pointed_out(members):
     assert any("noisy (a), zeroed (b)" in note for note in notes)
     assert any("kappa" in note and "fixed at 0 (b)" in note for note in notes)
     assert differing_settings([("a", members[0].posterior), ("b", members[1].posterior)]) == []
-
-
-def test_labels_come_from_layers_specimens_or_folders(members):
-    a, b = members[0].posterior.specimen, members[1].posterior.specimen
-    assert run_labels([a, b], ["run1", "run2"]) == ["run1", "run2"]
-    assert run_labels([a, b], ["run", "run"]) == ["virtual (1)", "virtual (2)"]
 
 
 def test_runs_of_different_laws_are_compared_by_what_both_have():

@@ -10,27 +10,16 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.prior_checks import (
-    bracket_findings,
-    prior_findings,
-    radian_findings,
-    unused_prior_findings,
-)
+from biaxbayes.model.prior_checks import bracket_findings, prior_findings, radian_findings
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 VALUES = {"C1": 12.0, "k1": 60.0, "k2": 6.0, "alpha": 41.0, "kappa": 0.12}
 SPECIMEN, _ = virtual_specimen(
-    GOH(*VALUES.values()),
-    name="exact",
-    mounting_stretch=(1.02, 1.03),
-    measured_stretch=1.15,
-    ratios=((1, 1), (1, 0.5), (0.5, 1)),
-    increments=49,
-    machine=Machine(noise_N=0.005),
-    seed=11,
-)
+    GOH(*VALUES.values()), name="exact", mounting_stretch=(1.02, 1.03), measured_stretch=1.15,
+    ratios=((1, 1), (1, 0.5), (0.5, 1)), increments=49, machine=Machine(noise_N=0.005), seed=11,
+)  # fmt: skip
 
 
 def normal(mean, sd):
@@ -51,7 +40,6 @@ def test_a_prior_that_contradicts_the_data_is_named(parameter, prior):
     (finding,) = prior_findings(posterior)
     assert (finding.code, finding.severity) == ("prior-contradicts-data", "warning")
     assert f"the prior of {parameter}, {prior['distribution']}" in finding.message
-    assert "times the load noise of 0.005 N" in finding.message
     fitted = float(finding.message.split("which alone give ")[1].split(":")[0])
     truth = VALUES.get(parameter, 1.02)
     assert fitted == pytest.approx(truth, rel=0.15)
@@ -102,26 +90,19 @@ def test_a_prior_that_agrees_is_not(priors):
     assert prior_findings(prepare(SPECIMEN, priors=priors)) == []
 
 
-def test_an_angle_in_radians_is_named_in_priors():
-    (result,) = radian_findings(prepare(SPECIMEN, priors={"alpha": normal(0.7, 0.05)}))
-    assert "40.11, 2.865" in result.message
-    uniform = {"distribution": "uniform", "low": 0.6, "high": 0.8}
-    (result,) = radian_findings(prepare(SPECIMEN, priors={"alpha": uniform}))
-    assert "34.38, 45.84" in result.message
-    kappa = {"distribution": "uniform", "low": 0.0, "high": 0.2}
-    assert radian_findings(prepare(SPECIMEN, priors={"kappa": kappa})) == []
-    assert radian_findings(prepare(SPECIMEN, priors={"alpha": normal(41.0, 3.0)})) == []
+@pytest.mark.parametrize(
+    ("priors", "said"),
+    [
+        ({"alpha": normal(0.7, 0.05)}, "40.11, 2.865"),
+        ({"alpha": {"distribution": "uniform", "low": 0.6, "high": 0.8}}, "34.38, 45.84"),
+        ({"kappa": {"distribution": "uniform", "low": 0.0, "high": 0.2}}, ""),
+        ({"alpha": normal(41.0, 3.0)}, ""),
+    ],
+)
+def test_an_angle_in_radians_is_named_in_priors(priors, said):
+    found = [f.message for f in radian_findings(prepare(SPECIMEN, priors=priors))]
+    assert said in found[0] if said else not found
 
-
-def test_a_prior_of_a_parameter_that_the_errors_do_not_have_is_named():
-    priors = {"noise_sd": normal(0.05, 0.01)}
-    (unused,) = unused_prior_findings(Posterior(SPECIMEN, priors=priors))
-    assert "the prior of noise_sd has no effect" in unused.message
-    independent = Posterior(SPECIMEN, noise="independent", priors=priors)
-    assert unused_prior_findings(independent) == []
-
-
-# --- mounting stretches far from one, and at the limits of the search ---
 
 FAR_VALUES = {"C1": 12.0, "k1": 8.0, "k2": 0.4, "alpha": 41.0, "kappa": 0.15}
 FAR = GOH(*FAR_VALUES.values())
@@ -131,15 +112,10 @@ FAR = GOH(*FAR_VALUES.values())
 @pytest.mark.parametrize("mounting", [(2.15, 1.80), (1.05, 2.6), (0.45, 1.7)])
 def test_a_tissue_mounted_far_from_one_is_fitted_and_has_a_density(mounting, geometry):
     specimen, _ = virtual_specimen(
-        FAR,
-        name="far",
-        mounting_stretch=mounting,
-        measured_stretch=1.15,
-        ratios=((1, 1), (1, 0.5), (0.5, 1)),
-        increments=40,
-        machine=Machine(noise_N=0.0, geometry=geometry),
-        seed=3,
-    )
+        FAR, name="far", mounting_stretch=mounting, measured_stretch=1.15,
+        ratios=((1, 1), (1, 0.5), (0.5, 1)), increments=40,
+        machine=Machine(noise_N=0.0, geometry=geometry), seed=3,
+    )  # fmt: skip
     posterior = Posterior(specimen, mounting="exact", noise="independent", mounting_sd=0.6)
     values = {**FAR_VALUES, "noise_sd": 0.01 * specimen.peak_load}
     assert np.isfinite(posterior.log_density({name: values[name] for name in posterior.free}))

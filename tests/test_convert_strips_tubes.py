@@ -1,7 +1,5 @@
 """Tables of strips and tubes: the readings that they were made from come back, or it is asked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -41,9 +39,6 @@ def inflated(axial, around=None):
     around = np.linspace(1.0, 1.3, 40) if around is None else around
     stretch = np.column_stack([around, np.full(around.size, axial)])
     return stretch, readings(ARTERY, stretch, MATERIAL)
-
-
-# --- strips ---------------------------------------------------------------------------------------
 
 
 def test_a_strip_comes_back_from_displacement_and_force(tmp_path, capsys):

@@ -1,7 +1,5 @@
 """Cycles in one record: each ratio becomes a protocol, and whether they repeat is reported."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -15,7 +13,6 @@ from biaxbayes.machines.conversion import convert
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.tables.question import Question
-from virtual_biotester import biotester_export
 
 T = np.linspace(0.0, 1.0, 31)
 UP_DOWN = np.concatenate([T, T[-2:0:-1]])
@@ -85,9 +82,8 @@ def test_a_load_controlled_record_is_split_by_its_loads(tmp_path):
     stretch, load = (np.concatenate(part) for part in zip(*paths, strict=True))
     with pytest.raises(Question) as question:
         read(tmp_path, stretch, load)
-    assert (
-        "1:1: cycles 1 2 3; 0.5:1: cycles 4 5" in question.value.choices["protocols_by=load-ratio"]
-    )
+    told = question.value.choices["protocols_by=load-ratio"]
+    assert "1:1: cycles 1 2 3; 0.5:1: cycles 4 5" in told
     result = read(tmp_path, stretch, load, protocols_by="load-ratio")
     assert [p.name for p in result.specimen.protocols] == ["1:1", "0.5:1"]
     assert result.specimen.protocols[0].stretch_x[-1] == pytest.approx(1.0 + 0.15 * 1.35)
@@ -108,18 +104,6 @@ def test_whether_preconditioning_has_settled(softening, settled, tmp_path):
     assert ("has not settled" in str(result.specimen.metadata.get("conversion"))) is not settled
 
 
-def test_preconditioning_of_a_biotester(tmp_path):
-    path = tmp_path / "raw.csv"
-    size = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
-    path.write_text(biotester_export(cycles=3).text())
-    result = convert([path], Choice("biotester", cycles="last", branch="loading"), header=size)
-    # The export softens by a tenth from cycle to cycle of three.
-    assert "has not settled" in " ".join(result.recordings[0].assumptions)
-    path.write_text(biotester_export(cycles=30).text())
-    result = convert([path], Choice("biotester", cycles="last", branch="loading"), header=size)
-    assert "peak load changes by" in " ".join(result.recordings[0].notes)
-
-
 @pytest.mark.parametrize(("axes", "wrong"), [("x", "x"), ("y", "y"), ("xy", "x")])
 def test_tension_that_counts_negative(axes, wrong, tmp_path):
     stretch, load = record([(0.2, 0.15)])
@@ -130,15 +114,6 @@ def test_tension_that_counts_negative(axes, wrong, tmp_path):
     np.testing.assert_allclose(result.specimen.protocols[0].load_y, load[:31, 1], rtol=1e-9)
     assert "is reversed" in str(result.specimen.metadata["conversion"])
 
-
-def test_a_strip_is_no_specimen(tmp_path):
-    stretch, load = record([(0.2, 0.0)])
-    load[:, 1] = 0.0
-    with pytest.raises(InputError, match="niaxial strip is stated"):
-        read(tmp_path, stretch, load)
-
-
-# --- whole exports of a machine, cut right --------------------------------------------------------
 
 GAUGE_MM = (10.2, 10.15)
 NOISES = (0.002, 0.005, 0.01, 0.02)
@@ -167,15 +142,10 @@ def cycled_export(
     columns, last, start = [], [], 0
     for ratio in ratios:
         test = virtual_test(
-            GOH(12.0, 60.0, 8.0, 40.0, 0.15),
-            mounting_stretch=(1.02, 1.015),
-            measured_stretch=1.18,
-            ratio=ratio,
-            increments=400,
-            edge_x_mm=10.0,
-            edge_y_mm=10.0,
+            GOH(12.0, 60.0, 8.0, 40.0, 0.15), mounting_stretch=(1.02, 1.015),
+            measured_stretch=1.18, ratio=ratio, increments=400, edge_x_mm=10.0, edge_y_mm=10.0,
             thickness_mm=1.2,
-        )
+        )  # fmt: skip
         force = np.column_stack([test.force_x_N, test.force_y_N])
         stretch = np.column_stack([test.measured_x, test.measured_y])
         for softening in (1.25, 1.05, 1.0):
@@ -216,17 +186,11 @@ def test_a_cycled_export_is_cut_right(shape, noise, tmp_path):
     path = tmp_path / "cycled.csv"
     names = "Disp X [mm],Disp Y [mm],Load X [N],Load Y [N]"
     np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.9f")
-    columns = dict(zip(TARGETS, names.split(","), strict=True))
+    columns = ",".join(f"{k}={v}" for k, v in zip(TARGETS, names.split(","), strict=True))
     answers = {"cycles": "last", "branch": "loading"}
-    if len(ratios) > 1:
-        answers["protocols_by"] = "ratio"
-    choice = Choice(
-        "generic",
-        (",".join(f"{k}={v}" for k, v in columns.items()),),
-        gauge_x_mm=GAUGE_MM[0],
-        gauge_y_mm=GAUGE_MM[1],
-        **answers,
-    )
+    answers |= {"protocols_by": "ratio"} if len(ratios) > 1 else {}
+    gauge = dict(zip(("gauge_x_mm", "gauge_y_mm"), GAUGE_MM, strict=True))
+    choice = Choice("generic", (columns,), **gauge, **answers)
     size = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
     result = convert([path], choice, header=size)
     named = [p.name for p in result.specimen.protocols]
@@ -238,9 +202,7 @@ def test_a_cycled_export_is_cut_right(shape, noise, tmp_path):
         assert p.stretch.min() > 1.0 - 1e-9 and np.abs(np.array(p.reference) - 1.0).max() < 1e-3
         assert not [f for f in check_specimen(result.specimen) if f.severity == "error"]
     common = convert([path], choice, header={**size, "reference": "common"}).specimen
-    assert [p.rest_rows for p in common.protocols] == [
-        p.rest_rows for p in result.specimen.protocols
-    ]
-    assert sum(r.rows.size for r in result.recordings) + sum(
-        bool(reason) for reason in result.records[0].reasons
-    ) == len(table)
+    rest = [[p.rest_rows for p in s.protocols] for s in (common, result.specimen)]
+    assert rest[0] == rest[1]
+    left_out = sum(bool(reason) for reason in result.records[0].reasons)
+    assert sum(r.rows.size for r in result.recordings) + left_out == len(table)

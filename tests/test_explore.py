@@ -1,7 +1,5 @@
 """explore.html: what it holds, against the bands of the same draws, and in a real browser."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json
@@ -105,37 +103,12 @@ def page(media_run):
     return report_text(media_run, "explore")
 
 
-def test_the_page_gives_the_numbers_of_the_report(media_run, page):
-    table = page.partition('<tbody id="moved">')[2].partition("</tbody>")[0]
-    cells = re.findall(r'</th><td class="n">([^<]+)</td>', table)
-    rows = media_run.result.reported
-    assert len(cells) == len(rows)
-    for cell, row in zip(cells, rows, strict=True):
-        parameter = media_run.quantities[row.name].parameter
-        median, low, high = quantile_texts(row.median, row.low, row.high, parameter)
-        assert cell == f"{median} ({low} to {high})"
-
-
 def test_curves_of_a_run_with_a_misfit_are_those_of_the_law(media_run, page):
     curve = next(s for s in sources(page) if "median_residual" in s)
     few = thinned_draws(media_run.draws)
     table = bands(media_run.posterior(), few, max_rows=len(curve["x"]), max_draws=len(few))
     law = table["law"][table["direction"] == "x"]
     np.testing.assert_allclose(np.sort(curve["median"]), np.sort(law), rtol=1e-5)
-
-
-def test_offline_and_small(page, hostile_run):
-    for page in (page, report_text(hostile_run, "explore")):
-        assert len(page.encode()) <= 4_000_000
-        assert "Content-Security-Policy\" content=\"default-src 'none'" in page
-        assert "<script src" not in page and '<link rel="stylesheet"' not in page
-        assert 500 <= len(draws_of(page)["opacity"]) <= 1000
-
-
-def test_priors_are_those_of_the_run(page):
-    legends = re.findall(r"<legend>(.*?)</legend>", page)
-    assert "the run: normal (mean 1, sd 0.1" in legends[0] and legends[0].count("λ") == 2
-    assert any("fibre angle" in text and "uniform from 0 to 90" in text for text in legends)
 
 
 def test_what_is_fixed_has_neither_panels_nor_a_prior(small_run):
@@ -157,8 +130,6 @@ def test_the_report_points_to_it_where_it_is(copied, small_run, tmp_path):
     elsewhere = biaxbayes.report(small_run, "explore", out=tmp_path / "page.html")
     assert 'href="report.html"' not in elsewhere.read_text(encoding="utf-8")
 
-
-# --- in a real browser: brushed, selected by a slider, reweighted ---
 
 MEDIANS = "explore.curves.map(c => [[...c.data.median], [...c.data.low], [...c.data.high]])"
 
@@ -273,6 +244,17 @@ def test_too_few_effective_draws_are_refused_in_words(media):
     assert set(media.evaluate("[...explore.weights()]")) == {1.0}
     media.evaluate("document.getElementById('reset').click()")
     assert media.evaluate("document.getElementById('refused').hidden") is True
+
+
+def test_the_page_gives_the_numbers_of_the_report(media_run, page):
+    table = page.partition('<tbody id="moved">')[2].partition("</tbody>")[0]
+    cells = re.findall(r'</th><td class="n">([^<]+)</td>', table)
+    rows = media_run.result.reported
+    assert len(cells) == len(rows)
+    for cell, row in zip(cells, rows, strict=True):
+        parameter = media_run.quantities[row.name].parameter
+        median, low, high = quantile_texts(row.median, row.low, row.high, parameter)
+        assert cell == f"{median} ({low} to {high})"
 
 
 def test_hostile_names_stay_text(hostile):

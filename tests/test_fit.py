@@ -38,9 +38,7 @@ TRUTH = {"smoljkic-m55": "Table 3", "weisbecker-media": "Table 4"}
 
 
 def values(material: GOH) -> np.ndarray:
-    return np.array(
-        [material.C1_kPa, material.k1_kPa, material.k2, material.alpha_deg, material.kappa]
-    )
+    return np.array(material.values)
 
 
 def specimen_of(
@@ -68,14 +66,10 @@ def specimen_of(
         if pair == "cauchy":
             load = load * np.column_stack([test.measured_x, test.measured_y])
         protocols.append(Protocol(f"p{index}", test.measured_x, test.measured_y, *load.T))
-    edges = {"edge_x_mm": 20.0, "edge_y_mm": 20.0, "thickness_mm": 1.35}
+    lm = np.ones(2)
     if pair == "force" and geometry == "mounted":
         lm = np.array(mountings[0] if mountings else mounting)
-        edges = {
-            "edge_x_mm": 20.0 * lm[0],
-            "edge_y_mm": 20.0 * lm[1],
-            "thickness_mm": 1.35 / lm.prod(),
-        }
+    edges = {"edge_x_mm": 20.0 * lm[0], "edge_y_mm": 20.0 * lm[1], "thickness_mm": 1.35 / lm.prod()}
     return Specimen("virtual", tuple(protocols), pair, geometry, **edges)
 
 
@@ -84,13 +78,9 @@ def with_misfit(specimen: Specimen, relative_sd=0.02, noise=6e-4, seed=3) -> Spe
     protocols = []
     for p in specimen.protocols:
         wave = np.sin(np.linspace(0, 9, p.rows)) * relative_sd
-        protocols.append(
-            replace(
-                p,
-                load_x=p.load_x * (1 + wave) + noise * rng.standard_normal(p.rows),
-                load_y=p.load_y * (1 - wave) + noise * rng.standard_normal(p.rows),
-            )
-        )
+        x = p.load_x * (1 + wave) + noise * rng.standard_normal(p.rows)
+        y = p.load_y * (1 - wave) + noise * rng.standard_normal(p.rows)
+        protocols.append(replace(p, load_x=x, load_y=y))
     return replace(specimen, protocols=tuple(protocols), load_noise=noise)
 
 
@@ -260,15 +250,9 @@ def test_descent_is_never_beaten_by_scipy_on_a_noisy_specimen():
             with np.errstate(all="ignore"):
                 return problem.evaluate(x)[1]
 
+        tight = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14)
         theirs = least_squares(
-            problem.residual,
-            start,
-            jacobian,
-            bounds=(LOWER, UPPER),
-            x_scale="jac",
-            ftol=1e-14,
-            xtol=1e-14,
-            gtol=1e-14,
+            problem.residual, start, jacobian, bounds=(LOWER, UPPER), x_scale="jac", **tight
         )
         assert ours.converged
         assert ours.cost <= 2 * theirs.cost * (1 + 1e-8)
@@ -354,10 +338,7 @@ def test_ignored_and_zeroed_have_no_mounting_state():
 FIXED = [{"kappa": 0.1}, {"alpha": 45.0}, {"C1": 3.0, "k2": 2.0}, {"k1": 10.0}, {"alpha": 90.0}]
 
 
-@pytest.mark.parametrize(
-    ("method", "fixed"),
-    list(zip(METHODS, FIXED, strict=True)),
-)
+@pytest.mark.parametrize(("method", "fixed"), list(zip(METHODS, FIXED, strict=True)))
 def test_fixed_parameters_stay(method, fixed):
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
     result = fit(specimen, method, fixed=fixed, starts=3)
@@ -376,16 +357,10 @@ def test_all_parameters_fixed_is_an_evaluation():
 
 
 @pytest.mark.parametrize(
-    ("fixed", "words"),
-    [
-        ({"c10": 1.0}, "unknown parameter"),
-        ({"kappa": 0.4}, "out of range"),
-        ({"alpha": -1.0}, "out of range"),
-        ({"C1": float("nan")}, "out of range"),
-    ],
+    "fixed", [{"c10": 1.0}, {"kappa": 0.4}, {"alpha": -1.0}, {"C1": float("nan")}]
 )
-def test_impossible_holds_are_refused(fixed, words):
-    with pytest.raises(InputError, match=words):
+def test_impossible_holds_are_refused(fixed):
+    with pytest.raises(InputError, match=next(iter(fixed))):
         fit(specimen_of(MEDIA), fixed=fixed)
 
 
@@ -433,40 +408,12 @@ SOFT = {"C1": 1.0, "k1": 1e-3, "k2": 0.0}
 HEAVY = hostile(np.linspace(50, 90, 30), np.linspace(50, 80, 30))
 
 
-def test_start_that_overflows_is_survived():
-    specimen = specimen_of(MEDIA, (1.01, 1.02))
-    wild = GOH(1.0, 1e5, 1e4, 0.0, 0.0)  # k2 E^2 of several hundred
-    for method in METHODS:
-        assert np.isfinite(values(fit(specimen, method, starts=0, initial=wild).material)).all()
-    np.testing.assert_allclose(
-        values(fit(specimen, starts=4, initial=wild).material), values(MEDIA), rtol=1e-4, atol=1e-5
-    )
-
-
-def test_strongly_stiffening_tissue():
-    material = MATERIALS["donor2-intima"].material  # k2 of 268
-    result = fit(specimen_of(material, (1.017, 1.004), measured_stretch=1.05))
-    np.testing.assert_allclose(values(result.material), values(material), rtol=1e-4)
-
-
 def test_tared_specimen_allows_two_methods():
     tared = specimen_of(MEDIA, (1.01, 1.01)).zeroed()
     for method in PRESTRETCH_METHODS:
         with pytest.raises(TaredSpecimen, match="`mounting_force`"):
             fit(tared, method)
     assert [result.method for result in fit_all(tared)] == ["standard", "zeroed"]
-
-
-@pytest.mark.parametrize("method", ["best", "", "ZEROED"])
-def test_unknown_method(method):
-    with pytest.raises(InputError, match="unknown method"):
-        fit(specimen_of(MEDIA), method)
-
-
-def test_same_seed_same_fit():
-    specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
-    for method in METHODS:
-        assert fit(specimen, method, seed=4).record() == fit(specimen, method, seed=4).record()
 
 
 # --- the command ----------------------------------------------------------------------------
@@ -479,55 +426,33 @@ def media_file(tmp_path):
     return path
 
 
-def test_json_has_the_promised_keys(capsys, media_file):
-    code, out, _ = run(capsys, "fit", media_file, "--method", "all", "--json")
-    records = json.loads(out)
-    assert code == 0 and [r["method"] for r in records] == list(METHODS)
-    keys = "method law C1_kPa k1_kPa k2 alpha_deg kappa mounting_stretch_x mounting_stretch_y r2 "
-    keys += "rmse_kPa mae_kPa iterations converged at_bound"
-    assert all(list(r) == keys.split() for r in records)
-    from biaxbayes import read_specimen
-
-    again = fit(read_specimen(media_file), "linden").record()
-    assert records[3] == again
-
-
-def test_errors_of_a_fit_in_the_sense_of_the_method_paper(capsys, media_file, tmp_path):
-    truth = tmp_path / "truth.json"
+def test_table_json_and_python_say_the_same_and_errors_are_those_of_the_method_paper(
+    capsys, media_file, tmp_path
+):
+    truth, out = tmp_path / "truth.json", tmp_path / "fits"
     truth.write_text(json.dumps({"C1": 10.0, "k1": 100.0, "kappa": 0.0}))
-    out = tmp_path / "fits"
-    arguments = ("fit", media_file, "--truth", truth, "--out", out)
-    code, printed, _ = run(capsys, *arguments)
-    assert code == 0 and "MAE kPa" in printed and "parameter error" in printed
-    _, text, _ = run(capsys, "fit", media_file, "--truth", truth, "--json")
-    table = pd.read_csv(out / "fits.csv")
-    for row, record in zip(table.to_dict("records"), json.loads(text), strict=True):
+    words = ("fit", media_file, "--truth", truth)
+    assert run(capsys, *words, "--out", out)[0] == 0
+    _, text, _ = run(capsys, *words, "--json")
+    table, records = pd.read_csv(out / "fits.csv"), json.loads(text)
+    assert [r["method"] for r in records] == list(METHODS) == list(table["method"])
+    for row, record in zip(table.to_dict("records"), records, strict=True):
         # Eq. 8: the mean over the parameters that have a true value other than zero
         by_hand = (abs(record["C1_kPa"] / 10.0 - 1.0) + abs(record["k1_kPa"] / 100.0 - 1.0)) / 2
-        assert record["parameter_error"] == pytest.approx(by_hand, rel=1e-12)
+        assert record.pop("parameter_error") == pytest.approx(by_hand, rel=1e-12)
         assert row["parameter_error"] == pytest.approx(by_hand, rel=1e-6)
         assert row["mae_kPa"] == pytest.approx(record["mae_kPa"], rel=1e-6)
         assert 0.0 < record["mae_kPa"] <= record["rmse_kPa"]
+    own = fit(read_specimen(media_file), "linden").record()
+    assert {k: records[3][k] for k in own} == own
 
 
-def test_table_fits_a_terminal(capsys, media_file):
-    code, out, _ = run(capsys, "fit", media_file, "--fix", "kappa=0")
-    assert code == 0
-    assert all(word in out for word in (*METHODS, "mounting stretch x", "RMSE", "0.0000="))
-    assert max(len(line) for line in out.splitlines()) <= 80
-
-
-def test_table_and_figure_are_written_with_a_word_on_which_to_report(capsys, media_file, tmp_path):
-    out = tmp_path / "fits"
-    code, shown, _ = run(capsys, "fit", media_file, "--out", out)
-    assert code == 0 and "Report constrained" in shown and "fip: computes the mounting" in shown
-    table = pd.read_csv(out / "fits.csv")
-    assert list(table["method"]) == list(METHODS)
+def test_the_figure_of_fits_shows_them_over_the_data(capsys, media_file, tmp_path):
+    code, shown, _ = run(capsys, "fit", media_file, "--out", tmp_path, "--fix", "kappa=0")
+    assert code == 0 and "Report constrained" in shown
+    assert (tmp_path / "fits.pdf").read_bytes().startswith(b"%PDF")
     specimen = read_specimen(media_file)
-    fits = fit_all(specimen)
-    np.testing.assert_allclose(table["k2"], [f.record()["k2"] for f in fits], rtol=1e-7)
-    assert (out / "fits.pdf").read_bytes().startswith(b"%PDF")
-    figure = fits_figure(specimen, fits)
+    figure = fits_figure(specimen, fit_all(specimen))
     assert_readable(figure, 85.0)
     # A curve over the data is what the fit says of it: data less the residual.
     upper, lower = figure.axes[:2]
@@ -542,7 +467,6 @@ def test_tared_file_on_the_command_line(capsys, tmp_path):
     write_specimen(whole.zeroed(), path)
     code, out, err = run(capsys, "fit", path, "--json")
     assert code == 0 and [r["method"] for r in json.loads(out)] == ["standard", "zeroed"]
-    assert "cannot infer prestretch" in err
     err = refused(capsys, "fit", path, "--method", "linden")
     assert "--mounting-force" in err
     force = whole.mounting_reading(whole.protocols[0])
@@ -559,17 +483,13 @@ def test_exit_code_of_a_fit_that_did_not_converge(capsys, tmp_path):
     fixed = [word for name, value in SOFT.items() for word in ("--fix", f"{name}={value}")]
     code, out, err = run(capsys, "fit", path, "--method", "constrained", *fixed)
     assert code == 3 and "NO" in out and "not converged: constrained" in err
+    assert max(map(len, out.splitlines())) <= 80
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("--fix", "kappa"),
-        ("--fix", "kappa=much"),
-        ("--fix", "kappa=0.5"),
-        ("--fix", "g=1"),
-        ("--mounting-force", "1", "1"),
-    ],
+    [("--fix", given) for given in ("kappa", "kappa=much", "kappa=0.5", "g=1")]
+    + [("--mounting-force", "1", "1")],
 )
 def test_bad_options_end_with_one_line(capsys, media_file, arguments):
     refused(capsys, "fit", media_file, *arguments)
@@ -601,14 +521,12 @@ def test_what_is_simulated_without_noise_is_fitted_by_all_five(capsys, tmp_path,
 
 def rounded(specimen, decimals: int):
     """The same record in a file of so many decimals."""
-    curves = ("stretch_x", "stretch_y", "load_x", "load_y")
-    return replace(
-        specimen,
-        protocols=tuple(
-            replace(p, **{name: np.round(getattr(p, name), decimals) for name in curves})
-            for p in specimen.protocols
-        ),
-    )
+
+    def cut(p):
+        curves = ("stretch_x", "stretch_y", "load_x", "load_y")
+        return replace(p, **{name: np.round(getattr(p, name), decimals) for name in curves})
+
+    return replace(specimen, protocols=tuple(map(cut, specimen.protocols)))
 
 
 def test_few_digits_are_rounding_too():
@@ -622,12 +540,19 @@ def test_few_digits_are_rounding_too():
 
 def test_a_fit_that_misses_more_than_the_digits_is_not_called_converged(monkeypatch, tmp_path):
     """The same file, the descent cut short: what is left is no rounding."""
-    from biaxbayes.fitting import least_squares
-
     path = tmp_path / "virtual.csv"
     assert exit_code("simulate", "--goh", *STIFF, *TEST, "--out", path) == 0
     specimen = read_specimen(path)
     assert fit(specimen, "linden").converged
-    whole = least_squares.descend
-    monkeypatch.setattr(least_squares, "descend", lambda *a, **k: whole(*a, **{**k, "steps": 8}))
+
+    def cut_short(*arguments, **options):
+        return descend(*arguments, **{**options, "steps": 8})
+
+    monkeypatch.setattr("biaxbayes.fitting.least_squares.descend", cut_short)
     assert not fit(specimen, "linden", starts=1).converged
+
+
+def test_same_seed_same_fit():
+    specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
+    for method in METHODS:
+        assert fit(specimen, method, seed=4).record() == fit(specimen, method, seed=4).record()

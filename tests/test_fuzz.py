@@ -4,8 +4,6 @@ A trial damages a valid input at random and reads it as the verbs do. Anything b
 :class:`BiaxbayesError` of one printable line fails, and so does a warning.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json
@@ -77,8 +75,6 @@ def damaged_json(rng: np.random.Generator, text: bytes) -> bytes:
         place[key] = VALUES[rng.integers(len(VALUES))]
     return json.dumps(table).encode("utf-8", "surrogatepass")
 
-
-# --- what is read, and how ------------------------------------------------------------------------
 
 CAUCHY = (
     "# mounting_stretch_x: 1.03 +- 0.01\n# rest_rows: 2\n"

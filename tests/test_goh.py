@@ -11,11 +11,7 @@ from biaxbayes.laws.dispersed_fibres import dispersion_as_goh, structure_tensor
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import BRACKET, mounted_state
-from goh_functions import (
-    cauchy_stress,
-    piola_stress,
-    strain_energy,
-)
+from goh_functions import cauchy_stress, piola_stress, strain_energy
 
 STEP = 1e-30  # of a complex-step derivative: no cancellation, so no truncation error either
 CORNERS = [(kappa, alpha) for kappa in (0.0, 0.15, 1 / 3) for alpha in (0.0, np.pi / 5, np.pi / 2)]
@@ -101,9 +97,6 @@ def test_dispersion_in_and_out_of_plane_is_goh_at_another_angle():
         dispersion_as_goh(1.2, 0.5, 41.0)
 
 
-# --- the mounted state -----------------------------------------------------------------------
-
-
 def material_of(rng):
     C1, k1, k2, alpha, kappa = random_theta(rng)
     return GOH(C1, k1, k2, float(np.rad2deg(alpha)), kappa)
@@ -140,12 +133,8 @@ def test_mounted_state_balances_its_reading_and_derivatives_follow(geometry):
                 state.by_reading[:, k], (ends[0] - ends[1]) / (2 * h), rtol=2e-5, atol=1e-9
             )
         # complex step of the balance in lm gives det dp0/dlm without the module's Jacobian
-        slope = np.array(
-            [
-                np.array(carried(material, lm + 1j * STEP * e, geometry)).imag / STEP
-                for e in np.eye(2)
-            ]
-        ).T
+        steps = (carried(material, lm + 1j * STEP * e, geometry).imag / STEP for e in np.eye(2))
+        slope = np.column_stack(list(steps))
         assert state.log_determinant == pytest.approx(np.log(np.linalg.det(slope)), abs=1e-7)
         # and d lm / d theta by the implicit function theorem, stress by complex step
         stress = cauchy_stress if geometry == "mounted" else piola_stress
@@ -172,9 +161,8 @@ def test_only_stable_roots_inside_the_bracket_count():
         state = mounted_state(material, *p0)
         if state.exists:
             assert np.all((state.stretch > BRACKET[0]) & (state.stretch < BRACKET[1]))
-            np.testing.assert_allclose(
-                material.piola(*state.stretch), p0, atol=1e-9 * material.C1_kPa
-            )
+            carries = material.piola(*state.stretch)
+            np.testing.assert_allclose(carries, p0, atol=1e-9 * material.C1_kPa)
             # the energy less the work of the dead load has a minimum there
             energy = [
                 material.strain_energy(*(state.stretch * (1 + d))) - p0 @ (state.stretch * (1 + d))
@@ -185,8 +173,6 @@ def test_only_stable_roots_inside_the_bracket_count():
             assert np.isnan(state.stretch).all()
             assert np.isnan(state.log_determinant)
 
-
-# --- sampling charts -------------------------------------------------------------------------
 
 ISOTROPY_SCALES = (0.02, 0.3, 1.0)
 

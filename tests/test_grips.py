@@ -95,14 +95,12 @@ def test_grips_survive_a_file_and_a_corrected_one_is_not_corrected_again(tmp_pat
 
 def test_what_does_not_correct_refuses_the_file():
     specimen, _ = hooked()
-    with pytest.raises(InputError, match="not corrected for the grips"):
-        biaxbayes.Posterior(specimen)
-    with pytest.raises(InputError, match="not corrected for the grips"):
-        biaxbayes.profile(specimen, ["C1"])
-    with pytest.raises(InputError, match="does not know the law holzapfel-2005"):
-        biaxbayes.sample(specimen, law="holzapfel-2005")
-    with pytest.raises(InputError, match="does not know the law hgo"):
-        biaxbayes.fit(specimen, "constrained", law="hgo")
+    for verb in (biaxbayes.Posterior, lambda data: biaxbayes.profile(data, ["C1"])):
+        with pytest.raises(InputError, match="not corrected for the grips"):
+            verb(specimen)
+    for verb in (biaxbayes.sample, lambda data, law: biaxbayes.fit(data, "constrained", law=law)):
+        with pytest.raises(InputError, match="does not know the law hgo"):
+            verb(specimen, law="hgo")
 
 
 @pytest.mark.parametrize(
@@ -122,20 +120,6 @@ def test_impossible_grips_are_refused(change, message):
         stated_hooks(replace(specimen, metadata=keys))
 
 
-def test_details_without_grips_and_other_kinds_are_refused_with_their_row(tmp_path):
-    path = tmp_path / "a.csv"
-    text = (DATA / "hooked-media.csv").read_text()
-    for line, message in (
-        ("# grip_inset_mm: 1.5", "row 1: grip_inset_mm needs the key grips"),
-        ("# stretch_from: grips", "row 1: stretch_from needs the key grips"),
-        ("# grips: rakes 5", "row 1: grips must be of the form"),
-        ("# grip_inset_mm: 1.5\n# grips: none", "row 1: grip_inset_mm needs the key grips"),
-    ):
-        path.write_text(f"{line}\n{text}")
-        with pytest.raises(InputError, match=message):
-            read_specimen(path)
-
-
 def notes_of_check(specimen, **options):
     checked = biaxbayes.check(specimen, fit=False, **options)
     return [f.message for f in checked.findings if f.code == "grips"]
@@ -146,7 +130,6 @@ def test_check_names_the_hooks_or_what_ignoring_them_costs():
     (note,) = notes_of_check(specimen)
     assert "4 hooks per edge, 1.2 mm inside it" in note
     (note,) = notes_of_check(replace(specimen, metadata={}))
-    assert "five hooks per edge carry about a tenth less" in note
     assert notes_of_check(replace(specimen, metadata={"grips": "none"})) == []
 
 
@@ -154,12 +137,9 @@ def test_check_draws_a_sketch_to_scale(tmp_path):
     specimen, _ = hooked()
     ax = sketch_figure(specimen).axes[0]
     assert ax.get_aspect() == 1.0
-    circles = [p for p in ax.patches if isinstance(p, Circle)]
-    places = {tuple(np.round(c.center, 6)) for c in circles}
+    places = {tuple(np.round(p.center, 6)) for p in ax.patches if isinstance(p, Circle)}
     # 4 hooks on each of 4 edges, 1.2 mm inside 16 x 14 mm, at distances of a fifth of the edge
-    assert len(places) == 16
-    assert {c.radius for c in circles} == {0.8}
-    assert {(6.8, 1.4), (-6.8, 4.2), (1.6, 5.8), (4.8, -5.8)} <= places
+    assert len(places) == 16 and {(6.8, 1.4), (-6.8, 4.2), (1.6, 5.8), (4.8, -5.8)} <= places
     notes_of_check(specimen, sketch=tmp_path / "sketch.png")
     assert (tmp_path / "sketch.png").stat().st_size > 5000
     with pytest.raises(InputError, match="the header states none"):
@@ -177,16 +157,6 @@ def test_stated_dimensions_of_the_mounted_state_give_the_same_ratios():
     )
     ratios = [correct_for_grips(s, fitted).ratios[0].force for s in (specimen, mounted)]
     np.testing.assert_allclose(*ratios, rtol=2e-4)
-
-
-def test_a_simulated_test_states_its_hooks(tmp_path):
-    about = {"material": "weisbecker-media", "prestretch": (1.02, 1.02), "increments": 5}
-    biaxbayes.simulate(tmp_path / "hooked.csv", hooks=4, measured_stretch=1.1, **about)
-    specimen = read_specimen(tmp_path / "hooked.csv")
-    assert specimen.needs_grip_correction
-    assert stated_hooks(specimen) == Hooks(4, 1.5, 1.0)
-    uniform, _ = biaxbayes.simulate(measured_stretch=1.1, **about)
-    assert uniform.metadata["grips"] == "none" and not uniform.needs_grip_correction
 
 
 @pytest.mark.long
@@ -207,9 +177,6 @@ def test_a_run_keeps_the_ratios_and_opens_with_the_same_numbers(tmp_path):
     for name, value in truth.items():
         assert run.result[name].low < value < run.result[name].high, name
     assert biaxbayes.open_run(tmp_path / "run").posterior().specimen == run.specimen
-    page = (tmp_path / "run" / "report.html").read_text()
-    assert "Loads were divided by 0.8" in page
-    assert "As measured" in page
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Means, donors and spreads against what is known without sampling."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -154,15 +152,9 @@ def test_median_of_a_cut_normal():
     assert truncated_median(np.array([0.1]), np.array([0.2]), -INF, INF)[0] == 0.1
 
 
-# --- the whole sampler, on specimens whose likelihoods are normal --------------------------------
-
-
 ERROR = 0.3
 Y = np.array([0.2, 0.5, -0.4, -0.9, 0.6, -0.1])
-QUICK = {
-    **{"ensembles": 4, "chains": 24, "warm_up": 60},
-    **{"first_block": 160, "max_steps": 160},
-}
+QUICK = {**{"ensembles": 4, "chains": 24, "warm_up": 60}, **{"first_block": 160, "max_steps": 160}}
 
 
 def drawn(i: int, prior_mean: float, prior_sd: float, rng: np.random.Generator) -> RunDraws:

@@ -1,7 +1,5 @@
 """Odd specimen and priors files: each ends in its one line and exit code 2, or is read right."""
 
-from __future__ import annotations
-
 import gzip
 import os
 from pathlib import Path
@@ -191,8 +189,6 @@ def test_odd_but_valid_values(tmp_path):
     ]
     assert names == ["1:1, slow", 'the "first"', "1_000", "01"]
 
-
-# --- priors files ---------------------------------------------------------------------------------
 
 PRIORS: dict[str | bytes, str] = {
     "": "is empty; write its settings",

@@ -1,7 +1,5 @@
 """Run folders that a stranger made, or a disk damaged: one line, and nothing outside is touched."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Laws of the user's own: one written as GOH is GOH, runs keep its text, bad files are refused."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import re
@@ -94,40 +92,20 @@ def test_a_law_is_kept_by_its_text_without_the_file(own_goh):
     np.testing.assert_array_equal(again.log_prob(u), posterior.log_prob(u))
 
 
-def test_fibres_that_are_compressed_carry_nothing(tmp_path):
-    path = tmp_path / "tension.py"
-    path.write_text(
-        "import numpy as np\n"
-        'parameters = {"c_kPa": ("lognormal", 10, 2), "k_kPa": ("lognormal", 10, 2)}\n'
-        "def energy(X, Y, Z, c, k):\n"
-        "    E = np.maximum(X - 1, 0)\n"
-        "    return c * (X + Y + Z - 3) + k * E**3\n"
-    )
-    law = law_named(str(path))
-    fibres = law.material({"c": 0.0, "k": 2.0})
-    lx = np.array([0.9, 1.2])
-    # s_x = 2 X dW/dX = 6 k X E^2 in extension
-    expected = [0.0, 12.0 * 1.44 * 0.44**2]
-    np.testing.assert_allclose(fibres.cauchy(lx, 1.0)[0], expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("import numpy as np", "import os"), "line 2: `import os` is not allowed"),
-        (("third = 1 / 3", "third = open('x')"), "line 4: `open('x')` is not allowed"),
-        (("third = 1 / 3", "third = np.load('x')"), "line 4: `np.load` is not allowed"),
-        (("third = 1 / 3", "third = ().__class__"), "line 4: `().__class__` is not allowed"),
-        (("    spread", "    while 1: pass\n    spread"), "line 15: `while 1:` is not allowed"),
+        (("import numpy as np", "import os"), "line 2: `import os`"),
+        (("third = 1 / 3", "third = open('x')"), "line 4: `open('x')`"),
+        (("third = 1 / 3", "third = np.load('x')"), "line 4: `np.load`"),
+        (("third = 1 / 3", "third = ().__class__"), "line 4: `().__class__`"),
+        (("    spread", "    while 1: pass\n    spread"), "line 15: `while 1:`"),
         (("1 / 3", "1 / / 3"), "line 4: no Python"),
         (("third = 1 / 3", "third = fourth"), "name 'fourth' is not defined"),
         (("third = 1 / 3", "third = 9**9**9**9"), "cannot be read"),
-        (("parameters =", "numbers ="), "a law is a function `energy` and a table `parameters`"),
-        (
-            ("C1, k1, k2, cos2_alpha", "C1, k1, k2, alpha"),
-            "they have to be X, Y, Z, C1, k1, k2, cos2",
-        ),
-        (('("lognormal", 10, 2),\n    "k1', '10,\n    "k1'), "parameter C1_kPa has no prior"),
+        (("parameters =", "numbers ="), "`energy` and a table `parameters`"),
+        (("C1, k1, k2, cos2_alpha", "C1, k1, k2, alpha"), "X, Y, Z, C1, k1, k2, cos2"),
+        (('("lognormal", 10, 2),\n    "k1', '10,\n    "k1'), "C1_kPa has no prior"),
         (('"C1_kPa"', '"C 1"'), "'C 1' is no name of a parameter"),
         (('"C1_kPa"', '"thickness"'), "'thickness' is no name of a parameter"),
         (("np.exp(k2 * E**2) - 1", "np.exp(k2 * E**2)"), "kPa where unloaded, not 0"),
@@ -178,3 +156,20 @@ def test_a_run_of_an_own_law_is_read_and_resumed_without_the_file(own_goh, tmp_p
     (out / "provenance.json").write_text(json.dumps(record))
     with pytest.raises(RunError, match="is not allowed"):
         assert biaxbayes.open_run(out).law
+
+
+def test_fibres_that_are_compressed_carry_nothing(tmp_path):
+    path = tmp_path / "tension.py"
+    path.write_text(
+        "import numpy as np\n"
+        'parameters = {"c_kPa": ("lognormal", 10, 2), "k_kPa": ("lognormal", 10, 2)}\n'
+        "def energy(X, Y, Z, c, k):\n"
+        "    E = np.maximum(X - 1, 0)\n"
+        "    return c * (X + Y + Z - 3) + k * E**3\n"
+    )
+    law = law_named(str(path))
+    fibres = law.material({"c": 0.0, "k": 2.0})
+    lx = np.array([0.9, 1.2])
+    # s_x = 2 X dW/dX = 6 k X E^2 in extension
+    expected = [0.0, 12.0 * 1.44 * 0.44**2]
+    np.testing.assert_allclose(fibres.cauchy(lx, 1.0)[0], expected, rtol=1e-12)

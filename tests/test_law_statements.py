@@ -3,8 +3,6 @@
 Each is compared with its definition, written here a second time.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
@@ -14,8 +12,6 @@ from biaxbayes.laws.law import ABSENT_STRESS_FRACTION, TransformInputs
 from biaxbayes.laws.materials import Material
 from biaxbayes.model.assembly import to_slot
 from typical_laws import RECOVERED, TYPICAL, random_materials, stress_at_point
-
-# --- sampling coordinates and starting points ----------------------------------------------------
 
 X, Y = 1.5, 1.4
 Z = 1.0 / (X * Y)
@@ -90,9 +86,6 @@ def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(na
                 assert np.all(np.abs(np.subtract(moved, at_edge)) <= near)
 
 
-# --- default priors, and priors that follow from stretch and stress -------------------------------
-
-
 @pytest.mark.parametrize("name", LAWS)
 def test_default_priors_are_as_wide_as_the_page_on_laws_says(name):
     for p in law_named(name).parameters:
@@ -129,8 +122,6 @@ def test_the_median_of_a_scaled_prior_carries_the_load(name, stretch, peak_kPa):
     for stress in law.material_at([alone[n] for n in law.names]).cauchy(stretch, stretch):
         assert stress / stretch == pytest.approx(0.3 * peak_kPa, rel=1e-12)
 
-
-# --- nearness to edges ---------------------------------------------------------------------------
 
 NEAR_EXPONENT = {  # parameter: exponent at a state, for one unit of it
     "goh": {"k2": lambda v, x, y: _strain(v, x, y) ** 2},

@@ -1,7 +1,5 @@
 """One writer a run folder: live owners are respected, dead ones are not."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json
@@ -13,14 +11,8 @@ from pathlib import Path
 import pytest
 
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.file_lock import NAME, folder_lock
-from biaxbayes.runs.folder import (
-    PROVENANCE,
-    READY,
-    finish_moving,
-    manifest,
-    staged,
-)
+from biaxbayes.file_lock import folder_lock
+from biaxbayes.runs.folder import PROVENANCE, READY, finish_moving, manifest, staged
 
 OWNER = """
 import sys, time
@@ -61,21 +53,11 @@ def test_a_live_owner_is_respected_and_a_killed_one_is_not_waited_for(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("left", ["", "[]", "9" * 5000])
-def test_what_a_dying_process_left_is_stale(tmp_path, left):
-    (tmp_path / NAME).write_text(left)
-    with folder_lock(tmp_path):
-        pass
-
-
 def test_a_folder_that_may_not_be_written(tmp_path):
     tmp_path.chmod(0o555)
     refused = pytest.raises(RunError, match=r"cannot be written .*; choose another `out`")
     with nobody(), refused, folder_lock(tmp_path):
         pass
-
-
-# --- files that appear together ----------------------------------------------------------------
 
 
 @pytest.fixture
@@ -116,12 +98,8 @@ def test_a_product_that_the_user_changed_stays(old_run):
 
 @pytest.mark.parametrize(
     "trouble",
-    [
-        OSError(errno.ENOSPC, "No space left on device"),
-        InputError("cannot be written (No space left on device)", file="x"),
-        KeyboardInterrupt(),
-        MemoryError(),
-    ],
+    [OSError(errno.ENOSPC, "No space left on device"), InputError("No space left on device")]
+    + [KeyboardInterrupt(), MemoryError()],
 )
 def test_trouble_leaves_the_old_files(old_run, trouble):
     before = content(old_run)
@@ -132,7 +110,6 @@ def test_trouble_leaves_the_old_files(old_run, trouble):
     assert content(old_run) == before
     if expected is RunError:
         assert "No space left on device" in str(output.value)
-        assert "untouched" in str(output.value)
         assert ".writing" not in str(output.value)
 
 

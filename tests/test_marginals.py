@@ -1,7 +1,5 @@
 """Marginals of draws against closed forms: smoothed densities, spreads, ends of ranges, moves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import lognorm, norm, uniform
@@ -16,9 +14,6 @@ from quick_posteriors import small_specimen
 
 LEVELS = (np.arange(20_000) + 0.5) / 20_000
 """Levels of draws spread as evenly as their distribution: without Monte Carlo error."""
-
-
-# --- smoothed densities --------------------------------------------------------------------------
 
 
 def test_a_density_is_widened_by_silvermans_bandwidth_alone():
@@ -92,9 +87,6 @@ def test_widths_above_a_share_of_the_peak():
     assert result.at(0.0) == pytest.approx(result.peak, rel=1e-3)
 
 
-# --- ends of ranges ------------------------------------------------------------------------------
-
-
 def scale_of(name: str, **prior: object) -> ComparisonScale:
     target = Posterior(small_specimen(), noise="independent", priors={name: prior} if prior else {})
     parameter = MOUNTING_PARAMETERS[0] if name.startswith("mounting") else GOH_LAW.parameter(name)
@@ -141,9 +133,6 @@ def test_a_mirror_is_no_end_and_a_bound_beside_it_is():
     bounded = scale_of("alpha", distribution="uniform", low=0.0, high=60.0)
     (end,) = edges_of(bounded, 60.0 * LEVELS, 1.0)
     assert (end.side, end.kind, end.value) == (1, "user", 60.0)
-
-
-# --- sensitivity to a prior ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("share", "decided"), [(0.25, False), (0.45, True), (0.9, True)])

@@ -1,7 +1,5 @@
 """One specimen written in many ways is read to the same numbers, or refused with its cause."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections import Counter
@@ -140,11 +138,8 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
     """Columns of forces or stresses, in any unit and sign."""
     pair = str(rng.choice(["force", "piola", "cauchy"]))
     area = EDGE * THICKNESS
-    values = {
-        "force": force,
-        "piola": force / area * 1e3,
-        "cauchy": force / area * 1e3 * stretch,
-    }[pair]
+    piola = force / area * 1e3
+    values = {"force": force, "piola": piola, "cauchy": piola * stretch}[pair]
     units = FORCES if pair == "force" else STRESSES
     unit = str(rng.choice(list(units)))
     values = values * units[unit]
@@ -201,13 +196,11 @@ def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, 
     order = rng.permutation(len(names))
     names = [names[i] for i in order]
     rows = [list(row) for row in zip(*[cells[i] for i in order], strict=True)]
-    preamble = [[], [["Specimen", "A-12"], ["Thickness", "1.2"]], [["made by hand"]]][
-        rng.integers(3)
-    ]
+    heads = [[], [["Specimen", "A-12"], ["Thickness", "1.2"]], [["made by hand"]]]
+    preamble = heads[rng.integers(3)]
     path = folder / f"way{number}.csv"
-    separator, decimal = [(",", "."), (";", ","), ("\t", "."), ("\t", ","), (";", ".")][
-        rng.integers(5)
-    ]
+    forms = [(",", "."), (";", ","), ("\t", "."), ("\t", ","), (";", ".")]
+    separator, decimal = forms[rng.integers(5)]
     out = io.StringIO()
     table = csv.writer(out, delimiter=separator, lineterminator=str(rng.choice(["\n", "\r\n"])))
     padding = [""] * (len(names) - 2) if rng.random() < 0.5 else []
@@ -385,56 +378,24 @@ def test_a_row_of_units_counts_as_the_names_do(tmp_path, units, scale, words):
         assert_is(converted(path, columns), small, FORCE)
 
 
-def test_a_given_unit_that_contradicts_the_name_is_recorded(tmp_path):
-    names = ["Green X [%]", "Green Y [%]", "Load X [N]", "Load Y [N]"]
-    path = file_of(tmp_path, names, 100.0 * (STRETCH - 1.0), 1e3 * FORCE)
-    given = [f"{name}:{'engineering' if '%' in name else 'mN'}" for name in names]
-    result = converted(path, targets(given))
-    assert_is(result, STRETCH, FORCE)
-    text = str(result.specimen.metadata["conversion"])
-    assert "stretch_x is read as engineering, as given; 'Green X [%]' suggests green" in text
-    assert "force_y_N is read as mN, as given; 'Load Y [N]' suggests N" in text
-
-
-def test_units_of_x_and_y_may_differ(tmp_path):
-    moved = (STRETCH - 1.0) * GAUGE * [1.0, 1e3]
-    names = ["Disp X [mm]", "Disp Y [um]", "Load X [mN]", "Load Y [gf]"]
-    force = FORCE * [1e3, 1 / 9.80665e-3]
-    columns = targets(names)
-    path = file_of(tmp_path, names, moved, force)
-    gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
-    assert_is(converted(path, columns, **gauge), STRETCH, FORCE)
-
-
-def test_fractions_below_a_per_cent_sign_in_one_direction_are_seen(tmp_path):
-    names = ["Green X [%]", "Green Y", "Fx_N", "Fy_N"]
-    path = file_of(tmp_path, names, GREEN, FORCE)
-    columns = targets(names)
-    with pytest.raises(InputError, match=r"'Green X \[%\]' changes by 0.22% only"):
-        converted(path, columns)
-
-
 def test_lengths_that_do_not_fit_on_the_tissue(tmp_path):
+    gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
     names = ["Distance X [mm]", "Distance Y [mm]", "Fx_N", "Fy_N"]
-    columns = targets(names)
     path = file_of(tmp_path, names, STRETCH * GAUGE, FORCE)
-    assert_is(converted(path, columns), STRETCH, FORCE)
-    with pytest.raises(
-        InputError, match=r"10\.2 mm in x does not fit on a tissue with an edge of 1 mm"
-    ):
-        converted(path, columns, header={"edge_x_mm": 1.0, "edge_y_mm": 1.0})
+    assert_is(converted(path, targets(names)), STRETCH, FORCE)
+    with pytest.raises(InputError, match=r"10\.2 mm in x does not fit"):
+        converted(path, targets(names), header={"edge_x_mm": 1.0, "edge_y_mm": 1.0})
     path = file_of(tmp_path, names, STRETCH * GAUGE + 40.0, FORCE)
-    for gauge in ({}, {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}):
-        with pytest.raises(InputError, match="that includes sutures or grips write stretch_x="):
-            converted(path, columns, **gauge)
+    for given in ({}, gauge):
+        with pytest.raises(InputError, match="includes sutures or grips"):
+            converted(path, targets(names), **given)
     names = ["Disp X [mm]", "Disp Y [mm]", "Fx_N", "Fy_N"]
-    columns = targets(names)
     path = file_of(tmp_path, names, (STRETCH - 1.0) * GAUGE, FORCE)
-    short = converted(path, columns, gauge_x_mm=0.1 * GAUGE[0], gauge_y_mm=0.1 * GAUGE[1])
-    assert "of the edge of 10 mm: is it in mm?" in str(short.specimen.metadata["conversion"])
+    short = converted(path, targets(names), gauge_x_mm=1.02, gauge_y_mm=1.05)
+    assert "is it in mm?" in str(short.specimen.metadata["conversion"])
     path = file_of(tmp_path, names, (1.0 - STRETCH) * GAUGE, FORCE)
-    with pytest.raises(InputError, match="may count extension as negative"):
-        converted(path, columns, gauge_x_mm=GAUGE[0], gauge_y_mm=GAUGE[1])
+    with pytest.raises(InputError, match="extension as negative"):
+        converted(path, targets(names), **gauge)
 
 
 def test_a_point_among_decimal_commas_is_refused_in_any_row(tmp_path):
@@ -479,3 +440,32 @@ def test_a_specimen_of_arrays_is_checked_as_a_file_is(arguments, words):
     sound = {"protocols": (p,), "edge_x_mm": EDGE, "edge_y_mm": EDGE, "thickness_mm": THICKNESS}
     with pytest.raises(InputError, match=words):
         Specimen("a", stress_pair="force", **{**sound, **arguments})
+
+
+def test_a_given_unit_that_contradicts_the_name_is_recorded(tmp_path):
+    names = ["Green X [%]", "Green Y [%]", "Load X [N]", "Load Y [N]"]
+    path = file_of(tmp_path, names, 100.0 * (STRETCH - 1.0), 1e3 * FORCE)
+    given = [f"{name}:{'engineering' if '%' in name else 'mN'}" for name in names]
+    result = converted(path, targets(given))
+    assert_is(result, STRETCH, FORCE)
+    text = str(result.specimen.metadata["conversion"])
+    assert "stretch_x is read as engineering, as given; 'Green X [%]' suggests green" in text
+    assert "force_y_N is read as mN, as given; 'Load Y [N]' suggests N" in text
+
+
+def test_units_of_x_and_y_may_differ(tmp_path):
+    moved = (STRETCH - 1.0) * GAUGE * [1.0, 1e3]
+    names = ["Disp X [mm]", "Disp Y [um]", "Load X [mN]", "Load Y [gf]"]
+    force = FORCE * [1e3, 1 / 9.80665e-3]
+    columns = targets(names)
+    path = file_of(tmp_path, names, moved, force)
+    gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
+    assert_is(converted(path, columns, **gauge), STRETCH, FORCE)
+
+
+def test_fractions_below_a_per_cent_sign_in_one_direction_are_seen(tmp_path):
+    names = ["Green X [%]", "Green Y", "Fx_N", "Fy_N"]
+    path = file_of(tmp_path, names, GREEN, FORCE)
+    columns = targets(names)
+    with pytest.raises(InputError, match=r"'Green X \[%\]' changes by 0.22% only"):
+        converted(path, columns)

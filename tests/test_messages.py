@@ -28,38 +28,36 @@ from commands import refused, run
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=40)[0]
 
 
-def lines_of(tmp_path) -> tuple[list[str], list[str]]:
-    path = tmp_path / "made.csv"
+def made_file(folder, change=lambda line: line, rows=lambda rows: rows) -> Path:
+    """A specimen file with lines of its header, or its rows, changed."""
+    path = folder / "made.csv"
     write_specimen(MADE, path)
     lines = path.read_text().splitlines()
-    first = next(i for i, line in enumerate(lines) if line.startswith("stretch_x"))
-    return lines[: first + 1], lines[first + 1 :]
+    first = 1 + next(i for i, line in enumerate(lines) if line.startswith("stretch_x"))
+    path.write_text("\n".join([*map(change, lines[:first]), *rows(lines[first:])]) + "\n")
+    return path
 
 
 def test_shuffled_rows(capsys, tmp_path):
-    head, rows = lines_of(tmp_path)
-    rng = np.random.default_rng(1)
-    path = tmp_path / "shuffled.csv"
-    path.write_text("\n".join([*head, *rng.permutation(rows)]) + "\n")
+    shuffle = np.random.default_rng(1).permutation
+    path = made_file(tmp_path, rows=shuffle)
     (result,) = (f for f in check_specimen(read_specimen(path)) if f.severity == "error")
     assert "out of order" in result.message
-    named = [f"{row},{'a' if i < 20 else 'b'}" for i, row in enumerate(rows)]
-    shuffled = [*head[:-1], f"{head[-1]},protocol", *rng.permutation(named)]
-    path.write_text("\n".join(shuffled) + "\n")
-    text = refused(capsys, "check", path)
-    assert "are mixed" in text and "one row" not in text
+    path = made_file(
+        tmp_path,
+        lambda line: line + ",protocol" * line.startswith("stretch_x"),
+        lambda rows: shuffle([f"{row},{'ab'[i < 20]}" for i, row in enumerate(rows)]),
+    )
+    assert "are mixed" in refused(capsys, "check", path)
 
 
 @pytest.mark.parametrize("keys", [("edge_x_mm", "edge_y_mm"), ("thickness_mm",)])
 def test_metres_instead_of_millimetres(capsys, tmp_path, keys):
-    head, rows = lines_of(tmp_path)
-    for i, line in enumerate(head):
+    def in_metres(line: str) -> str:
         key, _, value = line.removeprefix("# ").partition(": ")
-        if key in keys:
-            head[i] = f"# {key}: {float(value) / 1000:g}"
-    path = tmp_path / "metres.csv"
-    path.write_text("\n".join([*head, *rows]) + "\n")
-    assert "are in metres, multiply them by 1000" in refused(capsys, "check", path)
+        return f"# {key}: {float(value) / 1000:g}" if key in keys else line
+
+    assert "are in metres" in refused(capsys, "check", made_file(tmp_path, in_metres))
 
 
 def test_a_strain_where_a_stretch_is_needed(capsys, small_run):
@@ -74,15 +72,6 @@ def test_a_protocol_that_the_run_does_not_have(capsys, small_run, tmp_path):
     assert code == 2 and f"unknown protocol 'nope'; the run has {', '.join(own)}" in err
     assert not (tmp_path / "out").exists()
     assert run(capsys, *arguments, own[0])[0] == 0
-
-
-def test_an_angle_in_radians(capsys, tmp_path):
-    path = tmp_path / "made.csv"
-    write_specimen(MADE, path)
-    arguments = ("fit", path, "--method", "zeroed", "--fix")
-    assert "write alpha=34.38" in run(capsys, *arguments, "alpha=0.6")[2]
-    for sound in ("alpha=41", "alpha=0", "kappa=0.1"):
-        assert "radians" not in run(capsys, *arguments, sound)[2]
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("sampel", "sample"), ("Simulate", "simulate")])
@@ -100,21 +89,11 @@ def test_did_you_mean(capsys, typed, meant):
     ],
 )
 def test_a_name_with_another_unit_says_how_to_scale(capsys, tmp_path, typed, meant):
-    head, rows = lines_of(tmp_path)
     known = meant.split()[3].rstrip("?")
-    path = tmp_path / "other.csv"
-    path.write_text("\n".join([*(line.replace(known, typed) for line in head), *rows]) + "\n")
-    assert meant in refused(capsys, "check", path)
+    file = made_file(tmp_path, lambda line: line.replace(known, typed))
+    assert meant in refused(capsys, "check", file)
 
 
-def test_a_target_of_convert_with_another_unit():
-    with pytest.raises(InputError, match="write force_x_N=Fx:mN;"):
-        parse_columns(["force_x_mN=Fx"])
-
-
-# --- --mounting-force of a tared file: checked before the work, with the option named ---
-
-FORCE = (0.0158, 0.0126)
 TARED = biaxbayes.simulate(material="donor2-media", noise_N=0.0006)[0].zeroed()
 
 
@@ -181,3 +160,8 @@ def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
     assert code in (0, 3) and "mounting_stretch_x" in out, err
     result = biaxbayes.open_run(folder).specimen
     assert tuple(result.mounting_readings(shared=True)[0][0]) == pytest.approx(right)
+
+
+def test_a_target_of_convert_with_another_unit():
+    with pytest.raises(InputError, match="write force_x_N=Fx:mN;"):
+        parse_columns(["force_x_mN=Fx"])

@@ -1,9 +1,4 @@
-"""The smooth misfit of a law: its likelihood, what readings say of it, its draws from the prior.
-
-The covariances are those of the second implementation, ``plain_posterior``.
-"""
-
-from __future__ import annotations
+"""The smooth misfit of a law against the covariances of the second implementation."""
 
 import numpy as np
 import pytest
@@ -93,9 +88,6 @@ def residuals(model: SmoothMisfit, n: int, seed: int = 1) -> np.ndarray:
     return np.array(out)
 
 
-# --- the likelihood ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("toe", [0.4, 0.05, 0.0])
 @pytest.mark.parametrize("protocols", [1, 3])
 def test_the_likelihood_is_a_mean_of_multivariate_normals(protocols, toe):
@@ -139,9 +131,6 @@ def test_eigenvectors_that_are_left_out_change_next_to_nothing(monkeypatch):
     assert np.abs(difference).max() < 5.0 * e * np.sqrt(n / 2.0)
 
 
-# --- structure and amplitude, given the readings -------------------------------------------------
-
-
 def test_the_amplitude_is_found_on_average():
     """The mean over data of the posterior mean is the prior mean, whatever the model says."""
     model = made(2, 8)
@@ -172,18 +161,11 @@ def test_what_is_chosen_given_readings_of_the_model_follows_the_prior():
     number = np.arange(len(weight))
     amplitudes = len(AMPLITUDES)
     noises = len(NOISE_FACTORS)
-    for key in (
-        number % amplitudes,
-        number // amplitudes % noises,
-        number // amplitudes // noises,
-    ):
+    for key in (number % amplitudes, number // amplitudes % noises, number // amplitudes // noises):
         expected = np.bincount(key, weight)
         share = np.bincount(key[chosen], minlength=len(expected)) / len(r)
         error = np.sqrt(expected * (1.0 - expected) / len(r))
         assert np.abs((share - expected) / error).max() < 4.5
-
-
-# --- the misfit given the readings ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize("others", [False, True])
@@ -203,16 +185,6 @@ def test_the_misfit_given_readings_is_the_conditional_normal(protocols, others):
         np.testing.assert_allclose(sd[i] ** 2, left, rtol=1e-6, atol=1e-10)
 
 
-def test_readings_without_noise_fix_the_misfit_where_they_are():
-    points = curves()
-    model = SmoothMisfit(points, np.eye(len(points.path)), np.full(len(points.path), 1e-7))
-    # structures with short lengths: all readings are free to differ
-    r = 1e-3 * np.random.default_rng(5).standard_normal((3, len(points.path)))
-    mean, sd = model.given(r, np.zeros(3, dtype=int), points)
-    np.testing.assert_allclose(mean, r, atol=1e-6)
-    assert sd.max() < 1e-6
-
-
 def test_on_a_path_that_was_not_tested_one_protocol_tells_the_toe_alone():
     """Its structures end with the path: without a toe the prior remains."""
     model, at = made(1, toe=0.0), curves(1, 4, first=0.1, others=True)
@@ -229,9 +201,6 @@ def test_on_a_path_that_was_not_tested_one_protocol_tells_the_toe_alone():
     assert mean.any() and (sd**2 < np.array(prior)).all()
 
 
-# --- draws from the prior ------------------------------------------------------------------------
-
-
 def test_draws_have_the_covariance_of_the_prior():
     model = made(2, 4)
     rng = np.random.default_rng(7)
@@ -245,9 +214,6 @@ def test_draws_have_the_covariance_of_the_prior():
     error = products.std(axis=0) / np.sqrt(len(drawn))
     assert np.abs((products.mean(axis=0) - expected) / error).max() < 5.0
     assert np.abs(drawn.mean(axis=0) / (drawn.std(axis=0) / np.sqrt(len(drawn)))).max() < 4.5
-
-
-# --- places on the paths of a specimen -----------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

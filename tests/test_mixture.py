@@ -57,14 +57,6 @@ def test_the_density_is_normalised_and_matches_its_draws():
     assert abs(halves[0].mean() - halves[1].mean()) < 4 * np.sqrt(0.85 * 0.15 * 4 / len(x))
 
 
-def test_arrays_carry_everything():
-    q = unequal(SIX[3])  # with folded bounds
-    again = MixtureProposal.from_arrays(q.arrays())
-    x = q.sample(np.random.default_rng(6), 300)
-    np.testing.assert_array_equal(again.log_density(x), q.log_density(x))
-    np.testing.assert_array_equal(again.sample(np.random.default_rng(6), 300), x)
-
-
 NO_BOUNDS = bounds_array({}, 2)
 
 
@@ -91,8 +83,6 @@ def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(
     with pytest.raises(RuntimeError, match="frozen"):
         ensembles.adapt(spread)
 
-
-# --- fits of Gaussian mixtures, beside those of scikit-learn ---
 
 SHAPES = [(60, 2, 1), (300, 3, 4), (900, 5, 12), (4000, 8, 8), (2500, 13, 6)]
 
@@ -146,10 +136,3 @@ def test_a_mixture_of_one_component_has_the_moments_of_the_points():
     assert fit.means[0] == pytest.approx(x.mean(axis=0), abs=1e-12)
     covariance = np.cov(x.T, ddof=0) + mixture.VARIANCE_FLOOR * np.eye(4)
     assert fit.factors[0] @ fit.factors[0].T == pytest.approx(covariance, abs=1e-10)
-
-
-def test_points_that_are_not_finite_are_refused():
-    x = skewed(200, 3, 0)
-    x[17, 1] = np.nan
-    with pytest.raises(ValueError, match="NaN"):
-        mixture.fit_mixture(x, np.random.default_rng(0), components=2)

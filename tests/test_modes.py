@@ -1,7 +1,5 @@
 """Modes, Laplace's approximation and ridges of densities that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -84,20 +82,15 @@ def test_separate_peaks_are_modes_by_their_mass():
     assert [m.log_mass for m in result] == pytest.approx(np.log([0.7, 0.3]), abs=0.03)
 
 
-def test_a_peak_of_little_mass_counts_where_it_is_high():
+@pytest.mark.parametrize(
+    ("log_mass", "variance", "count"), [(-8.0, 1.0, 2), (-11.0, 1.0, 1), (-11.0, 0.01, 2)]
+)
+def test_a_peak_of_little_mass_counts_where_it_is_high(log_mass, variance, count):
+    """A narrow peak of e^-11 of the mass has a height within e^-9 of the main one."""
     main, far = np.zeros(3), np.array([9.0, 0.0, 0.0])
-    for mass, width, count in ((np.exp(-8.0), 1.0, 2), (np.exp(-11.0), 1.0, 1)):
-        result = find_modes(
-            mixture((1.0, main, np.eye(3)), (mass, far, width * np.eye(3))),
-            scattered(main, far),
-            WIDE,
-            FREE,
-        )
-        assert len(result) == count
-    # of a mass e^-11 in a peak that is narrow: its height is within e^-9 of the main one
-    narrow = mixture((1.0, main, np.eye(3)), (np.exp(-11.0), far, 0.01 * np.eye(3)))
-    starts = np.vstack([scattered(main), far + 0.05])
-    assert len(find_modes(narrow, starts, WIDE, FREE)) == 2
+    density = mixture((1.0, main, np.eye(3)), (np.exp(log_mass), far, variance * np.eye(3)))
+    starts = scattered(main, far) if variance == 1.0 else [*scattered(main), far + 0.05]
+    assert len(find_modes(density, np.array(starts), WIDE, FREE)) == count
 
 
 def test_the_heaviest_modes_are_kept_and_no_start_of_positive_density_gives_none():

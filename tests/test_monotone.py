@@ -3,8 +3,6 @@
 Over virtual specimens of random materials, protocols, noise and smooth misfit.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +10,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from biaxbayes.identifiability.identify import (
-    Identifiability,
-    identify_draws,
-    run_law_fits,
-)
+from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
 from biaxbayes.identifiability.verdict import ParameterVerdict
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior

@@ -1,8 +1,5 @@
 """Executors: equal results, one BLAS thread, and workers that die."""
 
-from __future__ import annotations
-
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -62,15 +59,6 @@ def test_a_stop_hands_out_nothing_further_and_waits_for_what_is_under_way(tmp_pa
 
     outcomes = list(Processes(1).run(tasks.until_stopped, [str(tmp_path)] * 5, stop=stop))
     assert [o.value for o in outcomes] == ["ended"]
-
-
-def test_leaving_early_ends_the_workers(tmp_path):
-    running = Processes(2).run(tasks.mark_and_wait, [(str(tmp_path), s) for s in (0.0, 600.0)])
-    next(running)
-    until(lambda: len(list(tmp_path.glob("started-*"))) == 2)
-    running.close()
-    until(lambda: not any(map(alive, started_in(tmp_path))))
-    assert not multiprocessing.active_children()
 
 
 SCRIPT = """
@@ -169,19 +157,6 @@ def test_a_script_without_a_guard_is_refused_with_what_is_missing(tmp_path):
     assert 'if __name__ == "__main__":' in out
 
 
-def test_which_executor_is_chosen():
-    assert isinstance(executor_for(1), InThisProcess)
-    assert executor_for(1, isolated=True).count == 1
-    assert executor_for(3).count == 3
-    with pytest.raises(InputError, match="at least 1"):
-        executor_for(0)
-    with pytest.raises(InputError, match="either"):
-        executor_for(2, "tcp://127.0.0.1:8786")
-
-
-# --- clusters ------------------------------------------------------------------------------------
-
-
 def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
     from distributed import default_client
 
@@ -201,13 +176,9 @@ def local_cluster(workers):
     from distributed import LocalCluster
 
     return LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address=None,
-        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-        memory_limit=0,
-    )
+        n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, memory_limit=0,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

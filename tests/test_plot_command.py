@@ -13,7 +13,7 @@ from biaxbayes.identifiability.profile import profiles
 from biaxbayes.options import PLOTS
 from biaxbayes.runs.run import open_run
 from commands import exit_code
-from readable import assert_readable, in_view
+from readable import assert_readable
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -41,26 +41,10 @@ def test_verdicts_are_readable(run, width):
 
 
 @pytest.mark.long
-def test_the_corner_says_of_which_law_it_is(run):
-    opened = open_run(run)
-    figure = corner_figure(opened.draws, width_mm=180.0, law=opened.law.short_name)
-    assert any(text.startswith("posterior, GOH\n") for text, _ in in_view(figure))
-
-
-@pytest.mark.long
 def test_profiles_are_readable(small_run):
     result = profiles(small_run.posterior(), ["k1", "C1"])
     for width in (85.0, 180.0):
         assert_readable(profile_figure(result, width_mm=width), width)
-
-
-def test_profile_and_trace_of_named_parameters(small_run, tmp_path):
-    out = tmp_path / "k1.svg"
-    for figure in ("profile", "trace"):
-        arguments = ("--figure", figure, "--parameter", "k1", "--out", out)
-        assert exit_code("plot", small_run.path, *arguments) == 0
-        assert out.stat().st_size > 1000
-        out.unlink()
 
 
 def test_corner_with_truth_comparison_and_style(run, tmp_path, capsys):

@@ -1,7 +1,5 @@
 """A population from a study folder: files, words for difficult studies, resume, exit codes."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -28,12 +26,7 @@ from biaxbayes.populations.specimens import (
     run_draws,
     sample_again,
 )
-from biaxbayes.populations.tables import (
-    CONTRAST_COLUMNS,
-    POPULATION_COLUMNS,
-    SPECIMEN_COLUMNS,
-    contradictions,
-)
+from biaxbayes.populations.tables import contradictions
 from biaxbayes.populations.text import contrast_rows, group_rows
 from biaxbayes.reports.population import FIGURE_TEXTS, TABLES, closing_message
 from biaxbayes.runs.folder import POPULATION, manifest
@@ -91,9 +84,6 @@ def test_runs_whose_prior_is_narrower_than_the_range_are_cut_short(study):
 
 def test_tables_have_their_columns_and_hold_together(population):
     table = population.groups
-    assert tuple(table.columns) == POPULATION_COLUMNS
-    assert tuple(population.specimens.columns) == SPECIMEN_COLUMNS
-    assert tuple(population.contrasts.columns) == CONTRAST_COLUMNS
     assert list(dict.fromkeys(table["group"])) == ["healthy", "aneurysm"]
     for part in ("mean", "sd_donors", "sd_specimens", "sd_total", "new_specimen", "new_donor"):
         q05, q50, q95 = (table[f"{part}_{q}"] for q in ("q05", "q50", "q95"))
@@ -128,32 +118,37 @@ def test_files_say_the_same(population):
     assert np.exp(np.median(draws)) == pytest.approx(row["mean_q50"], rel=1e-6)
     for stem in FIGURE_TEXTS:
         assert (population.folder / f"{stem}.pdf").stat().st_size > 2000
-    page = (population.folder / "population.html").read_text()
+    page, terminal = (
+        (population.folder / "population.html").read_text(),
+        closing_message(population),
+    )
     assert (population.reason or "R-hat") in page
-    assert "data:image/png" in page and "http://" not in page
-    assert f"{row['mean_q50']:.3g}" in page
+    for row in group_rows(population.groups):
+        for cell in (row.median, row.new[0][1]):
+            assert cell in terminal and (cell == "–" or f">{cell}<" in page or f">{cell}*<" in page)
 
 
 def test_folders_of_another_kind_are_named(study, population, tmp_path, capsys):
     verbs = (("identify",), ("report",), ("plot", "--figure", "trace"), ("predict",))
     for verb, *options in (*verbs, ("export", "--to", "abaqus"), ("design",)):
-        err = refused(capsys, verb, population.folder, *options)
-        assert "is a population's folder, not a run's; give one of the runs of its study" in err
-        err = refused(capsys, verb, study, *options)
-        assert f"is a study's folder, not a run's; give one of the runs in {study / 'runs'}" in err
-        err = refused(capsys, verb, tmp_path / "absent", *options)
-        assert f"{tmp_path / 'absent'}: does not exist; make a run folder" in err
+        for folder, message in (
+            (population.folder, "a population's folder"),
+            (study, f"a study's folder, not a run's; give one of the runs in {study / 'runs'}"),
+            (tmp_path / "absent", f"{tmp_path / 'absent'}: does not exist"),
+        ):
+            assert message in refused(capsys, verb, folder, *options)
     assert not list(tmp_path.iterdir())
     cards = ("--to", "abaqus", "--population", "healthy")
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / POPULATION).write_text("{}")
     for folder, message in (
-        (study / "runs" / "a", "is a run's folder, not a population's; leave --population out"),
-        (study, "is a study's folder, not a population's; make one with 'biaxbayes population'"),
-        (tmp_path, "is not the folder of a finished population; make one"),
-        (tmp_path / "absent", "does not exist; make one with 'biaxbayes population'"),
+        (study / "runs" / "a", "a run's folder, not a population's"),
+        (study, "a study's folder, not a population's"),
+        (tmp_path, "not the folder of a finished population"),
+        (tmp_path / "absent", "does not exist"),
+        (tmp_path / "damaged", "missing or damaged"),
     ):
         assert message in refused(capsys, "export", folder, *cards)
-    (tmp_path / POPULATION).write_text("{}")
-    assert "a file is missing or damaged" in refused(capsys, "export", tmp_path, *cards)
 
 
 def test_a_finished_population_is_refused_and_stays(study, population, tmp_path, capsys):
@@ -191,32 +186,12 @@ def test_a_population_is_replaced_whole(study, population, tmp_path, quick, monk
     assert kept == {*record["files"], POPULATION, "notes.txt"}
 
 
-def test_terminal_and_page_print_the_same_digits(population):
-    terminal = closing_message(population).splitlines()
-    page = (population.folder / "population.html").read_text()
-    heads = [k for k, line in enumerate(terminal) if line.startswith("quantity ")]
-    assert len(heads) == 3  # two groups, and what differs between them
-    assert terminal[heads[2] - 1] == "aneurysm compared with healthy"
-    for _, part in population.groups.groupby("group", sort=False):
-        for row in group_rows(part):
-            cells = [row.median, row.reported, *(s for s, _ in row.spreads), row.new[0][1]]
-            assert any(all(c in line for c in cells) for line in terminal), row
-            assert all(f">{c}<" in page or f">{c}*<" in page for c in cells if c != "–"), row
-    for row in contrast_rows(population.contrasts):
-        cells = [row.kind, row.median, row.interval, row.direction]
-        assert any(all(c in line for c in cells) for line in terminal[heads[2] :]), row
-        assert f">{row.interval}<" in page and f">{row.direction}<" in page
-
-
 def test_a_contrast_says_whether_the_groups_differ(population):
+    ends = [f"difference_{q}" for q in ("q05", "q50", "q95")]
     table = population.contrasts.iloc[:3].copy()
     table["scale"] = ["log", "log", "linear"]
     table["direction"] = ["smaller", "open", "open"]
-    table[["difference_q05", "difference_q50", "difference_q95"]] = [
-        [-0.9, -0.7, -0.5],
-        [-0.9, 0.1, 0.4],
-        [-3.0, 1.0, 4.0],
-    ]
+    table[ends] = [[-0.9, -0.7, -0.5], [-0.9, 0.1, 0.4], [-3.0, 1.0, 4.0]]
     rows = contrast_rows(table)
     assert [r.direction for r in rows] == ["smaller", "includes 1", "includes 0"]
     assert rows[0].median == f"{np.exp(-0.7):.3g}" and rows[0].kind == "ratio"
@@ -240,9 +215,6 @@ def test_one_specimen_per_donor_has_a_total_spread_only(study, tmp_path, quick):
         assert (table["sd_total_q50"] > 0.0).any() and table["sd_total_q50"].notna().all()
     out = closing_message(result)
     assert "sd total" in out and "sd donors" not in out and "sd specimens" not in out
-    assert any("cannot be split between donors and specimens" in note for note in result.notes)
-    page = (tmp_path / "out" / "population.html").read_text()
-    assert "Specimens of different donors differ by" in page and "Donors differ by<" not in page
 
 
 @pytest.mark.long
@@ -448,14 +420,11 @@ def test_specimens_that_did_not_converge_are_left_out_by_name(pool):
     reasons = {"m1": "R-hat of k1 is 1.31", "m2": "m2.csv: is no table"}
     code, _, err, folder = pool(["m0", "m1", "m2", "m3"], state=states, reason=reasons)
     assert code == 0
-    assert "left out: m1: did not converge: R-hat of k1 is 1.31" in err
-    assert "left out: m2: failed: m2.csv: is no table" in err
+    assert "left out: m1" in err and "left out: m2" in err
     record = json.loads((folder / "population.json").read_text())
     assert list(record["left_out"]) == ["m1", "m2"]
-    _, specimens = tables(folder)
-    assert set(specimens["specimen"]) == {"m0", "m3"}
-    page = (folder / "population.html").read_text(encoding="utf-8")
-    assert "left out: <bdi>m1</bdi>" in page and "Left out: m1 and m2." in page
+    assert set(tables(folder)[1]["specimen"]) == {"m0", "m3"}
+    assert "left out: <bdi>m1</bdi>" in (folder / "population.html").read_text(encoding="utf-8")
 
 
 def test_one_specimen_that_can_be_used_is_no_population(pool):
@@ -488,8 +457,6 @@ def test_not_converged_gives_exit_three_and_no_verdict(pool, monkeypatch):
     assert set(groups["verdict"]) == {NO_VERDICT}
     assert set(specimens["pooled_verdict"]) <= {NO_VERDICT, "fixed"}
     assert set(specimens["single_verdict"]) - {NO_VERDICT, "fixed"}
-    page = (folder / "population.html").read_text(encoding="utf-8")
-    assert "no verdict on any number" in page
 
 
 def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
@@ -497,9 +464,8 @@ def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
         Source.from_run(n, biaxbayes.open_run(whole / "runs" / n)) for n in ("m0", "m1")
     )
     fixed = second.posterior.replaced(priors={**second.posterior.priors, "k2": 8.0})
-    with pytest.raises(InputError, match="k2 was sampled in m0 and fixed or tied in m1") as output:
+    with pytest.raises(InputError, match="k2 was sampled in m0 and fixed or tied in m1"):
         pooled_names([first, replace(second, posterior=fixed)])
-    assert "fix the same parameters in all specimens" in str(output.value)
 
 
 @pytest.mark.long
@@ -512,3 +478,20 @@ def test_pooled_mounting_stretches_are_judged_and_drawn(pool, monkeypatch):
         of = table[table["quantity"].str.startswith("mounting_stretch")]
         assert len(of) and set(of[column]) <= set(VERDICTS)
     assert (folder / "population-pairs.png").is_file()
+
+
+def test_terminal_and_page_print_the_same_digits(population):
+    terminal = closing_message(population).splitlines()
+    page = (population.folder / "population.html").read_text()
+    heads = [k for k, line in enumerate(terminal) if line.startswith("quantity ")]
+    assert len(heads) == 3  # two groups, and what differs between them
+    assert terminal[heads[2] - 1] == "aneurysm compared with healthy"
+    for _, part in population.groups.groupby("group", sort=False):
+        for row in group_rows(part):
+            cells = [row.median, row.reported, *(s for s, _ in row.spreads), row.new[0][1]]
+            assert any(all(c in line for c in cells) for line in terminal), row
+            assert all(f">{c}<" in page or f">{c}*<" in page for c in cells if c != "–"), row
+    for row in contrast_rows(population.contrasts):
+        cells = [row.kind, row.median, row.interval, row.direction]
+        assert any(all(c in line for c in cells) for line in terminal[heads[2] :]), row
+        assert f">{row.interval}<" in page and f">{row.direction}<" in page

@@ -1,7 +1,5 @@
 """Weighted populations, against what their weights say: shares, resampling, starts by ridge."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import norm

@@ -1,7 +1,5 @@
 """Verdicts on pooled values: the rule of single runs, with the priors that values have here."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -20,17 +18,10 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.options import PopulationOptions
-from biaxbayes.parameters import Parameter
 from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY, Layout
 from biaxbayes.populations.model import Grouping, PooledValue, make_layout, pooled_values
 from biaxbayes.populations.result import Hyper
-from biaxbayes.populations.verdicts import (
-    derived_verdict,
-    in_words,
-    mean_verdicts,
-    reported_text,
-    spread_verdicts,
-)
+from biaxbayes.populations.verdicts import in_words, mean_verdicts, reported_text, spread_verdicts
 from goh_functions import GOH_LAW
 from quick_posteriors import sampled, specimen
 
@@ -84,9 +75,6 @@ def known(values, rng, **at) -> np.ndarray:
     )
 
 
-# --- the priors that values have ------------------------------------------------------------------
-
-
 def test_prior_of_values_without_edges_is_the_given_one(values, prior):
     hyper, location = prior
     v = values[0]
@@ -123,9 +111,6 @@ def test_prior_leaves_out_what_the_sampler_excludes(values, prior):
     assert (typical >= 0.0).all() and (typical <= 1.0 / 3.0).all()
 
 
-# --- the rule -------------------------------------------------------------------------------------
-
-
 def test_one_rule_for_runs_and_populations():
     """The draws of a run under its own prior, known by its draws, get the verdicts of the run."""
     run = sampled(specimen(GOH(14.0, 60.0, 8.0, 38.0, 0.1), ratios=((1.0, 1.0),), increments=8))
@@ -156,22 +141,6 @@ def test_a_group_that_is_known_is_identified(values, prior):
     assert in_words(result["C1"]) == f"identified, {interval} kPa (90 %); the data determine it"
 
 
-def test_a_value_known_to_a_factor_of_more_than_ten_is_not_identified(values, prior):
-    rng = np.random.default_rng(11)
-    mu = known(values, rng)
-    mu[:, 0] += 0.8 * rng.standard_normal(DRAWS)  # 90 % of the draws span a factor of 14
-    verdicts = judged(hyper_of(values, mu), prior)
-    assert verdicts["C1"].diagnostics.contraction > 0.75
-    assert verdicts["C1"].verdict == NOT_IDENTIFIED and reported_text(verdicts["C1"]) == ""
-    assert "known only to a factor of 1" in in_words(verdicts["C1"])
-    assert verdicts["k1"].verdict == IDENTIFIED and " to " in reported_text(verdicts["k1"])
-    stiffness = Parameter("stiffness_x at 1.2", unit="kPa", logarithmic=True)
-    wide, narrow = (np.exp(9.8 + sd * rng.standard_normal(DRAWS)) for sd in (3.0, 0.05))
-    assert derived_verdict(wide, 0.99, stiffness)["verdict"] == NOT_IDENTIFIED
-    assert derived_verdict(narrow, 0.99, stiffness)["verdict"] == IDENTIFIED
-    assert derived_verdict(narrow, 0.5, stiffness)["verdict"] == NOT_IDENTIFIED
-
-
 def test_a_group_nobody_looked_at_is_that_of_the_prior(values, prior):
     other, _ = Hyper.from_prior(values, layout(values), DRAWS, np.random.default_rng(4))
     result = judged(other, prior)
@@ -193,16 +162,6 @@ def test_an_open_edge_and_a_ridge_are_named(values, prior):
     assert result["C1"].verdict == IDENTIFIED
 
 
-def test_an_angle_means_nothing_where_fibres_may_be_isotropic(values, prior):
-    rng = np.random.default_rng(6)
-    mu = known(values, rng)
-    mu[:, 4] = 1.0 / 3.0 - np.abs(0.01 * rng.standard_normal(DRAWS))
-    result = judged(hyper_of(values, mu), prior)
-    assert result["alpha"].verdict == NOT_IDENTIFIED and "no angle means anything" in in_words(
-        result["alpha"]
-    )
-
-
 @pytest.mark.parametrize("state", ["tentative", "unusable"])
 def test_no_verdict_of_chains_that_have_not_converged(values, prior, state):
     rng = np.random.default_rng(7)
@@ -211,9 +170,6 @@ def test_no_verdict_of_chains_that_have_not_converged(values, prior, state):
     assert {p.verdict for p in judged(hyper, prior, state).values()} == {NO_VERDICT}
     spreads = spread_verdicts(hyper, 0, GOH_LAW, state)
     assert {p.verdict for sides in spreads.values() for p in sides.values()} == {NO_VERDICT}
-
-
-# --- spreads --------------------------------------------------------------------------------------
 
 
 def spread(values, sd_donors, sd):

@@ -30,16 +30,6 @@ def prepared():
     return prepare(media())
 
 
-def test_preparing_fits_and_lays_out():
-    posterior = biaxbayes.prepare(media())
-    lm = posterior.fit.mounting_stretch[0]
-    tops = [max(getattr(p, f"stretch_{a}").max() for p in media().protocols) for a in "xy"]
-    np.testing.assert_allclose(
-        posterior.sampling_constants.reference_stretch, tops * np.clip(lm, 1.0, 1.5)
-    )
-    assert posterior.replaced(thin=0).fit is posterior.fit
-
-
 def test_a_misfit_is_relative_to_the_loads_of_the_fit_unless_another_is_given():
     posterior = prepared()
     assert posterior.misfit_fit is posterior.fit
@@ -66,37 +56,15 @@ def test_drawing_leaves_the_posterior_as_it_is():
     np.testing.assert_array_equal(posterior.log_prob(points), before)
 
 
-def test_a_sampler_counts_for_itself():
-    """Two targets of one posterior, evaluated in turn."""
-    posterior = prepared()
-    inside = posterior.coordinates(start_parameters(posterior))
-    outside = inside.copy()
-    outside[:, list(posterior.free).index("kappa")] = 2.0
-    one, other = posterior.target(), posterior.target()
-    one.log_prob(np.vstack([inside, outside, outside]))
-    assert one.evaluations(one.counts) == {
-        "evaluated": 3, "out_of_range": 2, "no_mounting_root": 0, "overflow": 0
-    }  # fmt: skip
-    assert not other.counts.any()
-    np.testing.assert_array_equal(other.bounds, posterior.bounds)
-
-
-# --- averaged rows ---
-
 MATERIAL = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 
 
 def long_specimen(increments: int = 400, misfit: float = 0.0, seed: int = 4) -> Specimen:
     made, _ = virtual_specimen(
-        MATERIAL,
-        name="long",
-        mounting_stretch=(1.01, 1.02),
-        total_stretch=1.2,
-        ratios=((1.0, 1.0), (1.0, 0.5)),
-        increments=increments,
-        machine=Machine(noise_N=0.004, misfit=misfit),
-        seed=seed,
-    )
+        MATERIAL, name="long", mounting_stretch=(1.01, 1.02), total_stretch=1.2,
+        ratios=((1.0, 1.0), (1.0, 0.5)), increments=increments,
+        machine=Machine(noise_N=0.004, misfit=misfit), seed=seed,
+    )  # fmt: skip
     return made
 
 
@@ -134,31 +102,24 @@ def test_independent_errors_of_averaged_rows_are_those_of_all_rows():
     full = Posterior(data, noise="independent", thin="none")
     thin = Posterior(data, noise="independent", thin=100)
     assert thin.rows.pieces[0].protocols[0].rows == 101
-    rng = np.random.default_rng(2)
-    reading = data.mounting_readings(shared=True)[0][0]
-    n = 40
-    draws = {
-        "C1": 9.0 * np.exp(0.05 * rng.standard_normal(n)),
-        "k1": 20.0 * np.exp(0.1 * rng.standard_normal(n)),
-        "k2": 4.0 * np.exp(0.1 * rng.standard_normal(n)),
-        "alpha": 42.0 + rng.standard_normal(n),
-        "kappa": 0.15 + 0.01 * rng.standard_normal(n),
-        "mounting_force_x": np.full(n, reading[0]),
-        "mounting_force_y": np.full(n, reading[1]),
-        "noise_sd": 0.01 * np.exp(0.3 * rng.standard_normal(n)),
-    }
+    z = np.random.default_rng(2).standard_normal((6, 40))
+    draws = {"C1": 9.0 * np.exp(0.05 * z[0]), "k1": 20.0 * np.exp(0.1 * z[1])}
+    draws |= {"k2": 4.0 * np.exp(0.1 * z[2]), "alpha": 42.0 + z[3], "kappa": 0.15 + 0.01 * z[4]}
+    for axis, force in zip("xy", data.mounting_readings(shared=True)[0][0], strict=True):
+        draws[f"mounting_force_{axis}"] = np.full(40, force)
+    draws["noise_sd"] = 0.01 * np.exp(0.3 * z[5])
     of_all, of_means = full.log_density(draws), thin.log_density(draws)
     assert np.ptp(of_all) > 1000.0
     change = (of_means - of_all) - (of_means - of_all).mean()
     assert np.abs(change).max() < 0.002 * np.ptp(of_all)
 
 
-def test_automatic_only_where_it_is_long_and_the_law_misses_smoothly():
-    long, short = long_specimen(), long_specimen(increments=150)
-    assert Posterior(long).settings.thin == 100
-    assert Posterior(long, noise="independent").settings.thin == 0
-    assert Posterior(short).settings.thin == 0
-    assert Posterior(long, thin="none").settings.thin == 0
+@pytest.mark.parametrize(
+    ("increments", "options", "thin"),
+    [(400, {}, 100), (400, {"noise": "independent"}, 0), (150, {}, 0), (400, {"thin": "none"}, 0)],
+)
+def test_automatic_only_where_it_is_long_and_the_law_misses_smoothly(increments, options, thin):
+    assert Posterior(long_specimen(increments), **options).settings.thin == thin
 
 
 @pytest.mark.parametrize("load_noise", [0.004, None])

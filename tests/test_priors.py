@@ -1,7 +1,5 @@
 """Priors against quadrature of their densities: probabilities, draws, and rows of the kernel."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from itertools import pairwise
@@ -104,30 +102,6 @@ def test_mass_is_the_share_of_the_prior_that_was_not_cut(prior):
 def test_a_uniform_prior_below_zero_has_no_positive_mass():
     assert Prior("uniform", low=-2.0, high=-1.0).mass(positive=True) == 0.0
     assert Prior("normal", -5.0, 1.0, high=-1.0).mass(positive=True) == 0.0
-
-
-def test_a_cut_keeps_the_narrower_range():
-    cut = Prior("normal", 0.0, 1.0, low=-1.0, high=2.0).within(-3.0, 1.0)
-    assert (cut.low, cut.high) == (-1.0, 1.0)
-    assert (cut.family, cut.location, cut.scale) == ("normal", 0.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"family": "triangle"}, "unknown"),
-        ({"family": "normal", "low": 1.0, "high": 1.0}, "low must be below"),
-        ({"family": "normal", "scale": 0.0}, "standard deviation"),
-        ({"family": "normal", "location": math.inf}, "standard deviation"),
-        ({"family": "lognormal", "location": 0.0}, "median"),
-        ({"family": "uniform", "low": 0.0}, "finite"),
-        ({"family": "uniform", "high": 0.0}, "finite"),
-        ({"family": "loguniform", "low": 0.0, "high": 1.0}, "low must be positive"),
-    ],
-)
-def test_priors_that_are_none(given, message):
-    with pytest.raises(ValueError, match=message):
-        Prior(**given)
 
 
 @pytest.mark.parametrize("prior", PRIORS, ids=str)

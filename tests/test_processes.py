@@ -1,7 +1,5 @@
 """What a process imports and keeps: a host unchanged, streams, the cache of compiled code."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -104,11 +102,6 @@ def test_two_threads_give_the_results_of_one_and_load_no_backend(tmp_path):
     assert output(tmp_path, TWO_THREADS, environment) == ["True True"] * 2
 
 
-# --- what a command imports, and its streams ---
-
-HEAVY = {"sklearn", "arviz", "arviz_stats", "corner", "distributed", "scipy.stats", "xarray"}
-
-
 def imported(code: str) -> set[str]:
     """Modules of a process that ran some code."""
     listed = f"{code}\nimport sys\nprint('== modules:', *sys.modules)"
@@ -130,19 +123,6 @@ def test_the_help_imports_no_numbers():
     assert not imported(called("--help")) & {"numpy", "numba", "pandas"}
 
 
-def test_a_look_at_a_file_imports_nothing_of_runs():
-    result = imported(called("check", str(DATA), "--no-picture"))
-    assert "numpy" in result
-    assert not result & (HEAVY | {"pandas", "h5py", "emcee", "matplotlib", "biaxbayes.runs.run"})
-
-
-@pytest.mark.parametrize("stream", [1, 2])
-def test_a_closed_stream_is_no_error(stream):
-    command = f'exec "{sys.executable}" -m biaxbayes check "{DATA}" --no-picture {stream}>&-'
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=True)
-    assert done.stderr == ""
-
-
 def test_code_that_may_not_be_compiled_is_refused_in_one_line():
     done = subprocess.run(
         [sys.executable, "-m", "biaxbayes", "check", str(DATA)],
@@ -154,8 +134,6 @@ def test_code_that_may_not_be_compiled_is_refused_in_one_line():
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "NUMBA_DISABLE_JIT is set" in done.stderr
 
-
-# --- compiled code: what was compiled just now and what the cache gives back are the same ---
 
 DENSITY = """
 import numpy as np
@@ -170,10 +148,7 @@ print(posterior.log_prob(u).tobytes().hex())
 
 
 def test_compiled_functions_of_two_laws_have_two_names():
-    """With one name, compiled by two processes, one would run in the environment of the other.
-
-    A name tells types by their text, and processes count what they compile from the same number.
-    """
+    """With one name, compiled by two processes, one would run in the environment of the other."""
     up = np.linspace(0.0, 1.0, 6)
     record = Protocol("1", 1.0 + 0.2 * up, 1.0 + 0.1 * up, 10.0 * up, 8.0 * up)
     specimen = Specimen("virtual", (record,), "piola", load_noise=0.5)
@@ -192,16 +167,9 @@ def test_compiled_functions_of_two_laws_have_two_names():
 def test_a_process_that_compiles_finds_what_later_ones_find(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     code = DENSITY.format(specimen=DATA)
-    first, second = (
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for _ in range(2)
-    )
+    command = [sys.executable, "-c", code]
+    how = {"env": environment, "capture_output": True, "text": True, "check": True}
+    first, second = (subprocess.run(command, **how).stdout for _ in range(2))
     assert first == second
     assert len(set(bytes.fromhex(first.strip()))) > 100  # not all of them -inf
 

@@ -1,7 +1,5 @@
 """Measured tissue from the machine's export to a posterior, where it is at hand."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -18,20 +18,17 @@ from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from biaxbayes.verbs.sample import SampleJob
 from commands import refused, run
 
+QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
+
+
 DATA = Path(__file__).resolve().parents[1] / "data"
 CURVES = ("stretch_x", "stretch_y", "load_x", "load_y")
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
-QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
 
 
 def virtual(ratios=RATIOS, **how) -> Specimen:
     material = biaxbayes.GOH(14.0, 140.0, 11.9, 38.4, 0.1)
-    usual = {
-        "prestretch": (1.02, 1.02),
-        "total_stretch": 1.15,
-        "noise_N": 2e-3,
-        "increments": 40,
-    }
+    usual = {"prestretch": (1.02, 1.02), "total_stretch": 1.15, "noise_N": 2e-3, "increments": 40}
     return biaxbayes.simulate(material=material, ratios=ratios, **{**usual, **how})[0]
 
 
@@ -98,21 +95,6 @@ def test_anyway_samples_it_and_says_so_first(capsys, tmp_path):
     )
 
 
-def test_exchanged_force_columns_and_a_wrong_unit_are_named(tmp_path):
-    """Both in one run: the columns exchanged, and MPa in the column for kPa."""
-    wrong = changed(virtual(stress_pair="piola"), lambda c: c[:, [0, 1, 3, 2]] * [1, 1, 1e-3, 1e-3])
-    wrong = replace(wrong, load_noise=wrong.load_noise * 1e-3)
-    notes = []
-    with quick_posteriors.runs_without_figures():
-        opened = biaxbayes.sample(
-            wrong, out=tmp_path / "run", progress=lambda p: notes.append(p.note), **QUICK
-        )
-    output = [n for n in notes if n]
-    assert "is the file in MPa" in output[0]
-    assert any("seem to be swapped" in n for n in output)
-    assert {f["code"] for f in opened.provenance["findings"]} == {"units", "swapped"}
-
-
 def test_columns_that_fit_as_they_are_are_not_exchanged():
     for specimen in (GOOD, sound(1), sound(2)):
         assert swapped_columns(specimen, quick_fit(specimen).residuals) is None
@@ -163,20 +145,6 @@ def test_sound_virtual_specimens_are_not_refused(seed):
     assert not errors_of(sound(seed))
 
 
-def test_loads_that_are_mostly_noise_are_not_rows_out_of_order():
-    """The softer direction of a stiff specimen, at the noise of its largest load."""
-    rng = np.random.default_rng(3)
-    stretch = np.linspace(1.0, 1.08, 13)
-    for _ in range(20):
-        load = rng.normal(0.0, 1.0, (2, 13)) + [[0.0] * 12 + [4.0]]
-        specimen = replace(GOOD, protocols=(Protocol("soft", stretch, stretch, *load),))
-        assert not [f for f in check_specimen(specimen) if f.code == "shuffled"]
-        order = rng.permutation(13)
-        shuffled = Protocol("soft", *(c[order] for c in (stretch, stretch, *load)))
-        mixed = check_specimen(replace(GOOD, protocols=(shuffled,)))
-        assert {f.code for f in mixed if f.severity == "error"}
-
-
 SHIPPED = sorted([*DATA.glob("*.csv"), DATA / "examples" / "tared.csv"])
 
 
@@ -200,3 +168,18 @@ def test_one_protocol_cannot_carry_four_families():
     )
     assert not any("cannot carry" in f for f in findings(2, "four-fibre"))
     assert not any("cannot carry" in f for f in findings(1, "goh"))
+
+
+def test_exchanged_force_columns_and_a_wrong_unit_are_named(tmp_path):
+    """Both in one run: the columns exchanged, and MPa in the column for kPa."""
+    wrong = changed(virtual(stress_pair="piola"), lambda c: c[:, [0, 1, 3, 2]] * [1, 1, 1e-3, 1e-3])
+    wrong = replace(wrong, load_noise=wrong.load_noise * 1e-3)
+    notes = []
+    with quick_posteriors.runs_without_figures():
+        opened = biaxbayes.sample(
+            wrong, out=tmp_path / "run", progress=lambda p: notes.append(p.note), **QUICK
+        )
+    output = [n for n in notes if n]
+    assert "is the file in MPa" in output[0]
+    assert any("seem to be swapped" in n for n in output)
+    assert {f["code"] for f in opened.provenance["findings"]} == {"units", "swapped"}

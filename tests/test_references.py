@@ -1,8 +1,4 @@
-"""What stretches are relative to: each protocol's own start, or one state for all; file and array.
-
-Records are computed here from the material's own stress, with the mounting stretch that the model
-has to find, so that a wrong reference shows as a wrong parameter.
-"""
+"""What stretches are relative to: a wrong reference of a computed record is a wrong parameter."""
 
 from dataclasses import replace
 
@@ -35,14 +31,11 @@ def record(starts, ends=ENDS, pair="force", geometry="unloaded", state=(1.0, 1.0
         piola = np.column_stack(MATERIAL.cauchy(*total.T)) / total  # of the unloaded section
         section = EDGES[[1, 0]] * EDGES[2] * 1e-3
         mounted = section / MOUNTING  # N per kPa over the mounted section
-        load = {
-            ("force", "unloaded"): piola * section,
-            ("force", "mounted"): piola * section,
-            ("piola", "unloaded"): piola,
-            ("piola", "mounted"): piola * section / mounted,
-            ("cauchy", "mounted"): piola * section / mounted * stretch * state,
-            ("cauchy", "unloaded"): piola * stretch * state,
-        }[pair, geometry]
+        load = piola * section
+        if pair != "force":  # over the section that was measured
+            load = load / (mounted if geometry == "mounted" else section)
+        if pair == "cauchy":
+            load = load * stretch * state
         out[name] = stretch * state, load
     return out
 
@@ -263,11 +256,6 @@ def test_forces_clipped_at_zero_are_named(shift):
     assert "clipped" not in codes(coarse)
 
 
-def test_a_load_cell_at_its_limit_is_named():
-    top = {n: (s, np.minimum(f, 0.8 * f.max())) for n, (s, f) in noisy().items()}
-    assert "at its limit" in codes(top)["clipped"].message
-
-
 @pytest.mark.parametrize("digits", [None, 4, 5])
 @pytest.mark.parametrize("rest", [1, 12])
 @pytest.mark.parametrize("by", ["first row", "rows at rest"])
@@ -282,8 +270,7 @@ def test_forces_tared_before_export_are_recognised(digits, rest, by, tmp_path):
         rows[name] = s, f if digits is None else np.round(f, digits)
     specimen = in_memory(rows, "force", header("force", "unloaded"))
     assert specimen.is_tared
-    (result,) = (f for f in check_specimen(specimen) if f.code == "tared")
-    assert "before it was exported" in result.message
+    assert "tared" in {f.code for f in check_specimen(specimen)}
     with pytest.raises(InputError, match="tared"):
         sample(specimen, out=tmp_path / "run")
     assert not in_memory(noisy(), "force", header("force", "unloaded")).is_tared
@@ -299,15 +286,6 @@ def test_a_load_cell_that_counts_tension_negative_is_named_with_its_column(turne
     for finding, column in zip(signs, columns, strict=True):
         assert finding.severity == "error"
         assert f"multiply the column {column} by -1" in finding.message
-
-
-def test_a_uniaxial_strip_is_refused_as_such(tmp_path):
-    rows = {n: (s, f * [1.0, 0.0]) for n, (s, f) in record(APART[:1] * 3).items()}
-    path = written(tmp_path / "s.csv", rows, "force", header("force", "unloaded"))
-    with pytest.raises(InputError, match=r"column force_y_N: every value is zero.*# test: strip"):
-        read_specimen(path)
-    with pytest.raises(InputError, match=r"load_y.*every value is zero.*# test: strip"):
-        check_specimen(in_memory(rows, "force", header("force", "unloaded")))
 
 
 def test_a_cauchy_record_whose_nominal_stress_is_zero_at_rest_is_tared():

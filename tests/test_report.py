@@ -1,14 +1,11 @@
 """The report of a run: its structure, its numbers, and names that try to break it."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 import biaxbayes
@@ -115,14 +112,6 @@ def test_headings_landmarks_and_tables_speak(html):
     assert set(labels) <= set(ids)
 
 
-def test_the_sampling_and_the_record_are_described(run, html):
-    text = " ".join(" ".join(outline(html).text).split())
-    seed, steps = run.provenance["seed"], run.provenance["sampler"]["steps"]
-    assert f"seed {seed}" in text and f"{steps:,} steps" in text
-    assert "3 loading paths (" in text
-    assert f"{sum(p.rows for p in run.specimen.protocols):,} rows" in text
-
-
 def test_no_export_is_read_back(media_run, copied):
     folder = copied(media_run.path)
     page = report.report_page(open_run(folder))
@@ -130,18 +119,6 @@ def test_no_export_is_read_back(media_run, copied):
         if path.name != "specimen.csv":
             path.unlink()
     assert report.report_page(open_run(folder)) == page
-
-
-def test_hostile_names_are_text(html):
-    page = outline(html)
-    text = "".join(page.text)
-    assert "<script>document.title='broken'</script>" in text
-    assert "{{ 7*7 }}" in text
-    assert reported.LAYER in text
-    for name in reported.PROTOCOLS:
-        assert name in text
-    title = html.partition("<title>")[2].partition("</title>")[0]
-    assert "&lt;script&gt;" in title and len(title) < 250
 
 
 @pytest.mark.parametrize(
@@ -155,8 +132,6 @@ def test_a_run_that_did_not_converge_says_so(run, tmp_path, state, word):
     assert exit_code("report", folder) == 3
     text = "".join(outline((folder / "report.html").read_text(encoding="utf-8")).text)
     assert word in text and "the ensembles <disagree>" in text
-    assert "The chains did NOT converge" in text
-    assert "Reported are" not in text
 
 
 @pytest.mark.parametrize("mounting", ["ignored", "zeroed"])
@@ -183,11 +158,6 @@ def test_latex_keeps_its_cells(run, tmp_path):
     assert table.count("\\end{table}") == 1
 
 
-def test_report_is_the_same_twice(run, html, copied):
-    assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
-    assert open_run(run.path).state == "converged"
-
-
 def test_a_protocol_with_a_slash_comes_back_by_its_name(run):
     stretch = f"mounting_stretch_x[{reported.PROTOCOLS[0]}]"
     assert "/" in stretch
@@ -197,22 +167,25 @@ def test_a_protocol_with_a_slash_comes_back_by_its_name(run):
     assert float(row["q50"]) == pytest.approx(float(opened.draws[stretch].median()), rel=1e-6)
 
 
-def test_the_report_shows_the_fits_of_all_laws(media_run):
-    page = (media_run.path / "report.html").read_text()
-    laws = pd.read_csv(media_run.path / "evidence" / "law-fits.csv")
-    assert "<h3>Other laws</h3>" in page
-    assert all(f'class="name">{law}<' in page for law in laws.law)
-
-
-def test_the_result_is_that_of_the_draws_analysed_anew(media_run):
-    again, _ = media_run.analyse()
-    pd.testing.assert_frame_equal(again.to_frame(), media_run.result.to_frame())
-    pd.testing.assert_frame_equal(again.law_fits, media_run.result.law_fits)
-    assert again.fit == media_run.result.fit
-
-
 def test_a_run_without_results_is_refused(media_run, copied):
     run = copied(media_run.path)
     (run / "results.json").unlink()
     with pytest.raises(RunError, match=r"results\.json: no such file"):
         _ = biaxbayes.open_run(run).result
+
+
+def test_hostile_names_are_text(html):
+    page = outline(html)
+    text = "".join(page.text)
+    assert "<script>document.title='broken'</script>" in text
+    assert "{{ 7*7 }}" in text
+    assert reported.LAYER in text
+    for name in reported.PROTOCOLS:
+        assert name in text
+    title = html.partition("<title>")[2].partition("</title>")[0]
+    assert "&lt;script&gt;" in title and len(title) < 250
+
+
+def test_report_is_the_same_twice(run, html, copied):
+    assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
+    assert open_run(run.path).state == "converged"

@@ -5,7 +5,6 @@ import html
 import json
 import math
 import re
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -13,22 +12,15 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.identifiability import identifiability_figure
-from biaxbayes.identifiability.identify import MAX_DIAGNOSTIC_DRAWS, identify_draws
+from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.reported import DASH, quantile_texts
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
 from biaxbayes.parameters import MOUNTING_PARAMETERS
-from biaxbayes.reports.methods import (
-    closing_message,
-    latex_table,
-    methods,
-    results_paragraph,
-)
+from biaxbayes.reports.methods import closing_message, latex_table
 from biaxbayes.reports.page import report_page
 from biaxbayes.runs.result import as_record, result_from_record
-from readable import in_view
 
 
 @pytest.fixture(params=["media_run", "small_run"])
@@ -43,17 +35,10 @@ def rows(run):
         return list(csv.DictReader(file))
 
 
-def one_line(text: str) -> str:
-    return " ".join(text.split())
-
-
 def texts(run, row) -> tuple[str, str, str]:
     """Median and ends as every table and figure prints them."""
     parameter = run.quantities[row["parameter"]].parameter
     return quantile_texts(*(float(row[k]) for k in ("q50", "q05", "q95")), parameter)
-
-
-# --- the table and the draws ---
 
 
 def test_every_row_has_its_quantiles_a_verdict_and_a_reason(run, rows):
@@ -70,30 +55,6 @@ def test_every_row_has_its_quantiles_a_verdict_and_a_reason(run, rows):
             wanted = {f"above {low}", f"below {high}"}
         assert row["interval"] in wanted
 
-
-def test_summary_evidence_and_result_have_the_same_quantiles(run, rows):
-    evidence = run.result.identifiability.set_index("parameter")
-    record = json.loads((run.path / "results.json").read_text(encoding="utf-8"))
-    stored = {r["name"]: r for r in record["reported"]}
-    assert [*stored] == [row["parameter"] for row in rows]
-    for row in rows:
-        name, numbers = row["parameter"], [float(row[k]) for k in ("q05", "q50", "q95")]
-        assert run.summary.loc[name, ["q05", "q50", "q95"]].to_list() == pytest.approx(
-            numbers, rel=1e-7
-        )
-        columns = ["posterior_q05", "posterior_median", "posterior_q95"]
-        assert evidence.loc[name, columns].to_list() == pytest.approx(numbers, rel=1e-7)
-        own = run.result[name]
-        assert [own.low, own.median, own.high] == pytest.approx(numbers, rel=1e-7)
-        assert (own.verdict, own.reason) == (row["verdict"], row["reason"])
-        assert [stored[name][k] for k in ("verdict", "reason")] == [row["verdict"], row["reason"]]
-
-
-def test_diagnostics_of_some_draws_do_not_change_the_quantiles(media_run):
-    assert len(media_run.draws) > MAX_DIAGNOSTIC_DRAWS
-
-
-# --- terminal, page, LaTeX, paragraphs ---
 
 COLUMNS = ("interval", "unit", "verdict", "reason")
 
@@ -126,86 +87,6 @@ def test_latex(run, rows):
         assert plain == [texts(run, row)[0], *(row[k] for k in COLUMNS)]
 
 
-def test_paragraphs(run, rows):
-    paragraph = results_paragraph(run)
-    for row in rows:
-        if row["verdict"] == "not identified":
-            assert row["parameter"] in paragraph.partition("did not identify")[2]
-            continue
-        sentence = next(s for s in paragraph.split(". ") if s.startswith(f"{row['parameter']} ("))
-        with_unit = f"{row['interval']} {row['unit']}".strip()
-        assert row["verdict"] in sentence
-        bound = f": {with_unit} (95 % bound)"
-        central = f": {texts(run, row)[0]} ({with_unit}, 90 % interval)"
-        assert (bound if row["verdict"] == "bounded" else central) in sentence
-    # no interval of a parameter that is not in the table, and none among the methods
-    given = [row for row in rows if row["verdict"] != "not identified"]
-    assert paragraph.count(" to ") == sum(" to " in row["interval"] for row in given)
-    assert not any(row["interval"] in methods(run) for row in rows)
-    assert f"% Results: {paragraph}" in latex_table(run)
-    assert paragraph in html.unescape(report_page(run))
-
-
-def test_no_number_is_one_within_the_law_beside_another(media_run):
-    for text in (report_page(media_run), latex_table(media_run), closing_message(media_run)):
-        assert "within the law" not in text.lower()
-
-
-# --- figures ---
-
-
-def test_corner(run, rows):
-    figure = corner_figure(run.draws, known=run.quantities, width_mm=180.0)
-    written = [text for text, _ in in_view(figure)]
-    for row in rows:
-        middle, low, high = texts(run, row)
-        assert any(text.endswith(f"  {middle} ({low}–{high})") for text in written), row
-
-
-def test_identifiability_figure(run, rows):
-    judged = identify_draws(run.posterior(), run.draws, run.state)
-    for width in (85.0, 180.0):
-        figure = identifiability_figure(judged, run.result.rows, width_mm=width)
-        written = [t.get_text() for ax in figure.axes for t in ax.texts]
-        assert [t for t in written if t in VERDICTS] == [row["verdict"] for row in rows]
-        others = [one_line(t) for t in written if t not in VERDICTS]
-        for row in rows:
-            with_unit = f"{row['interval']} {row['unit']}".strip()
-            assert one_line(f"{texts(run, row)[0]} ({with_unit}) {row['reason']}") in others
-
-
-# --- studies, comparisons and predictions ---
-
-
-def test_study(run, rows):
-    from biaxbayes.studies.result import rows_of_run
-
-    study = {r["quantity"]: r for r in rows_of_run(run)}
-    for row in rows:
-        result = study[row["parameter"]]
-        assert (result["reported"], result["verdict"]) == (row["interval"], row["verdict"])
-        numbers = [float(row[k]) for k in ("q05", "q50", "q95")]
-        assert [result[k] for k in ("q05", "q50", "q95")] == pytest.approx(numbers, rel=1e-7)
-
-
-def test_comparison(media_run, tmp_path):
-    from biaxbayes.reports.comparison import write_comparison
-
-    with (media_run.path / "report.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    other = tmp_path / "other"
-    shutil.copytree(media_run.path, other)
-    both = biaxbayes.compare([media_run, other], labels=["a", "b"])
-    write_comparison(both, tmp_path / "compare")
-    with (tmp_path / "compare" / "compare-report.csv").open(encoding="utf-8") as file:
-        table = [r for r in csv.DictReader(file) if r["run"] == "a"]
-    columns = ("parameter", "interval", "verdict", "reason")
-    assert [[r[k] for k in columns] for r in table] == [[r[k] for k in columns] for r in rows]
-    page = (tmp_path / "compare" / "compare.html").read_text(encoding="utf-8")
-    for row in rows:
-        assert row["interval"] in page
-
-
 def test_a_predicted_stress_is_the_stress_to_report(run):
     """At the end of the test: of more draws, so to the Monte Carlo error of its ends."""
     table = pd.read_csv(run.path / "report-stresses.csv")
@@ -221,28 +102,11 @@ def test_a_predicted_stress_is_the_stress_to_report(run):
             assert predicted[f"piola_{axis}_kPa_{name}"] == pytest.approx(row[end], abs=0.3 * width)
 
 
-def test_only_one_table_has_stresses_to_report(media_run):
-    table = pd.read_csv(media_run.path / "report-stresses.csv")
-    all_of_them = media_run.result.determined.set_index(["quantity", "stretch_x", "stretch_y"])
-    assert len(table) >= 4
-    for row in table.to_dict("records"):
-        own = all_of_them.loc[(row["quantity"], row["stretch_x"], row["stretch_y"])]
-        for column in ("low", "median", "high"):
-            assert row[column] == pytest.approx(own[column], rel=1e-6)
-    page = report_page(media_run)
-    before, evidence = page.split('<h2 id="evidence">')
-    assert "ominal stress x" in before
-    assert "ominal stress x" not in evidence.partition('<h2 id="convergence">')[0]
-
-
 def test_stresses_at_total_stretches_are_given_only_where_the_mounting_stretches_are(run):
     stretches = [r for r in run.result.reported if r.name.startswith("mounting_stretch")]
     known = all(r.verdict == "identified" for r in stretches)
     for table in (run.result.determined, run.result.stresses):
         assert table["quantity"].str.startswith("Cauchy stress").any() == known
-
-
-# --- verdicts that are none ---
 
 
 def test_a_test_that_determines_little_says_so(media_run):
@@ -281,9 +145,6 @@ def test_chains_that_have_not_converged_give_no_verdict_and_no_number_anywhere(m
     assert texts.count("no verdict") == 7
 
 
-# --- digits ---
-
-
 def test_digits():
     """Two of the width of the interval; of a range of decades two of each number."""
     C1, alpha, kappa = (law_named("goh").parameter(n) for n in ("C1", "alpha", "kappa"))
@@ -301,3 +162,40 @@ def test_digits():
         for parameter in (C1, alpha, stretch):
             middle, first, last = map(float, quantile_texts(median, low, high, parameter))
             assert first <= middle <= last
+
+
+def test_summary_evidence_and_result_have_the_same_quantiles(run, rows):
+    evidence = run.result.identifiability.set_index("parameter")
+    record = json.loads((run.path / "results.json").read_text(encoding="utf-8"))
+    stored = {r["name"]: r for r in record["reported"]}
+    assert [*stored] == [row["parameter"] for row in rows]
+    for row in rows:
+        name, numbers = row["parameter"], [float(row[k]) for k in ("q05", "q50", "q95")]
+        assert run.summary.loc[name, ["q05", "q50", "q95"]].to_list() == pytest.approx(
+            numbers, rel=1e-7
+        )
+        columns = ["posterior_q05", "posterior_median", "posterior_q95"]
+        assert evidence.loc[name, columns].to_list() == pytest.approx(numbers, rel=1e-7)
+        own = run.result[name]
+        assert [own.low, own.median, own.high] == pytest.approx(numbers, rel=1e-7)
+        assert (own.verdict, own.reason) == (row["verdict"], row["reason"])
+        assert [stored[name][k] for k in ("verdict", "reason")] == [row["verdict"], row["reason"]]
+
+
+def test_no_number_is_one_within_the_law_beside_another(media_run):
+    for text in (report_page(media_run), latex_table(media_run), closing_message(media_run)):
+        assert "within the law" not in text.lower()
+
+
+def test_only_one_table_has_stresses_to_report(media_run):
+    table = pd.read_csv(media_run.path / "report-stresses.csv")
+    all_of_them = media_run.result.determined.set_index(["quantity", "stretch_x", "stretch_y"])
+    assert len(table) >= 4
+    for row in table.to_dict("records"):
+        own = all_of_them.loc[(row["quantity"], row["stretch_x"], row["stretch_y"])]
+        for column in ("low", "median", "high"):
+            assert row[column] == pytest.approx(own[column], rel=1e-6)
+    page = report_page(media_run)
+    before, evidence = page.split('<h2 id="evidence">')
+    assert "ominal stress x" in before
+    assert "ominal stress x" not in evidence.partition('<h2 id="convergence">')[0]

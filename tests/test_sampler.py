@@ -2,10 +2,8 @@
 
 import json
 import warnings
-from functools import cache
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +11,6 @@ import pytest
 import biaxbayes
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import prepare
 from biaxbayes.runs.run import SUMMARY_COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.ensembles import Ensembles
@@ -32,12 +29,6 @@ THETA = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x", "mounting_str
 
 def specimen(name="donor2-media"):
     return read_specimen(DATA / f"{name}.csv")
-
-
-@cache
-def prepared(name="donor2-media", noise="misfit"):
-    """A posterior is a value: one is enough for all that only draw from it."""
-    return prepare(specimen(name), noise=noise)
 
 
 # --- ways to the same posterior ----------------------------------------------------------------
@@ -74,7 +65,7 @@ def test_draws_with_a_misfit_are_those_of_the_density_on_a_grid():
 # --- seeds, workers, interruption -------------------------------------------------------------
 
 
-def advanced(workers, blocks=(5, 3)):
+def advanced(workers):
     """Ensembles on half a normal density, and the blocks that they made."""
 
     def log_density(x):
@@ -83,12 +74,11 @@ def advanced(workers, blocks=(5, 3)):
     rng = np.random.default_rng(3)
     starts = [np.abs(rng.standard_normal((16, 2))) for _ in range(4)]
     ensembles = Ensembles(log_density, starts, np.random.SeedSequence(1), workers=workers)
-    made = [ensembles.run(blocks[0])]
+    made = [ensembles.run(5)]
     history = made[0][0].reshape(-1, 2)
     ensembles.adapt(history, label=np.arange(len(history)) % 2, components=4)
     ensembles.set_share(0.7)
-    made.append(ensembles.run(blocks[1]))
-    return made, ensembles
+    return [*made, ensembles.run(3)], ensembles
 
 
 @pytest.mark.parametrize("workers", [2, 3])
@@ -137,23 +127,9 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
 
 # --- the run folder ---------------------------------------------------------------------------
 
-FILES = {
-    "posterior.nc",
-    "summary.csv",
-    "corner.pdf",
-    "corner.png",
-    "stress-bands.pdf",
-    "stress-bands.png",
-    "fit.json",
-    "provenance.json",
-}
-GROUPS = {
-    "posterior",
-    "sample_stats",
-    "posterior_predictive",
-    "observed_data",
-    "constant_data",
-}
+FILES = {"posterior.nc", "summary.csv", "fit.json", "provenance.json"}
+FILES |= {f"{figure}.{kind}" for figure in ("corner", "stress-bands") for kind in ("pdf", "png")}
+GROUPS = {"posterior", "sample_stats", "posterior_predictive", "observed_data", "constant_data"}
 ROWS = (*THETA, "mounting_force_x", "mounting_force_y")
 
 
@@ -167,22 +143,19 @@ def test_run_folder_holds_every_file_and_reopens(run):
     assert run.state == "converged"
     again = biaxbayes.open_run(run.path)
     assert again.specimen == read_specimen(DATA / "donor2-media.csv")
-    assert len(again.draws) == again.chains["C1"].size
-    np.testing.assert_array_equal(
-        again.chains["k2"].transpose(0, 2, 1).ravel(), again.draws["k2"].to_numpy()
-    )
+    k2 = again.chains["k2"].transpose(0, 2, 1).ravel()
+    np.testing.assert_array_equal(k2, again.draws["k2"].to_numpy())
     posterior = again.posterior()
     assert posterior.settings == run.settings and posterior.settings.has_misfit
-    few = {n: again.draws[n].to_numpy()[:50] for n in posterior.free}
+    few = again.draws[:50]
     np.testing.assert_allclose(
-        posterior.log_density(few), again.draws["lp"].to_numpy()[:50], rtol=1e-9
+        posterior.log_density(few[list(posterior.free)]), few["lp"], rtol=1e-9
     )
     (record,) = again.fit
     assert record["method"] == "constrained"
-    for name in ("corner.png", "stress-bands.png"):
-        assert (run.path / name).read_bytes().startswith(b"\x89PNG")
-    for name in ("corner.pdf", "stress-bands.pdf"):
-        assert (run.path / name).read_bytes().startswith(b"%PDF")
+    for name in ("corner", "stress-bands"):
+        assert (run.path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (run.path / f"{name}.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_summary_is_that_of_the_draws(run):
@@ -201,8 +174,7 @@ def test_summary_is_that_of_the_draws(run):
 
 def test_archive_opens_with_arviz_and_has_its_groups_and_dimensions(run):
     opened = az.from_netcdf(run.path / "posterior.nc")
-    names = getattr(opened, "groups", None)
-    names = names() if callable(names) else names
+    names = opened.groups() if callable(opened.groups) else opened.groups
     assert {str(n).strip("/") for n in names} >= GROUPS
     posterior = opened["posterior"]
     assert set(posterior["C1"].dims) == {"chain", "draw"}
@@ -228,14 +200,6 @@ def test_arviz_summarises_a_run(run, opened):
     assert float(summary.loc["C1", "mean"]) == pytest.approx(run.draws["C1"].mean(), rel=0.05)
     rhat = az.rhat(opened(run), var_names=["C1"])
     assert float(np.asarray(rhat["C1"])) < 1.05
-
-
-@pytest.mark.parametrize("opened", OPENED.values(), ids=list(OPENED))
-def test_arviz_plots_the_trace_of_a_run(run, opened):
-    drawn = az.plot_trace(opened(run), var_names=["C1"])
-    axes = getattr(drawn, "flat", None) or [drawn.get_target("C1", {})]
-    assert any(ax.lines for ax in axes)
-    plt.close("all")
 
 
 def test_stored_likelihood_is_that_of_all_readings(run):
@@ -267,15 +231,12 @@ def test_stored_predictions_are_new_readings_of_the_tissue(run):
 
 def test_provenance_says_what_was_run_and_how_long_each_part_took(run):
     record = run.provenance
-    assert record["biaxbayes"] == biaxbayes.__version__
-    assert record["seed"] == 11
+    assert (record["biaxbayes"], record["seed"]) == (biaxbayes.__version__, 11)
     assert record["settings"]["mounting"] == "noisy"
-    noise = record["noise"]
+    noise, parts = record["noise"], record["seconds"]
     assert 0 < noise["readings_compared"] < noise["readings"] == 200
     assert 0.002 < noise["misfit"] < 0.12 and noise["load_noise"] > 0.0
-    assert {"fit", "warm-up", "sampling", "total"} <= set(record["seconds"])
-    parts = record["seconds"]
-    assert parts["total"] >= parts["warm-up"] + parts["sampling"]
+    assert parts["total"] >= parts["warm-up"] + parts["sampling"] + parts["fit"]
 
 
 def test_same_seed_same_bytes_whatever_the_workers(run, tmp_path):
@@ -332,7 +293,8 @@ def tared(tmp_path):
 
 
 def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
-    path = tared(tmp_path)
+    path = tmp_path / "tared.csv"
+    write_specimen(specimen().zeroed(), path)
     code = exit_code("sample", path, "--out", tmp_path / "run")
     text = capsys.readouterr().err
     assert code == 2
@@ -340,18 +302,6 @@ def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
     for words in (f"{path}: ", "tared", "--mounting-force X Y", "--mounting zeroed"):
         assert words in text
     assert not (tmp_path / "run" / "provenance.json").exists()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "way", [["--mounting", "zeroed"], ["--mounting-force", "0.013", "0.016"]], ids=lambda w: w[0]
-)
-def test_the_ways_on_lead_on(tmp_path, capsys, way):
-    with runs_without_figures():
-        code = exit_code("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
-    assert code == 0, capsys.readouterr()
-    names = set(pd.read_csv(tmp_path / "run" / "summary.csv")["parameter"])
-    assert ("mounting_stretch_x" in names) == (way[0] == "--mounting-force")
 
 
 def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):

@@ -17,20 +17,6 @@ def simulate(*arguments):
     return exit_code("simulate", *arguments)
 
 
-def test_a_table6_row_with_its_published_conditions(tmp_path, capsys):
-    out = tmp_path / "media.csv"
-    assert simulate("--material", "donor2-media", "--noise-N", "0.0006", "--out", out) == 0
-    specimen = read_specimen(out)
-    p = specimen.protocols[0]
-    assert (specimen.name, specimen.thickness_mm, specimen.load_noise) == ("media", 0.88, 0.0006)
-    assert p.rows == 101
-    assert p.stretch_x[-1] == 1.2
-    truth = json.loads((tmp_path / "media.truth.json").read_text())["media"]
-    assert truth["mounting_stretch_y"] == 1.010
-    assert truth["material"]["C1_kPa"] == MATERIALS["donor2-media"].material.C1_kPa
-    assert "media.truth.json" in capsys.readouterr().out
-
-
 def test_five_numbers_several_protocols_and_the_seed(tmp_path):
     options = [
         *("--goh", 14, 140, 11.9, 38.4, 0.21),

@@ -1,7 +1,5 @@
 """Specimen files: written and read back equal, re-referenced once, and safe against any bytes."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +16,7 @@ from biaxbayes.specimens.keys import measured_stretch
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.specimens.specimen_file import specimen_text
 from biaxbayes.specimens.table import read_stretches
-from good_specimen import GOOD, protocols
+from good_specimen import protocols
 
 
 def write(path: Path, text: str) -> Path:
@@ -37,27 +35,16 @@ def noisy_protocol(seed: int, name: str = "1", count: int = 40, rest: int = 5) -
     return Protocol(name, *stretch.T, *load.T, np.arange(path.size) * 0.1, rest)
 
 
-# --- round trips ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("pair", ["force", "piola", "cauchy"])
 @pytest.mark.parametrize("seed", range(5))
 def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
     names = ("1:1, slow", 'the "second"', "drüben_3")
     recorded = [noisy_protocol(seed + i, name) for i, name in enumerate(names)]
+    known = {"mounting_stretch_x": "1.03 +- 0.01", "edge_sd_mm": 0.1, "cycle": "10"}
     raw = Specimen(
-        name="A12 rechts",
-        protocols=recorded,
-        stress_pair=pair,
-        geometry="mounted",
-        edge_x_mm=20.1,
-        edge_y_mm=1 / 3 * 50,
-        thickness_mm=1.35,
-        load_noise=np.float64(0.1) / 3,
-        layer="µ: media",
-        axis_x="circumferential",
-        metadata={"mounting_stretch_x": "1.03 +- 0.01", "edge_sd_mm": 0.1, "cycle": "10"},
-    )
+        "A12 rechts", recorded, pair, "mounted", 20.1, 1 / 3 * 50, 1.35, np.float64(0.1) / 3,
+        layer="µ: media", axis_x="circumferential", metadata=known,
+    )  # fmt: skip
     # A re-referenced record: its mean at rest is one only up to rounding.
     (tmp_path / "raw.csv").write_text(specimen_text(raw, recorded), encoding="utf-8")
     first = read_specimen(tmp_path / "raw.csv")
@@ -104,9 +91,8 @@ def test_any_name_and_any_double_survive(name, layer, labels, values, tmp_path):
     try:
         write_specimen(specimen, path)
     except InputError as refusal:
-        clean = [
-            " ".join("".join(c if c.isprintable() else " " for c in x).split()) for x in labels
-        ]
+        printable = ("".join(c if c.isprintable() else " " for c in x) for x in labels)
+        clean = [" ".join(text.split()) for text in printable]
         assert "" in clean or len(set(clean)) < len(clean), refusal
         return
     try:
@@ -133,13 +119,6 @@ def test_line_breaks_and_control_characters_do_not_reach_the_file(tmp_path):
     assert read.protocols[0].name == "a b"
 
 
-def test_writer_refuses_what_the_reader_would(tmp_path):
-    p = Protocol("a", [1.0, 1.1], [1.0, 1.1], [0.1, 1.0], [0.1, 2.0])
-    with pytest.raises(InputError, match="duplicated"):
-        write_specimen(Specimen("x", (p, p), "piola"), tmp_path / "a.csv")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_rest_rows_of_the_object_are_written_where_they_cannot_be_detected(tmp_path):
     stretch = np.linspace(1.0, 1.1, 11)
     one = Protocol("a", stretch, stretch, stretch, 2 * stretch, None, 1)
@@ -150,9 +129,6 @@ def test_rest_rows_of_the_object_are_written_where_they_cannot_be_detected(tmp_p
     write_specimen(Specimen("x", (one, three), "piola"), tmp_path / "b.csv")
     assert "# rest_rows: 1, 3\n" in (tmp_path / "b.csv").read_text()
     assert [p.rest_rows for p in read_specimen(tmp_path / "b.csv").protocols] == [1, 3]
-
-
-# --- re-referencing, rest, tare ---------------------------------------------------------------
 
 
 @given(
@@ -184,34 +160,12 @@ def test_rest_rows_detected_in_a_noisy_record():
     assert rest_rows(1.0 + np.linspace(0, 0.2, 50), 1.0 + np.linspace(0, 0.1, 50)) == 1
 
 
-def test_numbers_against_the_text(tmp_path):
-    specimen = read_specimen(write(tmp_path / "a.csv", GOOD))
-    assert specimen.name == "A12"
-    assert specimen.stress_pair == "force"
-    # The force in x acts on edge_y x thickness: 18 * 1.35 mm^2 = 0.0243 N/kPa.
-    np.testing.assert_allclose(specimen.area, [0.0243, 0.027], rtol=1e-15)
-    assert specimen.load_noise == 0.0006
-    reading, sd = specimen.mounting_readings(shared=True)
-    np.testing.assert_allclose(reading, [[0.01, 0.008]])
-    np.testing.assert_allclose(sd, [[0.0006, 0.0006]])
-
-
-def test_several_protocols_keep_their_order(tmp_path):
-    specimen = read_specimen(write(tmp_path / "a.csv", protocols("b", "a", "1:1")))
-    assert [p.name for p in specimen.protocols] == ["b", "a", "1:1"]
-    assert specimen.only("a").protocols == (specimen.protocols[1],)
-    assert len(specimen.without("a").protocols) == 2
-
-
 @pytest.mark.parametrize(
     ("text", "value"),
     [("1.03 +- 0.01", (1.03, 0.01)), ("1.03±0.01", (1.03, 0.01)), (" 1 +-1e-3", (1.0, 1e-3))],
 )
 def test_stretch_from_an_image(text, value):
     assert measured_stretch(text) == value
-
-
-# --- paths of stretches ---
 
 
 @pytest.mark.parametrize(
@@ -231,13 +185,6 @@ def test_a_wrong_path_of_stretches_is_named_with_its_row(text, says, tmp_path):
         read_stretches(write(tmp_path / "a.csv", text))
     assert says in str(refusal.value)
 
-
-def test_a_path_of_stretches_is_read_by_its_names(tmp_path):
-    text = 'step,stretch_y,stretch_x\n1,1,1\n# 5", "as marked\n\n2,1.2,1.1\n'
-    assert read_stretches(write(tmp_path / "a.csv", text)).tolist() == [[1.0, 1.0], [1.1, 1.2]]
-
-
-# --- rows that are not evenly spaced, and masked ones ---------------------------------------------
 
 GAPS = {
     "some rows lost": lambda n: np.random.default_rng(2).random(n) < 0.7,
@@ -271,3 +218,22 @@ def test_masked_readings_are_refused():
         with pytest.raises(InputError, match="is masked in 3 rows; leave out masked rows"):
             Protocol("p", *columns)
     assert Protocol("p", *[np.ma.array(stretch)] * 4).rows == 12  # nothing is masked
+
+
+def test_writer_refuses_what_the_reader_would(tmp_path):
+    p = Protocol("a", [1.0, 1.1], [1.0, 1.1], [0.1, 1.0], [0.1, 2.0])
+    with pytest.raises(InputError, match="duplicated"):
+        write_specimen(Specimen("x", (p, p), "piola"), tmp_path / "a.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_several_protocols_keep_their_order(tmp_path):
+    specimen = read_specimen(write(tmp_path / "a.csv", protocols("b", "a", "1:1")))
+    assert [p.name for p in specimen.protocols] == ["b", "a", "1:1"]
+    assert specimen.only("a").protocols == (specimen.protocols[1],)
+    assert len(specimen.without("a").protocols) == 2
+
+
+def test_a_path_of_stretches_is_read_by_its_names(tmp_path):
+    text = 'step,stretch_y,stretch_x\n1,1,1\n# 5", "as marked\n\n2,1.2,1.1\n'
+    assert read_stretches(write(tmp_path / "a.csv", text)).tolist() == [[1.0, 1.0], [1.1, 1.2]]

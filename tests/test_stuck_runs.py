@@ -1,7 +1,5 @@
 """Runs whose walkers cannot reach all of the posterior: what is written, and the exit code."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import partial

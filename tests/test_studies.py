@@ -1,7 +1,5 @@
 """The studies behind the pages: what they import, their truths, records and other samplers."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import pkgutil
@@ -99,9 +97,6 @@ def test_the_paper_is_recomputed_in_its_quick_form(tmp_path):
         assert made == known
 
 
-# --- the density that other samplers draw from ---
-
-
 @pytest.mark.parametrize("noise", ["misfit", "independent"])
 def test_the_natural_density_is_that_of_the_posterior(noise):
     """In C1 rather than ln C1, and in mounting stretches rather than forces."""
@@ -114,9 +109,6 @@ def test_the_natural_density_is_that_of_the_posterior(noise):
     logs = np.log(points[:, density.logs]).sum(axis=1)
     stretches = posterior.replaced(mounting="free")
     np.testing.assert_allclose(found + logs, stretches.log_density(values), rtol=1e-9)
-
-
-# --- the studies of populations ---
 
 
 def test_truths_are_cut_as_the_model_cuts_them():

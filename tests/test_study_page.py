@@ -1,7 +1,5 @@
 """A study's groups by hand; its page and figure: many specimens, hostile names, any width."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
@@ -14,7 +12,7 @@ from scipy.stats import ttest_ind
 from biaxbayes.figures.population import study_figure
 from biaxbayes.reports.study_page import closing_message, write_study
 from biaxbayes.studies.groups import group_contrasts, group_summaries, layer_contrasts
-from biaxbayes.studies.result import STUDY_COLUMNS, StudyResult, donor_groups
+from biaxbayes.studies.result import STUDY_COLUMNS, StudyResult
 from made_up import distances, table
 
 
@@ -30,16 +28,6 @@ def result(request, tmp_path_factory):
     )
     write_study(outcome)
     return outcome
-
-
-def test_donors_with_several_layers_are_groups():
-    groups = donor_groups(table(9))
-    assert [len(labels) for _, labels, _ in groups] == [2, 3, 3]
-    alone = table(9).assign(donor="")
-    assert donor_groups(alone) == []  # too many to compare all with all
-    few = table(6).assign(donor="")
-    [(donor, labels, _)] = donor_groups(few)
-    assert donor == "" and len(labels) == 5
 
 
 @pytest.mark.long
@@ -66,9 +54,6 @@ def test_the_page_counts_what_is_reliable(result):
     assert "is no table &amp; &lt;worse&gt;" in page
     assert "<script" not in page and "<img src=x" not in page
     assert len(page) < 5_000_000
-
-
-# --- groups of specimens and pairs of layers, worked out by hand ---
 
 
 def rows(*cells):
@@ -111,45 +96,31 @@ def test_only_specimens_that_determine_a_quantity_give_numbers():
 
 
 def test_a_spread_that_the_posteriors_explain_is_none_between_specimens():
-    table = rows(
-        specimen("a", "", "media", 10.0, 0.5),
-        specimen("b", "", "media", 11.0, 0.5),
-    )
+    table = rows(specimen("a", "", "media", 10.0, 0.5), specimen("b", "", "media", 11.0, 0.5))
     assert group_summaries(table).iloc[0].sd_between == 0.0
 
 
 def distance(donor, a, b, low, middle, high, *, known=True, kind="parameter", stretch=math.nan):
-    return {
-        "donor": donor,
-        "layer_a": a,
-        "layer_b": b,
-        "kind": kind,
-        "quantity": "C1" if kind == "parameter" else kind,
-        "unit": "kPa",
-        "total_stretch": stretch,
-        "difference_q05": low,
-        "difference_q50": middle,
-        "difference_q95": high,
-        "identified_in_both": known,
-    }
+    quantity = "C1" if kind == "parameter" else kind
+    values = (donor, a, b, kind, quantity, "kPa", stretch, low, middle, high, known)
+    names = "donor layer_a layer_b kind quantity unit total_stretch difference_q05 difference_q50 "
+    names += "difference_q95 identified_in_both"
+    return dict(zip(names.split(), values, strict=True))
 
 
 def test_layers_are_counted_pair_by_pair_in_one_order():
-    outcome = layer_contrasts(
-        pd.DataFrame(
-            [
-                distance("D1", "intima", "media", 1.0, 2.0, 3.0),
-                # the same the other way round: media listed first by this donor
-                distance("D2", "media", "intima", -6.0, -4.0, -2.0),
-                distance("D3", "intima", "media", -1.0, 0.5, 2.0),
-                distance("D4", "intima", "media", -9.0, -8.0, -7.0, known=False),
-                distance("D5", "media", "media", 5.0, 6.0, 7.0),
-                distance("D1", "intima", "media", 1.0, 2.0, 3.0, kind="stress", stretch=1.1),
-                distance("D1", "intima", "media", 1.0, 2.0, 3.0, kind="stiffness", stretch=1.1),
-                distance("D1", "intima", "media", -3.0, -2.0, -1.0, kind="stiffness", stretch=1.0),
-            ]
-        )
-    ).set_index("quantity")
+    rows = [
+        distance("D1", "intima", "media", 1.0, 2.0, 3.0),
+        # the same the other way round: media listed first by this donor
+        distance("D2", "media", "intima", -6.0, -4.0, -2.0),
+        distance("D3", "intima", "media", -1.0, 0.5, 2.0),
+        distance("D4", "intima", "media", -9.0, -8.0, -7.0, known=False),
+        distance("D5", "media", "media", 5.0, 6.0, 7.0),
+        distance("D1", "intima", "media", 1.0, 2.0, 3.0, kind="stress", stretch=1.1),
+        distance("D1", "intima", "media", 1.0, 2.0, 3.0, kind="stiffness", stretch=1.1),
+        distance("D1", "intima", "media", -3.0, -2.0, -1.0, kind="stiffness", stretch=1.0),
+    ]
+    outcome = layer_contrasts(pd.DataFrame(rows)).set_index("quantity")
     assert list(outcome.index) == ["C1", "stiffness"]
     C1 = outcome.loc["C1"]
     assert (C1.layer_a, C1.layer_b) == ("intima", "media")
@@ -157,15 +128,6 @@ def test_layers_are_counted_pair_by_pair_in_one_order():
     assert C1.mean_difference == pytest.approx((2.0 + 4.0 + 0.5) / 3.0)
     assert (C1.lowest_difference, C1.highest_difference) == (0.5, 4.0)
     assert outcome.loc["stiffness"].b_less == 1
-
-
-def test_without_pairs_there_is_nothing():
-    assert layer_contrasts(pd.DataFrame()).empty
-    one = pd.DataFrame([distance("D5", "media", "media", 5.0, 6.0, 7.0)])
-    assert layer_contrasts(one).empty
-
-
-# --- groups compared ---
 
 
 def grouped(*values, donors=None):

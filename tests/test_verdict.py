@@ -1,7 +1,5 @@
 """Verdicts and their reasons, decided by diagnostics that are written down."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -28,19 +26,10 @@ from goh_functions import GOH_LAW
 KAPPA, K1, ALPHA = (GOH_LAW.parameter(name) for name in ("kappa", "k1", "alpha"))
 STRETCH = next(p for p in MOUNTING_PARAMETERS if p.name == "mounting_stretch_x")
 LOOSE = Diagnostics(
-    parameter=KAPPA,
-    median=0.15,
-    low=0.05,
-    high=0.25,
-    prior_sd=0.1,
-    posterior_sd=0.04,
-    prior_excluded=0.6,
-    edges=(),
-    partners=Partners((), 1.0, 1.0),
-    modes=1,
-    prior_sensitivity=0.0,
-    likelihood_sensitivity=0.5,
-)
+    parameter=KAPPA, median=0.15, low=0.05, high=0.25, prior_sd=0.1, posterior_sd=0.04,
+    prior_excluded=0.6, edges=(), partners=Partners((), 1.0, 1.0), modes=1,
+    prior_sensitivity=0.0, likelihood_sensitivity=0.5,
+)  # fmt: skip
 SHARP = replace(LOOSE, low=0.10, high=0.19)
 WIDE = replace(LOOSE, low=0.04)  # wider than twice a sharp interval
 TRADED = Partners(("k1", "alpha"), 0.3, 0.4)
@@ -111,21 +100,6 @@ def test_a_bound_is_the_end_that_is_not_open():
     assert "aligned fibres" in below.reason and "isotropic" in above.reason
 
 
-@pytest.mark.parametrize(
-    ("diagnostics", "reason"),
-    [
-        (replace(WIDE, partners=TRADED), "trades with k1 and alpha"),
-        (replace(SHARP, partners=TRADED), "the data determine it; trades with k1 and alpha"),
-        (LOOSE, "the data determine it"),
-        (replace(LOOSE, edges=(edge(1, "user", value=0.27),)), "limited by the prior bound 0.270"),
-        (replace(LOOSE, posterior_sd=0.08), "the prior, not the data, determines it"),
-        (replace(LOOSE, edges=(LOW, HIGH)), "the data exclude no end of its range"),
-    ],
-)
-def test_reasons(diagnostics, reason):
-    assert assess(diagnostics).reason == reason
-
-
 def test_a_partner_that_may_lie_at_its_end_asks_for_a_sharp_interval():
     loose, sharp = (replace(e, partners=TRADED) for e in (LOOSE, SHARP))
     assert assess(loose).verdict == IDENTIFIED
@@ -147,8 +121,6 @@ def test_a_stiffness_spans_no_order_of_magnitude():
     wide = assess(replace(known, high=101.0), K1)
     assert wide.verdict == NOT_IDENTIFIED and wide.reason == "known only to a factor of 10"
 
-
-# --- mounting stretches ---
 
 MOUNTED = replace(LOOSE, parameter=STRETCH, median=1.02, low=1.01, high=1.03)
 
@@ -175,9 +147,6 @@ def test_a_mounting_stretch_that_was_measured_is_known_whatever_the_force_says()
     prior = replace(MOUNTED, by_prior=(True, True), posterior_sd=0.1)
     found = assess_stretch(prior, T, measured=True)
     assert found.verdict == IDENTIFIED and "measured" in found.reason
-
-
-# --- all parameters together ---
 
 
 def together(diagnostics, state="converged", **priors):

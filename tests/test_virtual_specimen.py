@@ -22,6 +22,15 @@ from biaxbayes.specimens.virtual_specimen import (
 from biaxbayes.tables.table import ALL_SHEETS, read_tables
 from make_specimens import make
 
+TABLE2 = {
+    "donor1": (1.93, 1.15),
+    "donor2": (1.35, 1.15),
+    "donor2-intima": (0.27, 1.05),
+    "donor2-media": (0.88, 1.20),
+    "donor2-adventitia": (0.54, 1.15),
+}
+
+
 MEDIA = MATERIALS["donor2-media"].material
 BOX = Dimensions(20.0, 15.0, 0.88)
 TEST = {"name": "t", "mounting_stretch": (1.02, 1.01), "measured_stretch": 1.2, "dimensions": BOX}
@@ -92,13 +101,9 @@ def test_same_seed_same_bytes_and_the_file_reads_back(tmp_path):
 
 
 def test_no_truth_in_the_specimen_file(tmp_path):
-    material = GOH(7.123, 33.457, 5.791, 41.37, 0.1379)
-    specimen, _ = virtual_specimen(
-        material,
-        **(TEST | {"mounting_stretch": (1.0237, 1.0151)}),
-        seed=1,
-        machine=Machine(noise_N=0.0006),
-    )
+    material, machine = GOH(7.123, 33.457, 5.791, 41.37, 0.1379), Machine(noise_N=0.0006)
+    test = TEST | {"mounting_stretch": (1.0237, 1.0151)}
+    specimen, _ = virtual_specimen(material, **test, seed=1, machine=machine)
     write_specimen(specimen, tmp_path / "t.csv")
     text = (tmp_path / "t.csv").read_text()
     for secret in ("7.123", "33.457", "5.791", "41.37", "0.1379", "1.0237", "1.0151", "seed"):
@@ -127,26 +132,10 @@ def test_hooked_specimen_reports_the_central_stretch_and_the_hook_force():
     assert truth.disturbed_mounting_force["1:1"][0] == pytest.approx(p.load_x[0])
 
 
-# --- the files in data/ ---
-
 ROOT = Path(__file__).parents[1]
-NAMES = [
-    "donor1",
-    "donor2",
-    "donor2-intima",
-    "donor2-media",
-    "donor2-adventitia",
-    "hooked-media",
-    "hooked-weisbecker",
-]
+NAMES = ["donor1", "donor2", "donor2-intima", "donor2-media", "donor2-adventitia"]
+NAMES += ["hooked-media", "hooked-weisbecker"]
 # thickness in mm and largest experimental stretch, Table 2
-TABLE2 = {
-    "donor1": (1.93, 1.15),
-    "donor2": (1.35, 1.15),
-    "donor2-intima": (0.27, 1.05),
-    "donor2-media": (0.88, 1.20),
-    "donor2-adventitia": (0.54, 1.15),
-}
 
 
 @pytest.fixture(scope="module")
@@ -168,18 +157,6 @@ def test_shipped_files_are_current(made, name):
     truths = [json.loads((f / "truth.json").read_text())[name] for f in (ROOT / "data", made)]
     for key in ("material", "mounting_stretch_x", "mounting_stretch_y", "seed", "grips"):
         assert truths[0][key] == truths[1][key]
-
-
-@pytest.mark.parametrize(("name", "thickness", "stretch"), [(n, *v) for n, v in TABLE2.items()])
-def test_conditions_of_table2(name, thickness, stretch):
-    specimen = read_specimen(ROOT / "data" / f"{name}.csv")
-    p = specimen.protocols[0]
-    assert p.rows == 101
-    assert (specimen.edge_x_mm, specimen.edge_y_mm) == (20.0, 20.0)
-    assert specimen.thickness_mm == thickness
-    assert p.stretch_x[-1] == p.stretch_y[-1] == stretch
-    assert specimen.load_noise == 0.0006
-    assert (specimen.axis_x, specimen.axis_y) == ("circumferential", "axial")
 
 
 EXAMPLES = ("biotester.csv", "tared.csv", "tensile-machine.csv", "workbook.xlsx")
@@ -209,3 +186,15 @@ def test_examples_are_current_and_the_same_bytes_every_time(tmp_path, monkeypatc
         shipped = cells(ROOT / "data" / "examples" / name)
         assert shipped == cells(made), f"{name}: run python scripts/make_examples.py"
         assert all(len(columns[0]) > 30 for _, columns in shipped.values())
+
+
+@pytest.mark.parametrize(("name", "thickness", "stretch"), [(n, *v) for n, v in TABLE2.items()])
+def test_conditions_of_table2(name, thickness, stretch):
+    specimen = read_specimen(ROOT / "data" / f"{name}.csv")
+    p = specimen.protocols[0]
+    assert p.rows == 101
+    assert (specimen.edge_x_mm, specimen.edge_y_mm) == (20.0, 20.0)
+    assert specimen.thickness_mm == thickness
+    assert p.stretch_x[-1] == p.stretch_y[-1] == stretch
+    assert specimen.load_noise == 0.0006
+    assert (specimen.axis_x, specimen.axis_y) == ("circumferential", "axial")

@@ -1,7 +1,5 @@
 """Materials of every law, for tests that need some."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from biaxbayes.laws import law_named
@@ -47,7 +45,7 @@ STRESSES = [
     ("lee-sacks", (0.0, 10.0, 10.0, 10.0, 0.5, 0.0), (1.1, 1.1), (45.53019, 6.036425)),
 ]
 TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)} | {
-    "may-newman": (8.0, 10.0, 4.0, 60.0, 30.0),
+    "may-newman": (8.0, 10.0, 4.0, 60.0, 30.0)
 }
 """Values of each law's parameters, for tests that need some."""
 RECOVERED = TYPICAL | {

@@ -1,7 +1,5 @@
 """A tube of known material, inflated at some axial stretches."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from biaxbayes.forward import ForwardModel
@@ -42,11 +40,6 @@ def virtual_tube(
         load = load + rng.normal(size=load.shape) * noise
         protocols.append(Protocol(f"at {stretch[0, 1]:g}", *stretch.T, *load.T))
     return Specimen(
-        "tube",
-        tuple(protocols),
-        "tube",
-        thickness_mm=0.9,
-        load_noise=noise[0],
-        metadata=HEADER,
+        "tube", tuple(protocols), "tube", thickness_mm=0.9, load_noise=noise[0], metadata=HEADER,
         test="tube",
-    )
+    )  # fmt: skip

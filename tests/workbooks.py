@@ -1,7 +1,5 @@
 """Workbooks made for tests."""
 
-from __future__ import annotations
-
 import io
 
 
