@@ -61,8 +61,8 @@ def biotester_export(
         edge_y_mm=EDGE_MM,
         thickness_mm=THICKNESS_MM,
     )
-    stretch = np.column_stack([test.measured_x, test.measured_y])
-    force = np.column_stack([test.force_x_N, test.force_y_N])
+    stretch = test.measured
+    force = test.force_N
     out: list[list[str]] = []
     clock = 0.0
     size0 = np.array([8000.0, 8000.0])

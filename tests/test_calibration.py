@@ -226,7 +226,7 @@ def test_simulated_readings_are_the_virtual_tests(geometry, stress_pair):
         material, mounting_stretch=tuple(lm), measured_stretch=(1.2, 1.2), increments=100,
         edge_x_mm=edges[0], edge_y_mm=edges[1], thickness_mm=thickness,
     )  # fmt: skip
-    force = np.array([test.force_x_N, test.force_y_N])
+    force = test.force_N.T
     p = simulated.protocols[0]
     measured = np.array([p.load_x, p.load_y])
     if stress_pair == "cauchy":

@@ -26,9 +26,9 @@ def protocol(
     test = virtual_test(
         MEDIA, mounting_stretch=prestretch, measured_stretch=1.18, ratio=ratio, increments=100
     )
-    load = np.column_stack([test.piola_x_kPa, test.piola_y_kPa])
+    load = test.piola_kPa
     load += np.random.default_rng(seed).normal(0.0, noise, load.shape)
-    return Protocol(name, test.measured_x, test.measured_y, *load.T)
+    return Protocol(name, *test.measured.T, *load.T)
 
 
 def specimen(*protocols: Protocol, **others) -> Specimen:
@@ -123,8 +123,8 @@ def test_stiff_start_is_more_than_a_soft_matrix_does():
         soft, mounting_stretch=(1.01, 1.01), measured_stretch=(1.3, 1.2), increments=400
     )
     rng = np.random.default_rng(0)
-    load = np.column_stack([test.piola_x_kPa, test.piola_y_kPa]) + rng.normal(0, 0.05, (401, 2))
-    p = Protocol("1", test.measured_x, test.measured_y, *load.T)
+    load = test.piola_kPa + rng.normal(0, 0.05, (401, 2))
+    p = Protocol("1", *test.measured.T, *load.T)
     assert "stiff-start" not in codes(specimen(p))
     # The same with a friction-like rise in the first per cents of the path.
     rise = 12.0 * (1.0 - np.exp(-(p.stretch_x - 1.0) / 0.01))

@@ -29,7 +29,7 @@ def made(ratio=(1.0, 1.0), rows: int = 60, material: GOH = SOFT) -> np.ndarray:
         material, mounting_stretch=(1.02, 1.015), measured_stretch=1.18, ratio=ratio,
         increments=rows - 1, edge_x_mm=10.0, edge_y_mm=10.0, thickness_mm=1.2,
     )  # fmt: skip
-    table = np.column_stack([test.measured_x, test.measured_y, test.force_x_N, test.force_y_N])
+    table = np.hstack([test.measured, test.force_N])
     table[:, 2:] += NOISE_N * np.random.default_rng(1).standard_normal((rows, 2))
     return table
 

@@ -146,8 +146,8 @@ def cycled_export(
             measured_stretch=1.18, ratio=ratio, increments=400, edge_x_mm=10.0, edge_y_mm=10.0,
             thickness_mm=1.2,
         )  # fmt: skip
-        force = np.column_stack([test.force_x_N, test.force_y_N])
-        stretch = np.column_stack([test.measured_x, test.measured_y])
+        force = test.force_N
+        stretch = test.measured
         for softening in (1.25, 1.05, 1.0):
             up, down = np.linspace(0, 1, rows), np.linspace(1, 0, back or rows)[1:-1]
             t = np.concatenate([np.zeros(rest), up, np.ones(hold), down])

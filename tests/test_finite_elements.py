@@ -37,13 +37,13 @@ def test_uniform_edges_agree_with_the_closed_form(material, top, control):
     )
     mounted = tester.mount((1.02, 1.01))
     test = tester.stretch_to(mounted, (top, 1.0 + 0.7 * (top - 1.0)), increments=8)
-    np.testing.assert_allclose([test.total_x[0], test.total_y[0]], [1.02, 1.01], rtol=1e-9)
-    np.testing.assert_allclose(test.total_x, test.grip_x, rtol=1e-9)
-    Px, Py = material.piola(test.total_x, test.total_y)
-    np.testing.assert_allclose(test.force_x_N, Px * 15.0 * THICKNESS * 1e-3, rtol=1e-6)
-    np.testing.assert_allclose(test.force_y_N, Py * 20.0 * THICKNESS * 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(test.total[0], [1.02, 1.01], rtol=1e-9)
+    np.testing.assert_allclose(test.total[:, 0], test.grip[:, 0], rtol=1e-9)
+    Px, Py = material.piola(*test.total.T)
+    np.testing.assert_allclose(test.force_N[:, 0], Px * 15.0 * THICKNESS * 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(test.force_N[:, 1], Py * 20.0 * THICKNESS * 1e-3, rtol=1e-6)
     F = sheet.deformation_gradient(test.states[-1].u)
-    np.testing.assert_allclose(F[0, 0], test.total_x[-1], rtol=1e-8)
+    np.testing.assert_allclose(F[0, 0], test.total[-1, 0], rtol=1e-8)
     np.testing.assert_allclose(F[0, 1], 0.0, atol=1e-8)
 
 
@@ -51,7 +51,7 @@ def test_work_at_the_hooks_is_the_energy_in_the_sheet():
     tester = hooked(MEDIA, control="grips")
     test = tester.stretch_to(tester.unloaded, (1.2, 1.15), increments=40)
     travel = np.array([s.travel for s in test.states])
-    force = np.column_stack([test.force_x_N, test.force_y_N])
+    force = test.force_N
     # Two opposite edges: N mm = mJ; Simpson's rule over the equal increments.
     weights = np.ones(41)
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
@@ -67,17 +67,17 @@ def test_directions_are_treated_equally():
     across = hooked(GOH(5.0, 20.0, 5.0, 70.0, 0.1), elements=6)
     a = along.stretch_to(along.mount((1.02, 1.01)), (1.1, 1.06), increments=3)
     b = across.stretch_to(across.mount((1.01, 1.02)), (1.06, 1.1), increments=3)
-    np.testing.assert_allclose(a.force_x_N, b.force_y_N, rtol=1e-8)
-    np.testing.assert_allclose(a.grip_y, b.grip_x, rtol=1e-8)
+    np.testing.assert_allclose(a.force_N[:, 0], b.force_N[:, 1], rtol=1e-8)
+    np.testing.assert_allclose(a.grip[:, 1], b.grip[:, 0], rtol=1e-8)
 
 
 def test_markers_reach_the_stretch_and_hooks_carry_less_than_uniform_edges():
     tester = hooked(MEDIA)
     test = tester.stretch_to(tester.mount((1.009, 1.010)), (1.2, 1.2), increments=10)
-    np.testing.assert_allclose(test.measured_x, np.linspace(1.0, 1.2, 11), rtol=1e-9)
-    np.testing.assert_allclose([test.total_x[0], test.total_y[0]], [1.009, 1.010], rtol=1e-9)
-    nominal = MEDIA.piola(test.total_x, test.total_y)[0] * 20.0 * THICKNESS * 1e-3
-    share = test.force_x_N / nominal
+    np.testing.assert_allclose(test.measured[:, 0], np.linspace(1.0, 1.2, 11), rtol=1e-9)
+    np.testing.assert_allclose(test.total[0], [1.009, 1.010], rtol=1e-9)
+    nominal = MEDIA.piola(*test.total.T)[0] * 20.0 * THICKNESS * 1e-3
+    share = test.force_N[:, 0] / nominal
     # The corners and the strips outside the hooks are idle, so the force falls short.
     assert np.all((share > 0.8) & (share < 0.97))
 
@@ -86,7 +86,7 @@ def test_a_step_too_large_is_halved_and_an_impossible_one_reported():
     tester = hooked(DONOR2, elements=6)
     in_one = tester.stretch_to(tester.unloaded, (1.15, 1.15), increments=1)
     in_many = tester.stretch_to(tester.unloaded, (1.15, 1.15), increments=15)
-    assert in_one.force_x_N[-1] == pytest.approx(in_many.force_x_N[-1], rel=1e-7)
+    assert in_one.force_N[-1, 0] == pytest.approx(in_many.force_N[-1, 0], rel=1e-7)
     with pytest.raises(NotConverged, match="no equilibrium"):
         tester.stretch_to(tester.unloaded, (0.3, 0.3), increments=1)
 

@@ -59,13 +59,13 @@ def specimen_of(
         test = virtual_test(
             material, mounting_stretch=tuple(lm), ratio=ratio, thickness_mm=1.35, **path
         )
-        force = np.column_stack([test.force_x_N, test.force_y_N])
+        force = test.force_N
         # A lab's stress: force over the section it measured, at the state it measured it
         section = 20.0 * 1.35e-3 / (lm if geometry == "mounted" else np.ones(2))
         load = force if pair == "force" else force / section
         if pair == "cauchy":
-            load = load * np.column_stack([test.measured_x, test.measured_y])
-        protocols.append(Protocol(f"p{index}", test.measured_x, test.measured_y, *load.T))
+            load = load * test.measured
+        protocols.append(Protocol(f"p{index}", *test.measured.T, *load.T))
     lm = np.ones(2)
     if pair == "force" and geometry == "mounted":
         lm = np.array(mountings[0] if mountings else mounting)

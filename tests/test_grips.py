@@ -47,12 +47,12 @@ def hooked(stretch_from="markers", stress_pair="force"):
     protocols, uniform = [], []
     for name, top in (("a", (1.15, 1.14)), ("b", (1.16, 1.05))):
         test = tester.stretch_to(mounted, top, increments=20)
-        grip = np.column_stack([test.grip_x / test.grip_x[0], test.grip_y / test.grip_y[0]])
-        centre = np.column_stack([test.measured_x, test.measured_y])
+        grip = test.grip / test.grip[0]
+        centre = test.measured
         measured = grip if stretch_from == "grips" else centre
-        load = np.column_stack([test.force_x_N, test.force_y_N]) / divisor
+        load = test.force_N / divisor
         protocols.append(Protocol(name, *measured.T, *load.T))
-        piola = np.column_stack(MATERIAL.piola(test.total_x, test.total_y)) * area / divisor
+        piola = np.column_stack(MATERIAL.piola(*test.total.T)) * area / divisor
         uniform.append((centre, piola))
     keys = KEYS | ({"stretch_from": "grips"} if stretch_from == "grips" else {})
     return Specimen(

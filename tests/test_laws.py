@@ -135,7 +135,7 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
             ratio=ratio,
             increments=24,
         )
-        curves = (true.measured_x, true.measured_y, true.piola_x_kPa, true.piola_y_kPa)
+        curves = (*true.measured.T, *true.piola_kPa.T)
         protocols.append(Protocol(label, *curves))
     specimen = Specimen("virtual", tuple(protocols), "piola")
     result = fit(specimen, law=name)

@@ -62,14 +62,9 @@ def uniform_edges(sheet: Sheet) -> Grips:
     return Grips(weights, component[held], sheet.edge / 2.0)
 
 
-def force(test: SheetTest) -> np.ndarray:
-    """N, shape (rows, 2)."""
-    return np.column_stack([test.force_x_N, test.force_y_N])
-
-
 def nominal_force(material: GOH, test: SheetTest) -> np.ndarray:
     """Closed-form stress at the central stretch times the nominal section, N, shape (rows, 2)."""
-    return np.column_stack(material.piola(test.total_x, test.total_y)) * EDGE * THICKNESS * 1e-3
+    return np.column_stack(material.piola(*test.total.T)) * EDGE * THICKNESS * 1e-3
 
 
 def uniform_gaps() -> pd.DataFrame:
@@ -83,8 +78,8 @@ def uniform_gaps() -> pd.DataFrame:
         )
         top = MATERIALS[name].measured_stretch or 1.2 / 1.02
         test = machine.stretch_to(machine.mount((1.02, 1.02)), (top, top), increments=20)
-        gap = np.abs(force(test) / nominal_force(material, test) - 1.0).max()
-        stretch = np.abs(test.total_x / test.grip_x - 1.0).max()
+        gap = np.abs(test.force_N / nominal_force(material, test) - 1.0).max()
+        stretch = np.abs(test.total[:, 0] / test.grip[:, 0] - 1.0).max()
         rows.append({"material": name, "force": gap, "stretch": stretch})
     return pd.DataFrame(rows)
 
@@ -96,8 +91,8 @@ def refinement(meshes: tuple[int, ...]) -> pd.DataFrame:
         for elements in meshes:
             _, test = tested(case, 20, elements=elements)
             row: dict[str, object] = {"specimen": case, "elements": elements}
-            row |= {"grip_stretch_x": test.grip_x[-1], "grip_stretch_y": test.grip_y[-1]}
-            row |= {"force_x_N": test.force_x_N[-1], "force_y_N": test.force_y_N[-1]}
+            row |= {"grip_stretch_x": test.grip[-1, 0], "grip_stretch_y": test.grip[-1, 1]}
+            row |= {"force_x_N": test.force_N[-1, 0], "force_y_N": test.force_N[-1, 1]}
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -109,9 +104,9 @@ def force_shares(layouts: dict[str, Hooks], elements: int) -> pd.DataFrame:
         for case in CASES:
             machine, test = tested(case, 10, elements=elements, hooks=hooks)
             nominal = nominal_force(machine.material, test)
-            share = force(test) / nominal
+            share = test.force_N / nominal
             # the best constant factor for the whole curve, and what it leaves
-            factor = (force(test) * nominal).sum(axis=0) / (nominal**2).sum(axis=0)
+            factor = (test.force_N * nominal).sum(axis=0) / (nominal**2).sum(axis=0)
             left = np.abs(share / factor - 1.0).max(axis=0)
             row: dict[str, object] = {"hooks": layout, "specimen": case}
             for k, axis in enumerate("xy"):
@@ -156,9 +151,9 @@ def draw_shares(tests: dict[str, tuple[SheetTester, SheetTest]], out: Path) -> N
     """The share of the closed-form force along the test."""
     drawing, axes = plt.subplots(1, len(tests), figsize=(7.2, 2.9), sharey=True)
     for ax, (case, (machine, test)) in zip(axes, tests.items(), strict=True):
-        share = force(test) / nominal_force(machine.material, test)
-        ax.plot(test.measured_x, share[:, 0], color=BLUE, label="x")
-        ax.plot(test.measured_y, share[:, 1], "--", color=RED, label="y")
+        share = test.force_N / nominal_force(machine.material, test)
+        ax.plot(test.measured[:, 0], share[:, 0], color=BLUE, label="x")
+        ax.plot(test.measured[:, 1], share[:, 1], "--", color=RED, label="y")
         ax.set(xlabel="measured stretch", title=case)
         ax.legend()
     axes[0].set_ylabel("hook force / closed form")

@@ -42,7 +42,7 @@ def virtual_specimen(
         increments=ROWS - 1,
         thickness_mm=thickness_mm,
     )
-    protocol = Protocol("1", test.measured_x, test.measured_y, test.force_x_N, test.force_y_N)
+    protocol = Protocol("1", *test.measured.T, *test.force_N.T)
     return Specimen(
         name,
         (protocol,),

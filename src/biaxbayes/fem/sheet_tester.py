@@ -174,25 +174,21 @@ class SheetTest:
     ----------
     states : tuple of State
         Equilibrium of every row.
-    measured_x, measured_y : ndarray, shape (n,)
+    measured : ndarray, shape (n, 2)
         Stretch between the markers, relative to the mounted state; the first row is 1.
-    total_x, total_y : ndarray, shape (n,)
+    total : ndarray, shape (n, 2)
         The same relative to the unloaded state. The first row is the true mounting stretch.
-    grip_x, grip_y : ndarray, shape (n,)
+    grip : ndarray, shape (n, 2)
         Stretch between opposite grips, relative to the unloaded state.
-    force_x_N, force_y_N : ndarray, shape (n,)
+    force_N : ndarray, shape (n, 2)
         Sum over the grips of an edge.
     """
 
     states: tuple[State, ...]
-    measured_x: np.ndarray
-    measured_y: np.ndarray
-    total_x: np.ndarray
-    total_y: np.ndarray
-    grip_x: np.ndarray
-    grip_y: np.ndarray
-    force_x_N: np.ndarray
-    force_y_N: np.ndarray
+    measured: np.ndarray
+    total: np.ndarray
+    grip: np.ndarray
+    force_N: np.ndarray
 
 
 class SheetTester:
@@ -273,7 +269,7 @@ class SheetTester:
         total = np.array([self.stretch(s) for s in states])
         grip = np.array([self.grip_stretch(s) for s in states])
         force = np.array([self.force_N(s) for s in states])
-        return SheetTest(states, *np.hstack([total / total[0], total, grip, force]).T)
+        return SheetTest(states, total / total[0], total, grip, force)
 
     def walk(
         self, state: State, start: np.ndarray, end: np.ndarray, increments: int

@@ -13,18 +13,13 @@ from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, newtons_per_kPa
 
 @dataclass(frozen=True)
 class VirtualTest:
-    """Noise-free result of a virtual test, one protocol; all of shape (n,)."""
+    """Noise-free result of a virtual test, one protocol; all of shape (n, 2), x and y."""
 
-    measured_x: np.ndarray  # relative to the mounted state; the first is one
-    measured_y: np.ndarray
-    total_x: np.ndarray  # relative to the unloaded state
-    total_y: np.ndarray
-    force_x_N: np.ndarray
-    force_y_N: np.ndarray
-    piola_x_kPa: np.ndarray  # true stresses with the unloaded state as reference
-    piola_y_kPa: np.ndarray
-    cauchy_x_kPa: np.ndarray
-    cauchy_y_kPa: np.ndarray
+    measured: np.ndarray  # stretch relative to the mounted state; the first is one
+    total: np.ndarray  # relative to the unloaded state
+    force_N: np.ndarray
+    piola_kPa: np.ndarray  # true stress with the unloaded state as reference
+    cauchy_kPa: np.ndarray
 
 
 def virtual_test(
@@ -72,7 +67,7 @@ def virtual_test(
     piola = cauchy / total
     # f_x = P_x * edge_y * thickness
     force = piola * newtons_per_kPa(edge_x_mm, edge_y_mm, thickness_mm)
-    return VirtualTest(*measured.T, *total.T, *force.T, *piola.T, *cauchy.T)
+    return VirtualTest(measured, total, force, piola, cauchy)
 
 
 def simulate_smooth_misfit(

@@ -171,7 +171,7 @@ def virtual_specimen(
     }
     first = next(iter(tests.values()))
     # of a strip, with the width that follows
-    mounted = (float(first.total_x[0]), float(first.total_y[0]))
+    mounted = tuple(first.total[0].tolist())
     return _recorded(tests, material, mounted, dimensions, test=test, **record)
 
 
@@ -326,8 +326,7 @@ def _recorded(
     protocols, disturbed = [], {}
     for label, ideal in tests.items():
         # twelve digits, to avoid 1.0020000000000002 in the file
-        stretch = np.round(np.column_stack([ideal.measured_x, ideal.measured_y]), 12)
-        force = np.column_stack([ideal.force_x_N, ideal.force_y_N])
+        stretch, force = np.round(ideal.measured, 12), ideal.force_N
         force = _with_misfit(force, machine.misfit, machine.misfit_length, rng)
         noise = machine.noise_N * rng.standard_normal(force.shape)
         load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
