@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from biaxbayes.error_model import log_likelihood, simulate, standard_cdf, standard_quantile
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.normal_errors import log_likelihood, simulate, standard_cdf, standard_quantile
 from biaxbayes.options import Settings
 from quick_posteriors import specimen
 

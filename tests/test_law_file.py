@@ -14,6 +14,7 @@ from biaxbayes.laws import law_named
 from biaxbayes.model.density import evaluate
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.provenance import parse_options, settings_table
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 from commands import refused, run
 from quick_posteriors import runs_without_figures, small_specimen
 
@@ -173,3 +174,25 @@ def test_fibres_that_are_compressed_carry_nothing(tmp_path):
     # s_x = 2 X dW/dX = 6 k X E^2 in extension
     expected = [0.0, 12.0 * 1.44 * 0.44**2]
     np.testing.assert_allclose(fibres.cauchy(lx, 1.0)[0], expected, rtol=1e-12)
+
+
+def test_a_law_of_amplitudes_alone_is_fitted(tmp_path):
+    """It has no exponents in which starting points could differ."""
+    path = tmp_path / "yeoh.py"
+    path.write_text(
+        'parameters = {"C1_kPa": ("lognormal", 10, 2), "C2_kPa": ("lognormal", 30, 2.5)}\n'
+        "def energy(X, Y, Z, C1, C2):\n"
+        "    return C1 * (X + Y + Z - 3) + C2 * (X + Y + Z - 3) ** 2\n"
+    )
+    law = law_named(str(path))
+    specimen, _ = virtual_specimen(
+        law.checked_material({"C1": 8.0, "C2": 25.0}),
+        name="rubber",
+        mounting_stretch=(1.03, 1.02),
+        total_stretch=1.3,
+        machine=Machine(noise_N=1e-5),
+        seed=1,
+    )
+    found = biaxbayes.fit(specimen, law=str(path))
+    np.testing.assert_allclose(found.material.values, [8.0, 25.0], rtol=0.01)
+    np.testing.assert_allclose(found.mounting_stretch, [[1.03, 1.02]], atol=0.001)

@@ -21,7 +21,7 @@ from studies.common import ROOT, options_of, parser
 
 PARTS: dict[str, tuple[str, str]] = {
     "density": (
-        "laws/*.py mechanics/mounting.py model/priors.py error_model.py model/density.py",
+        "laws/*.py mechanics/mounting.py model/priors.py normal_errors.py model/density.py",
         "laws law_statements goh priors forward posterior hostile_inputs",
     ),
     "verdicts": (

@@ -17,12 +17,12 @@ import numpy as np
 import pandas as pd
 from scipy.special import logsumexp
 
-from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.readings import ReadingVector
+from biaxbayes.normal_errors import log_likelihood
 from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Plan

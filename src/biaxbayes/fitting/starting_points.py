@@ -70,7 +70,9 @@ def _distinct_points(cost: np.ndarray, features: np.ndarray, count: int) -> np.n
         for i in order:
             if len(chosen) == count:
                 return np.array(chosen, dtype=int)
-            near = [j for j in chosen if np.abs(features[i] - features[j]).max() < distance]
+            near = [
+                j for j in chosen if np.abs(features[i] - features[j]).max(initial=0.0) < distance
+            ]
             if i not in chosen and not near:
                 chosen.append(int(i))
     return np.array(chosen, dtype=int)

@@ -434,7 +434,10 @@ class Law:
             rho = rng.uniform(-0.9, 0.9, size)
             points[:, b] = rho * np.sqrt(points[:, first] * points[:, second])
             features.append(rho)
-        return np.clip(points, self.lower, self.upper), np.column_stack(features)
+        chosen = np.column_stack(
+            [np.empty((size, 0)), *features]
+        )  # a law may have amplitudes alone
+        return np.clip(points, self.lower, self.upper), chosen
 
     # --- priors, derived quantities, distances from bounds ---
 

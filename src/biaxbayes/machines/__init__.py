@@ -13,5 +13,5 @@ asks where nothing was chosen. The second is True if a sheet is a table of this 
     COLUMNS = "stretch_x=X:displacement_mm,stretch_y=Y:displacement_mm,force_x_N=FX,force_y_N=FY"
 
     def records(table, choice, gauge):
-        return generic.records(table, replace(choice, columns=(COLUMNS,)), gauge)
+        return generic.records(table, replace(choice, machine="generic", columns=(COLUMNS,)), gauge)
 """

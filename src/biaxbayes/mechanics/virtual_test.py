@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.error_model import squared_exponential
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, newtons_per_kPa, with_free_side
+from biaxbayes.normal_errors import squared_exponential
 
 
 @dataclass(frozen=True)

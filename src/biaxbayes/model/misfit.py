@@ -44,7 +44,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import logsumexp
 
-from biaxbayes.error_model import HALF_LOG_2PI, squared_exponential
+from biaxbayes.normal_errors import HALF_LOG_2PI, squared_exponential
 
 AMPLITUDES = np.geomspace(0.002, 0.4, 10)
 AMPLITUDE_SD = 0.05

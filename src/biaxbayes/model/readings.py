@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.error_model import HALF_LOG_2PI
 from biaxbayes.forward import ForwardModel
 from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
+from biaxbayes.normal_errors import HALF_LOG_2PI
 from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.error_model import standard_cdf, standard_quantile
 from biaxbayes.errors import InputError
+from biaxbayes.normal_errors import standard_cdf, standard_quantile
 
 BANDS = ("median", "credible_low", "credible_high", "predictive_low", "predictive_high")
 """Endings of the columns of a predicted quantity."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from biaxbayes.error_model import standard_cdf
 from biaxbayes.fitting.result import EXPLAINED
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.normal_errors import standard_cdf
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.prediction.tissue import Tissue
 

@@ -18,10 +18,10 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from biaxbayes.error_model import simulate
 from biaxbayes.errors import RunError
 from biaxbayes.model.piece import Piece
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.normal_errors import simulate
 from biaxbayes.parameters import name_of
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.prediction.tissue import Tissue

@@ -1,4 +1,8 @@
-"""Independent normal errors of readings: log likelihood, simulation, distribution function."""
+"""Normal errors in tables and bands, and the kernel of smooth ones.
+
+The likelihoods that are sampled are in :mod:`biaxbayes.model.readings` and
+:mod:`biaxbayes.model.misfit`.
+"""
 
 from __future__ import annotations
 
