@@ -1,5 +1,7 @@
 """Laws weighed by what they predict: stacking against an optimiser, the verb and its files."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -355,6 +357,22 @@ def test_a_comparison_is_resumed_and_never_overwritten(compared, capsys):
     assert "another comparison" in capsys.readouterr().err
     with pytest.raises(Interrupted, match="0 of 8 posteriors"):
         biaxbayes.compare_laws(small_specimen(), laws=LAWS, workers=1, stop=lambda: 1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_progress_of_a_comparison_moves_within_a_posterior(workers):
+    seen, options = [], {"max_steps": 3000, "noise": "independent", "mounting": "exact", "ess": 1e5}
+
+    def stop():
+        return any(8.0 * p.share % 1.0 for p in seen)
+
+    with pytest.raises(Interrupted, match="of 8 posteriors"):
+        biaxbayes.compare_laws(
+            small_specimen(), laws=LAWS, workers=workers, progress=seen.append, stop=stop, **options
+        )
+    within = next(p for p in seen if 8.0 * p.share % 1.0)
+    assert re.match("0 of 8 posteriors; goh, (whole record|P1): ", within.phase)
 
 
 def test_what_cannot_be_compared_is_refused():

@@ -31,7 +31,7 @@ def no_progress(progress: Progress) -> None:
     """No progress is shown."""
 
 
-def time_left(start: float, done: int, missing: int) -> str:
+def time_left(start: float, done: float, missing: float) -> str:
     """Time that the missing tasks will take, as text; `start` as of time.monotonic()."""
     left = (time.monotonic() - start) * missing / done if done else 0.0
     if left < 1.0:

@@ -25,6 +25,7 @@ from biaxbayes.model.readings import ReadingVector
 from biaxbayes.normal_errors import log_likelihood
 from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced
 from biaxbayes.prediction.tissue import Tissue
+from biaxbayes.progress_bar import OnProgress, no_progress
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.rows import MeasuredRows
@@ -150,7 +151,7 @@ class Prediction:
     readings: PredictedReadings | None = None
 
 
-def sample_part(task: Task) -> Prediction:
+def sample_part(task: Task, progress: OnProgress = no_progress) -> Prediction:
     """Fit and sample a law on a record without the part; a failure is a state, not an error."""
     shown = task.specimen if task.part is None else without(task.specimen, task.part)
     rmse = float("nan")
@@ -158,7 +159,7 @@ def sample_part(task: Task) -> Prediction:
         posterior = prepare(shown, law=task.law, seed=task.seed, **task.options)
         rmse = posterior.fit.rmse_kPa
         plan = Plan(ess=task.ess, max_steps=task.max_steps, seed=task.seed, workers=1)
-        drawn = draw_posterior(posterior, plan)
+        drawn = draw_posterior(posterior, plan, progress=progress)
     except (NotConverged, np.linalg.LinAlgError) as error:
         return Prediction("failed", str(error), rmse, pd.DataFrame())
     count = MAX_LAW_DRAWS if task.part is None else MAX_PART_DRAWS

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +25,7 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.options import LawsPlan
+from biaxbayes.parallel import InThisProcess
 from biaxbayes.progress_bar import OnProgress, Progress, time_left
 from biaxbayes.runs.checkpoint import DamagedCheckpoint, pack_record, unpack_record
 from biaxbayes.specimens.specimen import Specimen
@@ -54,32 +59,73 @@ def sample_parts(
     files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]
     results = [None if file is None else _read(file) for file in files]
     missing = [i for i, result in enumerate(results) if result is None]
-    before = done = len(tasks) - len(missing)
-    clock = time.monotonic()
-    if missing:
-        progress(Progress(f"{done} of {len(tasks)} posteriors; first {tasks[missing[0]].name}"))
-    for outcome in executor.run(sample_part, [tasks[i] for i in missing], stop=stop):
-        index = missing[outcome.index]
-        if outcome.failure:
-            raise RunError(f"{tasks[index].name}: {outcome.failure}")
-        results[index], file = outcome.value, files[index]
-        if file is not None:
-            _write(file, outcome.value)
-        done += 1
-        # one that does not converge takes many times the mean of the others: it is named
-        running = [tasks[i].name for i in missing if results[i] is None][:1]
-        named = f", {running[0]} is running" if running else ""
-        left = time_left(clock, done - before, len(tasks) - done)
-        text = f"{done} of {len(tasks)} posteriors{named}{left}"
-        progress(Progress(text, done / len(tasks)))
-    if done < len(tasks):
-        text = f"interrupted after {done} of {len(tasks)} posteriors"
+    before, clock = len(tasks) - len(missing), time.monotonic()
+    with tempfile.TemporaryDirectory() as place:
+        told = {i: ProgressFile(Path(place) / str(i)) for i in missing}
+
+        def show() -> None:
+            done = len(tasks) - results.count(None)
+            latest = {i: told[i].read() for i in missing if results[i] is None}
+            running = [f"{tasks[i].name}: {p.phase}" for i, p in latest.items() if p]
+            share = done + sum(p.share or 0.0 for p in latest.values() if p)
+            left = time_left(clock, share - before, len(tasks) - share)
+            # one that does not converge takes many times the mean of the others: it is named
+            named = f"; {running[0]}" if running else ""
+            text = f"{done} of {len(tasks)} posteriors{named}{left}"
+            progress(Progress(text, share / len(tasks)))
+
+        def show_and_stop() -> int:
+            show()
+            return stop()
+
+        def tell_here(file: ProgressFile, latest: Progress) -> None:
+            file(latest)
+            show()
+
+        # in this process nobody asks for a stop while a task is running
+        here = isinstance(executor, InThisProcess)
+        work = [(tasks[i], partial(tell_here, told[i]) if here else told[i]) for i in missing]
+        for outcome in executor.run(_sample, work, stop=show_and_stop):
+            index = missing[outcome.index]
+            if outcome.failure:
+                raise RunError(f"{tasks[index].name}: {outcome.failure}")
+            results[index], file = outcome.value, files[index]
+            if file is not None:
+                _write(file, outcome.value)
+        if missing:
+            show()
+    if None in results:
+        text = f"interrupted after {len(tasks) - results.count(None)} of {len(tasks)} posteriors"
         raise Interrupted(text, stop(), folder=folder and folder.parent)
     return {
         (task.law, task.part.name if task.part else WHOLE): result
         for task, result in zip(tasks, results, strict=True)
         if result is not None
     }
+
+
+def _sample(work: tuple[Task, OnProgress]) -> Prediction:
+    return sample_part(*work)
+
+
+@dataclass(frozen=True)
+class ProgressFile:
+    """Progress of a task that runs in another process, by way of a file."""
+
+    path: Path
+
+    def __call__(self, progress: Progress) -> None:
+        """Write it; a machine that does not share the folder shows none."""
+        with contextlib.suppress(OSError):
+            self.path.write_text(f"{progress.share or 0.0}\n{progress.phase}")
+
+    def read(self) -> Progress | None:
+        """What was written last; None if nothing was, or it is being written."""
+        try:
+            share, phase = self.path.read_text().split("\n")
+            return Progress(phase, float(share))
+        except (OSError, ValueError):
+            return None
 
 
 def _write(path: Path, prediction: Prediction) -> None:
