@@ -89,6 +89,11 @@ class Interrupted(BiaxbayesError):
             self.exit_code = 128 + signal
 
 
+def two_digits(value: float) -> str:
+    """A number with two significant digits, and not in powers of ten (120, not 1.2e+02)."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def printable(text: str) -> str:
     """Text of a file without line breaks and control characters."""
     return "".join(ch if ch.isprintable() else " " for ch in text)

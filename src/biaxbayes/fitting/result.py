@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.errors import two_digits
 from biaxbayes.forward import LoadResponse
 from biaxbayes.laws.law import Law
 from biaxbayes.specimens.rows import MeasuredRows
@@ -221,12 +222,12 @@ def misfit_sentence(law_name: str, rms: float, noise: float, peak: float, unit: 
     ``unit``, N or kPa.
     """
     small = unit == "N" and rms < 0.1
-    amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"
+    amount = f"{two_digits(1e3 * rms)} mN" if small else f"{two_digits(rms)} {unit}"
     text = f"{law_name} misses this record by {amount} (root mean square)"
     if not noise > 0.0:
         return f"{text}, {100.0 * rms / max(peak, 1e-300):.2g} % of the peak"
     ratio = rms / noise
     if ratio < EXPLAINED:
         return f"{text}, about the noise of the load cell"
-    times = "twice" if 1.75 <= ratio < 2.25 else f"{ratio:.2g} times"
+    times = "twice" if 1.75 <= ratio < 2.25 else f"{two_digits(ratio)} times"
     return f"{text}, {times} the noise of the load cell"

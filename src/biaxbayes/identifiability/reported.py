@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from biaxbayes.errors import listed, printable
+from biaxbayes.errors import listed, printable, two_digits
 from biaxbayes.fitting.law_fits import LawFits
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -228,7 +228,7 @@ def quantile_texts(
     values = (median, low, high)
     width = high - low
     if parameter.logarithmic and low > 0.0 and high > COARSE_RATIO * low:
-        return tuple(f"{float(f'{v:.2g}'):g}" for v in values)  # type: ignore[return-value]
+        return tuple(map(two_digits, values))  # type: ignore[return-value]
     if not (width > 0.0 and math.isfinite(width)):
         return tuple(parameter.number(v) for v in values)  # type: ignore[return-value]
     digits = min(1 - math.floor(math.log10(width)), 8)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from biaxbayes.errors import two_digits
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
 from biaxbayes.identifiability.determined import thin_draws
@@ -298,5 +299,6 @@ def path_text(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law)
     share = 100.0 * path.change_kPa / max(path.largest_kPa, 1e-300)
     return (
         f"the same curves: {', '.join(moves)}; no stress of the tests changes by more than "
-        f"{amount:g} kPa ({share:.2g} % of the largest; one reading errs by {error_kPa:.2g} kPa)"
+        f"{amount:g} kPa ({share:.2g} % of the largest; one reading errs by "
+        f"{two_digits(error_kPa)} kPa)"
     )

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from biaxbayes.errors import two_digits
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import mode, start_parameters, user_priors
@@ -116,12 +117,14 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     noise = specimen.noise_sd
     beside = ""
     if noise > 0.0:
-        beside = f", {missed / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
+        beside = (
+            f", {two_digits(missed / noise)} times the load noise of {noise:.2g} {specimen.unit}"
+        )
     units = {q.parameter.name: q.unit for q in posterior.quantities.values()}
     return {
         name: f"the prior of {name}, {prior_text(prior, units[name])}, contradicts the data, which "
         f"alone give {fitted[name]:.4g}: under this prior the model misses the loads by "
-        f"{missed:.2g} {specimen.unit} rms instead of {best:.2g}{beside}"
+        f"{two_digits(missed)} {specimen.unit} rms instead of {two_digits(best)}{beside}"
         for name, prior in priors.items()
         if name in fitted and is_far(prior, fitted[name])
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from biaxbayes.errors import two_digits
 from biaxbayes.fitting.result import EXPLAINED
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
@@ -156,12 +157,13 @@ def path_warnings(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
     law_name, out = law_named(law).short_name, []
     for protocol in dict.fromkeys(row["protocol"] for row in missed):
         worst = max((r for r in missed if r["protocol"] == protocol), key=lambda r: r["share"])
-        unit = worst["unit"]
-        largest = f"{abs(worst['largest']):.2g} {unit} ({100 * worst['share']:.0f} % of its peak)"
+        unit, rms = worst["unit"], two_digits(worst["rms"])
+        largest = f"{two_digits(abs(worst['largest']))} {unit}"
         out.append(
-            f"{law_name} misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean "
-            f"square and {largest} at most, in {worst['direction']} at a measured stretch of "
-            f"{worst['at']:.3f}: do not use these parameters for that path where this matters."
+            f"{law_name} misses the {protocol} protocol by {rms} {unit} root mean square and "
+            f"{largest} ({100 * worst['share']:.0f} % of its peak) at most, in "
+            f"{worst['direction']} at a measured stretch of {worst['at']:.3f}: do not use these "
+            "parameters for that path where this matters."
         )
     return out
 
