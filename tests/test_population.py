@@ -27,7 +27,7 @@ from biaxbayes.populations.specimens import (
     sample_again,
 )
 from biaxbayes.populations.tables import contradictions
-from biaxbayes.populations.text import contrast_rows, group_rows
+from biaxbayes.populations.text import DASH, contrast_rows, group_rows
 from biaxbayes.reports.population import FIGURE_TEXTS, TABLES, closing_message
 from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.sampling.sampler import Plan
@@ -235,6 +235,26 @@ def test_stopped_and_resumed_writes_the_same_bytes(study, population, tmp_path, 
     other = quick_job(study, tmp_path / "out", options=PopulationOptions(seed=2))
     with pytest.raises(RunError, match="seed"):
         other(resume=True)
+
+
+@pytest.mark.long
+def test_a_population_that_did_not_converge_says_what_to_do_and_continues_with_more_steps(
+    study, tmp_path, monkeypatch
+):
+    def with_budget(steps):
+        few = {**QUICK, "warm_up": 1, "chains": 1, "ess": 1e5, "max_steps": steps}
+        monkeypatch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | few)))
+        result = quick_job(study, tmp_path / "out")(resume=steps > 6)
+        record = json.loads((tmp_path / "out" / POPULATION).read_text())
+        return result, record["convergence"]["kept_sweeps"]
+
+    first, kept = with_budget(6)
+    assert kept == 6 and first.state == "unusable"
+    output = closing_message(first)
+    assert "--resume" in output and "--max-steps" in output and "k1" not in output.splitlines()[2:]
+    page = (tmp_path / "out" / "population.html").read_text(encoding="utf-8")
+    assert DASH not in output and 'id="groups"' not in page and 'id="contrasts"' not in page
+    assert with_budget(20)[1] == 20
 
 
 def test_words_for_difficult_studies(study):

@@ -76,7 +76,6 @@ class PopulationCheckpoint:
     chains: list[dict[str, Any]] = field(default_factory=list)  # once the warm-up is over
     history: History | None = None
     block: int = 0  # sweeps until the next assessment
-    finished: bool = False
 
     def record(self) -> dict[str, Any]:
         """Plain values and arrays for a checkpoint."""
@@ -188,27 +187,25 @@ def draw_population(
         for chains, snapshot in zip(ensembles, state.chains, strict=True):
             chains.restore(snapshot)
         known, history = ensembles[0].specimens, state.history
-        convergence = None
-        while not state.finished:
+
+        def assessed(history: History) -> Convergence:
+            values = quantities(history, specimen_values(history, known))
+            return assess(values, target_ess=plan.ess)
+
+        convergence, done = None, 0
+        if history is not None:
+            convergence, done = assessed(history), history.mu.shape[1]
+        while convergence is None or (convergence.state != "converged" and done < plan.max_steps):
             if stop():
                 return None
             _report_progress(progress, convergence, plan.ess)
-            done = 0 if history is None else history.mu.shape[1]
             new = advance(ensembles, min(state.block, plan.max_steps - done))
             history = new if history is None else History.concatenate([history, new], 1)
-            done = history.mu.shape[1]
-            convergence = assess(
-                quantities(history, specimen_values(history, known)), target_ess=plan.ess
-            )
-            state.finished = convergence.state == "converged" or done >= plan.max_steps
+            convergence, done = assessed(history), history.mu.shape[1]
             state.block = _next_block(convergence, done, plan.ess)
             state.history, state.chains = history, [chains.snapshot() for chains in ensembles]
             on_step(state)
         assert history is not None
-        if convergence is None:  # it had finished, and was resumed
-            convergence = assess(
-                quantities(history, specimen_values(history, known)), target_ess=plan.ess
-            )
     return PopulationDraws(history, known, convergence, _upper_k(ensembles), sorted(state.again))
 
 

@@ -36,6 +36,11 @@ TABLES = {
 }
 """File and content of each table of a population."""
 BANDS = "new-specimen-bands"
+NO_NUMBERS = (
+    "No number is given: continue with --resume and a larger --max-steps, or compare the groups as "
+    "study.html of batch does, specimen by specimen"
+)
+"""What to do where the chains do not agree."""
 FILES = {
     **dict(TABLES.values()),
     f"{BANDS}.csv": "stress of a new specimen",
@@ -92,11 +97,11 @@ def population_page(
         notes=[truncate(n, 500) for n in record["notes"]],
         figure_titles={stem: FIGURE_TEXTS[stem][0] for stem in drawn},
         figures=[(k, *FIGURE_TEXTS[k], picture) for k, picture in drawn.items()],
-        groups=_groups(tables["groups"], tuple(record["pooled"])),
+        groups=[] if state == "unusable" else _groups(tables["groups"], tuple(record["pooled"])),
         columns=["Specimen, group, donor", ">#Predictive p", *heads],
         own=_specimens(tables["specimens"], shown),
         more=len(shown) < len(names),
-        contrasts=_contrasts(tables["contrasts"]),
+        contrasts=[] if state == "unusable" else _contrasts(tables["contrasts"]),
         methods=population_methods(tables, record),
         results=population_results(tables, record),
         files=files,
@@ -288,6 +293,8 @@ def closing_message(result: PopulationResult) -> str:
     converged = result.state == "converged"
     state = result.state if converged else f"{result.state.upper()}: {result.reason}"
     lines = [f"{printable(result.name)}: {state}"]
+    if result.state == "unusable":  # the tables have no numbers
+        return "\n".join([*lines, f"{NO_NUMBERS}.", *_notes(result)])
     for group, part in result.groups.groupby("group", sort=False):
         lines += ["", *_group_lines(str(group), part)]
     groups = result.groups
@@ -302,9 +309,12 @@ def closing_message(result: PopulationResult) -> str:
         for row in contrast_rows(part):
             table.append([row.quantity, row.kind, row.median, row.interval, row.direction])
         lines += ["", f"{second} compared with {first}", *aligned(table)]
-    lines += ["", *(f"note: {printable(note)}" for note in result.notes)]
-    lines += [f"all tables and draws are in {result.folder}"]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_notes(result)])
+
+
+def _notes(result: PopulationResult) -> list[str]:
+    notes = [f"note: {printable(note)}" for note in result.notes]
+    return ["", *notes, f"all tables and draws are in {result.folder}"]
 
 
 def _group_lines(group: str, part: pd.DataFrame) -> list[str]:

@@ -194,6 +194,10 @@ def sample_population(
     return replace(written, folder=folder)
 
 
+NOT_OF_DRAWS = ("workers", "ess", "max_steps")
+"""Options with which a population can be continued."""
+
+
 def _identity(
     sources: list[Source],
     grouping: Grouping,
@@ -216,7 +220,7 @@ def _identity(
         }
     return {
         "biaxbayes": biaxbayes.__version__,
-        "options": {k: v for k, v in asdict(options).items() if k != "workers"},
+        "options": {k: v for k, v in asdict(options).items() if k not in NOT_OF_DRAWS},
         "priors": {
             **{v.name: {k: x for k, x in vars(v).items() if k != "parameter"} for v in values},
             "eta": [priors.eta_donors, priors.eta_specimens],
