@@ -447,6 +447,13 @@ def test_table_json_and_python_say_the_same_and_errors_are_those_of_the_method_p
     assert {k: records[3][k] for k in own} == own
 
 
+def test_a_law_that_does_not_describe_the_record_has_no_fit_to_report(capsys, media_file):
+    words = ("--fix", "k1=1", "--fix", "C1=1", "--fix", "kappa=0.3")
+    code, shown, warned = run(capsys, "fit", media_file, "--method", "constrained", *words)
+    assert code == 0 and "do not use its parameters" in warned
+    assert "Report constrained" not in shown and "has an interval" in shown
+
+
 def test_the_figure_of_fits_shows_them_over_the_data(capsys, media_file, tmp_path):
     code, shown, _ = run(capsys, "fit", media_file, "--out", tmp_path, "--fix", "kappa=0")
     assert code == 0 and "Report constrained" in shown

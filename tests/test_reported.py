@@ -145,9 +145,7 @@ def test_a_law_that_another_beats_has_no_parameters_but_keeps_its_numbers(clean)
     assert all(table[name].verdict == "not identified" for name in TRUTH)
     assert all(table[name].verdict == "identified" for name in STRETCHES)
     assert table["C1"].reason == "fung describes the record better"
-    assert result.better_law.endswith(
-        "(with 11 % of its root mean square error): sample again with --law fung"
-    )
+    assert result.better_law.endswith("better than goh: sample again with --law fung")
     assert numbers(result) == numbers(clean)
 
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from biaxbayes.errors import two_digits
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import has_smooth_misfit
 from biaxbayes.laws import DEFAULT_LAW, law_named
@@ -160,9 +159,7 @@ def better_law_message(fits: LawFits, law: str) -> str:
     if given is None or best.law == law:
         return ""
     message = (
-        f"{best.law} describes the record better than {law} (with "
-        f"{two_digits(100.0 * best.rms / given.rms)} % of its root mean square error): "
-        f"sample again with --law {best.law}"
+        f"{best.law} describes the record better than {law}: sample again with --law {best.law}"
     )
     if best.rms < BETTER_RMS_RATIO * given.rms and given.rms - best.rms > fits.least_difference:
         return message

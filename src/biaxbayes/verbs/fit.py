@@ -223,11 +223,12 @@ def command(
     fits = results if isinstance(results, list) else [results]
     if out is not None:
         _write_fits(data, fits, out, known)
+    poor = poor_fit(data, fits)
     if as_json:
         records = [_record(data, result, known) for result in fits]
         click.echo(json.dumps(records, indent=2, allow_nan=False))
     else:
-        _print_fits(data, fits, fixed, known)
+        _print_fits(data, fits, fixed, known, advise=not poor)
         if out is not None:
             click.echo(f"{out / 'fits.csv'}, {out / 'fits.pdf'}")
     if method == ALL_FITS and data.is_tared:
@@ -236,7 +237,7 @@ def command(
             "constrained cannot infer prestretch; give it with --mounting-force X Y",
             err=True,
         )
-    if poor := poor_fit(data, fits):
+    if poor:
         click.echo(f"warning: {poor}", err=True)
     missed = [result.method for result in fits if not result.converged]
     if missed:
@@ -263,6 +264,8 @@ def _print_fits(
     fits: list[FitResult],
     fixed: dict[str, float],
     truth: Mapping[str, float] | None,
+    *,
+    advise: bool,
 ) -> None:
     from rich.console import Console
 
@@ -273,8 +276,9 @@ def _print_fits(
     lines = ["* ended on a bound"] if any(result.at_bound for result in fits) else []
     lines += ["= fixed"] if fixed else []
     lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
-    several = specimen.test == "biaxial" and not specimen.further  # else one method alone is of use
-    lines.append((WHICH_FIT if several else "") + NO_INTERVAL)
+    # of other tests one method alone is of use
+    several = specimen.test == "biaxial" and not specimen.further
+    lines.append((WHICH_FIT if several and advise else "") + NO_INTERVAL)
     if any(result.method in METHODS_WITHOUT_MOUNTING for result in fits):
         lines.append(
             "R2, RMSE and MAE compare the Cauchy stress with the data at the mounting stretch of "
