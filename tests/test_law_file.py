@@ -60,6 +60,41 @@ def test_a_material_of_a_file_has_the_stress_and_energy_of_its_law(own_goh):
     )
 
 
+EVERY_OPERATION = """
+import numpy as np
+
+parameters = {"c_kPa": ("lognormal", 20, 2), "k_kPa": ("lognormal", 30, 2.5)}
+
+def energy(X, Y, Z, c, k):
+    E, F = X - 1, Y - 1
+    larger = np.maximum(-E, -F) ** 4 + np.maximum(E, 2 * F) ** 2 + np.maximum(E - F, 0) ** 2
+    stiff = np.expm1(E * F) + np.sqrt(1 + E * E) - 1 - (-np.log(Y)) ** 3 / X + np.square(F)
+    powers = ((X * Y) ** 1.5 - 1) ** 2 + (Z**-2 - 1) ** 2
+    return c * (X + Y + Z - 3 + powers) + k * (np.exp(E) * F**3 + larger + stiff)
+"""
+
+
+def test_every_operation_of_an_energy_has_its_value_and_slope(tmp_path):
+    path = tmp_path / "every.py"
+    path.write_text(EVERY_OPERATION)
+    own, plain = biaxbayes.law(str(path), c=3.0, k=5.0), {}
+    exec(EVERY_OPERATION, plain)
+
+    def energy(lx, ly):
+        return plain["energy"](lx**2, ly**2, (lx * ly) ** -2, 3.0, 5.0)
+
+    lx, ly = np.random.default_rng(2).uniform(0.9, 1.3, (2, 200))
+    assert {*np.sign(lx - ly), *np.sign(lx**2 - 2 * ly**2 + 1)} == {-1.0, 1.0}
+    np.testing.assert_allclose(
+        own.strain_energy(lx, ly) - own.strain_energy(1.0, 1.0), energy(lx, ly) - energy(1.0, 1.0)
+    )
+    # s = l dW/dl of an incompressible sheet
+    step = 1e-6
+    x = (energy(lx * np.exp(step), ly) - energy(lx * np.exp(-step), ly)) / (2 * step)
+    y = (energy(lx, ly * np.exp(step)) - energy(lx, ly * np.exp(-step))) / (2 * step)
+    np.testing.assert_allclose(own.cauchy(lx, ly), (x, y), rtol=1e-6, atol=1e-6)
+
+
 def test_goh_in_a_file_has_the_density_of_goh(own_goh):
     rng, n = np.random.default_rng(2), 100
     own, built_in = (

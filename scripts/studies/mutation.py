@@ -22,11 +22,11 @@ from studies.common import ROOT, options_of, parser
 PARTS: dict[str, tuple[str, str]] = {
     "density": (
         "laws/*.py mechanics/mounting.py model/priors.py normal_errors.py model/density.py",
-        "laws law_statements goh priors forward posterior hostile_inputs",
+        "laws law_statements law_file goh priors forward posterior pieces hostile_inputs",
     ),
     "verdicts": (
         "identifiability/*.py",
-        "verdict marginals tissue_stress mounting_refits smooth_misfit reported identifiability",
+        "verdict marginals tissue_stress smooth_misfit profile reported identifiability",
     ),
     "sampling": (
         "sampling/*.py",
