@@ -1,6 +1,7 @@
 """Verdicts on specimens whose answer is known, and each piece of evidence on its own."""
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -27,6 +28,7 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import Quantity
+from biaxbayes.prediction.predictive_checks import predictive_checks
 from biaxbayes.runs.result import run_result
 from biaxbayes.sampling.convergence import assess
 from goh_functions import GOH_LAW, PARAMETERS
@@ -288,6 +290,7 @@ def test_an_end_that_the_prior_decides_is_named():
 
 def result_of(made, state="converged"):
     result = identify_draws(made.target, made.draws, state)
+    result = replace(result, checks=predictive_checks(made.target, made.draws))
     return result, run_result(result, made.target, made.draws, pd.DataFrame(), {})
 
 

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import biaxbayes
@@ -147,6 +148,25 @@ def test_a_law_that_another_beats_has_no_parameters_but_keeps_its_numbers(clean)
     assert table["C1"].reason == "fung describes the record better"
     assert result.better_law.endswith("better than goh: sample again with --law fung")
     assert numbers(result) == numbers(clean)
+
+
+def test_a_law_that_is_far_from_the_record_without_its_misfit_has_no_parameters(clean):
+    sure = identified(clean, *TRUTH, *STRETCHES)
+    curves = {"protocol": ["1", "1", "2"], "unit": "N", "readings": [20, 20, 40]}
+
+    def judged(*rms):
+        """The load of protocol 1 is at most 1 N, whichever direction it has."""
+        checks = pd.DataFrame({**curves, "rms": rms, "peak": [1.0, 0.5, 2.0]})
+        return replace(sure, checks=checks)
+
+    near, far = judged(0.06, 0.06, 0.14), judged(0.02, 0.06, 0.22)
+    assert {row.verdict for row in near.reported} == {"identified"}
+    assert {row.verdict for row in far.reported} == {"not identified"}
+    # sqrt((0.02^2 + 0.06^2) / 4 + 0.11^2 / 2) = 0.084
+    reason = "without its misfit GOH is off by 8 % of the peak"
+    assert {row.reason for row in far.reported} == {reason}
+    assert numbers(far) == numbers(clean)
+    assert not replace(far, state="tentative").law_misses
 
 
 def test_a_prior_that_contradicts_the_data_takes_all_of_the_law_away(clean):

@@ -22,6 +22,8 @@ from biaxbayes.specimens.rows import MeasuredRows
 
 EXPLAINED = 1.5
 """Misfit over noise up to which the noise explains the misfit."""
+POOR_MISFIT = 0.07
+"""A misfit beyond this fraction of the largest load is no description."""
 
 
 @dataclass(frozen=True, eq=False)

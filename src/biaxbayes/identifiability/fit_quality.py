@@ -9,14 +9,17 @@ import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
-from biaxbayes.fitting.result import FitResult, misfit_sentence, root_mean_square
+from biaxbayes.fitting.result import (
+    POOR_MISFIT,
+    FitResult,
+    misfit_sentence,
+    root_mean_square,
+)
 from biaxbayes.options import FitOptions
 from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
 
-POOR_MISFIT = 0.07
-"""A misfit beyond this fraction of the largest load is no description."""
 NOTICEABLE_MISFIT = 0.01
 """Fraction of the largest load, and times the noise, beyond which exchanged columns are tried."""
 BEYOND_NOISE = 3.0

@@ -29,6 +29,8 @@ from biaxbayes.identifiability.marginals import (
 from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.reported import Reported, contradicted_stretches, reported
 from biaxbayes.identifiability.verdict import (
+    NOT_IDENTIFIED,
+    Assessment,
     Diagnostics,
     ParameterVerdict,
     Thresholds,
@@ -41,6 +43,7 @@ from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH, mounting_names
 from biaxbayes.prediction.draws import protocol_mounting, with_free_sides
 from biaxbayes.prediction.percentiles import quantiles
+from biaxbayes.prediction.predictive_checks import law_misses, predictive_checks
 
 MAX_DIAGNOSTIC_DRAWS = 20_000
 """Draws, evenly chosen, that the diagnostics are computed from; medians and intervals are those of
@@ -61,6 +64,8 @@ class Identifiability:
         Parameters of the law whose prior, set by the user, contradicts the data.
     places : mapping of str to (int, int)
         Index of the mounted state, and axis, of the mounting stretches.
+    checks : DataFrame
+        From :func:`.predictive_checks`, of all pieces of a run.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -71,6 +76,7 @@ class Identifiability:
     fits: LawFits | None = None
     contradicted_priors: tuple[str, ...] = ()
     places: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    checks: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> ParameterVerdict:
         for parameter in self.parameters:
@@ -81,7 +87,8 @@ class Identifiability:
     @cached_property
     def reported(self) -> tuple[Reported, ...]:
         """Rows of the inferred parameters."""
-        takes_away = self.better_law.partition(" than ")[0]  # "fung describes the record better"
+        # "fung describes the record better"
+        takes_away = self.better_law.partition(" than ")[0] or self.law_misses
         if self.contradicted_priors:
             takes_away = (
                 f"the prior of {listed(list(self.contradicted_priors))} contradicts the data"
@@ -91,7 +98,14 @@ class Identifiability:
             contradictions = contradicted_stretches(
                 self.parameters, self.fits, self.law.name, self.places
             )
+        if self.law_misses:
+            contradictions = dict.fromkeys(self.places, Assessment(NOT_IDENTIFIED, self.law_misses))
         return reported(self.parameters, takes_away=takes_away, contradictions=contradictions)
+
+    @property
+    def law_misses(self) -> str:
+        """Phrase where the law with these parameters does not describe the record; else empty."""
+        return law_misses(self.checks, self.law.key) if self.state == "converged" else ""
 
     @property
     def better_law(self) -> str:
@@ -147,6 +161,11 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     """Assess the parameters of a run by its draws, with the fits of other laws."""
     fits = run_law_fits(posterior) if state == "converged" else None
     result = identify_draws(posterior, draws, state, fits=fits)
+    if state == "unusable":
+        return result
+    pieces = range(len(posterior.pieces))
+    checks = [predictive_checks(posterior, draws, piece=i) for i in pieces]
+    result = replace(result, checks=pd.concat(checks, ignore_index=True))
     if state != "converged":
         return result
     conflicts = [name for name in prior_conflicts(posterior) if name in posterior.law.names]

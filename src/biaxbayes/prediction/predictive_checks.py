@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import two_digits
-from biaxbayes.fitting.result import EXPLAINED
+from biaxbayes.fitting.result import EXPLAINED, POOR_MISFIT
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.normal_errors import standard_cdf
@@ -108,6 +108,18 @@ def predictive_checks(
     )
     agreement = np.where(within, "noise", np.where(relative > LARGE_RESIDUAL, "misses", "small"))
     return table.assign(share=relative, agreement=agreement)
+
+
+def law_misses(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> str:
+    """A phrase where the median law, without its misfit, does not describe the record; or empty."""
+    if checks.empty:
+        return ""
+    peak = checks.groupby(["protocol", "unit"])["peak"].transform("max").clip(lower=1e-300)
+    share = np.sqrt(np.average((checks["rms"] / peak) ** 2, weights=checks["readings"]))
+    if not share > POOR_MISFIT:
+        return ""
+    name = law_named(law).short_name
+    return f"without its misfit {name} is off by {100 * share:.0f} % of the peak"
 
 
 def misfit_in_words(table: pd.DataFrame) -> list[str]:

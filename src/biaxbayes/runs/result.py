@@ -37,7 +37,7 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING_MODES
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
-from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
+from biaxbayes.prediction.predictive_checks import path_warnings
 from biaxbayes.runs.folder import EVIDENCE
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -162,10 +162,7 @@ def run_result(
     law, settings = posterior.law, posterior.settings
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
-    by_piece = [
-        predictive_checks(posterior, draws, piece=i) for i in range(len(posterior.pieces) * usable)
-    ]
-    checks = pd.concat(by_piece, ignore_index=True) if usable else nothing
+    checks = verdicts.checks
     pieces = piece_stiffnesses(posterior, draws) if usable else ()
     curves = sloppiness(posterior, draws) if converged else None
     directions = () if curves is None else curves.directions
@@ -229,6 +226,12 @@ def _advice(
         return "the chains have not converged: continue with --resume and a larger --max-steps"
     if verdicts.better_law:
         return verdicts.better_law
+    if verdicts.law_misses:
+        return (
+            f"{verdicts.law_misses} (root mean square): do not use its parameters. State the noise "
+            "of the readings if it is larger than their scatter, or leave out a start that check "
+            "calls concave"
+        )
     if mounting not in INFERRING_MODES:
         return (
             f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry "
