@@ -211,8 +211,8 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
 def _marker(axis: str, readings: int) -> dict[str, Any]:
     """Marker of the readings of a curve: large and open where there are few."""
     hue = colour(axis)
-    size, face, edge = (2.2, "white", 0.5) if readings <= OPEN_UP_TO else (1.4, hue, 0.0)
-    return {"marker": AXIS_MARKERS[axis], "ms": size, "mfc": face, "mec": hue, "mew": edge}
+    size, face, outline = (2.2, "white", 0.5) if readings <= OPEN_UP_TO else (1.4, hue, 0.0)
+    return {"marker": AXIS_MARKERS[axis], "ms": size, "mfc": face, "mec": hue, "mew": outline}
 
 
 def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:

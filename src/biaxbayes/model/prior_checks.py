@@ -15,7 +15,7 @@ from biaxbayes.model.priors import Prior, prior_text
 from biaxbayes.parameters import DEGREE, NOISE_SD, name_of
 from biaxbayes.specimens.check import Finding
 
-NEAR_EDGE = 0.05
+NEAR_LIMIT = 0.05
 """Draws within this fraction of a limit of the mounting stretch count as lying at it."""
 FEW_DRAWS = 0.001
 FAR = 3.0
@@ -30,7 +30,7 @@ def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
     low, high = BRACKET
     findings = []
     for name, draws in stretches.items():
-        below, above = draws < low * (1.0 + NEAR_EDGE), draws > high * (1.0 - NEAR_EDGE)
+        below, above = draws < low * (1.0 + NEAR_LIMIT), draws > high * (1.0 - NEAR_LIMIT)
         share = float(np.mean(below | above))
         if share <= FEW_DRAWS:
             continue
