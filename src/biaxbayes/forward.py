@@ -31,7 +31,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import cauchy_stress, squared_stretches
 from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, with_free_side
 from biaxbayes.mechanics.mounting import (
-    section_per_stress,
+    mounted_section,
     sections,
     solve_balance,
     unloaded_section,
@@ -51,12 +51,12 @@ class LoadResponse:
     by_fit_coordinate: np.ndarray  # (n, 2, p)
     by_log_mounting: np.ndarray  # (n, load, stretch), with respect to the log mounting stretches
     # load per Cauchy stress (n, 2), with which a residual is a stress; 1 where nothing is read
-    per_stress: np.ndarray
+    load_per_stress: np.ndarray
 
     @property
     def stress(self) -> np.ndarray:
         """The Cauchy stress that a load stands for, (n, 2)."""
-        return self.load / self.per_stress
+        return self.load / self.load_per_stress
 
     @classmethod
     def joined(cls, parts: Iterable[LoadResponse]) -> LoadResponse:
@@ -110,14 +110,16 @@ class ForwardModel:
             by_point, by_log = _at_free_side(by_point, by_log, free)
         if not self.mounted_dimensions:  # g = A0 / lm
             by_log = by_log - at.stress[..., None] * np.eye(2)
-        section = section_per_stress(stiffness * self.area, lm, self.mounted_dimensions)
+        section = mounted_section(stiffness * self.area, lm, self.mounted_dimensions)
         weight = points.weight * np.broadcast_to(section, lm.shape)[:, None]
-        per_stress = np.abs(points.of_rows(np.einsum("nkk->nk", weight)))
+        load_per_stress = np.abs(points.of_rows(np.einsum("nkk->nk", weight)))
         load, by_point, by_log = (
             points.of_rows(np.einsum("nik,nk...->ni...", weight, values))
             for values in (at.stress, by_point, by_log)
         )
-        return LoadResponse(load, by_point, by_log, np.where(per_stress > 0.0, per_stress, 1.0))
+        return LoadResponse(
+            load, by_point, by_log, np.where(load_per_stress > 0.0, load_per_stress, 1.0)
+        )
 
     def solve_mounting(
         self, point: np.ndarray, load: np.ndarray, *, compiled: bool = True
@@ -178,7 +180,7 @@ class ForwardModel:
     def load_per_stress(self, values: Any, stretch: Any, protocol: str = "") -> np.ndarray:
         """Load per Cauchy stress at measured stretches (rows, 2); (draws, rows, 2)."""
         lm = self.mounting_stretch(values, protocol)
-        return section_per_stress(self.section(values), lm, self.mounted_dimensions) / stretch
+        return mounted_section(self.section(values), lm, self.mounted_dimensions) / stretch
 
     # --- loads and readings ---
 
@@ -191,7 +193,7 @@ class ForwardModel:
             if self.experiment.free_side is not None:
                 total = self._with_free_side(values, total)
             stress = self.law.material(values).cauchy(total[..., 0], total[..., 1])
-            section = section_per_stress(self.section(values), lm, self.mounted_dimensions)
+            section = mounted_section(self.section(values), lm, self.mounted_dimensions)
             return points.sums(np.stack(stress, axis=-1) * section)
 
     def mounting_load(self, values: Any, protocol: str = "") -> np.ndarray:

@@ -117,7 +117,7 @@ class LoadResiduals:
         scale = np.broadcast_to(self.scale, len(data.pieces))[piece, None]
         if self.quantity == "cauchy":
             # s - f l lm / A0 (unloaded), s - f l / Am (mounted); stresses have one unit
-            scale, by_log_stiffness = scale * rows.per_stress, data.load
+            scale, by_log_stiffness = scale * rows.load_per_stress, data.load
             by_lm = by_lm + (data.unloaded[:, None] * residual)[..., None] * np.eye(2)
         else:
             scale = scale * data.load_scale

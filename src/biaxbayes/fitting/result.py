@@ -208,10 +208,10 @@ def rounding_bound(data: MeasuredRows, response: LoadResponse) -> float:
     #   df / factor + s dl / l - sum_j ds/d(ln l_j) dl_j / l_j
     stress = response.stress[..., None] * np.eye(2)
     # d(load / section) / d ln lm = ds/d(ln l) - s with unloaded dimensions
-    by_log = response.by_log_mounting / response.per_stress[..., None]
+    by_log = response.by_log_mounting / response.load_per_stress[..., None]
     slope = np.abs(by_log + data.unloaded[:, None, None] * stress) + np.abs(stress)
     moved = stretch / np.nan_to_num(data.stretch, nan=1.0)
-    bound = load / response.per_stress + np.einsum("nkj,nj->nk", slope, moved)
+    bound = load / response.load_per_stress + np.einsum("nkj,nj->nk", slope, moved)
     return float(np.sqrt((bound[data.is_read] ** 2).mean()))
 
 

@@ -32,8 +32,8 @@ from biaxbayes.laws.materials import STEP, MaterialResponse, cauchy_stress, stre
 
 
 @inlined
-def section_per_stress(section, mounting, mounted):
-    """Section per Cauchy stress, g = f l / s, in a direction; arguments broadcast.
+def mounted_section(section, mounting, mounted):
+    """Section of the mounted state in a direction, g of f = g s / l; arguments broadcast.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def section_per_stress(section, mounting, mounted):
 
 @inlined
 def unloaded_section(section, mounting, mounted):
-    """Load per first Piola-Kirchhoff stress, f / P, of the unloaded state."""
+    """Section of the unloaded state in a direction, f / P; arguments broadcast."""
     # f = A0 P;  A0 = Am lm
     return section * mounting if mounted else section
 

@@ -25,7 +25,7 @@ from biaxbayes.mechanics.mounting import (
     balance,
     log_change_at_free_side,
     log_change_of_variables,
-    section_per_stress,
+    mounted_section,
     sections,
     solve_balance,
     solve_free_side,
@@ -192,8 +192,8 @@ def _mounted_state(problem, value, constants, m, area_x, area_y, residual):
         if not (LOG_LOW < x < LOG_HIGH and LOG_LOW < y < LOG_HIGH):
             return x, y, -np.inf, NO_ROOT
         rx, ry, jxx, jxy, jyy = balance(constants, 0.0, 0.0, mounted, x, y)
-        px = rx * section_per_stress(area_x, np.exp(x), mounted)
-        py = ry * section_per_stress(area_y, np.exp(y), mounted)
+        px = rx * mounted_section(area_x, np.exp(x), mounted)
+        py = ry * mounted_section(area_y, np.exp(y), mounted)
         if not mounted:
             # d(s - p0 lm) / d ln lm at fixed p0 = s / lm: the dead load takes s off the diagonal
             jxx, jyy = jxx - rx, jyy - ry
@@ -216,7 +216,7 @@ def _curves(problem, constants, p, x, y, area_x, area_y, residual):
     m = problem.mount[p]
     side, mounted = problem.free_side[m], problem.mounted[problem.piece[m]]
     lm_x, lm_y = np.exp(x), np.exp(y)
-    gx, gy = section_per_stress(area_x, lm_x, mounted), section_per_stress(area_y, lm_y, mounted)
+    gx, gy = mounted_section(area_x, lm_x, mounted), mounted_section(area_y, lm_y, mounted)
     total = 0.0
     for j in range(problem.start[p], problem.start[p + 1]):
         lx, ly = problem.stretch[j, 0] * lm_x, problem.stretch[j, 1] * lm_y
