@@ -94,20 +94,20 @@ class ForwardModel:
         The mounting stretch of a free side has no influence: its stretch is the root at every row.
         """
         points = self.experiment.points(np.broadcast_to(stretch, mounting.shape))
-        lm, free = mounting[points.row], self.experiment.free_side
+        lm, side = mounting[points.row], self.experiment.free_side
         total = points.stretch * lm
-        solved = free is not None and bool(np.isnan(total[:, free]).any())
-        if free is not None and solved:
+        solved = side is not None and bool(np.isnan(total[:, side]).any())
+        if side is not None and solved:
             constants = self.law.constants_from_fit(*point)
 
             def cauchy(x: Any, y: Any) -> Any:
                 return cauchy_stress(constants, *squared_stretches(x, y))
 
-            total = with_free_side(cauchy, total, free)
+            total = with_free_side(cauchy, total, side)
         at = self.law.response(point, total)
         by_point, by_log = at.by_fit_coordinate, at.by_log_stretch
-        if free is not None and solved:
-            by_point, by_log = _at_free_side(by_point, by_log, free)
+        if side is not None and solved:
+            by_point, by_log = _at_free_side(by_point, by_log, side)
         if not self.mounted_dimensions:  # g = A0 / lm
             by_log = by_log - at.stress[..., None] * np.eye(2)
         section = mounted_section(stiffness * self.area, lm, self.mounted_dimensions)
@@ -147,11 +147,11 @@ class ForwardModel:
         if not any(name in values for name in names):
             names = mounting_names("stretch", self.piece)
         lm = [values.get(name) for name in names]
-        free = self.experiment.free_side
-        if free is not None and lm[1 - free] is not None:
-            lm[free] = np.nan
+        side = self.experiment.free_side
+        if side is not None and lm[1 - side] is not None:
+            lm[side] = np.nan
         pair = _pair(*(np.atleast_1d(np.asarray(1.0 if v is None else v))[:, None] for v in lm))
-        return pair if free is None else self._with_free_side(values, pair)
+        return pair if side is None else self._with_free_side(values, pair)
 
     def _with_free_side(self, values: Any, total: np.ndarray) -> np.ndarray:
         side = self.experiment.free_side

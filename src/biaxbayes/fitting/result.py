@@ -1,8 +1,8 @@
 """Result of a deterministic fit, and how far rounding of the data limits it.
 
 A record without noise is fitted down to the last digit of its file. There the cost is rounding
-alone, no step lowers it, and its gradient says nothing: a fit whose
-residuals are explained by the rounding of the data has converged.
+alone, no step lowers it, and its gradient says nothing: a fit whose residuals are
+explained by the rounding of the data has converged.
 """
 
 from __future__ import annotations

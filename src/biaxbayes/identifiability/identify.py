@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import listed
-from biaxbayes.fitting.law_fits import ASKED_LAWS, LawFits, better_law_message, fit_laws
+from biaxbayes.fitting.law_fits import CANDIDATE_LAWS, LawFits, better_law_message, fit_laws
 from biaxbayes.identifiability import power_scaling
 from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
@@ -153,7 +153,7 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     return replace(result, contradicted_priors=tuple(conflicts))
 
 
-def run_law_fits(posterior: Posterior, laws: Sequence[str] = ASKED_LAWS) -> LawFits | None:
+def run_law_fits(posterior: Posterior, laws: Sequence[str] = CANDIDATE_LAWS) -> LawFits | None:
     """Least-squares fits of laws to the data of a posterior; its own law has the run's options."""
     settings = posterior.settings
     run = {"fixed": settings.fixed_material, "fibre_switch": settings.fibre_switch}

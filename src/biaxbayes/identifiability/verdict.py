@@ -151,7 +151,7 @@ def assess_material(
 ) -> Assessment:
     """Verdict on a parameter of a law (or of a population); the first condition that applies.
 
-    ``weak`` are parameters that are open at an end or hardly narrower than their prior.
+    ``weak`` are weakly identified parameters: open at an end, or hardly narrower than their prior.
     ``undefined`` says why this one may have no meaning, and is empty where it has.
     """
     t, p = thresholds, scale.parameter
@@ -159,7 +159,7 @@ def assess_material(
     trades = f"trades with {listed(e.partners.names)}" if correlated else ""
     if undefined:  # at an end that is not excluded: no value is, however narrow
         return Assessment(COMBINATION if correlated else NOT_IDENTIFIED, undefined)
-    # with a weak partner a parameter may lie far from the truth
+    # with a weakly identified partner a parameter may lie far from the truth
     widest = 1.0 if not weak.isdisjoint(e.partners.names) else t.traded_width
     if correlated and not p.is_sharp(e.low, e.high, widest):
         if e.contraction <= 0.0:

@@ -71,6 +71,7 @@ class Experiment(ABC):
     """Whether stretches are relative to a mounted state, whose stretch is unknown."""
     curves: tuple[str, ...] = ("x", "y")
     """What a reading is called, in the directions of the tissue."""
+    stretches: tuple[str, str] = ("stretch in x", "stretch in y")
     force_unit: str | None = None
     """Unit of the reading in y where it is not that of the reading in x."""
 
@@ -165,6 +166,7 @@ class Tube(Experiment):
     name = "tube"
     is_mounted = False
     curves = ("pressure", "axial force")
+    stretches = ("circumferential stretch", "axial stretch")
     force_unit = "N"
 
     @property

@@ -133,7 +133,7 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
 def _rms(posterior: Posterior, residual: np.ndarray) -> float:
     """Root mean square of the residuals (1, n) of the first piece after the mounted state."""
     scaled = residual[0, posterior.of_piece(0)] / posterior.readings.scale
-    return float(np.sqrt(np.mean(scaled[posterior.readings.mounted :] ** 2)))
+    return float(np.sqrt(np.mean(scaled[posterior.readings.mounting_count :] ** 2)))
 
 
 def is_far(prior: Prior, value: float) -> bool:
