@@ -87,7 +87,7 @@ def half_bounded(d, *, with_bounds):
 
     limits = {0: (0.0, np.inf), 1: (0.0, 1.0)} if with_bounds else {}
     return Target(
-        f"edge-{d}-{'folded' if with_bounds else 'plain'}", d, log_density, sample, limits
+        f"bounded-{d}-{'folded' if with_bounds else 'plain'}", d, log_density, sample, limits
     )
 
 

@@ -324,17 +324,17 @@ def test_bulk_modulus_limits_the_change_of_volume(tmp_path):
     assert abs(1.18 * 1.18 * lz - 1.0) > 1e-5
 
 
-# --- edges of the parameters ---
+# --- ends of the ranges of the parameters ---
 
 
 @pytest.mark.parametrize("program", WRITE)
-@pytest.mark.parametrize("edge", [{"k2": 0.0}, {"kappa": 0.0}, {"kappa": 1 / 3}, {"alpha": 90.0}])
-def test_edges_are_exported_and_pass_the_check(program, edge, tmp_path):
-    frame = draws(1).assign(C1=5.0, k1=20.0, k2=2.0, alpha=40.0, kappa=0.1).assign(**edge)
+@pytest.mark.parametrize("end", [{"k2": 0.0}, {"kappa": 0.0}, {"kappa": 1 / 3}, {"alpha": 90.0}])
+def test_ends_of_ranges_are_exported_and_pass_the_check(program, end, tmp_path):
+    frame = draws(1).assign(C1=5.0, k1=20.0, k2=2.0, alpha=40.0, kappa=0.1).assign(**end)
     manifest = export_cards(frame, specimen(), GOH_LAW, [0], tmp_path, program=program)
     assert manifest["check_relative_deviation"][0] < 1e-8
     text = (tmp_path / manifest["file"][0]).read_text()
-    assert ("k2 = 0 is written as 1e-09" in text) == ("k2" in edge)
+    assert ("k2 = 0 is written as 1e-09" in text) == ("k2" in end)
     result = READ[program](text)
     assert result.solids[0].values["kappa"] <= 1.0 / 3.0
 

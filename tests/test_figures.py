@@ -46,7 +46,7 @@ def specimen_of(ratios=RATIOS[:1], increments=40, **kw) -> Specimen:
 
 
 def draws_of(n=4000, seed=3, states=("",), **columns) -> pd.DataFrame:
-    """Draws about the media of Table 6: correlated, kappa against its edge."""
+    """Draws about the media of Table 6: correlated, kappa against its limit."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((n, 5))
     table = {
@@ -75,14 +75,14 @@ def exact(specimen: Specimen, **options) -> Posterior:
 
 @pytest.mark.parametrize(
     ("width", "case"),
-    [(85.0, "usual"), (180.0, "edges"), (85.0, "decades"), (180.0, "decades"), (85.0, "tight")],
+    [(85.0, "usual"), (180.0, "limits"), (85.0, "decades"), (180.0, "decades"), (85.0, "tight")],
 )
 def test_corner_is_readable(width, case):
     rng = np.random.default_rng(0)
     n = 3000
     columns = {
         "usual": {},
-        "edges": {"kappa": rng.exponential(0.01, n), "alpha": 90.0 - rng.exponential(1.0, n)},
+        "limits": {"kappa": rng.exponential(0.01, n), "alpha": 90.0 - rng.exponential(1.0, n)},
         "decades": {
             "k2": 10.0 ** rng.uniform(-3.0, 2.0, n),
             "C1": 10.0 ** rng.uniform(-1.0, 5.0, n),
@@ -100,9 +100,9 @@ def panel(figure, i, j):
     return figure.axes[i * (i + 1) // 2 + j]
 
 
-def test_density_stays_up_at_a_physical_edge():
+def test_density_stays_up_at_a_physical_limit():
     # Half-normal draws against kappa = 0: the density is highest there. A plain kernel estimate
-    # loses half of it over the edge.
+    # loses half of it past the limit.
     rng = np.random.default_rng(2)
     draws = draws_of(20_000, kappa=0.05 * np.abs(rng.standard_normal(20_000)))
     ax = panel(corner_figure(draws), 4, 4)
@@ -127,7 +127,7 @@ def inside(ax, content, points):
     return (np.array(crossings) % 2 == 1).any(axis=0)
 
 
-def test_regions_reach_the_edge_and_hold_their_share():
+def test_regions_reach_the_limit_and_hold_their_share():
     # Independent quantities, kappa half-normal: the 90 % region touches kappa = 0.
     rng = np.random.default_rng(5)
     n = 20_000
@@ -157,7 +157,7 @@ def test_narrow_ridge_stays_narrow():
     assert 0.9 * np.pi * 4.605 * 0.05 < area < 1.9 * np.pi * 4.605 * 0.05
 
 
-def test_the_interval_of_a_panel_is_that_of_the_table_at_an_edge_too():
+def test_the_interval_of_a_panel_is_that_of_the_table_at_a_limit_too():
     """Central, with the digits of report.csv, though kappa lies against its end."""
     rng = np.random.default_rng(1)
     draws = draws_of(10_000, kappa=rng.exponential(0.02, 10_000))

@@ -208,7 +208,7 @@ def test_chart_round_trip_and_jacobian(isotropy_scale):
 
 
 @pytest.mark.parametrize("isotropy_scale", ISOTROPY_SCALES)
-def test_chart_edges_are_the_physical_ones(isotropy_scale):
+def test_ends_of_the_chart_are_the_physical_ones(isotropy_scale):
     forward, back = chart_and_back(isotropy_scale)
     for d in (-2.0, -0.3, 0.4, 3.0):
         alpha, kappa, log_jacobian = forward(d, 0.0)

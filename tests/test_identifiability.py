@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
-from biaxbayes.identifiability.marginals import ComparisonScale, count_modes, density, find_edges
+from biaxbayes.identifiability.marginals import ComparisonScale, count_modes, density, range_ends
 from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.identifiability.sloppiness import sloppiness
@@ -66,7 +66,7 @@ def test_three_ratios_to_high_stretch_determine_all_five():
 def test_the_angle_of_an_isotropic_material_is_not_determined():
     result = identify(case("isotropic"))
     assert result["kappa"].verdict == BOUNDED
-    assert result["kappa"].diagnostics.edges[1].support > 0.147
+    assert result["kappa"].diagnostics.ends[1].support > 0.147
     assert "isotropic" in result["kappa"].assessment.reason
     assert result["alpha"].verdict == NOT_IDENTIFIED
     assert "kappa = 1/3" in result["alpha"].assessment.reason
@@ -79,7 +79,7 @@ def test_low_stretch_does_not_determine_the_exponent():
     result = identify(case("low"))["k2"]
     assert result.verdict == NOT_IDENTIFIED
     assert result.diagnostics.contraction < 0.75
-    assert result.diagnostics.edges[0].support > 0.147
+    assert result.diagnostics.ends[0].support > 0.147
     # the exponent carries prior information only: it moves with the prior more than any other
     assert result.diagnostics.prior_sensitivity > 0.05
 
@@ -99,7 +99,7 @@ def test_one_ratio_trades_dispersion_for_angle():
 def test_aligned_fibres_are_one_sided_not_undetermined():
     result = identify(case("aligned"))["kappa"]
     assert result.verdict == BOUNDED
-    low, high = result.diagnostics.edges
+    low, high = result.diagnostics.ends
     assert low.value == 0.0 and low.kind == "physical"
     assert low.mass > 10 * low.prior_mass and low.prior_mass == pytest.approx(0.06)
     assert high.support < 0.01
@@ -146,10 +146,10 @@ def test_draws_from_the_prior_are_prior_dominated():
     for p in result.parameters:
         assert abs(p.diagnostics.contraction) < 0.06
         assert p.diagnostics.prior_excluded < 0.03
-        for edge in p.diagnostics.edges:
-            assert edge.support > 0.5
-            if edge.mass > 0.02:
-                assert edge.mass == pytest.approx(edge.prior_mass, rel=0.25)
+        for end in p.diagnostics.ends:
+            assert end.support > 0.5
+            if end.mass > 0.02:
+                assert end.mass == pytest.approx(end.prior_mass, rel=0.25)
     # the information is the prior's alone
     assert result["C1"].diagnostics.prior_sensitivity > 0.05
     assert result["C1"].diagnostics.likelihood_sensitivity < 0.01
@@ -163,7 +163,7 @@ def test_a_narrow_angle_at_a_mirror_is_identified(mirror):
     kappa = np.random.default_rng(9).normal(0.15, 0.01, 8000)
     result = identify(made_up(alpha=np.abs(mirror - away), kappa=kappa))["alpha"]
     assert result.verdict == IDENTIFIED
-    assert result.diagnostics.edges == ()
+    assert result.diagnostics.ends == ()
     assert result.diagnostics.modes == 1
 
 
@@ -245,7 +245,7 @@ def test_edge_support_is_a_likelihood_ratio():
             Quantity(GOH_LAW.parameter("kappa")), Prior("uniform", low=0.0, high=1 / 3)
         )
         likelihood = density(scale.prior.cdf(draws), (0.0, 1.0))
-        low, _ = find_edges(scale, draws, likelihood, 0.02)
+        low, _ = range_ends(scale, draws, likelihood, 0.02)
         assert low.support == pytest.approx(np.exp(-0.5 * z * z), abs=0.04)
         assert low.mass == pytest.approx((draws < 0.02).mean())
 

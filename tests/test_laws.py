@@ -92,13 +92,13 @@ def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(nam
         ).T
         assert np.all((low <= u) & (u <= high))
         for i in range(u.size):
-            for edge, outward in ((low[i], -1e-9), (high[i], 1e-9)):
+            for end, outward in ((low[i], -1e-9), (high[i], 1e-9)):
                 beyond = u.copy()
-                beyond[i] = edge + outward
-                assert np.isinf(edge) or natural(beyond)[1] == -np.inf
-                # an angle, a dispersion or a share may be fixed at its very edge
-                if np.isfinite(edge) and name != "fung":
-                    beyond[i] = edge
+                beyond[i] = end + outward
+                assert np.isinf(end) or natural(beyond)[1] == -np.inf
+                # an angle, a dispersion or a share may be fixed at its very end
+                if np.isfinite(end) and name != "fung":
+                    beyond[i] = end
                     assert np.isfinite(natural(beyond)[1])
         logarithmic = np.array([p.logarithmic for p in law.parameters])
         parameters = np.where(logarithmic, np.exp(np.where(logarithmic, value, 0.0)), value)

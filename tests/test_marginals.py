@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import lognorm, norm, uniform
 
 from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
-from biaxbayes.identifiability.marginals import ComparisonScale, density, find_edges
+from biaxbayes.identifiability.marginals import ComparisonScale, density, range_ends
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import MOUNTING_PARAMETERS, Quantity
@@ -65,7 +65,7 @@ def test_a_range_shows_the_draws_and_ends_where_physics_does():
     result = span(draws)
     assert (result.low, result.high) == pytest.approx((low - margin, high + margin))
     assert not (result.closed_low or result.closed_high)
-    result = span(draws, edges=(0.95, 5.0))
+    result = span(draws, limits=(0.95, 5.0))
     assert result.low == 0.95 and result.closed_low and not result.closed_high
     result = span(draws, draws + 1.0, include=(4.0,), log=True)
     assert result.log
@@ -93,14 +93,14 @@ def scale_of(name: str, **prior: object) -> ComparisonScale:
     return ComparisonScale(Quantity(parameter), target.priors[name])
 
 
-def edges_of(scale: ComparisonScale, natural: np.ndarray, distance: float | None = 0.02):
+def ends_of(scale: ComparisonScale, natural: np.ndarray, distance: float | None = 0.02):
     likelihood = density(scale.prior.cdf(natural), (0.0, 1.0))
-    return find_edges(scale, natural, likelihood, distance)
+    return range_ends(scale, natural, likelihood, distance)
 
 
 def test_a_physical_end_has_the_mass_that_is_near_it():
     scale = scale_of("kappa")
-    low, high = edges_of(scale, LEVELS / 6.0)  # uniform up to half of its range
+    low, high = ends_of(scale, LEVELS / 6.0)  # uniform up to half of its range
     assert [e.kind for e in (low, high)] == ["physical", "physical"]
     assert (low.value, high.value) == pytest.approx((0.0, 1.0 / 3.0))
     assert (low.mass, high.mass) == pytest.approx((0.12, 0.0), abs=1e-3)
@@ -111,16 +111,16 @@ def test_a_physical_end_has_the_mass_that_is_near_it():
 def test_an_end_without_physics_is_where_the_prior_thins_out_or_what_the_user_said():
     scale = scale_of("mounting_stretch_x", distribution="normal", mean=1.0, sd=0.05)
     # the same as the prior: as much mass beyond its ends as it has itself
-    low, high = edges_of(scale, norm.ppf(LEVELS, 1.0, 0.05), None)
+    low, high = ends_of(scale, norm.ppf(LEVELS, 1.0, 0.05), None)
     assert [low.value, high.value] == pytest.approx(norm.ppf([0.025, 0.975], 1.0, 0.05), rel=1e-6)
     for end in (low, high):
         assert end.kind == "prior" and end.distance == 0.0
         assert (end.mass, end.prior_mass) == pytest.approx((0.025, 0.025), abs=1e-3)
         assert end.support == pytest.approx(1.0, abs=0.05)
-    low, high = edges_of(scale, norm.ppf(LEVELS, 1.0, 0.005), None)
+    low, high = ends_of(scale, norm.ppf(LEVELS, 1.0, 0.005), None)
     assert low.mass == high.mass == low.support == high.support == 0.0
     bounded = scale_of("k1", distribution="uniform", low=10.0, high=30.0)
-    low, high = edges_of(bounded, 10.0 + 10.0 * LEVELS, None)  # the lower half
+    low, high = ends_of(bounded, 10.0 + 10.0 * LEVELS, None)  # the lower half
     assert [(e.kind, e.value) for e in (low, high)] == [("user", 10.0), ("user", 30.0)]
     # near is a twentieth of the prior, 1 kPa, which has a tenth of the draws
     assert (low.distance, high.distance) == pytest.approx((1.0, 1.0))
@@ -129,9 +129,9 @@ def test_an_end_without_physics_is_where_the_prior_thins_out_or_what_the_user_sa
 
 
 def test_a_mirror_is_no_end_and_a_bound_beside_it_is():
-    assert edges_of(scale_of("alpha"), 90.0 * LEVELS, 1.0) == ()
+    assert ends_of(scale_of("alpha"), 90.0 * LEVELS, 1.0) == ()
     bounded = scale_of("alpha", distribution="uniform", low=0.0, high=60.0)
-    (end,) = edges_of(bounded, 60.0 * LEVELS, 1.0)
+    (end,) = ends_of(bounded, 60.0 * LEVELS, 1.0)
     assert (end.side, end.kind, end.value) == (1, "user", 60.0)
 
 

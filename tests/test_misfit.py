@@ -255,7 +255,7 @@ def test_readings_are_means_of_neighbouring_rows(posterior):
     """40 rows of three protocols: 21 readings of each curve, of one or two rows."""
     rows, readings = posterior.rows, posterior.readings
     means = readings.means(rows.load)
-    assert not means[: readings.mounted].any() and readings.mounted == 2
+    assert not means[: readings.mounting_count].any() and readings.mounting_count == 2
     assert len(means) == 2 + 3 * 2 * 21
     for i in range(3):
         load = rows.load[rows.protocol == i]

@@ -77,7 +77,7 @@ def chain_of(target, *, seed=7, steps=160):
     for _ in range(4):
         start = target.sample(rng, max(64, 4 * d))
         start = start.mean(axis=0) + 1.5 * (start - start.mean(axis=0))
-        if target.name.startswith("edge"):
+        if target.name.startswith("bounded"):
             start[:, 0], start[:, 1] = np.abs(start[:, 0]), np.abs(start[:, 1]) % 1
         starts.append(start)
     ensembles = Ensembles(
@@ -94,7 +94,7 @@ def chain_of(target, *, seed=7, steps=160):
     return chain, ensembles.acceptance
 
 
-SLOW = ("banana-20", "edge-20-plain", "two-modes-20")
+SLOW = ("banana-20", "bounded-20-plain", "two-modes-20")
 MARKS = {t.name: pytest.mark.long for t in TARGETS if t.dimension == 20}
 MARKS |= dict.fromkeys(SLOW, pytest.mark.slow)
 
@@ -147,8 +147,8 @@ def test_any_log_density_with_blobs_and_without_vectorisation():
     assert move.tried == 24 * 60 * move.sweeps
 
 
-def test_proposals_beyond_an_edge_are_never_accepted():
-    """Where the density is positive beyond a given edge, the folded move does not go."""
+def test_proposals_beyond_a_bound_are_never_accepted():
+    """Where the density is positive beyond a given bound, the folded move does not go."""
     target = gaussian(2)
     rng = np.random.default_rng(1)
     move = AdaptedIndependenceMove(rng, bounds=bounds_array({0: (-2.3, -1.7)}, 2))
@@ -199,7 +199,7 @@ def test_proposal_density_is_normalised_and_matches_its_draws(bounds):
             grid = np.array(np.meshgrid(xs, ys, indexing="ij")).reshape(2, -1).T
             density = np.exp(q.log_density(grid)).reshape(12, 12)
             mass[i, j] = hx * hy * weights @ density @ weights
-    lost = 1 - inside.mean()  # folded beyond the far edge: no density, rejected
+    lost = 1 - inside.mean()  # folded beyond the far bound: no density, rejected
     assert lost < (0.05 if np.isfinite(bounds[0, 1]) else 1e-9)
     beyond = 1 - counts.sum() / n  # lost, or outside the cells
     assert beyond < 0.06
@@ -214,7 +214,7 @@ def test_proposal_density_is_normalised_and_matches_its_draws(bounds):
 
 @pytest.mark.parametrize("d", [3, 4])
 def test_folding_at_two_coordinates_adds_up_every_combination(d):
-    """Even and odd powers, one edge and two, against SciPy image by image."""
+    """Even and odd powers, one bound and two, against SciPy image by image."""
     rng = np.random.default_rng(d)
     factors = [np.linalg.cholesky(np.cov(rng.standard_normal((d, 20)))) for _ in range(3)]
     means, weights = rng.standard_normal((3, d)), np.array([0.5, 0.2, 0.3])
@@ -261,7 +261,7 @@ def test_transport_map_is_inverted_exactly_and_knows_its_jacobian(d):
         jacobian = (moved[:d] - moved[d:]).T / (2 * h)
         assert expected == pytest.approx(np.linalg.slogdet(jacobian)[1], abs=1e-5)
     assert np.ptp(log_jacobian) > 0.1  # a funnel: the width follows the first coordinate
-    if d > 2:  # the bounded coordinate is only shifted and scaled: its edge stays straight
+    if d > 2:  # the bounded coordinate is only shifted and scaled: its bound stays straight
         place = int(np.flatnonzero(transport.order == d // 2)[0])
         z = (x[:, d // 2] - transport.centre[place]) / transport.scale[place]
         np.testing.assert_allclose(r[:, place], z, rtol=1e-12)

@@ -306,7 +306,7 @@ def test_simulated_pieces_have_the_errors_of_the_model(mounting):
         for i, name in enumerate(("", "[strip-x]", "[strip-y]")):
             own, piece = missed[posterior.of_piece(i)], posterior.pieces[i]
             sd = np.full(len(own), truth[f"noise_sd{name}"])
-            sd[: piece.readings.mounted] = piece.mounting_sd
+            sd[: piece.readings.mounting_count] = piece.mounting_sd
             z.append(own / sd)
         for k, piece in zip((1, 0), simulated.further, strict=True):
             assert not piece.load(piece.protocols[0])[:, k].any()

@@ -75,7 +75,7 @@ def known(values, rng, **at) -> np.ndarray:
     )
 
 
-def test_prior_of_values_without_edges_is_the_given_one(values, prior):
+def test_prior_of_values_without_limits_is_the_given_one(values, prior):
     hyper, location = prior
     v = values[0]
     assert ks_1samp(hyper.mu[:, 0, 0], norm(v.mean, v.mean_sd).cdf).pvalue > 1e-3
@@ -98,7 +98,7 @@ def test_prior_leaves_out_what_the_sampler_excludes(values, prior):
     # specimens of both donors in both groups
     m = v.mean + mu[:, [0, 0, 1, 1]] + effect[:, [0, 1, 0, 1]]
     own = norm(m, sd[:, None])
-    inside = own.cdf(v.edges[1]) - own.cdf(v.edges[0])
+    inside = own.cdf(v.limits[1]) - own.cdf(v.limits[0])
     ok = (inside >= MIN_INSIDE_PROBABILITY).all(axis=1)
     assert 0.5 < ok.mean() < 0.99
     for result, expected in (
@@ -148,7 +148,7 @@ def test_a_group_nobody_looked_at_is_that_of_the_prior(values, prior):
     assert all(abs(result[n].diagnostics.contraction) < 0.1 for n in NAMES)
 
 
-def test_an_open_edge_and_a_ridge_are_named(values, prior):
+def test_an_open_end_and_a_ridge_are_named(values, prior):
     rng = np.random.default_rng(5)
     mu = known(values, rng)
     mu[:, 4] = np.abs(0.02 * rng.standard_normal(DRAWS))

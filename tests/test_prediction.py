@@ -235,10 +235,10 @@ def test_the_residual_of_the_stress_widens_pressure_and_diameter():
     d = predict_diameter(sample, certain, tube, p["pressure_kPa_median"], seed=5)
     assert d["circumferential_stretch_median"][0] == pytest.approx(1.15, rel=1e-9)
     assert d["outer_diameter_mm_predictive_low"][0] < d["outer_diameter_mm_credible_low"][0]
-    # Where the pressure band's upper edge meets the pressure, the diameter band has its lower one.
+    # Where the pressure band's upper end meets the pressure, the diameter band has its lower one.
     low = d["circumferential_stretch_predictive_low"][0]
-    edge = predict_pressure(sample, certain, tube, [low])["pressure_kPa_predictive_high"][0]
-    assert edge == pytest.approx(p["pressure_kPa_median"][0], rel=0.02)  # 2000 residuals
+    highest = predict_pressure(sample, certain, tube, [low])["pressure_kPa_predictive_high"][0]
+    assert highest == pytest.approx(p["pressure_kPa_median"][0], rel=0.02)  # 2000 residuals
     again = predict_diameter(sample, certain, tube, p["pressure_kPa_median"], seed=5)
     pd.testing.assert_frame_equal(d, again)
 

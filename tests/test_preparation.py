@@ -14,8 +14,8 @@ from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare, start_parameters
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.averaging import average_rows
 from biaxbayes.specimens.specimen import Protocol, Specimen
-from biaxbayes.specimens.thinning import thinned_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 DATA = Path(__file__).parents[1] / "data"
@@ -73,7 +73,7 @@ def test_rows_are_means_and_rest_is_kept():
     load = np.concatenate([[0.3, 0.5], np.arange(8.0)])
     p = Protocol("a", stretch, stretch, load, 2 * load, rest_rows=2)
     # 8 rows, three of them to be left: groups of 2, 3 and 3, none of them much smaller
-    out = thinned_specimen(Specimen("s", (p,), "piola"), 3)
+    out = average_rows(Specimen("s", (p,), "piola"), 3)
     q = out.specimen.protocols[0]
     assert q.load_x.tolist() == [0.3, 0.5, 0.5, 3.0, 6.0]
     assert q.stretch_x[2:] == pytest.approx(
@@ -91,7 +91,7 @@ def test_scatter_is_that_of_the_noise(size):
     stretch = np.linspace(1.0, 1.2, n + 1)
     load = 50.0 * (stretch - 1.0) ** 2 + 0.2 * rng.standard_normal(n + 1)
     data = Specimen("s", (Protocol("a", stretch, stretch, load, load),), "piola")
-    out = thinned_specimen(data, n // size)
+    out = average_rows(data, n // size)
     # mean square of k readings about their own mean: sd^2 (k - 1) / k
     assert out.scatter[0].mean() == pytest.approx(0.04 * (size - 1) / size, rel=0.05)
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.fitting.law_fits import ASKED_LAWS, LawFit, LawFits
+from biaxbayes.fitting.law_fits import CANDIDATE_LAWS, LawFit, LawFits
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
 from biaxbayes.identifiability.verdict import Assessment
 from biaxbayes.model.draw import draw_posterior
@@ -178,4 +178,4 @@ def test_a_prior_that_contradicts_the_data_takes_all_of_the_law_away(clean):
 
 
 def test_the_laws_that_are_asked_are_a_list_that_is_written_down(clean):
-    assert {f.law for f in clean.fits.fits} == set(ASKED_LAWS)
+    assert {f.law for f in clean.fits.fits} == set(CANDIDATE_LAWS)

@@ -115,7 +115,7 @@ def test_truths_are_cut_as_the_model_cuts_them():
     values = values_of(PRIORS)
     drawn = [Truths(values, np.random.default_rng(seed)) for seed in range(120)]
     kappa = PARAMETERS.index("kappa")
-    low, high = values[kappa].edges
+    low, high = values[kappa].limits
     for t in drawn:
         assert t.theta.shape == (8, 5) and list(t.group[:3]) == [0, 1, 0]
         assert np.all((t.theta[:, kappa] >= low) & (t.theta[:, kappa] <= high))

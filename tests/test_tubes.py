@@ -10,6 +10,7 @@ from scipy.integrate import quad
 import biaxbayes
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
 from biaxbayes.errors import InputError
+from biaxbayes.figures.bands import bands_figure
 from biaxbayes.figures.specimen import fits_figure, specimen_figure
 from biaxbayes.fitting.constrained import FitSetup, constrained_fit
 from biaxbayes.fitting.residuals import BalancedMounting
@@ -262,6 +263,10 @@ def test_pressure_and_force_have_axes_of_their_own():
         assert labels[::per_reading] == ["pressure (kPa)", "axial force (N)"]
         ends = [np.ptp(ax.lines[0].get_ydata()) for ax in figure.axes]
         assert sum(end > 5.0 for end in ends) == 2  # pressures, one of each protocol
+    draws = pd.DataFrame([MATERIAL | {"noise_sd": 0.05}] * 20)
+    figure = bands_figure(Posterior(data, noise="independent"), draws)
+    under = {ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()}
+    assert under == {"measured circumferential stretch"}
 
 
 def test_a_tube_has_no_mounting_stretch_whose_cost_could_be_shown():

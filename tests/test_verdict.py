@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from biaxbayes.identifiability.marginals import ComparisonScale, Edge
+from biaxbayes.identifiability.marginals import ComparisonScale, RangeEnd
 from biaxbayes.identifiability.partners import Partners
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -27,7 +27,7 @@ KAPPA, K1, ALPHA = (GOH_LAW.parameter(name) for name in ("kappa", "k1", "alpha")
 STRETCH = next(p for p in MOUNTING_PARAMETERS if p.name == "mounting_stretch_x")
 LOOSE = Diagnostics(
     parameter=KAPPA, median=0.15, low=0.05, high=0.25, prior_sd=0.1, posterior_sd=0.04,
-    prior_excluded=0.6, edges=(), partners=Partners((), 1.0, 1.0), modes=1,
+    prior_excluded=0.6, ends=(), partners=Partners((), 1.0, 1.0), modes=1,
     prior_sensitivity=0.0, likelihood_sensitivity=0.5,
 )  # fmt: skip
 SHARP = replace(LOOSE, low=0.10, high=0.19)
@@ -45,11 +45,13 @@ def assess(diagnostics, parameter=KAPPA, weak=(), undefined=""):
     return assess_material(diagnostics, scale(parameter), T, set(weak), undefined)
 
 
-def edge(side: int, kind: str = "physical", support: float = 0.5, value: float = 0.0) -> Edge:
-    return Edge(side, value, kind, 0.01, 0.05, 0.03, support)
+def range_end(
+    side: int, kind: str = "physical", support: float = 0.5, value: float = 0.0
+) -> RangeEnd:
+    return RangeEnd(side, value, kind, 0.01, 0.05, 0.03, support)
 
 
-LOW, HIGH = edge(0), edge(1, value=1 / 3)
+LOW, HIGH = range_end(0), range_end(1, value=1 / 3)
 
 
 @pytest.mark.parametrize(
@@ -73,19 +75,19 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
         (replace(WIDE, partners=TRADED, posterior_sd=0.1), NOT_IDENTIFIED),
         (replace(WIDE, partners=TRADED, posterior_sd=0.099), COMBINATION),
         # ends
-        (replace(LOOSE, edges=(LOW,)), BOUNDED),
-        (replace(LOOSE, edges=(HIGH,)), BOUNDED),
-        (replace(LOOSE, edges=(replace(LOW, support=0.147),)), BOUNDED),
-        (replace(LOOSE, edges=(replace(LOW, support=0.146),)), IDENTIFIED),
-        (replace(LOOSE, edges=(LOW, HIGH)), NOT_IDENTIFIED),
-        (replace(LOOSE, edges=(edge(1, "user"),)), NOT_IDENTIFIED),
-        (replace(LOOSE, edges=(edge(0, "prior"),)), NOT_IDENTIFIED),
+        (replace(LOOSE, ends=(LOW,)), BOUNDED),
+        (replace(LOOSE, ends=(HIGH,)), BOUNDED),
+        (replace(LOOSE, ends=(replace(LOW, support=0.147),)), BOUNDED),
+        (replace(LOOSE, ends=(replace(LOW, support=0.146),)), IDENTIFIED),
+        (replace(LOOSE, ends=(LOW, HIGH)), NOT_IDENTIFIED),
+        (replace(LOOSE, ends=(range_end(1, "user"),)), NOT_IDENTIFIED),
+        (replace(LOOSE, ends=(range_end(0, "prior"),)), NOT_IDENTIFIED),
         # one-sided needs a quarter of the prior excluded, or the contraction of an interval
-        (replace(LOOSE, edges=(LOW,), prior_excluded=0.25, posterior_sd=0.09), BOUNDED),
-        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24, posterior_sd=0.09), NOT_IDENTIFIED),
-        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24), BOUNDED),
+        (replace(LOOSE, ends=(LOW,), prior_excluded=0.25, posterior_sd=0.09), BOUNDED),
+        (replace(LOOSE, ends=(LOW,), prior_excluded=0.24, posterior_sd=0.09), NOT_IDENTIFIED),
+        (replace(LOOSE, ends=(LOW,), prior_excluded=0.24), BOUNDED),
         # a trade comes before an open end
-        (replace(WIDE, edges=(LOW,), partners=TRADED), COMBINATION),
+        (replace(WIDE, ends=(LOW,), partners=TRADED), COMBINATION),
     ],
 )
 def test_diagnostics_decide(diagnostics, verdict):
@@ -95,7 +97,7 @@ def test_diagnostics_decide(diagnostics, verdict):
 
 
 def test_a_bound_is_the_end_that_is_not_open():
-    below, above = (assess(replace(LOOSE, edges=(end,))) for end in (LOW, HIGH))
+    below, above = (assess(replace(LOOSE, ends=(end,))) for end in (LOW, HIGH))
     assert (below.bound, above.bound) == ("high", "low")
     assert "aligned fibres" in below.reason and "isotropic" in above.reason
 
@@ -132,8 +134,8 @@ MOUNTED = replace(LOOSE, parameter=STRETCH, median=1.02, low=1.01, high=1.03)
         ({"by_prior": (False, True)}, BOUNDED, "low"),
         ({"by_prior": (True, False)}, NOT_IDENTIFIED, ""),
         ({"by_prior": (True, True)}, NOT_IDENTIFIED, ""),
-        ({"edges": (edge(1, "prior"),)}, BOUNDED, "low"),
-        ({"edges": (edge(0, "prior"),)}, NOT_IDENTIFIED, ""),
+        ({"ends": (range_end(1, "prior"),)}, BOUNDED, "low"),
+        ({"ends": (range_end(0, "prior"),)}, NOT_IDENTIFIED, ""),
         # hardly narrower than its prior, only the lower end may hold
         ({"posterior_sd": 0.0501}, BOUNDED, "low"),
     ],
@@ -164,14 +166,14 @@ ALL = {
 
 def test_an_angle_of_fibres_that_may_be_isotropic_means_nothing():
     assert {a.verdict for a in together(ALL).values()} == {IDENTIFIED}
-    found = together(ALL | {"kappa": replace(LOOSE, edges=(HIGH,))})
+    found = together(ALL | {"kappa": replace(LOOSE, ends=(HIGH,))})
     assert found["alpha"].verdict == NOT_IDENTIFIED
     assert "kappa = 1/3" in found["alpha"].reason
-    found = together(ALL | {"kappa": replace(LOOSE, edges=(LOW,))})
+    found = together(ALL | {"kappa": replace(LOOSE, ends=(LOW,))})
     assert found["alpha"].verdict == IDENTIFIED
 
 
-@pytest.mark.parametrize("weak", [{"edges": (LOW,)}, {"posterior_sd": 0.0501}])
+@pytest.mark.parametrize("weak", [{"ends": (LOW,)}, {"posterior_sd": 0.0501}])
 def test_a_partner_that_is_open_or_hardly_known_counts_as_weak(weak):
     traded = replace(ALL["k1"], low=15.0, high=45.0, partners=Partners(("kappa",), 0.3, 0.4))
     assert together(ALL | {"k1": traded})["k1"].verdict == IDENTIFIED

@@ -192,7 +192,9 @@ def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.
             # loads are f / r(fit) in the run, f / r(theta, lm) here
             more = np.exp(at_fit - surface(*theta, *mounting)) - 1.0
             at.residual[i] += readings.means(more[later] * load)
-            at.residual[i, : readings.mounted] += more[0] * posterior.rows.mounting_load.ravel()
+            at.residual[i, : readings.mounting_count] += (
+                more[0] * posterior.rows.mounting_load.ravel()
+            )
         out = np.full(len(u), -np.inf)
         noise_sd = at.values[inside, problem.size][:, None]
         out[inside] = at.log_prior[inside]

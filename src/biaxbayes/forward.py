@@ -31,7 +31,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import cauchy_stress, squared_stretches
 from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, with_free_side
 from biaxbayes.mechanics.mounting import (
-    section_per_stress,
+    mounted_section,
     sections,
     solve_balance,
     unloaded_section,
@@ -51,12 +51,12 @@ class LoadResponse:
     by_fit_coordinate: np.ndarray  # (n, 2, p)
     by_log_mounting: np.ndarray  # (n, load, stretch), with respect to the log mounting stretches
     # load per Cauchy stress (n, 2), with which a residual is a stress; 1 where nothing is read
-    per_stress: np.ndarray
+    load_per_stress: np.ndarray
 
     @property
     def stress(self) -> np.ndarray:
         """The Cauchy stress that a load stands for, (n, 2)."""
-        return self.load / self.per_stress
+        return self.load / self.load_per_stress
 
     @classmethod
     def joined(cls, parts: Iterable[LoadResponse]) -> LoadResponse:
@@ -94,30 +94,32 @@ class ForwardModel:
         The mounting stretch of a free side has no influence: its stretch is the root at every row.
         """
         points = self.experiment.points(np.broadcast_to(stretch, mounting.shape))
-        lm, free = mounting[points.row], self.experiment.free_side
+        lm, side = mounting[points.row], self.experiment.free_side
         total = points.stretch * lm
-        solved = free is not None and bool(np.isnan(total[:, free]).any())
-        if free is not None and solved:
+        solved = side is not None and bool(np.isnan(total[:, side]).any())
+        if side is not None and solved:
             constants = self.law.constants_from_fit(*point)
 
             def cauchy(x: Any, y: Any) -> Any:
                 return cauchy_stress(constants, *squared_stretches(x, y))
 
-            total = with_free_side(cauchy, total, free)
+            total = with_free_side(cauchy, total, side)
         at = self.law.response(point, total)
         by_point, by_log = at.by_fit_coordinate, at.by_log_stretch
-        if free is not None and solved:
-            by_point, by_log = _at_free_side(by_point, by_log, free)
+        if side is not None and solved:
+            by_point, by_log = _at_free_side(by_point, by_log, side)
         if not self.mounted_dimensions:  # g = A0 / lm
             by_log = by_log - at.stress[..., None] * np.eye(2)
-        section = section_per_stress(stiffness * self.area, lm, self.mounted_dimensions)
+        section = mounted_section(stiffness * self.area, lm, self.mounted_dimensions)
         weight = points.weight * np.broadcast_to(section, lm.shape)[:, None]
-        per_stress = np.abs(points.of_rows(np.einsum("nkk->nk", weight)))
+        load_per_stress = np.abs(points.of_rows(np.einsum("nkk->nk", weight)))
         load, by_point, by_log = (
             points.of_rows(np.einsum("nik,nk...->ni...", weight, values))
             for values in (at.stress, by_point, by_log)
         )
-        return LoadResponse(load, by_point, by_log, np.where(per_stress > 0.0, per_stress, 1.0))
+        return LoadResponse(
+            load, by_point, by_log, np.where(load_per_stress > 0.0, load_per_stress, 1.0)
+        )
 
     def solve_mounting(
         self, point: np.ndarray, load: np.ndarray, *, compiled: bool = True
@@ -145,11 +147,11 @@ class ForwardModel:
         if not any(name in values for name in names):
             names = mounting_names("stretch", self.piece)
         lm = [values.get(name) for name in names]
-        free = self.experiment.free_side
-        if free is not None and lm[1 - free] is not None:
-            lm[free] = np.nan
+        side = self.experiment.free_side
+        if side is not None and lm[1 - side] is not None:
+            lm[side] = np.nan
         pair = _pair(*(np.atleast_1d(np.asarray(1.0 if v is None else v))[:, None] for v in lm))
-        return pair if free is None else self._with_free_side(values, pair)
+        return pair if side is None else self._with_free_side(values, pair)
 
     def _with_free_side(self, values: Any, total: np.ndarray) -> np.ndarray:
         side = self.experiment.free_side
@@ -178,7 +180,7 @@ class ForwardModel:
     def load_per_stress(self, values: Any, stretch: Any, protocol: str = "") -> np.ndarray:
         """Load per Cauchy stress at measured stretches (rows, 2); (draws, rows, 2)."""
         lm = self.mounting_stretch(values, protocol)
-        return section_per_stress(self.section(values), lm, self.mounted_dimensions) / stretch
+        return mounted_section(self.section(values), lm, self.mounted_dimensions) / stretch
 
     # --- loads and readings ---
 
@@ -191,7 +193,7 @@ class ForwardModel:
             if self.experiment.free_side is not None:
                 total = self._with_free_side(values, total)
             stress = self.law.material(values).cauchy(total[..., 0], total[..., 1])
-            section = section_per_stress(self.section(values), lm, self.mounted_dimensions)
+            section = mounted_section(self.section(values), lm, self.mounted_dimensions)
             return points.sums(np.stack(stress, axis=-1) * section)
 
     def mounting_load(self, values: Any, protocol: str = "") -> np.ndarray:

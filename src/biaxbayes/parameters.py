@@ -121,13 +121,6 @@ class Parameter:
         """Whether the range has two bounds that draws may lie on, whatever the prior."""
         return not self.logarithmic and self.kind == MATERIAL and math.isfinite(self.high)
 
-    @property
-    def edges(self) -> tuple[float | None, float | None]:
-        """Physical bounds (low, high); None where there is none, or a mirror."""
-        low = None if self.mirror or not math.isfinite(self.low) else self.low
-        high = None if self.mirror or not math.isfinite(self.high) else self.high
-        return low, high
-
     def number(self, value: float) -> str:
         """Value as text."""
         return format(value, self.digits)

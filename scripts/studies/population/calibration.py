@@ -88,7 +88,7 @@ class Truths:
                 return
 
     def _inside(self, k: int, location: np.ndarray) -> np.ndarray:
-        low, high = self.values[k].edges
+        low, high = self.values[k].limits
         of = norm(location, self.sd[k])
         return np.asarray(of.cdf(high) - of.cdf(low))
 
@@ -96,7 +96,7 @@ class Truths:
         """A specimen at a location (p,), thrown again while it is outside."""
         out = np.empty(len(location))
         for k, v in enumerate(self.values):
-            low, high = v.edges
+            low, high = v.limits
             while True:
                 out[k] = self.rng.normal(location[k], self.sd[k])
                 if low <= out[k] <= high:

@@ -112,7 +112,7 @@ class PredictedReadings:
     """Readings as the draws of a law predict them; (draws, m, 2), or broadcast with it."""
 
     measured: np.ndarray  # (m, 2)
-    per_kPa: np.ndarray  # (m, 2), load per Cauchy stress at the median mounting stretch
+    load_per_stress: np.ndarray  # (m, 2), load per Cauchy stress at the median mounting stretch
     mean: np.ndarray  # of the tissue: the law and its misfit
     sd: np.ndarray  # of the tissue about it
     noise_sd: np.ndarray  # of a reading about the tissue
@@ -184,14 +184,16 @@ def predicted_readings(
     parts = []
     for i, p in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
         rows = band_rows(p)
-        loads, per_kPa = (
+        loads, load_per_stress = (
             tissue.tested(i, p.stretch, rows),
-            _per_kPa(tissue, p.stretch[rows], p.name),
+            _load_per_stress(tissue, p.stretch[rows], p.name),
         )
         sd = np.broadcast_to(loads.sd, loads.mean.shape)
-        parts.append((specimen.load(p)[rows], per_kPa, loads.mean, sd))
-    measured, per_kPa, mean, sd = (np.concatenate(v, axis=-2) for v in zip(*parts, strict=True))
-    return PredictedReadings(measured, per_kPa, mean, sd, tissue.noise_sd)
+        parts.append((specimen.load(p)[rows], load_per_stress, loads.mean, sd))
+    measured, load_per_stress, mean, sd = (
+        np.concatenate(v, axis=-2) for v in zip(*parts, strict=True)
+    )
+    return PredictedReadings(measured, load_per_stress, mean, sd, tissue.noise_sd)
 
 
 def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReadings:
@@ -210,14 +212,14 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
     shape = np.shape(law)
     return PredictedReadings(
         average @ rows.load,
-        average @ _per_kPa(tissue, rows.stretch, rows.names[0]),
+        average @ _load_per_stress(tissue, rows.stretch, rows.names[0]),
         average @ (law + misfit),
         average @ np.broadcast_to(sd, shape),
         tissue.noise_sd / np.sqrt(readings.weight[::2, None]),
     )
 
 
-def _per_kPa(tissue: Tissue, stretch: np.ndarray, protocol: str) -> np.ndarray:
+def _load_per_stress(tissue: Tissue, stretch: np.ndarray, protocol: str) -> np.ndarray:
     """Load per Cauchy stress at measured stretches (m, 2) and the median mounting stretch."""
     names = [q.name for q in tissue.posterior.quantities.mounting() if q.name in tissue.draws]
     medians = {name: tissue.draws[name].median() for name in names}

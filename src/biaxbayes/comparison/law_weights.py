@@ -106,14 +106,14 @@ class _LeftOut:
         miss = []
         for r in self.readings:
             mean, _ = r.curves(of_readings=True)
-            miss.append((self.measured - mean.mean(axis=0)) / r.per_kPa.ravel())
+            miss.append((self.measured - mean.mean(axis=0)) / r.load_per_stress.ravel())
         return density, float(np.mean((weight @ np.array(miss)) ** 2))
 
     def band(self, weight: np.ndarray) -> tuple[float, float]:
         """Fraction of the readings inside the band of a mixture, and its mean width (kPa)."""
         model, sd = zip(*(r.curves(of_readings=True) for r in self.readings), strict=True)
         low, high = mixed_percentiles(model, sd, weight, tails(CONTENT))
-        scale = weight @ np.array([r.per_kPa.ravel() for r in self.readings])
+        scale = weight @ np.array([r.load_per_stress.ravel() for r in self.readings])
         inside = (self.measured >= low) & (self.measured <= high)
         return float(inside.mean()), float(np.mean((high - low) / scale))
 

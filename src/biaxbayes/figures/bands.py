@@ -98,7 +98,7 @@ def figure_from_bands(
         for (loads, strips), (name, group) in zip(panels, groups, strict=True):
             load = loads[0]
             test = {str(axis): part for axis, part in group.groupby("direction")}
-            abscissas, label = abscissa(test)
+            abscissas, label = abscissa(test, specimen.experiment.stretches)
             first = load.get_subplotspec().is_first_col()  # type: ignore[union-attr]
             for k, ((axis, part), strip) in enumerate(zip(test.items(), strips, strict=True)):
                 _draw(loads[k % len(loads)], abscissas[axis], part, axis)
@@ -183,7 +183,9 @@ def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
     return (1000.0, FINER_UNIT[unit]) if largest < 0.05 else (1.0, unit)
 
 
-def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
+def abscissa(
+    test: dict[str, pd.DataFrame], stretches: tuple[str, str]
+) -> tuple[dict[str, np.ndarray], str]:
     """Abscissae of the curves in x and y and their name: own stretch, leading stretch or row."""
     own_stretch = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
     leading = max(own_stretch, key=lambda axis: float(np.ptp(own_stretch[axis])))
@@ -191,7 +193,7 @@ def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]
     rows = {axis: part["row"].to_numpy() + 1.0 for axis, part in test.items()}
     choices = (
         (own_stretch, "measured stretch"),
-        (shared, f"measured stretch in {leading}"),
+        (shared, f"measured {stretches['xy'.index(leading)]}"),
         (rows, "row of the protocol"),
     )
     for choice in choices:
@@ -211,8 +213,8 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
 def _marker(axis: str, readings: int) -> dict[str, Any]:
     """Marker of the readings of a curve: large and open where there are few."""
     hue = colour(axis)
-    size, face, edge = (2.2, "white", 0.5) if readings <= OPEN_UP_TO else (1.4, hue, 0.0)
-    return {"marker": AXIS_MARKERS[axis], "ms": size, "mfc": face, "mec": hue, "mew": edge}
+    size, face, outline = (2.2, "white", 0.5) if readings <= OPEN_UP_TO else (1.4, hue, 0.0)
+    return {"marker": AXIS_MARKERS[axis], "ms": size, "mfc": face, "mec": hue, "mew": outline}
 
 
 def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:

@@ -1,7 +1,7 @@
 """The joint posterior of every pair of quantities and the density of each, of one or more runs.
 
 The corner package draws the regions of a density of ours: draws in cells, smoothed by a kernel
-whose width suits each pair and run, wider where few draws lie. Ranges end at physical edges.
+whose width suits each pair and run, wider where few draws lie. Ranges end at physical limits.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ def _columns(
             float(v) for given in include if name in given for v in np.ravel(given[name])
         )
         axis = axis_span(q, *(d for d in draws if d is not None), include=values)
-        own = [None if d is None else span(d, edges=q.edges, log=axis.log) for d in draws]
+        own = [None if d is None else span(d, limits=q.limits, log=axis.log) for d in draws]
         result.append(CornerAxis(name, q, axis, draws, own))
     return result
 
@@ -320,8 +320,8 @@ def draw_regions(
     density, at_draws = _smooth(along, bins)
     look = _look(hue, filled)
     # corner counts the mass of the density; smoothing has spread that of the draws
-    edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
-    look["levels"] = [density[density >= edge].sum() / density.sum() for edge in edges]
+    thresholds = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
+    look["levels"] = [density[density >= t].sum() / density.sum() for t in thresholds]
     corner.hist2d(
         *(c.ravel() for c in np.meshgrid(*centres, indexing="ij")),
         weights=density.ravel(),
@@ -337,7 +337,7 @@ def _smooth(along: np.ndarray, bins: Sequence[int]) -> tuple[np.ndarray, np.ndar
     """Smoothed density in cells and at the draws; the kernel widens where the density is low.
 
     Width (Abramson 1982): h (f90 / f)^(1/2) where the density f is below f90, that at the
-    edge of the 90 % region. A single width leaves islands of single draws.
+    outline of the 90 % region. A single width leaves islands of single draws.
     """
     inside = np.all((along >= 0.0) & (along <= 1.0), axis=0)
     cell = [
@@ -346,9 +346,9 @@ def _smooth(along: np.ndarray, bins: Sequence[int]) -> tuple[np.ndarray, np.ndar
     counts = np.bincount(np.ravel_multi_index(cell, bins), minlength=bins[0] * bins[1])
     counts = counts.reshape(bins).astype(float)
     pilot = gaussian_filter(counts, CELLS)
-    edge = np.quantile(pilot[tuple(cell)], 1.0 - CONTENTS[1])
+    f90 = np.quantile(pilot[tuple(cell)], 1.0 - CONTENTS[1])
     # log2 of the width; between two powers of two a cell's draws are shared by both kernels
-    wider = np.clip(0.5 * np.log2(edge / np.maximum(pilot, 1e-300)), 0.0, WIDEST)
+    wider = np.clip(0.5 * np.log2(f90 / np.maximum(pilot, 1e-300)), 0.0, WIDEST)
     density = np.zeros_like(counts)
     for k in range(math.ceil(WIDEST) + 1):
         weight = counts * np.maximum(1.0 - np.abs(wider - k), 0.0)
@@ -364,10 +364,10 @@ def _look(hue: str, filled: bool | None) -> dict[str, Any]:
         return look | {"levels": (0.9,), "contour_kwargs": {"linewidths": 0.9}}
     if filled is None:
         fills: dict[str, Any] = {"colors": ["none", "none", (*to_rgb(hue), REGION_OPACITY)]}
-        edges: dict[str, Any] = {"linewidths": [0.8, 0.0]}
-        return look | {"levels": CONTENTS[:2], "contourf_kwargs": fills, "contour_kwargs": edges}
+        lines: dict[str, Any] = {"linewidths": [0.8, 0.0]}
+        return look | {"levels": CONTENTS[:2], "contourf_kwargs": fills, "contour_kwargs": lines}
     # Shades are mixed with white, not made transparent: panels stay small in a vector file.
     shades = [tuple(1.0 - s * (1.0 - np.array(to_rgb(hue)))) for s in SHADES]
     fills = {"colors": ["none", *shades], "antialiased": True}
-    edges = {"colors": shades, "linewidths": 0.3}
-    return look | {"levels": CONTENTS, "contourf_kwargs": fills, "contour_kwargs": edges}
+    lines = {"colors": shades, "linewidths": 0.3}
+    return look | {"levels": CONTENTS, "contourf_kwargs": fills, "contour_kwargs": lines}

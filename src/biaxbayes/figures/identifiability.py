@@ -93,13 +93,13 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
         return
     if row.scale.logarithmic:
         ax.set_xscale("log")
-    for density, colour, edge in (
+    for density, colour, outline in (
         (prior_density, PRIOR_GREY, "0.6"),
         (posterior_density, POSTERIOR, None),
     ):
         x, height = row.scale.from_scale(density.x), density.height / density.peak
-        ax.fill_between(x, height, color=colour, alpha=1.0 if edge else 0.75, linewidth=0.0)
-        ax.plot(x, height, color=edge or colour, linewidth=0.5)
+        ax.fill_between(x, height, color=colour, alpha=1.0 if outline else 0.75, linewidth=0.0)
+        ax.plot(x, height, color=outline or colour, linewidth=0.5)
     # the physical range if it is bounded, otherwise 98 % of the prior and all of the posterior
     prior, (low, high) = row.scale.prior, row.scale.limits
     if not (np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low)))):

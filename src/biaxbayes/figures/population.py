@@ -75,16 +75,16 @@ def _draw_specimens(
     for i, (name, group) in enumerate(specimens.itertuples(index=False)):
         if name not in part.index:
             continue
-        record = part.loc[name]
-        if record["verdict"] == FIXED:
-            ax.plot(record["q50"], i, "x", color="0.35", ms=3.4, mew=0.8)
+        row = part.loc[name]
+        if row["verdict"] == FIXED:
+            ax.plot(row["q50"], i, "x", color="0.35", ms=3.4, mew=0.8)
             continue
-        identified = record["state"] == "converged" and record["verdict"] in USABLE_VERDICTS
+        identified = row["state"] == "converged" and row["verdict"] in USABLE_VERDICTS
         hue, marker = group_look(groups.index(group))
-        interval = np.clip([record["q05"], record["q95"]], axis.low, axis.high)
+        interval = np.clip([row["q05"], row["q95"]], axis.low, axis.high)
         ax.plot(interval, [i, i], color=hue, linewidth=1.0)
         look: dict[str, Any] = {"color": hue, "ms": 3.4, "mew": 0.8, "clip_on": False}
-        ax.plot(record["q50"], i, marker, mfc=hue if identified else "white", **look)
+        ax.plot(row["q50"], i, marker, mfc=hue if identified else "white", **look)
     set_panel(ax, axis, q.label, len(specimens))
 
 
@@ -126,7 +126,7 @@ def forest_figure(
                 for kind, table in (("specimen", specimens), ("group", groups))
             }
             for i, (kind, name, k) in enumerate(rows):
-                record, (hue, marker) = tables[kind].loc[name], group_look(k)
+                row, (hue, marker) = tables[kind].loc[name], group_look(k)
                 intervals: list[tuple[str, float, str, float, str, float]] = (
                     [("new_specimen", i, hue, 0.6, "", 0.0), ("mean", i, hue, 2.0, "D", 3.6)]
                     if kind == "group"
@@ -136,7 +136,7 @@ def forest_figure(
                     ]
                 )
                 for part, y, tint, width, symbol, size in intervals:
-                    low, median, high = (float(record[f"{part}_{q}"]) for q in QUANTILES)
+                    low, median, high = (float(row[f"{part}_{q}"]) for q in QUANTILES)
                     ax.plot([low, high], [y, y], color=tint, lw=width, solid_capstyle="butt")
                     ax.plot(median, y, marker=symbol, ls="", color=tint, markersize=size)
             ax.set(ylim=(len(rows) - 0.4, -0.6), xlabel=axis_text(Quantity(p)).label)

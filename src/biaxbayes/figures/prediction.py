@@ -158,8 +158,8 @@ def _draw_line(ax: Axes, x: Any, y: Any, table: pd.DataFrame, tint: str, label: 
     """A line, solid where the states were tested and dashed elsewhere."""
     x, y = np.asarray(x), np.asarray(y)
     tested = table["extrapolation"].to_numpy() == INSIDE
-    edges = [0, *(np.flatnonzero(np.diff(tested.astype(int))) + 1), tested.size]
-    for first, last in pairwise(edges):
+    ends = [0, *(np.flatnonzero(np.diff(tested.astype(int))) + 1), tested.size]
+    for first, last in pairwise(ends):
         # each segment ends where the next begins, so that the line is whole
         part = slice(first, min(last + 1, tested.size))
         ax.plot(x[part], y[part], color=tint, linestyle="-" if tested[first] else DASHES)

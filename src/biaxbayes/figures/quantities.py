@@ -30,7 +30,7 @@ class AxisText(NamedTuple):
 
     symbol: str
     unit: str = ""
-    edges: tuple[float, float] = (-np.inf, np.inf)
+    limits: tuple[float, float] = (-np.inf, np.inf)
     scale: bool = False
     parameter: Parameter | None = None
 
@@ -70,8 +70,8 @@ def quantity(name: str, unit: str = "", known: Quantities | None = None) -> Axis
     stem, at, stretch = name.partition(" at ")
     if stem[:-1] in DERIVED_SYMBOLS:
         symbol, stress = DERIVED_SYMBOLS[stem[:-1]].format(stem[-1]), stem[:-1] != "H"
-        edges = (0.0, np.inf if stress else 1.0)
-        return AxisText(f"{symbol}{at}{stretch}", "kPa" if stress else "", edges, stress)
+        limits = (0.0, np.inf if stress else 1.0)
+        return AxisText(f"{symbol}{at}{stretch}", "kPa" if stress else "", limits, stress)
     return AxisText(OTHERS.get(name) or plain(name, 24))
 
 
@@ -79,7 +79,7 @@ def axis_span(q: AxisText, *values: np.ndarray, include: tuple[float, ...] = ())
     """Axis that shows the draws of one or more runs; logarithmic where a scale spreads widely."""
     low, high = np.quantile(np.concatenate(values), [0.005, 0.995])
     log = bool(q.scale and low > 0.0 and high > LOG_AXIS_RATIO * low)
-    return span(*values, edges=q.edges, log=log, include=include)
+    return span(*values, limits=q.limits, log=log, include=include)
 
 
 def corner_columns(

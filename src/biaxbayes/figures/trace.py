@@ -115,8 +115,8 @@ def _draw_ranks(ax: Axes, values: np.ndarray) -> None:
     """Density of the ranks; 1 where an ensemble has its share of the draws."""
     ranks = (values.ravel().argsort(kind="stable").argsort() + 0.5) / values.size
     for i, counts in enumerate(ranks.reshape(len(values), -1)):
-        density, edges = np.histogram(counts, RANK_BINS, (0.0, 1.0), density=True)
-        ax.stairs(density, edges, baseline=None, color=colour(i), linewidth=0.7)
+        density, bin_edges = np.histogram(counts, RANK_BINS, (0.0, 1.0), density=True)
+        ax.stairs(density, bin_edges, baseline=None, color=colour(i), linewidth=0.7)
     ax.axhline(1.0, **REFERENCE)
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.05 * max(ax.dataLim.y1, 1.5)))
     limit_ticks(ax.yaxis, 3)

@@ -215,10 +215,12 @@ class FitSetup:
         model = LoadResiduals(data, "load", point, self.free, 1.0, lm, law)
         with np.errstate(all="ignore"):
             response = model.response(point, lm, stiffness)
-            mounting_load = model.mounted(point, lm).load * stiffness[data.piece_of_state, None]
+            mounting_load = (
+                model.mounted_response(point, lm).load * stiffness[data.piece_of_state, None]
+            )
             mounting_load[~data.is_mounted] = 0.0
             # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
-            measured = (data.load / response.per_stress)[data.is_read]
+            measured = (data.load / response.load_per_stress)[data.is_read]
             residual = measured - response.stress[data.is_read]
             total = float(((measured - measured.mean()) ** 2).sum())
             r2 = 1.0 - float((residual**2).sum()) / total if total > 0.0 else math.nan

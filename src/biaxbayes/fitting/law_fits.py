@@ -1,7 +1,7 @@
 """Least-squares fits of several laws to one specimen, and which of them describe it.
 
-Only what has a name in :data:`ASKED_LAWS` is asked beside the law of a run, so that a law that is
-added to the package does not change what others are told unnoticed.
+Only :data:`CANDIDATE_LAWS` are fitted beside the law of a run, so that a law that is added to the
+package does not change the verdicts of others unnoticed.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from biaxbayes.fitting.residuals import has_smooth_misfit
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.options import FitOptions
 from biaxbayes.parameters import mounting_names
+from biaxbayes.specimens.averaging import averaged_specimen
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import averaged_specimen
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,8 +71,8 @@ def fit_law(
 
 # --- several laws --------------------------------------------------------------------------------
 
-ASKED_LAWS = ("goh", "four-fibre", "fung", "goh-exponential", "holzapfel-2005", "lee-sacks")
-"""Laws that every run is compared with."""
+CANDIDATE_LAWS = ("goh", "four-fibre", "fung", "goh-exponential", "holzapfel-2005", "lee-sacks")
+"""Laws that are fitted in every run, beside its own."""
 LAW_FIT_ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
 CLOSE_RMS = 1.15
@@ -121,8 +121,8 @@ class LawFits:
                     "rmse_kPa": f.rmse_kPa,
                     **{
                         name: float(f.mounting_stretch[i, axis])
-                        for i, state in enumerate(mounts)
-                        for axis, name in enumerate(mounting_names("stretch", state))
+                        for i, mount in enumerate(mounts)
+                        for axis, name in enumerate(mounting_names("stretch", mount))
                     },
                 }
                 for f in self.fits
@@ -132,7 +132,7 @@ class LawFits:
 
 def fit_laws(
     specimen: Specimen,
-    laws: Sequence[str] = ASKED_LAWS,
+    laws: Sequence[str] = CANDIDATE_LAWS,
     *,
     mounting: str = "noisy",
     mounting_stretch: str = "shared",
@@ -180,7 +180,10 @@ def quick_better_law(specimen: Specimen) -> str:
     if default is None or default.fits[0].rms - default.noise < default.least_difference:
         return ""
     others = fit_laws(
-        specimen, [name for name in ASKED_LAWS if name != DEFAULT_LAW], mounting=mounting, **QUICK
+        specimen,
+        [name for name in CANDIDATE_LAWS if name != DEFAULT_LAW],
+        mounting=mounting,
+        **QUICK,
     )
     fits = (*default.fits, *(others.fits if others else ()))
     ordered = tuple(sorted(fits, key=lambda f: f.rms))

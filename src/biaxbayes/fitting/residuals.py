@@ -117,7 +117,7 @@ class LoadResiduals:
         scale = np.broadcast_to(self.scale, len(data.pieces))[piece, None]
         if self.quantity == "cauchy":
             # s - f l lm / A0 (unloaded), s - f l / Am (mounted); stresses have one unit
-            scale, by_log_stiffness = scale * rows.per_stress, data.load
+            scale, by_log_stiffness = scale * rows.load_per_stress, data.load
             by_lm = by_lm + (data.unloaded[:, None] * residual)[..., None] * np.eye(2)
         else:
             scale = scale * data.load_scale
@@ -133,7 +133,7 @@ class LoadResiduals:
             by_log_stiffness.reshape(-1, len(data.pieces)),
         )
 
-    def mounted(self, point: np.ndarray, lm: np.ndarray) -> LoadResponse:
+    def mounted_response(self, point: np.ndarray, lm: np.ndarray) -> LoadResponse:
         """Loads of the mounted states at stretches (m, 2), in both directions."""
         balanced = [replace(forward, experiment=BIAXIAL) for forward in self.forwards]
         return LoadResponse.joined(
@@ -212,7 +212,7 @@ class BalancedMounting(LoadResiduals):
             c dq/d(ln lm) d(ln lm) = d f0 - c dq/d(theta) d(theta) - f0 d(ln c)
         """
         data = self.data
-        at = self.mounted(self.fit_coordinates(unknowns), lm)
+        at = self.mounted_response(self.fit_coordinates(unknowns), lm)
         is_mounted = data.is_mounted.any(axis=1)
         inverse = np.zeros_like(at.by_log_mounting)
         inverse[is_mounted] = np.linalg.inv(at.by_log_mounting[is_mounted])

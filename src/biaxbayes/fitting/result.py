@@ -1,8 +1,8 @@
 """Result of a deterministic fit, and how far rounding of the data limits it.
 
 A record without noise is fitted down to the last digit of its file. There the cost is rounding
-alone, no step lowers it, and its gradient says nothing: a fit whose
-residuals are explained by the rounding of the data has converged.
+alone, no step lowers it, and its gradient says nothing: a fit whose residuals are
+explained by the rounding of the data has converged.
 """
 
 from __future__ import annotations
@@ -210,10 +210,10 @@ def rounding_bound(data: MeasuredRows, response: LoadResponse) -> float:
     #   df / factor + s dl / l - sum_j ds/d(ln l_j) dl_j / l_j
     stress = response.stress[..., None] * np.eye(2)
     # d(load / section) / d ln lm = ds/d(ln l) - s with unloaded dimensions
-    by_log = response.by_log_mounting / response.per_stress[..., None]
+    by_log = response.by_log_mounting / response.load_per_stress[..., None]
     slope = np.abs(by_log + data.unloaded[:, None, None] * stress) + np.abs(stress)
     moved = stretch / np.nan_to_num(data.stretch, nan=1.0)
-    bound = load / response.per_stress + np.einsum("nkj,nj->nk", slope, moved)
+    bound = load / response.load_per_stress + np.einsum("nkj,nj->nk", slope, moved)
     return float(np.sqrt((bound[data.is_read] ** 2).mean()))
 
 

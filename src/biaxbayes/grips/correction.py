@@ -251,7 +251,7 @@ def _protocol_ratios(
     mounter: SheetTester, tester: SheetTester, area: np.ndarray, p: Protocol, lm: np.ndarray
 ) -> RowRatios:
     """Finite elements at some rows of a protocol, interpolated along its path."""
-    path = np.vstack([np.ones(2), np.column_stack([p.stretch_x, p.stretch_y])])
+    path = np.vstack([np.ones(2), p.stretch])
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     targets = np.linspace(0.0, arc[-1], STATES_PER_PROTOCOL + 1)
     chosen = np.unique(np.searchsorted(arc, targets * (1.0 - 1e-12)))
@@ -289,7 +289,7 @@ def _apply_ratios(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen
     """The specimen with its loads divided by r, as a homogeneous test would have recorded them."""
     protocols = []
     for p, r in zip(specimen.protocols, ratios, strict=True):
-        stretch = np.column_stack([p.stretch_x, p.stretch_y]) * r.stretch
+        stretch = p.stretch * r.stretch
         load = np.column_stack([p.load_x, p.load_y]) / r.force * specimen.per_nominal(r.stretch)
         columns = dict(zip(("stretch_x", "stretch_y"), stretch.T, strict=True))
         columns |= dict(zip(("load_x", "load_y"), load.T, strict=True))

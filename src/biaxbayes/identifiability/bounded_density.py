@@ -1,8 +1,8 @@
 """Density of draws along one axis, smoothed, that ends where physics ends it.
 
-A Gaussian kernel smears mass over the edges kappa = 0, kappa = 1/3, alpha = 0 and 90 degrees, and a
-posterior that piles up there would seem to vanish there. Mass that leaves through an edge is
-reflected back, so the density keeps its height up to the edge.
+A Gaussian kernel smears mass past the ends kappa = 0, kappa = 1/3, alpha = 0 and 90 degrees of a
+range, and a posterior that piles up there would seem to vanish there. Mass that leaves the range is
+reflected back, so the density keeps its height up to the end.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Span:
 
     low: float
     high: float
-    closed_low: bool = False  # a physical edge with mass at it
+    closed_low: bool = False  # a physical limit with mass at it
     closed_high: bool = False
     log: bool = False
 
@@ -45,11 +45,11 @@ class Span:
 
 def span(
     *columns: np.ndarray,
-    edges: tuple[float, float] = (-np.inf, np.inf),
+    limits: tuple[float, float] = (-np.inf, np.inf),
     log: bool = False,
     include: tuple[float, ...] = (),
 ) -> Span:
-    """Range of the draws of one or more runs and of values to include; it ends at a near edge."""
+    """Range of the draws of one or more runs and of values to include; it ends at a near limit."""
     log = log and all(float(c.min()) > 0.0 for c in columns) and all(v > 0 for v in include)
     moved = [np.log(c) if log else c for c in columns]
     seen = [float(np.log(v)) if log else v for v in include]
@@ -59,7 +59,7 @@ def span(
     if margin <= 1e-9 * max(abs(low), abs(high)):
         margin = 0.05 * max(abs(low), 1e-6)
     low, high = low - margin, high + margin
-    first, last = ((np.log(e) if e > 0.0 else -np.inf) if log and e < np.inf else e for e in edges)
+    first, last = ((np.log(e) if e > 0.0 else -np.inf) if log and e < np.inf else e for e in limits)
     closed = low <= first, high >= last
     low, high = max(low, first), min(high, last)
     if log:

@@ -164,8 +164,8 @@ def determined(
 
         Hx, Hy, Hz are the diagonal of the generalised structure tensor. Stiffnesses are derivatives
         of the Cauchy stress with respect to the log stretch: d s_x / d ln l_x (xx),
-        d s_y / d ln l_y (yy) and d s_x / d ln l_y (xy).
-        The exponent is k2 E^2 at the largest stretch of the tests.
+        d s_y / d ln l_y (yy) and d s_x / d ln l_y (xy). The exponent is k2 E^2 at the largest
+        stretch of the tests.
     """
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)
     states = list(stretches or ())

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import listed
-from biaxbayes.fitting.law_fits import ASKED_LAWS, LawFits, better_law_message, fit_laws
+from biaxbayes.fitting.law_fits import CANDIDATE_LAWS, LawFits, better_law_message, fit_laws
 from biaxbayes.identifiability import power_scaling
 from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
@@ -23,8 +23,8 @@ from biaxbayes.identifiability.marginals import (
     ComparisonScale,
     count_modes,
     density,
-    find_edges,
     parameter_scales,
+    range_ends,
 )
 from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.reported import Reported, contradicted_stretches, reported
@@ -136,15 +136,15 @@ class Identifiability:
                 "contraction": e.contraction,
                 "prior_excluded": e.prior_excluded,
             }
-            for edge in e.edges:
-                stem = f"{('low', 'high')[edge.side]}_edge"
+            for end in e.ends:
+                stem = f"{('low', 'high')[end.side]}_edge"
                 row |= {
-                    stem: edge.value,
-                    f"{stem}_kind": edge.kind,
-                    f"{stem}_distance": edge.distance,
-                    f"{stem}_mass": edge.mass,
-                    f"{stem}_prior_mass": edge.prior_mass,
-                    f"{stem}_support": edge.support,
+                    stem: end.value,
+                    f"{stem}_kind": end.kind,
+                    f"{stem}_distance": end.distance,
+                    f"{stem}_mass": end.mass,
+                    f"{stem}_prior_mass": end.prior_mass,
+                    f"{stem}_support": end.support,
                 }
             row |= {
                 "partners": " ".join(e.partners.names),
@@ -172,7 +172,7 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     return replace(result, contradicted_priors=tuple(conflicts))
 
 
-def run_law_fits(posterior: Posterior, laws: Sequence[str] = ASKED_LAWS) -> LawFits | None:
+def run_law_fits(posterior: Posterior, laws: Sequence[str] = CANDIDATE_LAWS) -> LawFits | None:
     """Least-squares fits of laws to the data of a posterior; its own law has the run's options."""
     settings = posterior.settings
     run = {"fixed": settings.fixed_material, "fibre_switch": settings.fibre_switch}
@@ -248,7 +248,7 @@ def diagnostics_from_draws(
     """Diagnostics by name from thinned draws; medians and intervals are of all draws.
 
     `log_components` are log prior and log likelihood of each draw, `distances` those from a
-    physical edge that count as near, by parameter.
+    physical end that count as near, by parameter.
     """
     scaled = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
     by_prior, by_data = (power_scaling.sensitivity(scaled, log) for log in log_components)
@@ -272,7 +272,7 @@ def diagnostics_from_draws(
             prior_sd=float(before.std()),
             posterior_sd=float(x.std()),
             prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
-            edges=find_edges(scale, values, likelihood, distances.get(scale.parameter.name)),
+            ends=range_ends(scale, values, likelihood, distances.get(scale.parameter.name)),
             partners=partners[scale.name],
             modes=count_modes(x, limits, after),
             prior_sensitivity=float(by_prior[j]),

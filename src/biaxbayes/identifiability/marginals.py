@@ -9,11 +9,11 @@ In the variable v = cumulative prior probability the prior is flat, so that the 
 that likelihood, whatever the prior: its value at v = 0 and 1, relative to its maximum, says
 whether the data close the parameter's range on that side.
 
-Physical edges are those of the law, such as kappa at 0 (aligned fibres) and at 1/3 (isotropic), and
-stiffnesses and exponents towards 0 (no matrix, no fibres, no stiffening). At an edge the draws are
+Physical ends are those of the law, such as kappa at 0 (aligned fibres) and at 1/3 (isotropic), and
+stiffnesses and exponents towards 0 (no matrix, no fibres, no stiffening). At an end the draws are
 assessed by the likelihood with everything else averaged out, relative to its maximum: above
-exp(-1.92) = 0.147, what a 95 % likelihood interval leaves in, the data do not exclude the edge. An
-angle of 0 or 90 degrees is a mirror of the material, not an edge. Bounds that a user set are no
+exp(-1.92) = 0.147, what a 95 % likelihood interval leaves in, the data do not exclude the end. An
+angle of 0 or 90 degrees is a mirror of the material, not an end. Bounds that a user set are no
 property of tissue and are listed apart.
 """
 
@@ -191,7 +191,7 @@ BOUND_TAIL = 0.05  # fraction of a prior that counts as near a bound
 
 
 @dataclass(frozen=True)
-class Edge:
+class RangeEnd:
     """One end of a parameter's range."""
 
     side: int  # 0 low, 1 high
@@ -209,9 +209,9 @@ class Edge:
         return f"{value} ({meaning})" if meaning else value
 
 
-def find_edges(
+def range_ends(
     scale: ComparisonScale, values: np.ndarray, likelihood: Density, distance: float | None
-) -> tuple[Edge, ...]:
+) -> tuple[RangeEnd, ...]:
     """Both ends of a parameter's range, none for a mirror; `likelihood` is over the prior's cdf."""
     prior, parameter = scale.prior, scale.parameter
     assert isinstance(prior, Prior | DrawnPrior)
@@ -241,5 +241,5 @@ def find_edges(
             support = min(mass / prior_mass / likelihood.peak, 1.0)
         else:
             support = likelihood.at(float(side)) / likelihood.peak
-        out.append(Edge(side, value, kind, near, mass, prior_mass, support))
+        out.append(RangeEnd(side, value, kind, near, mass, prior_mass, support))
     return tuple(out)

@@ -1,9 +1,8 @@
 """Stiff and sloppy directions, and materials that give the same curves (non-identifiable paths).
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
-in units of its prior standard deviation. The eigenvector is straight, a
-posterior along it is often bent: the sloppy direction is therefore given along materials with the
-same curves. The measured
+in units of its prior standard deviation. The eigenvector is straight, a posterior along it is often
+bent: the sloppy direction is therefore given along materials with the same curves. The measured
 curves of one posterior draw are the target. One parameter is fixed at a series of values, and at
 each the others are fitted to the target's loads, the mounting stretch following from the target's
 mounting force. What is left over is how much the curves change.
@@ -218,7 +217,7 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
 def _reading_error(posterior: Posterior, draws: pd.DataFrame) -> float:
     """Root mean square of the residuals of the first piece, in the unit of its loads."""
     residual = posterior.residuals(thin_draws(draws, ERROR_DRAWS), 0) / posterior.readings.scale
-    residual = residual[:, posterior.readings.mounted :]
+    residual = residual[:, posterior.readings.mounting_count :]
     return float(np.median(np.sqrt(np.mean(residual**2, axis=1))))
 
 

@@ -3,8 +3,7 @@
 - `identified`: both ends of the interval hold
 - `bounded`: one end
 - `only in combination`: a two-sided interval, wide because the parameter is strongly correlated
-  with
-  those named
+  with those named
 - `not identified`: the prior, or a choice of the law, decides
 - `no verdict`: the chains have not converged, so the run shows nothing about the tissue
 
@@ -18,7 +17,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 from biaxbayes.errors import listed
-from biaxbayes.identifiability.marginals import ComparisonScale, Density, Edge
+from biaxbayes.identifiability.marginals import ComparisonScale, Density, RangeEnd
 from biaxbayes.identifiability.partners import Partners
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior, Prior
@@ -41,7 +40,7 @@ class Thresholds:
     """Every number a verdict depends on; the widths of sharp intervals are `Parameter.sharp`."""
 
     # an end of the range is open where the averaged likelihood there is at least this fraction of
-    # its maximum: exp(-1.92), the edge of a 95 % likelihood interval
+    # its maximum: exp(-1.92), the end of a 95 % likelihood interval
     edge_support: float = 0.147
     # a parameter is correlated with its partners where knowing them cuts its sd to this fraction
     combination_spread: float = 0.5
@@ -80,7 +79,7 @@ class Diagnostics:
     prior_sd: float
     posterior_sd: float
     prior_excluded: float  # fraction of the prior where the likelihood is below `edge_support`
-    edges: tuple[Edge, ...]
+    ends: tuple[RangeEnd, ...]
     partners: Partners
     modes: int
     prior_sensitivity: float  # by power-scaling, as the next
@@ -98,9 +97,9 @@ class Diagnostics:
         """True if knowing its partners would narrow the parameter much."""
         return self.partners.spread_given_partners <= thresholds.combination_spread
 
-    def open_edges(self, thresholds: Thresholds) -> tuple[Edge, ...]:
+    def open_ends(self, thresholds: Thresholds) -> tuple[RangeEnd, ...]:
         """Ends of the range that the data do not exclude."""
-        return tuple(e for e in self.edges if e.support >= thresholds.edge_support)
+        return tuple(e for e in self.ends if e.support >= thresholds.edge_support)
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def assess_material(
 ) -> Assessment:
     """Verdict on a parameter of a law (or of a population); the first condition that applies.
 
-    ``weak`` are parameters that are open at an end or hardly narrower than their prior.
+    ``weak`` are weakly identified parameters: open at an end, or hardly narrower than their prior.
     ``undefined`` says why this one may have no meaning, and is empty where it has.
     """
     t, p = thresholds, scale.parameter
@@ -160,17 +159,17 @@ def assess_material(
     trades = f"trades with {listed(e.partners.names)}" if correlated else ""
     if undefined:  # at an end that is not excluded: no value is, however narrow
         return Assessment(COMBINATION if correlated else NOT_IDENTIFIED, undefined)
-    # with a weak partner a parameter may lie far from the truth
+    # with a weakly identified partner a parameter may lie far from the truth
     widest = 1.0 if not weak.isdisjoint(e.partners.names) else t.traded_width
     if correlated and not p.is_sharp(e.low, e.high, widest):
         if e.contraction <= 0.0:
             return Assessment(NOT_IDENTIFIED, "its interval is as wide as the prior")
         return Assessment(COMBINATION, trades)
-    ends = e.open_edges(t)
-    bounds = [edge.value for edge in ends if edge.kind == "user"]
+    ends = e.open_ends(t)
+    bounds = [x.value for x in ends if x.kind == "user"]
     if bounds:
         return Assessment(NOT_IDENTIFIED, f"limited by the prior bound {p.number(bounds[0])}")
-    if any(edge.kind == "prior" for edge in ends):
+    if any(x.kind == "prior" for x in ends):
         return Assessment(NOT_IDENTIFIED, PRIOR_DECIDES)
     if len(ends) == 2:
         return Assessment(NOT_IDENTIFIED, "the data exclude no end of its range")
@@ -199,7 +198,7 @@ def assess_stretch(e: Diagnostics, thresholds: Thresholds, *, measured: bool) ->
     """
     if measured:
         return Assessment(IDENTIFIED, "measured before and after mounting")
-    opened = {edge.side for edge in e.open_edges(thresholds)}
+    opened = {x.side for x in e.open_ends(thresholds)}
     opened |= {side for side, by_prior in enumerate(e.by_prior) if by_prior}
     if e.contraction < thresholds.contraction:
         opened.add(1)
@@ -226,7 +225,7 @@ def assess_parameters(
     at_end = {  # parameters that may lie at an end of the law, with its sides
         name: sides
         for name, e in diagnostics.items()
-        if (sides := {x.side for x in e.open_edges(thresholds) if x.kind == "physical"})
+        if (sides := {x.side for x in e.open_ends(thresholds) if x.kind == "physical"})
     }
     weak = set(at_end) | {
         name for name, e in diagnostics.items() if e.contraction < thresholds.contraction

@@ -13,7 +13,7 @@ degrees, to h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
 
     v = asinh(h / s) / asinh(h_max / s)
 
-runs from 0 to 1. The density is regular on both edges, and both are straight in v, which the
+runs from 0 to 1. The density is regular at both ends, and both are straight in v, which the
 independence move folds its proposals at. The scale s, a constant of the specimen near its
 |D|, makes the density 1/R of the polar coordinates flat in v, however close to isotropy (R = 0) the
 tissue is. One chart thus serves every specimen; (alpha, kappa) themselves are used where one of

@@ -18,7 +18,7 @@ lie between the two, and what is uneven in S or in ln S is even in u:
 
     S = s L(u)^2,    L(u) = ln(1 + exp(u))
 
-u is sqrt(S / s) for large S, and ln(S / s) / 2 near S = 0: no edge, and a tail that proposals
+u is sqrt(S / s) for large S, and ln(S / s) / 2 near S = 0: no bound, and a tail that proposals
 follow. Exponents are sampled in the same way, as q = r L(v)^2.
 """
 

@@ -314,7 +314,7 @@ class Law:
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at slots (logs of positive parameters, radians), by parameter."""
         columns = np.stack(np.broadcast_arrays(*(slots[n] for n in self.names)))
-        with np.errstate(all="ignore"):  # an edge of the law may have none
+        with np.errstate(all="ignore"):  # an end of a range may have none
             return dict(zip(self.names, from_slots(transform, columns), strict=True))
 
     def sampling_bounds(self, transform: Transform) -> dict[str, tuple[float, float]]:

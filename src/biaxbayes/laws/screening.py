@@ -14,8 +14,8 @@ from biaxbayes.laws.materials import cauchy_stress, squared_stretches
 MIN_MATRIX_FRACTION = 0.01
 """Smallest stiffness of the matrix to start from, over the peak stress, if prestretch is inferred.
 Without a matrix the mounting stretch is almost unbounded, and a descent does not return."""
-NARROWING = (0.2, 0.9)
-"""Range of -d ln(width) / d ln(length) of a strip, 0.5 for an isotropic one."""
+POISSON_RATIO = (0.2, 0.9)
+"""Range of Poisson's ratio of a strip, -ln(width stretch) / ln(length stretch); isotropic: 0.5."""
 
 
 class Screening(NamedTuple):
@@ -28,7 +28,7 @@ class Screening(NamedTuple):
     point: np.ndarray  # (p,), fit coordinates, used where they are not free
     free: np.ndarray  # indices of the free fit coordinates
     size: int  # number of materials
-    # the same per Cauchy stress, at total stretches (S, n, 2)
+    # that stress per Cauchy stress, at total stretches (S, n, 2)
     factor: Callable[[np.ndarray], np.ndarray]
 
 
@@ -47,8 +47,8 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
     for side in np.unique(data.free_side[data.free_side >= 0]):
         # a guess of how a strip narrows, which its stress across it has to confirm
         own = data.free_side == side
-        narrowing = rng.uniform(*NARROWING, (data.size, 1))
-        guess = total[:, own, 1 - side] ** -narrowing
+        ratio = rng.uniform(*POISSON_RATIO, (data.size, 1))
+        guess = total[:, own, 1 - side] ** -ratio
         total[:, own, side] = np.where(np.isnan(total[:, own, side]), guess, total[:, own, side])
     points, features = law.random_materials(data.size, total.max(axis=1), rng)
     others = np.setdiff1d(np.arange(points.shape[1]), data.free)

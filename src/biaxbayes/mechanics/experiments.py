@@ -6,8 +6,8 @@ mounting stretch,
     q_i = sum_p sum_k  w_pik g_k s_k(l_p lm),    i = 1, 2 readings of a row,  k = x, y
 
 with the stress s of the membrane (radial stress zero) at points p of the row, and the section g of
-the piece (:func:`.mounting.load_per_stress` without the measured stretch). A kind of test gives the
-points and weights of its rows:
+the mounted piece (:func:`.mounting.mounted_section`). A kind of test gives the points and weights
+of its rows:
 
 - planar biaxial: one point a row, w_ii = 1 / l_i
 - strip along k: one point, w_kk = 1 / l_k; nothing pulls at its long sides, so that their stretch
@@ -71,6 +71,7 @@ class Experiment(ABC):
     """Whether stretches are relative to a mounted state, whose stretch is unknown."""
     curves: tuple[str, ...] = ("x", "y")
     """What a reading is called, in the directions of the tissue."""
+    stretches: tuple[str, str] = ("stretch in x", "stretch in y")
     force_unit: str | None = None
     """Unit of the reading in y where it is not that of the reading in x."""
 
@@ -165,6 +166,7 @@ class Tube(Experiment):
     name = "tube"
     is_mounted = False
     curves = ("pressure", "axial force")
+    stretches = ("circumferential stretch", "axial stretch")
     force_unit = "N"
 
     @property

@@ -32,8 +32,8 @@ from biaxbayes.laws.materials import STEP, MaterialResponse, cauchy_stress, stre
 
 
 @inlined
-def section_per_stress(section, mounting, mounted):
-    """Section per Cauchy stress, g = f l / s, in a direction; arguments broadcast.
+def mounted_section(section, mounting, mounted_dimensions):
+    """Section of the mounted state in a direction, g of f = g s / l; arguments broadcast.
 
     Parameters
     ----------
@@ -41,10 +41,10 @@ def section_per_stress(section, mounting, mounted):
         Load per kPa in the state that the dimensions refer to.
     mounting : float or ndarray
         Mounting stretch.
-    mounted : bool
+    mounted_dimensions : bool
         Whether the dimensions refer to the mounted state.
     """
-    if mounted:
+    if mounted_dimensions:
         # f = Am s / l
         return section
     # f = A0 s / (l lm)
@@ -52,10 +52,10 @@ def section_per_stress(section, mounting, mounted):
 
 
 @inlined
-def unloaded_section(section, mounting, mounted):
-    """Load per first Piola-Kirchhoff stress, f / P, of the unloaded state."""
+def unloaded_section(section, mounting, mounted_dimensions):
+    """Section of the unloaded state in a direction, f / P; arguments broadcast."""
     # f = A0 P;  A0 = Am lm
-    return section * mounting if mounted else section
+    return section * mounting if mounted_dimensions else section
 
 
 @inlined
@@ -79,10 +79,10 @@ TOLERANCE = 1e-13  # of the log stretch; Newton's last step is quadratically sma
 
 
 @inlined
-def balance(constants, px, py, mounted, x, y):
+def balance(constants, px, py, mounted_dimensions, x, y):
     """Residual (2) and Jacobian (3) of the force balance at log stretches (x, y)."""
     sx, sy, jxx, jxy, jyy = stress_and_slope(constants, x, y)
-    if mounted:
+    if mounted_dimensions:
         return sx - px, sy - py, jxx, jxy, jyy
     # s - p0 lm, with d(p0 lm)/d ln lm = p0 lm
     lx, ly = np.exp(x), np.exp(y)
@@ -90,7 +90,7 @@ def balance(constants, px, py, mounted, x, y):
 
 
 @compiled(error_model="numpy", nogil=True, forceinline=True)
-def solve_balance(constants, px, py, mounted):
+def solve_balance(constants, px, py, mounted_dimensions):
     """Newton's method from the unloaded state.
 
     Parameters
@@ -99,7 +99,7 @@ def solve_balance(constants, px, py, mounted):
         Of the law; numbers.
     px, py : float
         Mounting force over the section, kPa.
-    mounted : bool
+    mounted_dimensions : bool
         Whether the section is that of the mounted state.
 
     Returns
@@ -113,7 +113,7 @@ def solve_balance(constants, px, py, mounted):
     """
     x = y = 0.0
     for _ in range(MAX_NEWTON_STEPS):
-        rx, ry, jxx, jxy, jyy = balance(constants, px, py, mounted, x, y)
+        rx, ry, jxx, jxy, jyy = balance(constants, px, py, mounted_dimensions, x, y)
         det = jxx * jyy - jxy * jxy
         if not (np.isfinite(det) and np.isfinite(rx) and np.isfinite(ry)):
             return False, x, y, jxx, jxy, jyy
@@ -134,7 +134,7 @@ def solve_balance(constants, px, py, mounted):
             return False, x, y, jxx, jxy, jyy
         if size < 1e-7:
             # The error of the next step is below size^2: one more Jacobian and done.
-            rx, ry, jxx, jxy, jyy = balance(constants, px, py, mounted, x, y)
+            rx, ry, jxx, jxy, jyy = balance(constants, px, py, mounted_dimensions, x, y)
             det = jxx * jyy - jxy * jxy
             stable = det > 0.0 and jxx > 0.0 and np.isfinite(det)
             return stable, x, y, jxx, jxy, jyy
@@ -188,9 +188,9 @@ def mounted_state(
     -------
     MountedState
     """
-    mounted = geometry == "mounted"
+    mounted_dimensions = geometry == "mounted"
     ok, x, y, jxx, jxy, jyy = solve_balance(
-        material.constants, reading_x_kPa, reading_y_kPa, mounted
+        material.constants, reading_x_kPa, reading_y_kPa, mounted_dimensions
     )
     if not ok:
         nowhere = np.full((2, len(material.theta)), np.nan)
@@ -200,18 +200,17 @@ def mounted_state(
     ds = material.cauchy_by_parameter(*lm)
     # Implicit function theorem: J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
     by_parameter = lm[:, None] * (-inverse @ ds)
-    load = np.eye(2) if mounted else np.diag(lm)
+    load = np.eye(2) if mounted_dimensions else np.diag(lm)
     by_reading = lm[:, None] * (inverse @ load)
-    return MountedState(
-        True, lm, by_parameter, by_reading, log_change_of_variables(x, y, jxx, jxy, jyy, mounted)
-    )
+    change = log_change_of_variables(x, y, jxx, jxy, jyy, mounted_dimensions)
+    return MountedState(True, lm, by_parameter, by_reading, change)
 
 
 @inlined
-def log_change_of_variables(x, y, jxx, jxy, jyy, mounted):
+def log_change_of_variables(x, y, jxx, jxy, jyy, mounted_dimensions):
     """Log determinant ln |det d p0 / d lm| from the Jacobian of the balance in log stretch."""
     # unloaded: dP_i/dlm_j = J_ij / (lm_i lm_j);  mounted: ds_i/dlm_j = J_ij / lm_j
-    power = 1.0 if mounted else 2.0
+    power = 1.0 if mounted_dimensions else 2.0
     return np.log(jxx * jyy - jxy * jxy) - power * (x + y)
 
 
@@ -260,9 +259,9 @@ def solve_free_side(constants, x, y, side):
 
 
 @inlined
-def log_change_at_free_side(x, y, jxx, jxy, jyy, mounted, side):
+def log_change_at_free_side(x, y, jxx, jxy, jyy, mounted_dimensions, side):
     """Log derivative ln |d p0 / d lm| along a strip, from the Jacobian of the balance."""
     # J along the strip with the free side following: det J / J_ff
-    free, along = (jyy, x) if side == 1 else (jxx, y)
-    power = 1.0 if mounted else 2.0
-    return np.log((jxx * jyy - jxy * jxy) / free) - power * along
+    j_ff, along = (jyy, x) if side == 1 else (jxx, y)
+    power = 1.0 if mounted_dimensions else 2.0
+    return np.log((jxx * jyy - jxy * jxy) / j_ff) - power * along

@@ -346,7 +346,7 @@ def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[st
         **{name: np.array(v) for name, v in by_protocol.items()},
         **integers,
         **{name: np.concatenate(v) for name, v in points.items()},
-        "mounted": np.array([p.specimen.geometry == "mounted" for p in pieces]),
+        "mounted_dimensions": np.array([p.specimen.geometry == "mounted" for p in pieces]),
         "area": np.array([p.specimen.area for p in pieces]),
         "mounting_reading": np.concatenate(mounting_reading),
         "measured": np.concatenate(measured),

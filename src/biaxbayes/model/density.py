@@ -25,7 +25,7 @@ from biaxbayes.mechanics.mounting import (
     balance,
     log_change_at_free_side,
     log_change_of_variables,
-    section_per_stress,
+    mounted_section,
     sections,
     solve_balance,
     solve_free_side,
@@ -76,7 +76,7 @@ class Problem(NamedTuple):
         What the slots of each mounted state hold.
     piece : int64 ndarray, shape (m,); free_side : int64 ndarray, shape (m,)
         Piece of each mounted state; its direction without load (a strip), or -1.
-    mounted : bool ndarray, shape (pieces,); area : ndarray, shape (pieces, 2)
+    mounted_dimensions : bool ndarray, shape (pieces,); area : ndarray, shape (pieces, 2)
         Whether the dimensions of a piece are those of the mounted state; its sections.
     mounting_reading : int64 ndarray, shape (m, 2)
         The reading of each mounting load, or -1.
@@ -108,7 +108,7 @@ class Problem(NamedTuple):
     mounting_mode: np.ndarray
     piece: np.ndarray
     free_side: np.ndarray
-    mounted: np.ndarray
+    mounted_dimensions: np.ndarray
     area: np.ndarray
     mounting_reading: np.ndarray
     start: np.ndarray
@@ -159,8 +159,8 @@ def _mounted_state(problem, value, constants, m, area_x, area_y, residual):
         return 0.0, 0.0, 0.0, INSIDE
     piece, side = problem.piece[m], problem.free_side[m]
     o = problem.size + PIECE_SLOTS * piece
-    i = problem.size + PIECE_SLOTS * problem.mounted.size + 2 * m
-    mounted, logp = problem.mounted[piece], 0.0
+    i = problem.size + PIECE_SLOTS * problem.mounted_dimensions.size + 2 * m
+    mounted_dimensions, logp = problem.mounted_dimensions[piece], 0.0
     if problem.mounting_mode[m] == MODE_FORCE:
         px, py = value[i], value[i + 1]
         if problem.slot[i + (side == 0)] < 0:  # exact: the reading less the offset of the cell
@@ -169,16 +169,18 @@ def _mounted_state(problem, value, constants, m, area_x, area_y, residual):
             px = 0.0
         elif side == 1:
             py = 0.0
-        ok, x, y, jxx, jxy, jyy = solve_balance(constants, px / area_x, py / area_y, mounted)
+        ok, x, y, jxx, jxy, jyy = solve_balance(
+            constants, px / area_x, py / area_y, mounted_dimensions
+        )
         if not ok:
             return x, y, -np.inf, NO_ROOT
         if problem.determinant and side < 0:
             # ln |det d p0 / d lm|, p0 in the unit of the file
-            change = log_change_of_variables(x, y, jxx, jxy, jyy, mounted)
+            change = log_change_of_variables(x, y, jxx, jxy, jyy, mounted_dimensions)
             logp -= change + np.log(area_x * area_y)
         elif problem.determinant:
             # ln |d p0 / d lm| along the strip
-            change = log_change_at_free_side(x, y, jxx, jxy, jyy, mounted, side)
+            change = log_change_at_free_side(x, y, jxx, jxy, jyy, mounted_dimensions, side)
             logp -= change + np.log(area_x if side == 1 else area_y)
     else:
         x = np.log(value[i]) if value[i] > 0.0 and side != 0 else 0.0
@@ -191,10 +193,10 @@ def _mounted_state(problem, value, constants, m, area_x, area_y, residual):
                 return x, y, -np.inf, NO_ROOT
         if not (LOG_LOW < x < LOG_HIGH and LOG_LOW < y < LOG_HIGH):
             return x, y, -np.inf, NO_ROOT
-        rx, ry, jxx, jxy, jyy = balance(constants, 0.0, 0.0, mounted, x, y)
-        px = rx * section_per_stress(area_x, np.exp(x), mounted)
-        py = ry * section_per_stress(area_y, np.exp(y), mounted)
-        if not mounted:
+        rx, ry, jxx, jxy, jyy = balance(constants, 0.0, 0.0, mounted_dimensions, x, y)
+        px = rx * mounted_section(area_x, np.exp(x), mounted_dimensions)
+        py = ry * mounted_section(area_y, np.exp(y), mounted_dimensions)
+        if not mounted_dimensions:
             # d(s - p0 lm) / d ln lm at fixed p0 = s / lm: the dead load takes s off the diagonal
             jxx, jyy = jxx - rx, jyy - ry
         if not (jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0):
@@ -214,9 +216,10 @@ def _mounted_state(problem, value, constants, m, area_x, area_y, residual):
 def _curves(problem, constants, p, x, y, area_x, area_y, residual):
     """Take the model's readings of protocol p from the residuals; False if one is not finite."""
     m = problem.mount[p]
-    side, mounted = problem.free_side[m], problem.mounted[problem.piece[m]]
+    side, mounted_dimensions = problem.free_side[m], problem.mounted_dimensions[problem.piece[m]]
     lm_x, lm_y = np.exp(x), np.exp(y)
-    gx, gy = section_per_stress(area_x, lm_x, mounted), section_per_stress(area_y, lm_y, mounted)
+    gx = mounted_section(area_x, lm_x, mounted_dimensions)
+    gy = mounted_section(area_y, lm_y, mounted_dimensions)
     total = 0.0
     for j in range(problem.start[p], problem.start[p + 1]):
         lx, ly = problem.stretch[j, 0] * lm_x, problem.stretch[j, 1] * lm_y
@@ -249,7 +252,7 @@ def _walker(problem, u, value, residual):
 
     The values and residuals of :class:`Evaluation` are written into ``value`` and ``residual``.
     """
-    size, pieces = problem.size, problem.mounted.size
+    size, pieces = problem.size, problem.mounted_dimensions.size
     first_state = size + PIECE_SLOTS * pieces
     for i in range(problem.slot.size):
         value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]

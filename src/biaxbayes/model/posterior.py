@@ -38,9 +38,9 @@ from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
 from biaxbayes.options import FitOptions, ModelOptions, Settings, takes_options
 from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
 from biaxbayes.sampling.target import Target, bounds_array
+from biaxbayes.specimens.averaging import rows_to_keep
 from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import rows_to_keep
 
 MAX_POINTS = 65_536
 """Points of a density that are evaluated together."""
@@ -61,7 +61,7 @@ class Posterior:
         Include the Jacobian of the mounted state. False only to show its effect.
     thin : int, "none" or "auto"
         Maximum number of rows per protocol; longer protocols are averaged down to it. See
-        :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
+        :func:`~biaxbayes.specimens.averaging.rows_to_keep`.
     **options
         As in :class:`~biaxbayes.options.Settings`. ``priors`` override the default ones, as
         objects or as in a priors file.

@@ -152,7 +152,7 @@ def mounting_force_width(posterior: Posterior) -> dict[str, float]:
     out: dict[str, float] = {}
     for i, piece in enumerate(posterior.pieces):
         sd, readings = piece.rows.mounting_sd.copy(), piece.readings
-        if posterior.settings.has_misfit and readings.mounted:
+        if posterior.settings.has_misfit and readings.mounting_count:
             variance = np.diag(posterior.misfits[i].toe_and_noise[0])
             known = readings.mounting_index >= 0
             sd[known] = np.sqrt(variance[readings.mounting_index[known]])

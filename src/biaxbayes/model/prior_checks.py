@@ -15,7 +15,7 @@ from biaxbayes.model.priors import Prior, prior_text
 from biaxbayes.parameters import DEGREE, NOISE_SD, name_of
 from biaxbayes.specimens.check import Finding
 
-NEAR_EDGE = 0.05
+NEAR_LIMIT = 0.05
 """Draws within this fraction of a limit of the mounting stretch count as lying at it."""
 FEW_DRAWS = 0.001
 FAR = 3.0
@@ -30,7 +30,7 @@ def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
     low, high = BRACKET
     findings = []
     for name, draws in stretches.items():
-        below, above = draws < low * (1.0 + NEAR_EDGE), draws > high * (1.0 - NEAR_EDGE)
+        below, above = draws < low * (1.0 + NEAR_LIMIT), draws > high * (1.0 - NEAR_LIMIT)
         share = float(np.mean(below | above))
         if share <= FEW_DRAWS:
             continue
@@ -133,7 +133,7 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
 def _rms(posterior: Posterior, residual: np.ndarray) -> float:
     """Root mean square of the residuals (1, n) of the first piece after the mounted state."""
     scaled = residual[0, posterior.of_piece(0)] / posterior.readings.scale
-    return float(np.sqrt(np.mean(scaled[posterior.readings.mounted :] ** 2)))
+    return float(np.sqrt(np.mean(scaled[posterior.readings.mounting_count :] ** 2)))
 
 
 def is_far(prior: Prior, value: float) -> bool:

@@ -125,12 +125,12 @@ class Prior:
         from scipy.special import ndtr  # imported late because it is slow
 
         location, scale, low, high = self._standard_range()
-        with np.errstate(over="ignore"):  # an edge may be further away than numbers reach
+        with np.errstate(over="ignore"):  # an end may be further away than numbers reach
             if self._uniform:
                 return np.clip((x - low) / (high - low), 0.0, 1.0)
             return ndtr((x - location) / scale)
 
-    def _edges(self) -> tuple[float, float]:
+    def _end_levels(self) -> tuple[float, float]:
         """Cumulative probability at both ends of the range, without the cut."""
         _, _, low, high = self._standard_range()
         return float(self._level(low)), float(self._level(high))
@@ -141,14 +141,14 @@ class Prior:
             return float(self.high > 0.0 or not positive)
         if positive and not self._logs:
             return self.within(0.0, math.inf).mass(positive=False) if self.high > 0.0 else 0.0
-        below_low, below_high = self._edges()
+        below_low, below_high = self._end_levels()
         return below_high - below_low
 
     def cdf(self, natural: np.ndarray) -> np.ndarray:
         """Cumulative probability at natural values."""
         with np.errstate(divide="ignore"):
             x = np.log(np.maximum(natural, 0.0)) if self._logs else np.asarray(natural, dtype=float)
-        first, last = self._edges()
+        first, last = self._end_levels()
         # F = (Phi(x) - Phi(low)) / (Phi(high) - Phi(low))
         with np.errstate(over="ignore"):
             return np.clip((self._level(x) - first) / (last - first), 0.0, 1.0)
@@ -158,7 +158,7 @@ class Prior:
         from scipy.special import ndtri
 
         location, scale, low, high = self._standard_range()
-        first, last = self._edges()
+        first, last = self._end_levels()
         # x = Phi^-1(Phi(low) + F (Phi(high) - Phi(low)))
         level = first + (last - first) * probability
         x = level * (high - low) + low if self._uniform else ndtri(level) * scale + location

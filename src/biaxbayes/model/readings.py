@@ -58,7 +58,7 @@ class ReadingVector:
     scale: np.ndarray
 
     @property
-    def mounted(self) -> int:
+    def mounting_count(self) -> int:
         """Number of mounting readings, which come first."""
         return int((self.mounting_index >= 0).sum())
 
@@ -70,9 +70,9 @@ class ReadingVector:
         """
         (piece,) = rows.pieces
         axes = piece.experiment.axes
-        mounted = states * len(axes)
+        mounting_count = states * len(axes)
         mounting_index = np.full((states, 2), -1)
-        mounting_index[:, axes] = np.arange(mounted).reshape(states, len(axes))
+        mounting_index[:, axes] = np.arange(mounting_count).reshape(states, len(axes))
         most = int(np.clip(CURVE_READINGS // len(rows.names), FEWEST_READINGS, MOST_READINGS))
         of_protocols, groups = [], 0
         for count in np.bincount(rows.protocol, minlength=len(rows.names)):
@@ -83,7 +83,7 @@ class ReadingVector:
         group = np.concatenate(of_protocols)
         share = 1.0 / np.bincount(group)[group]
         index = np.full(rows.load.shape, -1)
-        index[:, axes] = mounted + len(axes) * group[:, None] + np.arange(len(axes))
+        index[:, axes] = mounting_count + len(axes) * group[:, None] + np.arange(len(axes))
         weight = np.repeat(np.bincount(group, rows.weight), len(axes))
         scatter = np.column_stack([np.bincount(group, share * rows.scatter[:, a]) for a in axes])
         axis = np.tile(axes, states + groups)
@@ -91,8 +91,8 @@ class ReadingVector:
             index,
             mounting_index,
             share,
-            np.concatenate([np.ones(mounted), weight]),
-            np.concatenate([np.zeros(mounted), scatter.ravel()]),
+            np.concatenate([np.ones(mounting_count), weight]),
+            np.concatenate([np.zeros(mounting_count), scatter.ravel()]),
             axis,
             piece.load_scale[axis],
         )
@@ -121,7 +121,7 @@ class IndependentErrors:
 
     def log_likelihood(self, residual: np.ndarray, noise_sd: np.ndarray) -> np.ndarray:
         """Log likelihood of residuals (draws, n) at noise sds (draws,)."""
-        count = self.readings.mounted
+        count = self.readings.mounting_count
         weight = self.readings.weight[count:]
         w = noise_sd[:, None] * self.readings.scale[count:]
         # k readings of mean square scatter about their mean: k [ln N(mean) - scatter / (2 w^2)]
@@ -240,7 +240,7 @@ def smooth_misfit(
         Noise of the mounting readings.
     """
     n, specimen, axes = len(readings.weight), paths.specimen, paths.specimen.experiment.axes
-    parts, observed, first = [], np.zeros((n, 0)), readings.mounted
+    parts, observed, first = [], np.zeros((n, 0)), readings.mounting_count
     for i in range(len(rows.names)):
         at = rows.protocol == i
         index = readings.index[at][:, axes]
@@ -253,7 +253,7 @@ def smooth_misfit(
         averaged = _averaged(curve, index.ravel() - first, share)
         parts += [start, averaged]
         of_start = np.zeros((n, len(axes)))
-        if readings.mounted:
+        if readings.mounting_count:
             state = rows.state_of_protocol[i]
             pooled = int((rows.state_of_protocol == state).sum())
             of_start[readings.mounting_index[state, axes], range(len(axes))] = 1.0 / pooled
@@ -264,8 +264,8 @@ def smooth_misfit(
     least = LEAST_NOISE * specimen.peak_loads
     noise = np.maximum(specimen.noise_sds, least)
     sd = noise[readings.axis] / np.sqrt(readings.weight)
-    mounted = readings.axis[: readings.mounted]
-    sd[: readings.mounted] = np.maximum(mounting_sd, least[mounted])
+    axis = readings.axis[: readings.mounting_count]
+    sd[: readings.mounting_count] = np.maximum(mounting_sd, least[axis])
     return SmoothMisfit(CurvePoints.joined(parts), observed, sd, toe, len(rows.names))
 
 

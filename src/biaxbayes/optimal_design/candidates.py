@@ -221,9 +221,9 @@ class FurtherPieces(FurtherProtocol):
         for experiment, c in zip(self.experiments, stiffness.T, strict=True):
             area = self.posterior.forward.area if experiment.is_mounted else np.ones(2)
             piece = ForwardModel(self.posterior.law, area, False, experiment)
-            path, free = self.stretch.copy(), experiment.free_side
-            if free is not None:
-                path[:, free] = np.nan
+            path, side = self.stretch.copy(), experiment.free_side
+            if side is not None:
+                path[:, side] = np.nan
             out += c[:, None, None] * piece.load(columns, path)
         return out
 

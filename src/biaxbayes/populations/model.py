@@ -71,7 +71,7 @@ class PooledValue:
         return LOG if self.parameter.logarithmic else LINEAR
 
     @property
-    def edges(self) -> tuple[float, float]:
+    def limits(self) -> tuple[float, float]:
         """Range on the scale; infinite where unbounded."""
         return (-math.inf, math.inf) if self.parameter.logarithmic else self.parameter.range
 
@@ -250,8 +250,8 @@ def make_layout(
         covariance_index=np.arange(len(groups)) if by_group else np.zeros(len(groups), int),
         donors=len(donors),
         sets=len(groups) if by_group else 1,
-        low=np.array([v.edges[0] for v in values]) - centre,
-        high=np.array([v.edges[1] for v in values]) - centre,
+        low=np.array([v.limits[0] for v in values]) - centre,
+        high=np.array([v.limits[1] for v in values]) - centre,
         mean_sd=np.array([v.mean_sd for v in values]),
         scale=np.array([[v.donor_scale, v.specimen_scale] for v in values]).T,
         eta=np.array(eta),

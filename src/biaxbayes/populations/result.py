@@ -77,9 +77,9 @@ class Hyper:
         return len(self.mu)
 
     @property
-    def edges(self) -> np.ndarray:
+    def limits(self) -> np.ndarray:
         """Lower and upper ends of the values, shape (2, p)."""
-        return np.array([v.edges for v in self.values]).T
+        return np.array([v.limits for v in self.values]).T
 
     def at(self, rows: np.ndarray) -> Hyper:
         """Some of the draws."""
@@ -111,7 +111,7 @@ class Hyper:
 
     def median(self, location: np.ndarray, group: int) -> np.ndarray:
         """Medians of the specimens at a location, shape (M, p)."""
-        return truncated_median(location, self.specimen_sd(group), *self.edges)
+        return truncated_median(location, self.specimen_sd(group), *self.limits)
 
     def typical_median(self, group: int) -> np.ndarray:
         """Median of the typical donor's specimens, shape (M, p)."""
@@ -125,7 +125,7 @@ class Hyper:
             z = rng.standard_normal((len(left), len(self.values)))
             effect = np.einsum("mij,mj->mi", self.factor_donors[left], z) * self.sd_donors[left]
             out[left] = self.mu[left, group] + effect
-            inside = inside_probability(out[left], sd[left], *self.edges)
+            inside = inside_probability(out[left], sd[left], *self.limits)
             left = left[(inside < MIN_INSIDE_PROBABILITY).any(axis=1)]
             if not len(left):
                 break
@@ -133,7 +133,7 @@ class Hyper:
 
     def specimens(self, location: np.ndarray, group: int, rng: np.random.Generator) -> np.ndarray:
         """Specimens at locations, one per draw, shape (M, p)."""
-        (low, high), sd = self.edges, self.specimen_sd(group)
+        (low, high), sd = self.limits, self.specimen_sd(group)
         out = np.clip(location, low, high)
         left = np.arange(self.draws)
         for _ in range(MAX_REJECTIONS):
@@ -187,7 +187,7 @@ def _prior_draws(
         effect = sd_donors[:, None] * rng.standard_normal((draws, layout.donors))
         location = mu[:, layout.group] + effect[:, layout.donor]
         own = sd[:, layout.covariance_index[layout.group]]
-        inside = inside_probability(location, own, *v.edges)
+        inside = inside_probability(location, own, *v.limits)
         ok = (inside >= MIN_INSIDE_PROBABILITY).all(axis=1)
         accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
         if sum(len(part[1]) for part in accepted) >= draws:

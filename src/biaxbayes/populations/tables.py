@@ -13,7 +13,7 @@ import pandas as pd
 from biaxbayes.comparison.distance import contractions
 from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.verdict import NO_VERDICT
-from biaxbayes.mechanics.mounting import section_per_stress
+from biaxbayes.mechanics.mounting import mounted_section
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
 from biaxbayes.populations.model import INCONCLUSIVE, LARGER, LINEAR, LOG, SMALLER
 from biaxbayes.populations.result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
@@ -292,7 +292,7 @@ def equibiaxial_records(population: Population) -> list[tuple[str, np.ndarray, n
             off = (stretch * lm)[-1] - 1.0
             if abs(off[0] - off[1]) > EQUIBIAXIAL_TOLERANCE * np.abs(off).max():
                 continue
-            section = section_per_stress(specimen.area, lm, specimen.geometry == "mounted")
+            section = mounted_section(specimen.area, lm, specimen.geometry == "mounted")
             stress = specimen.load(p) * stretch / section
             out.append((population.grouping.group[i], stretch * lm, stress))
     return out

@@ -201,8 +201,8 @@ def _branch(
         return np.where(candidates, distance, grid.size).argmin(axis=1)
 
     # Unpressurised, an isotropic wall would rest at lt = la^(-1/2).
-    free = np.full(len(coarse), np.searchsorted(grid, axial_stretch**-0.5))
-    start, at_rest = nearest(rises(0.0), free), rises(0.0).any(axis=1)
+    isotropic = np.full(len(coarse), np.searchsorted(grid, axial_stretch**-0.5))
+    start, at_rest = nearest(rises(0.0), isotropic), rises(0.0).any(axis=1)
     first = np.empty((len(coarse), target.size), dtype=int)
     exists = np.empty(first.shape, dtype=bool)
     for j, value in enumerate(target):

@@ -214,7 +214,7 @@ def predict_stress(
     path = np.asarray(path, dtype=float)
     if path.ndim != 2 or path.shape[1] != 2 or not len(path):
         raise InputError("a path needs a stretch in x and one in y in every row")
-    free = [] if strip is None else ["yx".index(strip)]
+    free_sides = [] if strip is None else ["yx".index(strip)]
     if not (np.isfinite(path).all() and (path > 0.0).all()):
         raise InputError("stretches must be positive numbers")
     if reference not in ("total", "measured") or stress not in ("cauchy", "piola"):
@@ -226,7 +226,7 @@ def predict_stress(
     lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
     factor = lm if reference == "measured" else np.ones_like(lm)
     material = forward.law.material(draws)
-    for side in free:
+    for side in free_sides:
         few = evenly_chosen(len(draws), MEASURED_DRAWS)
         some = path[None] * factor[few, None]
         some[..., side] = np.nan
@@ -243,7 +243,7 @@ def predict_stress(
     for first in range(0, len(path), rows):
         part = slice(first, first + rows)
         total = path[None, part, :] * factor[:, None, :]
-        for side in free:
+        for side in free_sides:
             total[..., side] = np.nan
             total = with_free_side(material.cauchy, total, side)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -253,11 +253,11 @@ def predict_stress(
             x, y = path[first + int(np.argmin(finite))]
             raise InputError(
                 f"the stress of some draws overflows at stretches of {x:g} and {y:g}"
-                + ", or a free side has no stable state" * bool(free),
+                + ", or a free side has no stable state" * bool(free_sides),
                 remedy="end the path earlier: nothing was tested near there",
             )
         columns: dict[str, np.ndarray] = {}
-        for axis in (k for k in (0, 1) if k not in free):
+        for axis in (k for k in (0, 1) if k not in free_sides):
             name = "xy"[axis]
             scale = total[:, :, axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
             mean, sd = model[axis] + misfit[:, part, axis], misfit_sd[:, part, axis]

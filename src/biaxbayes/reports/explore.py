@@ -222,10 +222,10 @@ def _corner(axes: list[ExploredAxis], source: Any, hues: dict[str, str]) -> tupl
 
 def _histogram(panel: Any, axis: ExploredAxis, hue: str) -> Any:
     """Draw all draws as a line, the selected ones as bars; return the source of both."""
-    edges = axis.span.back(np.linspace(0.0, 1.0, HISTOGRAM_BINS + 1))
-    counts = np.histogram(axis.values, edges)[0] / len(axis.values)
+    bin_edges = axis.span.back(np.linspace(0.0, 1.0, HISTOGRAM_BINS + 1))
+    counts = np.histogram(axis.values, bin_edges)[0] / len(axis.values)
     source = ColumnDataSource(
-        {"left": edges[:-1], "right": edges[1:], "all": counts, "selected": counts}
+        {"left": bin_edges[:-1], "right": bin_edges[1:], "all": counts, "selected": counts}
     )
     bars = {"left": "left", "right": "right", "bottom": 0, "source": source}
     panel.quad(top="selected", color=hue, **bars)
@@ -254,7 +254,7 @@ def _curve_panels(
         tables = [_table(each, specimen.experiment.axes) for each in drawn]
         for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
             test = {str(axis): part for axis, part in table.groupby("direction")}
-            abscissas, over = abscissa(test)
+            abscissas, over = abscissa(test, specimen.experiment.stretches)
             for name, directions in load_panels(specimen):
                 axes, unit = ["xy"[k] for k in directions], specimen.units[directions[0]]
                 of_unit = [each[each["direction"].isin(axes)] for each in tables]

@@ -67,12 +67,13 @@ def report_page(run: Run, *, explore: bool = False) -> str:
 
     ``explore``: add a link to explore.html beside it.
     """
-    result, record = run.result, run.provenance
+    result, provenance = run.result, run.provenance
+    notes = (*provenance["notes"], provenance["sampler"]["message"])
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
     sentences = (
         checks_in_words(checks, run.law.key) + misfit_in_words(checks) if len(checks) else []
     )
-    version = truncate(record.get("biaxbayes", ""), 30)
+    version = truncate(provenance.get("biaxbayes", ""), 30)
     return page_template("report.html.jinja").render(
         run=run,
         result=result,
@@ -81,7 +82,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         mounted=any(s.experiment.is_mounted for s in run.specimen.pieces),
         explore=EXPLORE if explore else "",
         verdict=CONVERGENCE_TEXTS[run.state],
-        reason=truncate(record["convergence"]["reason"], 400),
+        reason=truncate(provenance["convergence"]["reason"], 400),
         facts=_specimen_facts(run),
         tests=_test_rows(run),
         load=LOAD_WORDS.get(run.specimen.stress_pair, "nominal stress"),
@@ -96,12 +97,12 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         stresses=_determined_rows(result.stresses, with_width=False),
         determined=_determined_rows(_without_stresses(result.determined), with_width=True),
         grips=_grip_rows(run),
-        noise=record["noise"],
-        sampler=record["sampler"],
-        convergence=record["convergence"],
+        noise=provenance["noise"],
+        sampler=provenance["sampler"],
+        convergence=provenance["convergence"],
         misfit_sentences=[truncate(text, 400) for text in dict.fromkeys(sentences)],
         misfit=_misfit_rows(checks),
-        notes=[truncate(n, 400) for n in (*record["notes"], record["sampler"]["message"]) if n],
+        notes=[truncate(n, 400) for n in notes if n],
         settings_facts=_settings_facts(run),
         version_facts=_version_facts(run),
         citations=[
@@ -117,8 +118,8 @@ def report_page(run: Run, *, explore: bool = False) -> str:
 def _grip_rows(run: Run) -> list[tuple[str, ...]]:
     """Least-squares parameters as measured and corrected for the grips; empty without grips."""
     stored = run.provenance.get("grips")
-    record = stored if isinstance(stored, dict) else {}
-    fits = [record.get(f"fit_{key}") for key in ("as_measured", "corrected", "on_coarser_mesh")]
+    grips = stored if isinstance(stored, dict) else {}
+    fits = [grips.get(f"fit_{key}") for key in ("as_measured", "corrected", "on_coarser_mesh")]
     values = [fit if isinstance(fit, dict) else {} for fit in fits]
     labels = [*(p.label for p in run.law.parameters), "mounting_stretch_x", "mounting_stretch_y"]
     rows = []
@@ -179,12 +180,12 @@ def _settings_facts(run: Run) -> list[tuple[str, str]]:
 
 def _version_facts(run: Run) -> list[tuple[str, str]]:
     """Seed, hash and versions, without times, so that the same run writes the same page."""
-    record = run.provenance
-    versions = record.get("versions")
+    provenance = run.provenance
+    versions = provenance.get("versions")
     return [
-        ("biaxbayes", truncate(record.get("biaxbayes", ""), 30)),
-        ("Seed", str(record["seed"])),
-        ("SHA-256 of the specimen", truncate(record.get("specimen_sha256", ""), 64)),
+        ("biaxbayes", truncate(provenance.get("biaxbayes", ""), 30)),
+        ("Seed", str(provenance["seed"])),
+        ("SHA-256 of the specimen", truncate(provenance.get("specimen_sha256", ""), 64)),
         *((truncate(k, 30), truncate(v, 30)) for k, v in (versions or {}).items()),
     ]
 
@@ -242,10 +243,10 @@ def _misfit_rows(checks: pd.DataFrame) -> list[Row]:
 def _convergence_rows(run: Run) -> list[Row]:
     """Effective draws and R-hat of every quantity."""
     rows: list[Row] = []
-    for record in run.summary.to_dict("records"):
-        ess, rhat = min(record["ess_bulk"], record["ess_tail"]), record["rhat"]
+    for row in run.summary.to_dict("records"):
+        ess, rhat = min(row["ess_bulk"], row["ess_tail"]), row["rhat"]
         cells = (f"{ess:,.0f}", f"{rhat:.4f}")
-        quantity = run.quantities[str(record["parameter"])]
+        quantity = run.quantities[str(row["parameter"])]
         rows.append((quantity, *(DASH if text == "nan" else text for text in cells)))
     return rows
 

@@ -112,7 +112,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "rows": int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
             "readings": len(specimen.experiment.axes)
             * int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
-            "readings_compared": len(posterior.readings.weight) - posterior.readings.mounted,
+            "readings_compared": len(posterior.readings.weight) - posterior.readings.mounting_count,
             "load_noise": specimen.noise_sd,
             "misfit": _misfit_amplitude(posterior, draws),
         },

@@ -56,11 +56,11 @@ class TransportedMixture:
     def _images(self, r: np.ndarray) -> Iterator[np.ndarray]:
         """The points, and their reflections at each bound and at several of them in turn."""
         bounded = np.flatnonzero(np.isfinite(self.bounds).any(axis=1))
-        for edges in product(*([np.nan, *self.bounds[j]] for j in bounded)):
-            if not np.isinf(edges).any():
+        for mirrors in product(*([np.nan, *self.bounds[j]] for j in bounded)):
+            if not np.isinf(mirrors).any():
                 image = r.copy()
-                mirrored = bounded[np.isfinite(edges)]
-                image[:, mirrored] = 2.0 * np.array(edges)[np.isfinite(edges)] - r[:, mirrored]
+                mirrored = bounded[np.isfinite(mirrors)]
+                image[:, mirrored] = 2.0 * np.array(mirrors)[np.isfinite(mirrors)] - r[:, mirrored]
                 yield image
 
     def arrays(self) -> dict[str, np.ndarray]:

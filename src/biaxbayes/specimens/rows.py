@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.specimens.averaging import average_rows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import thinned_specimen
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +38,10 @@ class MeasuredRows:
         """
         recorded = [piece.as_compared(mounting) for piece in specimen.pieces]
         loads, sds = zip(*(p.mounting_readings(shared=shared) for p in recorded), strict=True)
-        thinned = [thinned_specimen(piece, thin) for piece in recorded]
+        averaged = [average_rows(piece, thin) for piece in recorded]
         of_rows: list[tuple[Any, ...]] = []
         states: list[int] = []
-        for i, part in enumerate(thinned):
+        for i, part in enumerate(averaged):
             pairs = zip(part.weight, part.scatter, strict=True)
             for p, (weight, scatter) in zip(part.specimen.protocols, pairs, strict=True):
                 at_rest = np.arange(p.rows) < p.rest_rows
@@ -52,7 +52,7 @@ class MeasuredRows:
                 of_rows.append((p.stretch, load, at_rest, protocol, weights, scatters))
                 states.append(i if shared else len(states))
         return cls(
-            tuple(part.specimen for part in thinned),
+            tuple(part.specimen for part in averaged),
             **dict(zip(OF_ROWS, map(np.concatenate, zip(*of_rows, strict=True)), strict=True)),
             state_of_protocol=np.array(states),
             piece_of_state=np.repeat(np.arange(len(loads)), [len(load) for load in loads]),

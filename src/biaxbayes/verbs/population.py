@@ -159,9 +159,9 @@ def sample_population(
     plan = PopulationPlan(**options.keywords())
     identity = _identity(sources, grouping, values, plan, options, priors)
     with lock_folder(folder, POPULATION, resume=resume, overwrite=overwrite):
-        state = None
+        stored = None
         if resume:
-            state, note = checkpoint.load(folder, identity, PopulationCheckpoint.from_record)
+            stored, note = checkpoint.load(folder, identity, PopulationCheckpoint.from_record)
             if note:
                 progress(Progress("resuming", note=note))
         for source in sources:
@@ -173,7 +173,7 @@ def sample_population(
             values,
             layout,
             plan,
-            state=state,
+            state=stored,
             on_step=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
             progress=progress,
             stop=stop,

@@ -30,7 +30,7 @@ MIN_ROWS = 10
 
 
 @dataclass(frozen=True)
-class ThinnedSpecimen:
+class AveragedSpecimen:
     """A specimen with averaged rows, those at rest unchanged."""
 
     specimen: Specimen
@@ -61,7 +61,7 @@ def rows_to_keep(specimen: Specimen, thin: int | str, *, automatic: bool) -> int
     return rows
 
 
-def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
+def average_rows(specimen: Specimen, rows: int) -> AveragedSpecimen:
     """Average consecutive rows to at most `rows` per protocol after those at rest; 0 keeps all."""
     protocols, scatter, weight = [], [], []
     for protocol in specimen.protocols:
@@ -85,13 +85,13 @@ def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
                 sums = np.add.reduceat(after, starts)
                 means[key] = np.concatenate([rest, sums / np.diff([*starts, count])])
         protocols.append(replace(protocol, **means))
-    thinned = replace(specimen, protocols=tuple(protocols))
-    return ThinnedSpecimen(thinned, tuple(scatter), tuple(weight))
+    averaged = replace(specimen, protocols=tuple(protocols))
+    return AveragedSpecimen(averaged, tuple(scatter), tuple(weight))
 
 
 def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
     """Average rows, and keep the load noise."""
-    averaged = thinned_specimen(specimen, rows).specimen
+    averaged = average_rows(specimen, rows).specimen
     further = tuple(averaged_specimen(piece, rows) for piece in specimen.further)
     return replace(averaged.with_noise_of(specimen), further=further)
 
