@@ -76,6 +76,15 @@ def test_effective_sizes_agree_with_arviz(rho):
     )
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_slower_tail_limits_the_effective_size(side):
+    x, slow = ar1(0.0), ar1(0.95, seed=4)
+    x = side * np.where(slow > 1.5 * slow.std(), 5.0 + x, x)
+    tail = arviz.ess(as_walkers(x), method="tail", prob=(0.05, 0.95))
+    assert tail < 0.3 * x.size
+    assert assess({"a": x}, target_ess=100).ess_tail[0] == pytest.approx(tail, rel=0.2)
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.05, 0.5])
 @pytest.mark.parametrize("stretch", [1.0, 1.3])
 def test_rhat_is_the_published_one_of_ensembles(shift, stretch):
