@@ -13,8 +13,8 @@ from scipy.stats import norm
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
 from biaxbayes.identifiability.marginals import ComparisonScale, count_modes, density, range_ends
-from biaxbayes.identifiability.partners import find_partners
-from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
+from biaxbayes.identifiability.partners import Partners, find_partners
+from biaxbayes.identifiability.power_scaling import ends_by_prior, log_prior, sensitivity
 from biaxbayes.identifiability.sloppiness import sloppiness
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -26,7 +26,7 @@ from biaxbayes.identifiability.verdict import (
 )
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.priors import Prior
+from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.parameters import Quantity
 from biaxbayes.prediction.predictive_checks import predictive_checks
 from biaxbayes.runs.result import run_result
@@ -204,6 +204,21 @@ def test_partners_reproduce_a_known_conditional_spread():
     # sd of y is sqrt(0.64 + 2 * 0.25 + 0.09)
     assert result["y"].spread_given_all == pytest.approx(0.3 / np.sqrt(1.23), rel=0.03)
     assert result["free"].names == () and result["free"].spread_given_all > 0.98
+
+
+def test_a_parameter_alone_has_no_partners():
+    x = np.random.default_rng(5).normal(size=(1000, 1))
+    assert find_partners(x, ("x",))["x"] == Partners((), 1.0, 1.0)
+
+
+def test_a_prior_given_by_draws_has_the_log_density_of_its_distribution():
+    rng = np.random.default_rng(7)
+    quantity = Quantity(GOH_LAW.parameter("alpha"))
+    stated = Prior("normal", 40.0, 3.0)
+    drawn = DrawnPrior(stated.ppf(rng.random(200_000)))
+    draws = pd.DataFrame({"alpha": np.linspace(34.0, 46.0, 50)})
+    logs = [log_prior((ComparisonScale(quantity, prior),), draws) for prior in (stated, drawn)]
+    np.testing.assert_allclose(np.ptp(logs[1] - logs[0]), 0.0, atol=0.1)
 
 
 def test_partners_that_tell_nothing_alone_are_named_together():

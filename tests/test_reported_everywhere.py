@@ -153,6 +153,7 @@ def test_digits():
     assert quantile_texts(38.44, 33.07, 41.02, alpha) == ("38.4", "33.1", "41.0")
     assert quantile_texts(2.468, 0.1453, 27.11, C1) == ("2.5", "0.15", "27")
     assert quantile_texts(1234.0, 1100.0, 1420.0, C1) == ("1230", "1100", "1420")
+    assert quantile_texts(0.2, 0.2, 0.2, kappa) == (kappa.number(0.2),) * 3
     # a range that is not of a scale has no decades
     assert quantile_texts(0.0964, 0.0096, 0.2757, kappa) == ("0.10", "0.01", "0.28")
     # the median never lies outside its interval, to the digit

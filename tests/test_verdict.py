@@ -187,3 +187,9 @@ def test_what_is_fixed_or_tied_has_no_verdict_and_neither_have_chains_that_do_no
     for state, given in (("tentative", ALL), ("unusable", {})):
         assert {a.verdict for a in together(given, state).values()} == {NO_VERDICT}
         assert {a.reason for a in together(given, state).values()} == {"chains have not converged"}
+
+
+def test_a_width_is_listed_once_for_both_directions():
+    names = [name for name, _ in T.items(MOUNTING_PARAMETERS)]
+    assert names.count("sharp_mounting_stretch") == 1
+    assert not [name for name in names if name.endswith(("_x", "_y"))]
