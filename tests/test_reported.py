@@ -10,7 +10,7 @@ import pytest
 import biaxbayes
 from biaxbayes.fitting.law_fits import CANDIDATE_LAWS, LawFit, LawFits
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
-from biaxbayes.identifiability.verdict import Assessment
+from biaxbayes.identifiability.verdict import MEASURED, Assessment
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
@@ -166,6 +166,10 @@ def test_a_law_that_is_far_from_the_record_without_its_misfit_has_no_parameters(
     reason = "without its misfit GOH is off by 8 % of the peak"
     assert {row.reason for row in far.reported} == {reason}
     assert numbers(far) == numbers(clean)
+    measured = Assessment("identified", MEASURED)
+    known = [replace(p, assessment=measured) if p.name in STRETCHES else p for p in far.parameters]
+    table = rows(replace(far, parameters=tuple(known)))
+    assert [n for n, row in table.items() if row.verdict == "identified"] == list(STRETCHES)
     assert not replace(far, state="tentative").law_misses
 
 

@@ -29,6 +29,7 @@ from biaxbayes.identifiability.marginals import (
 from biaxbayes.identifiability.partners import find_partners
 from biaxbayes.identifiability.reported import Reported, contradicted_stretches, reported
 from biaxbayes.identifiability.verdict import (
+    MEASURED,
     NOT_IDENTIFIED,
     Assessment,
     Diagnostics,
@@ -99,7 +100,11 @@ class Identifiability:
                 self.parameters, self.fits, self.law.name, self.places
             )
         if self.law_misses:
-            contradictions = dict.fromkeys(self.places, Assessment(NOT_IDENTIFIED, self.law_misses))
+            contradictions |= {
+                p.name: Assessment(NOT_IDENTIFIED, self.law_misses)
+                for p in self.parameters
+                if p.name in self.places and p.assessment.reason != MEASURED
+            }
         return reported(self.parameters, takes_away=takes_away, contradictions=contradictions)
 
     @property

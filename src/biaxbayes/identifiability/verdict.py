@@ -32,6 +32,8 @@ VERDICTS = (IDENTIFIED, BOUNDED, COMBINATION, NOT_IDENTIFIED)
 :data:`FIXED`."""
 NO_VERDICT = "no verdict"
 FIXED = "fixed"
+MEASURED = "measured before and after mounting"
+"""Reason of a mounting stretch that the header of the specimen gives."""
 AXES: dict[int | None, str] = {0: "_x", 1: "_y"}
 
 
@@ -197,7 +199,7 @@ def assess_stretch(e: Diagnostics, thresholds: Thresholds, *, measured: bool) ->
     moves the mounting stretch up.
     """
     if measured:
-        return Assessment(IDENTIFIED, "measured before and after mounting")
+        return Assessment(IDENTIFIED, MEASURED)
     opened = {x.side for x in e.open_ends(thresholds)}
     opened |= {side for side, by_prior in enumerate(e.by_prior) if by_prior}
     if e.contraction < thresholds.contraction:
