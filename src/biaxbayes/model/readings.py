@@ -75,7 +75,7 @@ class ReadingVector:
         mounting_index[:, axes] = np.arange(mounting_count).reshape(states, len(axes))
         most = int(np.clip(CURVE_READINGS // len(rows.names), FEWEST_READINGS, MOST_READINGS))
         of_protocols, groups = [], 0
-        for count in np.bincount(rows.protocol, minlength=len(rows.names)):
+        for count in np.bincount(rows.protocol, minlength=len(rows.names)).tolist():
             own = min(count, most) if average else count
             # as many rows in each group as in every other, to one
             of_protocols.append(groups + np.arange(count) * own // max(count, 1))
