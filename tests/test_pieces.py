@@ -10,7 +10,7 @@ import quick_posteriors
 from biaxbayes import GOH, Specimen, read_specimen, write_specimen
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
 from biaxbayes.errors import InputError
-from biaxbayes.fitting.constrained import FitSetup, constrained_fit
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import law_named
@@ -165,7 +165,7 @@ def test_jacobian_of_the_fit_with_pieces(first, quantity, geometry):
     data = tissue(geometry)
     if first == "strip":
         data = replace(data.further[0], further=(data.further[1],))
-    setup = FitSetup.from_options(data, "noisy", "shared", None, "goh", fibre_switch=False)
+    setup = FitSetup.from_options(data)
     assert setup.piece_sd == 0.1
     rows, count = setup.data.loaded(), len(data.pieces)
     scale = np.linspace(0.1, 0.3, count)
@@ -191,11 +191,11 @@ def test_jacobian_of_the_fit_with_pieces(first, quantity, geometry):
 def test_the_fit_finds_the_stiffness_of_pieces():
     exact = tissue(stiffness=(1.12, 0.93), noise=1e-7)
     exact = replace(specimen_of("force", noise=1e-7), further=exact.further)
-    fit = constrained_fit(exact, seed=1, starts=4, compiled=True)
+    fit = FitSetup.from_options(exact).fitted(4, seed=1)
     assert fit.stiffness == pytest.approx([1.0, 1.12, 0.93], rel=1e-3)
     assert fit.material.values == pytest.approx(tuple(TRUTH.values()), rel=1e-3)
     assert fit.mounting_stretch[1, 0] == pytest.approx(1.02, abs=1e-4)
-    same = constrained_fit(exact, seed=1, starts=4, piece_sd=1e-6)
+    same = FitSetup.from_options(exact, piece_sd=1e-6).fitted(4, seed=1)
     assert same.stiffness == pytest.approx([1.0, 1.0, 1.0], abs=1e-3)
     assert same.rms > 100.0 * fit.rms
 

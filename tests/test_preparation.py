@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.fit import fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
@@ -137,4 +137,4 @@ def test_averaging_a_long_record_changes_no_reading_of_a_misfit(load_noise):
     np.testing.assert_allclose(a - a[1], b - b[1], rtol=0.05, atol=0.05)
 
 
-FIT = cache(constrained_fit)
+FIT = cache(fit)
