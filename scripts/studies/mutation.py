@@ -30,7 +30,7 @@ PARTS: dict[str, tuple[str, str]] = {
     ),
     "sampling": (
         "sampling/*.py",
-        "modes population_monte_carlo convergence mixture moves sampling_alone sampler",
+        "modes population_monte_carlo convergence evidence mixture moves sampling_alone sampler",
     ),
     "comparison": ("comparison/*.py", "compare_laws ledger compare"),
 }
