@@ -20,13 +20,13 @@ import numpy as np
 
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.model.assembly import peak_stress
 from biaxbayes.model.misfit import CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names, name_of
-from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
 ROOT_TOLERANCE = 1e-6
@@ -204,12 +204,12 @@ LOCAL_PRIOR_WIDTH = 2.0
 
 
 def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
-    """Prior of tissue with similar stresses; independent errors around 0.5 % of the peak."""
-    tested = [(piece, p) for piece in specimen.pieces for p in piece.protocols]
-    stretch = 1.02 * max(float(p.known_stretch.max()) for _, p in tested)
-    peak = max(_largest_stress(piece, p) for piece, p in tested)
+    """Prior of tissue that reaches these stresses; independent errors around 0.5 % of the peak."""
+    tested = [p for piece in specimen.pieces for p in piece.protocols]
+    stretch = 1.02 * max(float(p.known_stretch.max()) for p in tested)  # mounted at 1.02
     prior = default_priors(specimen, settings)
-    for name, (family, first, second) in settings.material_law.scaled_prior(stretch, peak).items():
+    scaled = settings.material_law.scaled_prior(stretch, peak_stress(specimen))
+    for name, (family, first, second) in scaled.items():
         rounded = first if family == "uniform" else _rounded(first)
         prior[name] = Prior.from_numbers(family, rounded, second)
     if not settings.has_misfit:
@@ -220,17 +220,13 @@ def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
     return prior
 
 
-def _largest_stress(piece: Specimen, protocol: Protocol) -> float:
-    """Largest stress of a protocol in kPa; of a tube that of its wall, not the pressure."""
-    load = piece.load(protocol)
-    of_wall = piece.experiment.stresses(protocol.stretch, load)
-    return float(np.abs(load / piece.area if of_wall is None else of_wall).max())
-
-
 def local_prior(
     draws: Mapping[str, np.ndarray], wide: Mapping[str, Prior | float | Tie], known: Quantities
 ) -> dict[str, Prior | float | Tie]:
-    """Independent priors twice as wide as the marginals of `draws`, never wider than `wide`."""
+    """Independent priors twice as wide as the marginals of `draws`.
+
+    Where the prior in `wide` is of the same family, never wider than that.
+    """
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():
         quantities = [q for q in known.of_parameter(name) if q.name in draws]

@@ -165,7 +165,7 @@ def sample_part(task: Task, progress: OnProgress = no_progress) -> Prediction:
     count = MAX_LAW_DRAWS if task.part is None else MAX_PART_DRAWS
     table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
     table = table.iloc[evenly_chosen(len(table), count)].reset_index(drop=True)
-    few = table.iloc[evenly_chosen(count, MAX_PART_DRAWS)]
+    few = table.iloc[evenly_chosen(len(table), MAX_PART_DRAWS)]
     readings = predicted_readings(posterior, few, task.specimen, task.part)
     convergence = drawn.convergence
     return Prediction(convergence.state, convergence.reason, rmse, table, readings)
