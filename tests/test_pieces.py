@@ -13,6 +13,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
 from biaxbayes.forward import ForwardModel
+from biaxbayes.identifiability.piece_stiffness import PieceStiffness, disagreements
 from biaxbayes.laws import law_named
 from biaxbayes.model import misfit
 from biaxbayes.model.draw import draw_posterior
@@ -372,6 +373,21 @@ def test_two_pieces_of_one_name_are_refused(tmp_path):
     square, twin = tissue(), strip(0, THETA)
     with pytest.raises(InputError, match="two pieces are called 'strip-x'"):
         replace(square, further=(twin, twin))
+
+
+@pytest.mark.parametrize(
+    ("median", "low", "high", "disagrees"),
+    [
+        (1.28, 1.2, 1.35, True),
+        (1.2, 1.1, 1.3, False),
+        (1.28, 0.99, 1.6, False),
+        (0.8, 0.7, 0.9, True),
+    ],
+)
+def test_a_piece_disagrees_beyond_two_stated_sds(median, low, high, disagrees):
+    strip = PieceStiffness("strip-x", "square", median, low, high, sds=np.log(median) / 0.1)
+    assert strip.disagrees == disagrees
+    assert list(disagreements([strip])) == [str(strip)] * disagrees
 
 
 def test_the_stiffness_is_of_its_own_piece():

@@ -26,7 +26,8 @@ PARTS: dict[str, tuple[str, str]] = {
     ),
     "verdicts": (
         "identifiability/*.py",
-        "verdict marginals tissue_stress smooth_misfit profile reported identifiability",
+        "verdict marginals tissue_stress smooth_misfit profile reported identifiability records "
+        "pieces",
     ),
     "sampling": (
         "sampling/*.py",
