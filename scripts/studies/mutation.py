@@ -26,8 +26,8 @@ PARTS: dict[str, tuple[str, str]] = {
     ),
     "verdicts": (
         "identifiability/*.py",
-        "verdict marginals tissue_stress smooth_misfit profile reported reported_everywhere compare "
-        "ledger identifiability records pieces",
+        "verdict marginals tissue_stress smooth_misfit profile reported reported_everywhere "
+        "compare ledger identifiability records pieces",
     ),
     "sampling": (
         "sampling/*.py",
