@@ -14,9 +14,10 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.file_lock import folder_lock
 from biaxbayes.populations.result import Population
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
-from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, RUNS, STUDY, finish_moving
+from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, STUDY, finish_moving
 from biaxbayes.tasks import kept_warning_filters
 
+NO_POPULATION = "is not the folder of a finished population"
 MAKE_POPULATION = "make one with 'biaxbayes population'"
 
 
@@ -26,15 +27,11 @@ def population_state(folder: Path) -> str:
         with folder_lock(folder):
             finish_moving(folder, POPULATION)
     if not (folder / POPULATION).is_file():
-        if not folder.exists():
-            problem = f"does not exist; {MAKE_POPULATION}"
-        elif (folder / PROVENANCE).exists():
-            problem = "is a run's folder, not a population's; leave --population out"
-        elif (folder / STUDY).is_file() and (folder / RUNS).is_dir():
-            problem = f"is a study's folder, not a population's; {MAKE_POPULATION}"
-        else:
-            problem = f"is not the folder of a finished population; {MAKE_POPULATION}"
-        raise RunError(f"{folder}: {problem}")
+        kinds = {PROVENANCE: "a run's folder", STUDY: "a study's folder"}
+        kind = next((words for name, words in kinds.items() if (folder / name).exists()), "")
+        problem = f"is {kind}, not a population's" if kind else NO_POPULATION
+        problem = problem if folder.exists() else "does not exist"
+        raise RunError(f"{folder}: {problem}; {MAKE_POPULATION}")
     try:
         record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
         return str(record["convergence"]["state"])
@@ -49,9 +46,9 @@ def archive(result: Population) -> bytes:
     """population.nc: draws of means and spreads by chain and draw, and of the specimens."""
     import xarray as xr
 
-    history = result.sampled.history
+    history, grouping, law = result.sampled.history, result.grouping, result.law
     names = [v.name for v in result.values]
-    groups = list(result.grouping.groups)
+    groups = list(grouping.groups)
 
     def flat(values: np.ndarray) -> np.ndarray:
         # (ensembles, sweeps, chains, ...) to (chain, draw, ...), chain after chain of an ensemble,
@@ -73,9 +70,7 @@ def archive(result: Population) -> bytes:
         "values": ((*dims, "specimen", "quantity"), flat(result.sampled.theta) + result.centre),
         "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
     }
-    new = result.new_specimens()
-    materials = np.array([table.to_numpy() for table in new.values()])
-    law = result.law
+    materials = np.array([table.to_numpy() for table in result.new_specimens().values()])
     attributes = {
         "biaxbayes_version": biaxbayes.__version__,
         "law": law.key,
@@ -89,10 +84,10 @@ def archive(result: Population) -> bytes:
         "specimens": xr.Dataset(
             own,
             {
-                "specimen": list(result.grouping.labels),
-                "group_of": ("specimen", list(result.grouping.group)),
-                "donor_of": ("specimen", list(result.grouping.donor)),
-                "donor": list(result.grouping.donors),
+                "specimen": list(grouping.labels),
+                "group_of": ("specimen", list(grouping.group)),
+                "donor_of": ("specimen", list(grouping.donor)),
+                "donor": list(grouping.donors),
                 "quantity": names,
             },
         ),
