@@ -2,24 +2,7 @@
 
 The pooled values are the law's parameters: natural logs of positive scales, angles in degrees,
 bounded ones untransformed, truncated at their physical bounds. The sampling coordinates of single
-runs are never pooled: an average of them is not a material.
-
-A priors file is TOML::
-
-    [mean]                                                    # of a group
-    C1 = { distribution = "lognormal", median = 10, sd_log = 2 }
-    alpha = { distribution = "normal", mean = 45, sd = 22.5 }
-
-    [sd_donors]                                               # scale of a half-normal
-    C1 = 0.5                                                  # of ln C1
-    alpha = 10                                                # degrees
-
-    [sd_specimens]
-    kappa = 0.03
-
-    [correlations]                                            # eta of the LKJ priors
-    donors = 2
-    specimens = 2
+runs are never pooled: an average of them is not a material. Priors files: docs/population.md.
 """
 
 from __future__ import annotations
@@ -149,7 +132,7 @@ class PopulationPriors:
 
     @classmethod
     def read(cls, path: Path) -> PopulationPriors:
-        """Read a priors file (see the module's docstring); InputError for a wrong key or value."""
+        """Read a priors file (docs/population.md); InputError for a wrong key or value."""
         read: dict[str, Any] = {"mean": {}, "sd_donors": {}, "sd_specimens": {}}
         read["correlations"] = {"donors": ETA, "specimens": ETA}
         for table, entries in read_toml(path).items():

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from biaxbayes.specimens.branches import (
     reversal,
     rows_apart,
 )
+from biaxbayes.specimens.keys import DIMENSIONS
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
@@ -248,18 +249,16 @@ def _unequal(specimen: Specimen) -> Iterator[Finding]:
         return
     readings, sds = (values[at_rest] for values in specimen.mounting_readings(shared=False))
     names = [p.name for p in specimen.protocols if p.rest_rows]
-    pairs = list(combinations(range(len(readings)), 2))
     differing = []
-    for k, axis in enumerate("xy"):
-        sd = np.array([np.hypot(sds[i, k], sds[j, k]) for i, j in pairs])
-        apart = np.array([abs(readings[i, k] - readings[j, k]) for i, j in pairs])
-        worst = int(np.argmax(apart - SIGNIFICANT_SDS * sd))
+    for axis, reading, error in zip("xy", readings.T, sds.T, strict=True):
+        apart = np.abs(np.subtract.outer(reading, reading))
+        sd = np.hypot.outer(error, error)
+        worst = i, j = np.unravel_index(np.argmax(apart - SIGNIFICANT_SDS * sd), sd.shape)
         if apart[worst] > SIGNIFICANT_SDS * sd[worst]:
-            i, j = pairs[worst]
             noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
             differing.append(
                 f"in {axis} by up to {apart[worst]:.3g} {specimen.unit} ({names[i]}: "
-                f"{readings[i, k]:.3g}, {names[j]}: {readings[j, k]:.3g}{noise})"
+                f"{reading[i]:.3g}, {names[j]}: {reading[j]:.3g}{noise})"
             )
     if differing:
         yield warning(
@@ -504,17 +503,25 @@ def _stress(specimen: Specimen) -> Iterator[Finding]:
     stretch = np.concatenate([p.stretch for p in specimen.protocols])
     stresses = specimen.experiment.stresses(stretch, load)
     peaks = np.abs(load / specimen.area if stresses is None else stresses).max(axis=0)
-    peak, forces = float(peaks.max()), specimen.stress_pair == "force"
-    low, high = USUAL_PEAK_KPA
-    if peak > high:
-        message = f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: "
-        yield warning("units", f"{message}is the file in {'gf or mN' if forces else 'Pa'}?")
-    elif peak < low:
-        message = f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in"
-        yield warning("units", f"{message} {'kgf or kN' if forces else 'MPa'}?")
-    if peaks.min() > 0.0 and peaks.max() / peaks.min() > 100.0:
-        message = f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
-        yield warning("units", f"{message}are both columns in the same unit?")
+    peak, low, high = float(peaks.max()), *USUAL_PEAK_KPA
+    smaller, larger = (
+        ("gf or mN", "kgf or kN") if specimen.stress_pair == "force" else ("Pa", "MPa")
+    )
+    yield from _units(
+        {
+            f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: is the file in "
+            f"{smaller}?": peak > high,
+            f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in "
+            f"{larger}?": peak < low,
+            f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: are both "
+            "columns in the same unit?": peak > 100.0 * peaks.min() > 0.0,
+        }
+    )
+
+
+def _units(holds: Mapping[str, bool]) -> Iterator[Finding]:
+    """Warnings of the messages that hold."""
+    yield from (warning("units", message) for message, holding in holds.items() if holding)
 
 
 def _sign(specimen: Specimen) -> Iterator[Finding]:
@@ -539,22 +546,24 @@ def _sign(specimen: Specimen) -> Iterator[Finding]:
 
 def _dimensions(specimen: Specimen) -> Iterator[Finding]:
     """Unusual stretches, edges and thickness, or a specimen too thick for a membrane."""
-    top = max(float(p.stretch.max()) for p in specimen.protocols)
-    if top < USUAL_STRETCH[0]:
-        message = f"the largest stretch is {top:.4f}: is the column a stretch, not a strain?"
-        yield warning("units", message)
-    if top > USUAL_STRETCH[1]:
-        yield warning("units", f"the largest stretch is {top:.3g}, much for soft tissue")
-    edges = {key: getattr(specimen, key) for key in ("edge_x_mm", "edge_y_mm")}
-    thickness = specimen.thickness_mm
-    for key, value in (edges | {"thickness_mm": thickness}).items():
-        low, high = USUAL_EDGE_MM if key in edges else USUAL_THICKNESS_MM
-        if value is not None and not low <= value <= high:
-            yield warning("units", f"{key} of {value:g} is unusual: is it in mm?")
-    width = min((edge for edge in edges.values() if edge is not None), default=math.inf)
-    if thickness is not None and thickness > 0.5 * width:
-        message = f"the specimen is {thickness:g} mm thick and only {width:g} mm wide: "
-        yield warning("units", f"{message}a membrane model does not hold")
+    top, (low, high) = max(float(p.stretch.max()) for p in specimen.protocols), USUAL_STRETCH
+    stated = {key: value for key in DIMENSIONS if (value := getattr(specimen, key)) is not None}
+    thickness = stated.get("thickness_mm", 0.0)
+    width = min((value for key, value in stated.items() if key != "thickness_mm"), default=math.inf)
+    unusual = {
+        f"{key} of {value:g} is unusual: is it in mm?": not least <= value <= most
+        for key, value in stated.items()
+        for least, most in [USUAL_THICKNESS_MM if key == "thickness_mm" else USUAL_EDGE_MM]
+    }
+    yield from _units(
+        {
+            f"the largest stretch is {top:.4f}: is the column a stretch, not a strain?": top < low,
+            f"the largest stretch is {top:.3g}, much for soft tissue": top > high,
+            **unusual,
+            f"the specimen is {thickness:g} mm thick and only {width:g} mm wide: a membrane model "
+            "does not hold": thickness > 0.5 * width,
+        }
+    )
 
 
 def _short_strip(specimen: Specimen) -> Iterator[Finding]:
@@ -576,11 +585,9 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
     """Load noise that is large, differs from the scatter of the rows, or is absent."""
     given, scatter = specimen.load_noise, specimen.high_frequency_scatter()
     noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
-    if noise > LARGE_NOISE * peak:
-        share = 100 * noise / peak
-        yield warning(
-            "units", f"the load noise of {noise:.2g} {unit} is {share:.0f} % of the largest load"
-        )
+    message = f"the load noise of {noise:.2g} {unit} is {100.0 * noise / peak:.0f} % of the "
+    message += "largest load"
+    yield from _units({message: noise > LARGE_NOISE * peak})
     if given is not None and scatter > 0.0 and not 0.2 < scatter / given < 5.0:
         smoothed = ": the record was smoothed or averaged" if scatter < given else ""
         yield warning(

@@ -393,16 +393,13 @@ class Specimen:
         """
         if not self.experiment.is_mounted:
             return False
-        for p in self.protocols:
-            readings = zip(p.recorded_load.T, self.mounting_reading(p), strict=True)
-            for k, (written, reading) in enumerate(readings):
-                if k not in self.experiment.axes:
-                    continue
-                if p.rest_rows == 0 or written[0] == 0.0:
-                    continue
+        for p in (p for p in self.protocols if p.rest_rows):
+            for k in self.experiment.axes:
+                written, reading = p.recorded_load[:, k], self.mounting_reading(p)[k]
                 # Zero mean at rest; a Cauchy stress as it is written, or as a nominal stress
                 mean = abs(float(written[: p.rest_rows].mean()))
-                if min(mean, abs(float(reading))) <= 1e-9 * self.peak_load:
+                is_zero = min(mean, abs(float(reading))) <= 1e-9 * self.peak_load
+                if written[0] == 0.0 or is_zero:
                     continue
                 # Zero but for the last digit, which must be fine: with digits as coarse as the
                 # noise, a zero mean does not indicate taring.
