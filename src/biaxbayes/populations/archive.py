@@ -1,4 +1,4 @@
-"""Files of a population that other verbs read: its convergence and its draws, population.nc."""
+"""The draws of a population, population.nc, and the new specimens in it."""
 
 from __future__ import annotations
 
@@ -16,30 +16,6 @@ from biaxbayes.populations.result import Population
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
 from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, STUDY, finish_moving
 from biaxbayes.tasks import kept_warning_filters
-
-NO_POPULATION = "is not the folder of a finished population"
-MAKE_POPULATION = "make one with 'biaxbayes population'"
-
-
-def population_state(folder: Path) -> str:
-    """Convergence of a finished population."""
-    if (folder / READY).is_dir():  # as in open_run
-        with folder_lock(folder):
-            finish_moving(folder, POPULATION)
-    if not (folder / POPULATION).is_file():
-        kinds = {PROVENANCE: "a run's folder", STUDY: "a study's folder"}
-        kind = next((words for name, words in kinds.items() if (folder / name).exists()), "")
-        problem = f"is {kind}, not a population's" if kind else NO_POPULATION
-        problem = problem if folder.exists() else "does not exist"
-        raise RunError(f"{folder}: {problem}; {MAKE_POPULATION}")
-    try:
-        record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
-        return str(record["convergence"]["state"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise RunError(
-            f"{folder}: its population cannot be read, a file is missing or damaged; copy the "
-            f"folder again, or {MAKE_POPULATION}"
-        ) from None
 
 
 def archive(result: Population) -> bytes:
@@ -103,8 +79,20 @@ def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any
     """Materials of new specimens of a group, and the attributes of population.nc."""
     import xarray as xr
 
-    path = folder / "population.nc"
+    if (folder / READY).is_dir():  # as in open_run
+        with folder_lock(folder):
+            finish_moving(folder, POPULATION)
+    make = "make one with 'biaxbayes population'"
+    if not (folder / POPULATION).is_file():
+        kinds = {PROVENANCE: "a run's folder", STUDY: "a study's folder"}
+        kind = next((words for name, words in kinds.items() if (folder / name).exists()), "")
+        problem = (
+            "is not the folder of a finished population" if folder.exists() else "does not exist"
+        )
+        problem = f"is {kind}, not a population's" if kind else problem
+        raise RunError(f"{folder}: {problem}; {make}")
     try:
+        path = folder / "population.nc"
         check_archive(path)
         with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as tree:
             materials = tree["new_specimens"]["material"].load()
@@ -112,8 +100,11 @@ def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any
         groups = [str(g) for g in materials["group"].to_numpy()]
         names = [str(n) for n in materials["parameter"].to_numpy()]
         values = materials.to_numpy()
-    except (OSError, KeyError, ValueError, SuspiciousArchive) as error:
-        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
+    except (OSError, KeyError, ValueError, SuspiciousArchive):
+        raise RunError(
+            f"{folder}: its population cannot be read, population.nc is missing or damaged; copy "
+            f"the folder again, or {make}"
+        ) from None
     if group not in groups:
         raise InputError(
             f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"
