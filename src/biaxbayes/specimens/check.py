@@ -45,7 +45,6 @@ CLIPPED_ROWS = 3
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Fractions of the load range between which stiffnesses are compared."""
 STIFF_START = 1.5
-PROPORTIONAL = 0.01
 LEAST_ROWS_OF_CURVE = 12
 FEW_ROWS = 8
 LAG = 3.0
@@ -111,7 +110,7 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
         specimen = read_specimen(specimen)
     checks = (
         _mounting_force, _clipped, _unequal, _references,
-        _paths, _resampled, _stiff_start, _one_direction,
+        _paths, _resampled, _stiff_start,
         _stress, _sign, _dimensions, _short_strip, _noise, _origin,
     )  # fmt: skip
     findings = []
@@ -473,27 +472,6 @@ def _slope(path: np.ndarray, curve: np.ndarray, matrix: np.ndarray) -> tuple[flo
     return slope[0] / basis, np.sqrt(covariance[0, 0]) / basis
 
 
-def _one_direction(specimen: Specimen) -> Iterator[Finding]:
-    """Curves in x and y that are proportional to each other."""
-    stretch = np.concatenate([p.stretch - 1.0 for p in specimen.protocols])
-    load = np.concatenate([specimen.load(p) for p in specimen.protocols])
-    misses = []
-    for curves in (stretch, load):
-        scale = np.abs(curves).max(axis=0)
-        if scale.min() <= 0.0:
-            return
-        # the smaller singular value: distance of the columns from multiples of each other
-        values = np.linalg.svd(curves / scale, compute_uv=False)
-        misses.append(float(values[1] / values[0]))
-    if max(misses) <= PROPORTIONAL:
-        yield warning(
-            "one-direction",
-            "x and y are proportional to each other within "
-            f"{100 * max(misses):.1f} %, in stretch and in load: the file holds one effective "
-            "direction; stiffness, fibre angle and dispersion may be correlated, as 'sample' shows",
-        )
-
-
 # --- magnitudes -----------------------------------------------------------------------------------
 
 
@@ -618,5 +596,5 @@ def _origin(specimen: Specimen) -> Iterator[Finding]:
         yield warning("branch", f"{message}loading")
 
 
-SHEET_CHECKS = (_mounting_force, _unequal, _references, _stiff_start, _one_direction)
-"""Checks of a mounted state and of two stretches that are pulled alike, which a tube has not."""
+SHEET_CHECKS = (_mounting_force, _unequal, _references, _stiff_start)
+"""Checks of a mounted state, which a tube has not."""

@@ -289,10 +289,7 @@ class Specimen:
         return replace(self, further=(*self.further, *further))
 
     def quantities(self, material: Sequence[Parameter], *, shared: bool) -> Quantities:
-        """Quantities of a run with all pieces, for a law of these parameters.
-
-        ``shared``: one mounted state for all protocols of a piece.
-        """
+        """Quantities of a run with all pieces; shared: one mounted state for all its protocols."""
         labels = []
         for i, piece in enumerate(self.pieces):
             label = piece.name if i else ""
@@ -330,10 +327,7 @@ class Specimen:
 
     @property
     def area(self) -> np.ndarray:
-        """Measured quantity per kPa of first Piola-Kirchhoff stress, (x, y).
-
-        N per kPa for forces, one for stresses.
-        """
+        """Measured quantity per kPa of first Piola-Kirchhoff stress, (x, y); one for stresses."""
         if self.stress_pair != "force":
             return np.ones(2)
         assert self.thickness_mm
@@ -430,10 +424,7 @@ class Specimen:
         return float(self.noise_sds[0])
 
     def high_frequency_scatter(self, axis: int = 0) -> float:
-        """Scatter of the load between neighbouring rows; 0 for rounding alone.
-
-        Over all directions that have the unit of this one.
-        """
+        """Scatter of loads of one unit between neighbouring rows; 0 for rounding alone."""
         scatter: list[float] = []
         axes = self.experiment.same_unit(axis)
         for protocol in self.protocols:
