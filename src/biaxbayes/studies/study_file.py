@@ -66,7 +66,6 @@ def study_of_files(
     files: list[Path],
     options: Mapping[str, Any],
     *,
-    name: str = "study",
     seed: int = SamplingPlan.seed,
     ess: float = SamplingPlan.ess,
     max_steps: int = SamplingPlan.max_steps,
@@ -81,7 +80,7 @@ def study_of_files(
         StudySpecimen(path, path.stem, dict(options), seed, anyway=anyway) for path in files
     )
     _check_labels(specimens, None)
-    return Study(name, specimens, float(ess), int(max_steps))
+    return Study("study", specimens, float(ess), int(max_steps))
 
 
 def read_study(path: Path) -> Study:
