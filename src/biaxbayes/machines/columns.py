@@ -191,10 +191,6 @@ def _requested(table: Table, target: str, text: str) -> Column:
     text = text.removesuffix(f":{pair}") if confirmed else text
     name, colon, ending = text.rpartition(":")
     given = None if text in table.names or not colon else unit_named(ending)
-    if given is None and colon and name.strip() in map(str.strip, table.names):
-        problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
-        column = list(map(str.strip, table.names)).index(name.strip())
-        raise table.error(problem, f"choose one of {', '.join(UNITS)}", column=column)
     name = text if given is None else name
     parts, signs = [name], [1]
     if TARGETS[target] == "stretch" and not table.has_column(name):

@@ -27,7 +27,6 @@ from biaxbayes.text_files import (
 
 ALL_SHEETS = "all"
 SHOWN_COLUMNS = 30
-MAX_COLUMNS = 2_000
 SAMPLE_ROWS = 200
 """Rows from which the form of a table is read."""
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
@@ -299,8 +298,6 @@ def table_from_sheet(sheet: Worksheet, path: Path) -> Table:
     else:
         names = list(rows[at_names])
     names = without_empty_end([one_line(name) for name in names])
-    if len(names) > MAX_COLUMNS:
-        raise InputError(f"has {len(names)} columns", file=path, remedy="cut out those of the test")
     body = _squared(rows[start:], lines[start:], len(names), sheet, path)
     comma = _decimal_comma(body[: 10 * SAMPLE_ROWS], numeric, path)
     notes = [*sheet.notes, "decimal commas"] if comma else sheet.notes
