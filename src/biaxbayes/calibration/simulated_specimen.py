@@ -73,9 +73,7 @@ def draw_truth(
                 truth[name] = prior.factor * truth[quantities.in_same_state(name, prior.other)]
         if model.law.is_admissible(truth) and _add_mounting_forces(model, truth):
             return truth, rejected
-    raise ValueError(
-        "the prior has hardly any mass where a material has a stable mounted state"
-    )
+    raise ValueError("the prior has hardly any mass where a material has a stable mounted state")
 
 
 def simulate_specimen(

@@ -193,7 +193,13 @@ def _named_recordings(
             f"{len(protocol_names)} protocol names for {len(recordings)} protocols",
             remedy=f"the protocols are {of[:300]}",
         )
-    names = protocol_names or [r.name for r in recordings]
+    names = list(protocol_names) or [r.name for r in recordings]
+    for name in names:
+        if not name.strip() or names.count(name) > 1:
+            raise InputError(
+                f"protocol name {name[:40]!r} is empty or duplicated",
+                remedy="give `protocol_names`, one per protocol",
+            )
     recordings = [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
     return records, recordings
 
