@@ -198,17 +198,3 @@ def test_figure(tmp_path, capsys):
         path = tmp_path / f"b.{ending}"
         assert run(capsys, *words, path)[0] == 0 and path.read_bytes().startswith(head)
     assert "'.doc'" in refused(capsys, *words, "b.doc") and not Path("b.doc").exists()
-
-
-def test_a_jump_and_a_cut_last_number():
-    p = GOOD.protocols[1]
-    load = p.load_x.copy()
-    load[50] += 0.3 * np.ptp(load)
-    (result,) = check_specimen(specimen(replace(p, load_x=load)))
-    assert result.code == "jump"
-    assert "in x" in result.message and "row 51 of 101" in result.message
-    load = p.load_y.copy()
-    load[-1] = float(str(load[-1])[:1])
-    result = check_specimen(specimen(replace(p, load_y=load)))
-    assert "jump" in {f.code for f in result}
-    assert any("row 101 of 101" in f.message for f in result)

@@ -13,17 +13,6 @@ from biaxbayes.runs.folder import PROVENANCE, manifest
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.text_files import read_csv, write_csv
 from commands import refused, run
-from virtual_biotester import biotester_export
-
-
-def plain(path) -> list[list[str]]:
-    """Rows as a spreadsheet or R sees them, all of one width."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    assert len({len(row) for row in rows}) == 1, path.name
-    assert all(name and name.replace("_", "a").isalnum() for name in rows[0]), path.name
-    return rows
-
 
 TEXTS = ["=1+1", "+1+1", "-2+3", "@SUM(A1)", "\t=1+1", "'=1+1", "'tis", "plain", "-1.5", "+2e3"]
 
@@ -102,18 +91,3 @@ def test_plot_leaves_the_figures_of_the_run(capsys, media_run, copied):
         biaxbayes.plot(folder, "bands", out=folder / "stress-bands", suffix="png")
     after = manifest(folder)
     assert {name: after[name] for name in own} == own
-
-
-def test_convert_does_not_replace_a_file_unasked(capsys, tmp_path):
-    raw, out = tmp_path / "export.csv", tmp_path / "specimen.csv"
-    raw.write_text(biotester_export().text())
-    words = ["convert", raw, "--machine", "biotester", "--out", out]
-    words += ["--cycles", "last", "--branch", "loading", "--geometry", "unloaded"]
-    words += ["--edge-x-mm", 10, "--edge-y-mm", 10, "--thickness-mm", 1.2]
-    assert run(capsys, *words)[0] == 0
-    out.write_text("mine\n")
-    err = refused(capsys, *words)
-    assert "exists already" in err
-    assert out.read_text() == "mine\n"
-    assert run(capsys, *words, "--overwrite")[0] == 0
-    assert out.read_text() != "mine\n"
