@@ -87,6 +87,14 @@ def small_run(session_folder):
     return biaxbayes.open_run(shared.made_once("small", sample))
 
 
+@pytest.fixture
+def small_copy(small_run, copied):
+    """A copy of that run, for a test that writes into it."""
+    import biaxbayes
+
+    return biaxbayes.open_run(copied(small_run.path))
+
+
 @pytest.fixture(scope="session")
 def hostile_run(session_folder):
     """A run whose names try to break the report: not to be written into."""
@@ -109,6 +117,13 @@ def population(study):
     from made_population import made_population
 
     return made_population(study)
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    """Address of a scheduler with two workers."""
+    with shared.local_cluster(2) as cluster:
+        yield cluster.scheduler_address
 
 
 @pytest.fixture(scope="module")

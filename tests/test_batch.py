@@ -9,10 +9,11 @@ import pandas as pd
 import pytest
 
 import quick_posteriors
+from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import Prior
-from biaxbayes.parallel import InThisProcess
+from biaxbayes.parallel import InThisProcess, Processes
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.result import SpecimenOutcome
@@ -169,6 +170,17 @@ class _GoneLater:
     def exists(self):
         self.calls += 1
         return self.calls <= 2
+
+
+@pytest.mark.long
+def test_processes_and_a_cluster_write_the_same_bytes(study, scheduler, tmp_path):
+    one, found = replace(study, specimens=study.specimens[:1]), []
+    for executor in (Processes(2), Cluster(scheduler)):
+        folder = tmp_path / type(executor).__name__
+        assert not run_study(one, folder, executor).failures
+        written = [*sorted(folder.glob("study*.csv")), folder / "runs" / "media" / "summary.csv"]
+        found.append({path.name: path.read_bytes() for path in written})
+    assert found[0] == found[1] and len(found[0]) > 2
 
 
 def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
