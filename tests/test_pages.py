@@ -5,7 +5,6 @@ import shutil
 import time
 from dataclasses import replace
 
-import pandas as pd
 import pytest
 
 import browser
@@ -93,12 +92,11 @@ def test_heads_that_lead_to_the_words_are_explained_there(page):
         assert any(plain in term for term in terms), head
 
 
-def test_a_population_has_a_results_paragraph_and_latex(page):
-    if page.name != "population.html":
-        pytest.skip("of a population")
-    html, folder = page.read_text(encoding="utf-8"), page.parent
-    groups = pd.read_csv(folder / "population.csv")
-    latex = (folder / "population.tex").read_text(encoding="utf-8")
+def test_a_population_has_a_results_paragraph_and_latex(population):
+    folder, groups = population.folder, population.groups
+    html, latex = (
+        (folder / f"population.{kind}").read_text(encoding="utf-8") for kind in ("html", "tex")
+    )
     said = re.search(r"% Results: (.*)", latex).group(1)
     assert latex.count(r" \\") == len(groups) + 1
     assert said[:60] in html.replace("&lt;", "<")
