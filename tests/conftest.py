@@ -79,10 +79,8 @@ def small_run(session_folder):
 
     def sample(folder: Path) -> None:
         with quick_posteriors.runs_without_figures():
-            biaxbayes.sample(
-                quick_posteriors.small_specimen(), out=folder, noise="independent",
-                mounting="exact", priors={"kappa": 0.1}, ess=60,
-            )  # fmt: skip
+            data = quick_posteriors.small_specimen()
+            biaxbayes.sample(data, out=folder, **quick_posteriors.QUICK)
 
     return biaxbayes.open_run(shared.made_once("small", sample))
 

@@ -207,9 +207,7 @@ def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
 
 def test_a_folder_that_a_worker_does_not_see_is_named(study, tmp_path):
     gone = tmp_path / "not" / "mounted"
-    away = Replaced(
-        lambda index, task: Outcome(index, sample_specimen(replace(task, running=gone)))
-    )
+    away = Replaced(lambda task: (sample_specimen(replace(task, running=gone)),))
     with pytest.raises(RunError, match="does not see the study folder"):
         run_study(study, tmp_path / "study", away)
 

@@ -30,9 +30,6 @@ def test_a_spreadsheet_computes_nothing_and_texts_read_back_as_they_were(tmp_pat
     pd.testing.assert_frame_equal(back, table, check_dtype=False)
 
 
-QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
-
-
 def test_a_finished_run_is_refused_in_one_line_and_stays(capsys, tmp_path, small_run, copied):
     folder, path = copied(small_run.path), tmp_path / "other.csv"
     write_specimen(quick_posteriors.small_specimen(), path)
@@ -46,7 +43,7 @@ def test_a_finished_run_is_refused_in_one_line_and_stays(capsys, tmp_path, small
     for name in (checkpoint.NAME, checkpoint.PREVIOUS):
         (folder / name).unlink(missing_ok=True)
     with pytest.raises(RunError, match="finished run"):
-        biaxbayes.sample(path, out=folder, resume=True, **QUICK)
+        biaxbayes.sample(path, out=folder, resume=True, **quick_posteriors.QUICK)
 
 
 def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
@@ -63,7 +60,7 @@ def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
     with quick_posteriors.runs_without_figures():
         again = biaxbayes.sample(
             quick_posteriors.small_specimen(), out=folder, overwrite=True, seed=4,
-            progress=steps.append, **QUICK,
+            progress=steps.append, **quick_posteriors.QUICK,
         )  # fmt: skip
     kept = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
     own = {name.partition("/")[0] for name in again.provenance["files"]} | {PROVENANCE}
