@@ -417,12 +417,12 @@ def test_a_count_that_changes_at_the_peaks(tmp_path):
     up = made()
     cycles = [up * [1, 1, f, f] for f in (1.25, 1.05, 1.0)]
     rows = np.concatenate([part for c in cycles for part in (c, c[::-1] * [1, 1, 0.85, 0.85])])
-    count = np.repeat([1, 2, 3, 4], [60, 120, 120, 60])
+    count = np.repeat([5, 6, 8, 9], [60, 120, 120, 60])
     path = written(tmp_path, {"Total Cycle Count": count.tolist()} | table_of(rows))
     question = asked(path)
     assert "columns=cycle=Total Cycle Count" in question.choices
     columns = mapped(NAMES, "cycle=Total Cycle Count")
-    assert "cycles=3" in asked(path, columns).choices
+    assert "cycles=8" in asked(path, columns).choices
     for answers in ({"columns": columns}, {"columns": mapped(NAMES, "ignore=Total Cycle Count")}):
         result = read(path, cycles="last", branch="loading", **answers)
         (p,) = result.specimen.protocols

@@ -195,7 +195,7 @@ def test_a_run_that_ignored_the_mounting_says_so_in_its_cards(run):
 
 def test_predict_takes_a_path_from_a_file(run, tmp_path):
     file, out = tmp_path / "path.csv", tmp_path / "out"
-    file.write_text("stretch_x,stretch_y\n1,1\n1.1,1.05\n1.05,1.1\n")
+    file.write_text("stretch_x,stretch_y\n1,1\n0.98,1.05\n0.97,1.1\n")  # where nothing was read
     options = ("--stretches", file, "--out", out, "--format", "png", "--width-mm", 180)
     assert exit_code("predict", run.path, *options) == 0
     table = pd.read_csv(out / "prediction.csv")
