@@ -79,12 +79,18 @@ def small_run(session_folder):
 
     def sample(folder: Path) -> None:
         with quick_posteriors.runs_without_figures():
-            biaxbayes.sample(
-                quick_posteriors.small_specimen(), out=folder, noise="independent",
-                mounting="exact", priors={"kappa": 0.1}, ess=60,
-            )  # fmt: skip
+            data = quick_posteriors.small_specimen()
+            biaxbayes.sample(data, out=folder, **quick_posteriors.QUICK)
 
     return biaxbayes.open_run(shared.made_once("small", sample))
+
+
+@pytest.fixture
+def small_copy(small_run, copied):
+    """A copy of that run, for a test that writes into it."""
+    import biaxbayes
+
+    return biaxbayes.open_run(copied(small_run.path))
 
 
 @pytest.fixture(scope="session")
@@ -109,6 +115,13 @@ def population(study):
     from made_population import made_population
 
     return made_population(study)
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    """Address of a scheduler with two workers."""
+    with shared.local_cluster(2) as cluster:
+        yield cluster.scheduler_address
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,8 @@ from shared import cached
 THREE_RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 EQUIBIAXIAL = ((1.0, 1.0),)
 FEW_WALKERS = 32
+QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
+"""Options of a run whose draws are only a means."""
 
 
 class Sampled(NamedTuple):

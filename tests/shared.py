@@ -33,3 +33,13 @@ def cached(key: Any, find: Callable[[], Any]) -> Any:
     name = hashlib.sha256(pickle.dumps(key)).hexdigest()[:16]
     path = made_once(name, lambda path: path.write_bytes(pickle.dumps(find())))
     return pickle.loads(path.read_bytes())
+
+
+def local_cluster(workers: int):
+    """A Dask scheduler with workers in processes of their own."""
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, memory_limit=0,
+    )  # fmt: skip

@@ -9,10 +9,11 @@ import pandas as pd
 import pytest
 
 import quick_posteriors
+from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import Prior
-from biaxbayes.parallel import InThisProcess
+from biaxbayes.parallel import InThisProcess, Processes
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.result import SpecimenOutcome
@@ -84,6 +85,8 @@ def test_the_table_says_what_the_runs_say(result):
     failed = table[table["state"] == "failed"]
     assert list(failed["quantity"]) == ["C1", "k1", "k2", "alpha", "kappa"]
     assert failed["q50"].isna().all() and failed["reason"].str.contains("broken").all()
+    (reason,) = result.failures.values()
+    assert "broken.csv" in reason and "\n" not in reason and not result.converged
     pytest.importorskip("pyarrow")
     parquet = pd.read_parquet(result.folder / "study.parquet")
     assert list(parquet.columns) == list(table.columns)
@@ -161,6 +164,17 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
     assert ours.read_bytes() == whole.read_bytes()
 
 
+class Replaced(InThisProcess):
+    """What becomes of each task is given."""
+
+    def __init__(self, outcome):
+        self.outcome = outcome
+
+    def run(self, function, tasks, *, stop=lambda: False):
+        for index, task in enumerate(tasks):
+            yield Outcome(index, *self.outcome(task))
+
+
 class _GoneLater:
     """A file that is there when a task begins, and then is not."""
 
@@ -171,13 +185,20 @@ class _GoneLater:
         return self.calls <= 2
 
 
-def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
-    class Losing(InThisProcess):
-        def run(self, function, tasks, *, stop=lambda: False):
-            for index, _ in enumerate(tasks):
-                yield Outcome(index, None, "its worker process died 3 times")
+@pytest.mark.long
+def test_processes_and_a_cluster_write_the_same_bytes(study, scheduler, tmp_path):
+    one, found = replace(study, specimens=study.specimens[:1]), []
+    for executor in (Processes(2), Cluster(scheduler)):
+        folder = tmp_path / type(executor).__name__
+        assert not run_study(one, folder, executor).failures
+        written = [*sorted(folder.glob("study*.csv")), folder / "runs" / "media" / "summary.csv"]
+        found.append({path.name: path.read_bytes() for path in written})
+    assert found[0] == found[1] and len(found[0]) > 2
 
-    outcome = run_study(study, tmp_path / "study", Losing())
+
+def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
+    losing = Replaced(lambda task: (None, "its worker process died 3 times"))
+    outcome = run_study(study, tmp_path / "study", losing)
     assert outcome.states == {"failed": 3}
     assert sum("died 3 times" in reason for reason in outcome.failures.values()) == 2
     assert (tmp_path / "study" / "study.html").is_file()
@@ -185,14 +206,10 @@ def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
 
 
 def test_a_folder_that_a_worker_does_not_see_is_named(study, tmp_path):
-    class Elsewhere(InThisProcess):
-        def run(self, function, tasks, *, stop=lambda: False):
-            for index, task in enumerate(tasks):
-                gone = tmp_path / "not" / "mounted"
-                yield Outcome(index, sample_specimen(replace(task, running=gone)))
-
+    gone = tmp_path / "not" / "mounted"
+    away = Replaced(lambda task: (sample_specimen(replace(task, running=gone)),))
     with pytest.raises(RunError, match="does not see the study folder"):
-        run_study(study, tmp_path / "study", Elsewhere())
+        run_study(study, tmp_path / "study", away)
 
 
 def test_a_foreign_folder_is_left_alone(study, tmp_path):
@@ -324,13 +341,3 @@ def test_what_cannot_be_used_is_one_line_with_file_and_key(folder, text):
         read_study(written(folder, text))
     message = str(raised.value)
     assert "\n" not in message and "study.toml" in message and BAD[text] in message
-
-
-@pytest.mark.long
-def test_one_failure_stops_nobody_and_is_named(result):
-    states = dict(zip(result.specimens["specimen"], result.specimens["state"], strict=True))
-    assert states["<script>alert(1)</script>"] == "failed"
-    assert set(states.values()) <= {"converged", "tentative", "failed"}
-    assert not result.converged
-    [reason] = result.failures.values()
-    assert "broken.csv" in reason and "\n" not in reason

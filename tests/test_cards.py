@@ -62,7 +62,10 @@ FIBRES = {
     **{"c": 18.536, "k1_x": 16.593, "k2_x": 0.108, "k1_y": 25.37, "k2_y": 0.036},
     **{"k1_d": 0.078, "k2_d": 1.719, "alpha": 61.2146},
 }
-NO_FIBRES_IN_X = FIBRES | {"k1_x": 0.0, "k2_y": 0.0}
+MIXTURES = [
+    *(("fung", FUNG), ("fung", FUNG_BACK), ("four-fibre", FIBRES)),
+    ("four-fibre", FIBRES | {"k1_x": 0.0, "k2_y": 0.0}),
+]
 
 
 def mixtures(law: str, values: dict[str, float], out, units="kPa-mm"):
@@ -74,10 +77,7 @@ def mixtures(law: str, values: dict[str, float], out, units="kPa-mm"):
 
 
 @pytest.mark.parametrize("units", sorted(UNIT_SYSTEMS))
-@pytest.mark.parametrize(
-    ("law", "values"),
-    [("fung", FUNG), ("fung", FUNG_BACK), ("four-fibre", FIBRES), ("four-fibre", NO_FIBRES_IN_X)],
-)
+@pytest.mark.parametrize(("law", "values"), MIXTURES)
 def test_mixtures_agree_with_the_law_at_twenty_states(law, values, units, tmp_path):
     manifest, text = mixtures(law, values, tmp_path, units)
     assert manifest["check_relative_deviation"][0] < 1e-8
@@ -160,13 +160,7 @@ def assert_febio_accepts(node: ElementTree.Element, *, outermost: bool = True) -
 
 @pytest.mark.parametrize(
     ("law", "values"),
-    [
-        ("fung", FUNG),
-        ("fung", FUNG_BACK),
-        ("four-fibre", FIBRES),
-        ("four-fibre", NO_FIBRES_IN_X),
-        ("goh", {"C1": 5.0, "k1": 20.0, "k2": 0.0, "alpha": 90.0, "kappa": 1.0 / 3.0}),
-    ],
+    [*MIXTURES, ("goh", {"C1": 5.0, "k1": 20.0, "k2": 0.0, "alpha": 90.0, "kappa": 1.0 / 3.0})],
 )
 def test_febio_accepts_every_tag_of_a_card(law, values, tmp_path):
     _, text = mixtures(law, values, tmp_path)

@@ -146,48 +146,6 @@ def test_points_tracked_in_some_rows_only(tmp_path, capsys):
     assert specimen.protocols[0].rows == 30 and "points not tracked" in text
 
 
-def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):
-    sheets = {
-        name: [["F11", "F22", "P11_kPa", "P22_kPa"]]
-        + [[1 + t, 1 + ratio * t, 2 + 50 * t, 1 + 40 * ratio * t] for t in np.linspace(0, 0.2, 21)]
-        for name, ratio in (("1 to 1", 1.0), ("1 to 0.5", 0.5), ("0.5 to 1", 2.0))
-    }
-    path, out = tmp_path / "tests.xlsx", tmp_path / "specimen.csv"
-    path.write_bytes(xlsx(sheets | {"Notes": [["tested on Monday"]]}))
-    mapped = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
-    words = [path, "--machine", "generic", "--columns", mapped, "--out", out]
-    assert run([*words, "--sheet", "1 to 0.5", "--sheet", "1 to 1"], capsys)[0] == 0
-    assert [p.name for p in read_specimen(out).protocols] == ["1 to 0.5", "1 to 1"]
-    assert run([*words, "--sheet", "all"], capsys)[0] == 0
-    protocols = read_specimen(out).protocols
-    assert [p.name for p in protocols] == ["1 to 1", "1 to 0.5", "0.5 to 1"]
-    assert protocols[2].stretch_y[-1] == pytest.approx(1.4)
-    for sheets, message in (
-        ([], "more than one sheet"),
-        (["1 to 1", "1 to 1"], "1 to 1"),
-        (["1 to 1", "Notes"], "'Notes' holds no table"),
-        (["C"], "no sheet 'C'"),
-    ):
-        code, _, err = run([*words, *(w for s in sheets for w in ("--sheet", s))], capsys)
-        assert code == 2 and message in err, err
-    path.write_bytes(path.read_bytes()[:3000])
-    code, _, err = run(words, capsys)
-    assert code == 2 and "not a readable workbook" in err
-
-
-@pytest.mark.parametrize("delimiter", [",", " ", "\t"])
-def test_a_table_of_numpy_savetxt_with_its_names_in_a_comment(tmp_path, capsys, delimiter):
-    header = delimiter.join(["lambda_x", "lambda_y", "P1_kPa", "P2_kPa"])
-    path, out = tmp_path / "saved.txt", tmp_path / "specimen.csv"
-    np.savetxt(path, np.hstack([STRETCH, PIOLA]), delimiter=delimiter, header=header)
-    columns = "stretch_x=lambda_x,stretch_y=lambda_y,piola_x_kPa=P1_kPa,piola_y_kPa=P2_kPa"
-    code, _, err = run([path, "--machine", "generic", "--columns", columns, "--out", out], capsys)
-    assert code == 0, err
-    result = read_specimen(out).protocols[0]  # the first row is data
-    np.testing.assert_allclose(result.stretch_x, STRETCH[:, 0], rtol=1e-12)
-    np.testing.assert_allclose(result.load_y, PIOLA[:, 1], rtol=1e-12)
-
-
 def test_workbook_without_calamine_names_the_extra(tmp_path, capsys, monkeypatch):
     path = tmp_path / "raw.xlsx"
     path.write_bytes(xlsx({"a": [["F11"], [1.0]]}))
@@ -271,88 +229,7 @@ def generic(folder: Path, text: str, columns: str | None, capsys, *more: object)
     return code, printed + err, (read_specimen(out) if code == 0 else None)
 
 
-GREEN, LOG, ALMANSI = 0.5 * (STRETCH**2 - 1.0), np.log(STRETCH), 0.5 * (1.0 - STRETCH**-2)
 TARGETS = "stretch_x={},stretch_y={},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-
-
-def assert_stretch(specimen) -> None:
-    np.testing.assert_allclose(specimen.protocols[0].stretch, STRETCH, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "values"),
-    [
-        ("a:stretch", "b:stretch", STRETCH),
-        ("a:engineering", "b:engineering", STRETCH - 1.0),
-        ("a:percent", "b:engineering_percent", 100.0 * (STRETCH - 1.0)),
-        ("a:stretch_percent", "b:stretch_percent", 100.0 * STRETCH),
-        ("a:green", "b:green", GREEN),
-        ("a:green_percent", "b:green_percent", 100.0 * GREEN),
-        ("a:log", "b:hencky", LOG),
-        ("a:almansi", "b:almansi", ALMANSI),
-        ("a:almansi_percent", "b:almansi_percent", 100.0 * ALMANSI),
-        ("a:mm", "b:mm", 7.0 * STRETCH),
-        ("a:um", "b:um", 7000.0 * STRETCH),
-        ("a:displacement_mm", "b:displacement_mm", 10.0 * (STRETCH - 1.0)),
-        ("a:displacement_um", "b:displacement_um", 1e4 * (STRETCH - 1.0)),
-        ("E11 Lagrange %:green", "E22 [%]:green", 100.0 * GREEN),
-        ("Green-Lagrange E11", "greenStrainY (mm/mm)", GREEN),
-        ("nominal_strain_x [µε]", "nominal_strain_y [µε]", 1e6 * (STRETCH - 1.0)),
-    ],
-)
-def test_kinds_of_strain_as_given_or_by_name(x, y, values, tmp_path, capsys):
-    names = [c.partition(":")[0] for c in (x, y)]
-    text = generic_text(values, PIOLA, [*names, "P_kPa", "Q_kPa"])
-    gauge = ["--gauge-x-mm", 10, "--gauge-y-mm", 10] if "displacement" in x else []
-    given = TARGETS.format(x, y)
-    code, printed, specimen = generic(tmp_path, text, given, capsys, *DIMENSIONS, *gauge)
-    assert code == 0, printed
-    assert_stretch(specimen)
-    np.testing.assert_array_equal(specimen.protocols[0].recorded_load, PIOLA)
-
-
-@pytest.mark.parametrize(
-    ("name", "kind", "values", "says"),
-    [
-        ("E11 Lagrange %", "", STRETCH - 1.0, "kind"),
-        ("true stretch", "", STRETCH - 1.0, "kind"),
-        ("Green strain XX [%]", ":percent", STRETCH - 1.0, "kind"),
-        ("strain_true", ":percent", STRETCH - 1.0, "kind"),
-        ("Green [%]", "", GREEN, "spreadsheets store 20 % as 0.2"),
-        ("Green", "", STRETCH, "starts at 1"),
-        ("lambda_x", "", STRETCH - 1.0, "starts at 0"),
-    ],
-)
-def test_strains_that_are_ambiguous_or_contradict_their_name(
-    name, kind, values, says, tmp_path, capsys
-):
-    text = generic_text(values, PIOLA, [name, f"{name} y", "P_kPa", "Q_kPa"])
-    given = TARGETS.format(name + kind, f"{name} y")
-    code, printed, _ = generic(tmp_path, text, given, capsys)
-    assert code == 2 and says in printed and printed.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("names", "unit"),
-    [
-        (["Grip displacement X [mm]", "Grip displacement Y [mm]"], 1.0),
-        (["crosshead_x_um", "crosshead_y_um"], 1e3),
-        (["Weg X, cm", "Weg Y, cm"], 0.1),
-        (["Extension 1 (in)", "Extension 2 (in)"], 1 / 25.4),
-    ],
-)
-def test_a_displacement_refers_to_the_gauge_length(names, unit, tmp_path, capsys):
-    """Mounted at 1.02 and 1.05, zeroed there: the gauge length is not the unloaded edge."""
-    gauge = EDGE_MM * np.array([1.02, 1.05])
-    text = generic_text((STRETCH - 1.0) * gauge * unit, PIOLA, [*names, "P_kPa", "Q_kPa"])
-    words = (tmp_path, text, TARGETS.format(*names), capsys, *DIMENSIONS)
-    given = ["--gauge-x-mm", gauge[0], "--gauge-y-mm", gauge[1]]
-    code, printed, specimen = generic(*words, *given)
-    assert code == 0, printed
-    assert_stretch(specimen)
-    # Without it nothing is assumed: the edge is one of the answers.
-    code, printed, _ = generic(*words)
-    assert code == 2 and "--gauge-x-mm 10" in printed
 
 
 @pytest.mark.parametrize(
@@ -397,60 +274,6 @@ def test_names_with_colons_and_commas_need_no_marks(prefix, tmp_path, capsys):
     np.testing.assert_allclose(specimen.protocols[0].load_y, PIOLA[:, 1] * 0.012, rtol=1e-12)
     code, printed, _ = generic(tmp_path, text, None, capsys, *DIMENSIONS, *gauge)
     assert code == 2 and f"--columns 'stretch_x={names[0]},stretch_y={names[1]}" in printed
-
-
-def test_cycles_detected_from_the_curves(tmp_path, capsys):
-    up = np.r_[np.zeros(10), T, T[::-1][1:]]
-    path = np.r_[0.7 * up, 0.8 * up, up]
-    stretch = np.column_stack([1.0 + 0.2 * path, 1.0 + 0.1 * path])
-    load = np.column_stack([2.0 + 60.0 * path**2, 1.0 + 40.0 * path**3])
-    text, columns = (
-        generic_text(stretch, load, ["a", "b", "P_kPa", "Q_kPa"]),
-        TARGETS.format("a:stretch", "b:stretch"),
-    )
-    words = (tmp_path, text, columns, capsys)
-    code, printed, _ = generic(*words)
-    assert code == 2 and "several cycles (3)" in printed and "--cycles last" in printed
-    (p,) = generic(*words, "--cycles", "last", "--branch", "loading")[2].protocols
-    assert p.load_x[-1] == 62.0 and p.rest_rows >= 10
-    (p,) = generic(*words, "--cycles", 1, "--branch", "loading")[2].protocols
-    assert p.load_x[-1] == 2.0 + 60.0 * 0.7**2
-    code, printed, _ = generic(*words, "--cycles", 4, "--branch", "loading")
-    assert code == 2 and "no cycle 4; cycles are 1, 2, 3" in printed
-    # The same with a column that numbers them.
-    number = np.repeat([5, 6, 9], len(up))
-    text = generic_text(stretch, load, ["a", "b", "P_kPa", "Q_kPa", "No"], [number])
-    words = (tmp_path, text, columns + ",cycle=No", capsys)
-    (p,) = generic(*words, "--cycles", 6, "--branch", "unloading")[2].protocols
-    assert p.load_x.max() == pytest.approx(2.0 + 60.0 * 0.8**2) and p.rows == 41
-
-
-def test_protocol_column_and_time(tmp_path, capsys):
-    stretch, load = np.tile(STRETCH, (2, 1)), np.tile(PIOLA, (2, 1))
-    more = [np.repeat(["1:1", "1:0.5"], 41), np.arange(82) * 0.5]
-    names = ["F11", "F22", "P_kPa", "Q_kPa", "Protocol", "Time_ms"]
-    text = generic_text(stretch, load, names, more)
-    columns = TARGETS.format("F11", "F22") + ",time_s=Time_ms"
-    specimen = generic(tmp_path, text, columns, capsys)[2]
-    assert [p.name for p in specimen.protocols] == ["1:1", "1:0.5"]
-    np.testing.assert_allclose(specimen.protocols[1].time_s[:2], [0.0205, 0.021])
-
-
-def test_reference_drift_stays_in_the_file(tmp_path, capsys):
-    """The stretch is written as measured, so that the reader can tell the drift."""
-    paths, out = [], tmp_path / "s.csv"
-    for name, drift in (("a", 1.0), ("b", 1.01)):
-        text = generic_text(STRETCH * drift, PIOLA, ["F11", "F22", "P_kPa", "Q_kPa"])
-        paths.append(written(tmp_path, text, f"{name}.csv"))
-    columns = TARGETS.format("F11", "F22")
-    words = [*paths, "--machine", "generic", "--columns", columns, "--out", out]
-    code, _, err = run(words, capsys)
-    assert code == 2 and "--repeats cycles" in err
-    assert run([*words, "--repeats", "protocols"], capsys)[0] == 0
-    specimen = read_specimen(out)
-    assert [p.name for p in specimen.protocols] == ["a", "b"]
-    assert specimen.protocols[1].reference == pytest.approx((1.01, 1.01))
-    assert "stretch-drift" in {f.code for f in check_specimen(specimen)}
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,10 @@ from biaxbayes import GOH
 from biaxbayes.errors import InputError
 from biaxbayes.machines.account import account
 from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.specimens.check import check_specimen
 from biaxbayes.tables.question import Question
 from virtual_biotester import biotester_export
+from workbooks import xlsx
 
 SIZE = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
 RATIOS = {"1:1": (1.0, 1.0), "1:0.5": (1.0, 0.5), "0.5:1": (0.5, 1.0)}
@@ -109,7 +111,10 @@ def test_a_picture_and_a_recipe_are_beside_the_file(tmp_path, capsys):
     assert code == 2 and "--cycles last" in err
     assert list(tmp_path.iterdir()) == [path]  # without an answer nothing is written
     words += ["--cycles", "last", "--branch", "loading", "--out", out]
-    assert commands.run(capsys, *words)[0] == 0
+    out.write_text("mine\n")
+    assert "exists already" in commands.refused(capsys, *words)
+    assert out.read_text() == "mine\n"
+    assert commands.run(capsys, *words, "--overwrite")[0] == 0
     assert (tmp_path / "specimen-record.png").read_bytes().startswith(b"\x89PNG")
     recipe = tmp_path / "specimen-recipe.toml"
     # another specimen of the lab: the same answers, its own dimensions
@@ -190,6 +195,7 @@ SPECIMENS = {
     "by name": ("Specimen", ["A", "B"]),
     "by number": ("Sample no", [1, 2]),
     "by code": ("ID", ["pig 7 a", "pig 7 b"]),
+    "in alternating rows": ("Tissue", ["skin", "liver"]),
 }
 
 
@@ -201,8 +207,9 @@ def test_specimens_of_one_table_are_never_mixed(form, tmp_path):
         for label, material in zip(labels, (SOFT, STIFF), strict=True)
         for ratio in RATIOS
     }
-    specimens, protocols = zip(*(key for key, table in tables.items() for _ in table), strict=True)
-    rows = table_of(np.concatenate(list(tables.values())))
+    order = np.arange(240).reshape(2, 120).T.ravel() if "alternating" in form else slice(None)
+    specimens, protocols = np.repeat(list(tables), 40, axis=0)[order].T
+    rows = table_of(np.concatenate(list(tables.values()))[order])
     path = written(tmp_path, {column: specimens, "Protocol": protocols} | rows)
     assert f"specimen_by={column}" in asked(path).choices or column == "Specimen"
     second = asked(path, specimen_by=column)
@@ -410,12 +417,12 @@ def test_a_count_that_changes_at_the_peaks(tmp_path):
     up = made()
     cycles = [up * [1, 1, f, f] for f in (1.25, 1.05, 1.0)]
     rows = np.concatenate([part for c in cycles for part in (c, c[::-1] * [1, 1, 0.85, 0.85])])
-    count = np.repeat([1, 2, 3, 4], [60, 120, 120, 60])
+    count = np.repeat([5, 6, 8, 9], [60, 120, 120, 60])
     path = written(tmp_path, {"Total Cycle Count": count.tolist()} | table_of(rows))
     question = asked(path)
     assert "columns=cycle=Total Cycle Count" in question.choices
     columns = mapped(NAMES, "cycle=Total Cycle Count")
-    assert "cycles=3" in asked(path, columns).choices
+    assert "cycles=8" in asked(path, columns).choices
     for answers in ({"columns": columns}, {"columns": mapped(NAMES, "ignore=Total Cycle Count")}):
         result = read(path, cycles="last", branch="loading", **answers)
         (p,) = result.specimen.protocols
@@ -424,19 +431,22 @@ def test_a_count_that_changes_at_the_peaks(tmp_path):
 
 @pytest.mark.parametrize("several", ["files", "sheets"])
 def test_preconditioning_in_several_files_or_sheets(several, tmp_path):
+    """The reference drifts by 1 % in between: the stretch is written as it was measured."""
     tables = {f"cycle{k}": made() * [1, 1, f, f] for k, f in enumerate((1.3, 1.1, 1.0), start=1)}
+    recorded = tables | {"cycle2": tables["cycle2"] * [1.01, 1.01, 1, 1]}
     if several == "files":
-        paths: object = [written(tmp_path, table_of(t), f"{k}.csv") for k, t in tables.items()]
+        paths: object = [written(tmp_path, table_of(t), f"{k}.csv") for k, t in recorded.items()]
         more = {}
     else:
-        from workbooks import xlsx
-
         paths, more = tmp_path / "cycles.xlsx", {"sheets": "all"}
-        paths.write_bytes(xlsx({k: [list(NAMES), *t.tolist()] for k, t in tables.items()}))
+        paths.write_bytes(xlsx({k: [list(NAMES), *t.tolist()] for k, t in recorded.items()}))
     question = asked(paths, **more)
     assert "same stretch ratio comes back" in str(question)
     assert list(question.choices) == ["repeats=protocols", "repeats=cycles"]
-    assert is_made_of(read(paths, repeats="protocols", **more), *tables.values())
+    three = read(paths, repeats="protocols", **more)
+    assert is_made_of(three, *tables.values())
+    assert three.specimen.protocols[1].reference == pytest.approx((1.01, 1.01))
+    assert "stretch-drift" in {f.code for f in check_specimen(three.specimen)}
     assert "cycles=last" in asked(paths, repeats="cycles", **more).choices
     assert is_made_of(read(paths, repeats="cycles", cycles="last", **more), tables["cycle3"])
     assert is_made_of(read(paths, repeats="cycles", cycles="2", **more), tables["cycle2"])
@@ -481,15 +491,6 @@ def test_a_loading_branch_below_its_start_is_refused(tmp_path):
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match="of the state that it starts from; give the lines"):
         biaxbayes.convert(path, machine="biotester", cycles=2, branch="loading", header=SIZE)
-
-
-def test_specimens_in_alternating_rows_are_asked_about(tmp_path):
-    tables = [made(), made(material=STIFF)]
-    rows = np.stack(tables, axis=1).reshape(-1, 4)
-    path = written(tmp_path, {"Tissue": ["skin", "liver"] * 60} | table_of(rows))
-    assert "specimen_by=Tissue" in asked(path).choices
-    result = read(path, specimen_by="Tissue", header={"specimen": "liver"})
-    assert is_made_of(result, tables[1])
 
 
 def test_rows_apart_in_a_cycled_record_are_asked_about(tmp_path):

@@ -30,10 +30,10 @@ def text_of(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def first_cells(text: str) -> set[str]:
+def first_cells(text: str) -> list[str]:
     """Names in the first column of the tables of a text."""
     rows = re.findall(r"^\| (`.*?) \|", text, re.MULTILINE)
-    return {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    return [name for row in rows for name in re.findall(r"`(\w+)`", row)]
 
 
 def test_scripts_and_studies_that_pages_name_are_there():
@@ -55,25 +55,19 @@ def test_the_reference_of_the_command_line_is_current():
 def test_the_page_of_the_specimen_file_is_complete():
     columns, keys = text_of(docs_verbs.SPECIMEN_FILE).split("## Header keys")
     pairs = [name for pair in STRESS_PAIRS.values() for name in pair]
-    assert {*STRETCHES, "protocol", "time_s", *pairs} <= first_cells(columns)
-    assert first_cells(keys) == set(KEYS)
+    assert {*STRETCHES, "protocol", "time_s", *pairs} <= set(first_cells(columns))
+    assert set(first_cells(keys)) == set(KEYS)
     assert f"{STRESS_LIMIT_KPA:g}" in keys and "unloaded with stresses" in keys
     for page in ("README.md", "docs/tutorial.md", "docs/how-to.md", "docs/index.md"):
         assert "specimen-file.md" in text_of(ROOT / page), page
 
 
-def test_the_map_of_rooms_is_complete():
-    named = first_cells(text_of(DOCS / "layout.md").split("| to add |")[0])
+def test_the_map_of_rooms_is_complete_and_rooms_import_from_those_above_them_alone():
+    """While they are loaded; what is imported in a function is free to."""
+    order = first_cells(text_of(DOCS / "layout.md").split("| to add |")[0])
     rooms = {p.name for p in SOURCE.iterdir() if (p / "__init__.py").is_file()}
     rooms |= {p.stem for p in SOURCE.glob("*.py") if p.stem != "__init__"}
-    assert named == rooms
-
-
-def test_rooms_import_from_rooms_above_them_alone():
-    """While they are loaded; what is imported in a function is free to."""
-    table = text_of(DOCS / "layout.md").split("| to add |")[0]
-    rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
-    order = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    assert set(order) == rooms
     imported = set()
     for path in SOURCE.rglob("*.py"):
         room = path.relative_to(SOURCE).with_suffix("").parts[0]
@@ -82,7 +76,7 @@ def test_rooms_import_from_rooms_above_them_alone():
             if not isinstance(node, ast.ImportFrom) or not module.startswith("biaxbayes."):
                 continue
             imported.add((room, module.split(".")[1]))
-    below = {(a, b) for a, b in imported if a in order and order.index(b) > order.index(a)}
+    below = {(a, b) for a, b in imported if a in rooms and order.index(b) > order.index(a)}
     assert not below
     general = {"sampling", "errors", "progress_bar", "tasks"}
     assert {b for a, b in imported if a == "sampling"} <= general  # nothing of tissue
@@ -226,9 +220,7 @@ def test_readme_check_and_convert_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     prepare(tmp_path)
     (tmp_path / "specimen.csv").unlink()  # the first command writes it
-    lines = readme_lines()
-    assert {words[1] for words in lines if words[0] == "biaxbayes"} <= set(VERBS)
-    quick = [w for w in lines if w[0] == "biaxbayes" and w[1] in ("check", "convert")]
+    quick = [w for w in readme_lines() if w[0] == "biaxbayes" and w[1] in ("check", "convert")]
     assert {words[1] for words in quick} == {"check", "convert"}
     for words in quick:
         run_command(words)
@@ -304,13 +296,6 @@ def test_a_notebook_runs(path, tmp_path):
     assert not any(d.get("text/plain") == "writing" for d in data)
 
 
-def test_readme_commands_exist():
-    lines = readme_lines()
-    assert len(lines) >= 4
-    for words in lines:
-        if words[0] == "bash":
-            assert (ROOT / words[1]).is_file()
-        else:
-            assert words[1] in VERBS
-    named = set(re.findall(r"`([a-z]+)`", (ROOT / "README.md").read_text(encoding="utf-8")))
-    assert set(VERBS) <= named
+def test_the_readme_names_every_command_and_no_other():
+    assert {words[1] for words in readme_lines() if words[0] == "biaxbayes"} <= set(VERBS)
+    assert set(VERBS) <= set(re.findall(r"`([a-z]+)`", text_of(ROOT / "README.md")))

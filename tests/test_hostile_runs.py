@@ -13,8 +13,8 @@ import commands
 
 
 @pytest.fixture
-def run(small_run, copied):
-    return copied(small_run.path)
+def run(small_copy):
+    return small_copy.path
 
 
 def refused(run: Path, capsys, kind: str = "explore") -> str:
@@ -132,6 +132,8 @@ def test_a_result_of_another_kind(run, capsys, change, words):
     assert "is not the file that the run wrote" in refused(run, capsys, "latex")
     seal(run, "results.json")
     assert words in refused(run, capsys, "latex")
+    (run / "results.json").unlink()
+    assert "results.json: no such file" in refused(run, capsys, "latex")
 
 
 @pytest.mark.parametrize("stored", [{}, {"format": 1}, {"format": 3}])

@@ -194,23 +194,6 @@ def test_a_run_of_an_own_law_is_read_and_resumed_without_the_file(own_goh, tmp_p
         assert biaxbayes.open_run(out).law
 
 
-def test_fibres_that_are_compressed_carry_nothing(tmp_path):
-    path = tmp_path / "tension.py"
-    path.write_text(
-        "import numpy as np\n"
-        'parameters = {"c_kPa": ("lognormal", 10, 2), "k_kPa": ("lognormal", 10, 2)}\n'
-        "def energy(X, Y, Z, c, k):\n"
-        "    E = np.maximum(X - 1, 0)\n"
-        "    return c * (X + Y + Z - 3) + k * E**3\n"
-    )
-    law = law_named(str(path))
-    fibres = law.material({"c": 0.0, "k": 2.0})
-    lx = np.array([0.9, 1.2])
-    # s_x = 2 X dW/dX = 6 k X E^2 in extension
-    expected = [0.0, 12.0 * 1.44 * 0.44**2]
-    np.testing.assert_allclose(fibres.cauchy(lx, 1.0)[0], expected, rtol=1e-12)
-
-
 def test_a_law_of_amplitudes_alone_is_fitted(tmp_path):
     """It has no exponents in which starting points could differ."""
     path = tmp_path / "yeoh.py"

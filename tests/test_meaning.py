@@ -15,6 +15,7 @@ from biaxbayes import Protocol, Specimen
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import Conversion, convert
+from biaxbayes.tables.question import Question
 
 WAYS = 200
 EDGE, THICKNESS = 10.0, 1.2
@@ -70,7 +71,9 @@ NAMED = {
     "almansi": ["Almansi {}", "euler-almansi_{}"],
 }
 OPEN = ["E{}{}", "Lagrange strain {}", "strain_{}", "eps {}"]
-SCALES = {"": 1.0, " [%]": 100.0, "_%": 100.0, " (‰)": 1000.0, " [-]": 1.0}
+SCALES = {
+    "": 1.0, " [-]": 1.0, " (mm/mm)": 1.0, " [%]": 100.0, "_%": 100.0, " (‰)": 1e3, " [µε]": 1e6,
+}  # fmt: skip
 FORCES = {
     "N": 1.0, "mN": 1e3, "gf": 1 / 9.80665e-3, "kgf": 1 / 9.80665, "lbf": 1 / 4.4482216152605,
     "g": 1 / 9.80665e-3, "dyn": 1e5, "uN": 1e6, "kg": 1 / 9.80665,
@@ -89,7 +92,7 @@ def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None
     name = str(rng.choice(NAMED.get(kind, OPEN)))
     given = ""
     if kind in ("moved", "apart"):
-        unit, factor = [("mm", 1.0), ("um", 1e3), ("cm", 0.1)][rng.integers(3)]
+        unit, factor = [("mm", 1.0), ("um", 1e3), ("cm", 0.1), ("inch", 1 / 25.4)][rng.integers(4)]
         scale = f" [{unit}]"
         words = {
             "moved": ["Grip displacement {}", "crosshead {}", "Weg {}", "Position {}"],
@@ -113,14 +116,16 @@ def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None
             else:
                 way.refusals.append("not at zero")
     elif kind == "open":
-        kind = str(rng.choice(["engineering", "green", "log"]))
+        kind = str(rng.choice(list(STRAINS)))
         values = STRAINS[kind](stretch) * SCALES[scale]
         if rng.random() < 0.5:
             way.refusals.append("not clear what kind")
-        elif SCALES[scale] == 1000.0:
-            given = f":{kind}"
+        elif SCALES[scale] == 100.0:
+            plain = kind == "engineering" and name in OPEN[2:]
+            given = ":percent" if plain else f":{kind}_percent"
+            scale = str(rng.choice(["", scale]))
         else:
-            given = f":{kind}{'_percent' if SCALES[scale] == 100.0 else ''}"
+            given = ":hencky" if kind == "log" else f":{kind}"
     else:
         values = STRAINS[kind](stretch) * SCALES[scale]
         if kind == "stretch" and SCALES[scale] != 1.0:
@@ -185,10 +190,12 @@ def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, 
         ("Comment", ["slipped" if i == 9 else "" for i in range(len(labels))]),
         ("Clock", [f"10:{i // 60:02d}:{i % 60:02d}" for i in range(len(labels))]),
         ("Temperature [C]", [37.0 + 0.001 * i for i in range(len(labels))]),
+        ("Time [ms]", [20.0 * i for i in range(len(labels))]),
     ):
         if rng.random() < 0.3:
             names.append(extra)
             cells.append(values)
+            way.mapped |= {"time_s": extra} if extra == "Time [ms]" else {}
     if how == "column":
         names.append("Path")
         cells.append(labels.tolist())
@@ -235,6 +242,8 @@ def is_the_specimen(result: Conversion, way: Way) -> bool:
         if len(load) != len(force) or not np.allclose(measured, stretch, rtol=0, atol=1e-9):
             return False
         if not np.allclose(load, force, rtol=1e-7, atol=1e-12):
+            return False
+        if "time_s" in way.mapped and not np.allclose(np.diff(p.time_s), 0.02):
             return False
     return True
 
@@ -309,24 +318,29 @@ def assert_is(result: Conversion, stretch: np.ndarray, force: np.ndarray) -> Non
 
 
 @pytest.mark.parametrize(
-    ("name", "values"),
+    ("name", "values", "says"),
     [
-        ("lambda_{}^2", STRETCH**2),
-        ("λ{}²", STRETCH**2),
-        ("stretch squared {}", STRETCH**2),
-        ("1/lambda_{}", 1.0 / STRETCH),
-        ("inverse stretch {}", 1.0 / STRETCH),
-        ("Green {}*100", 10.0 * GREEN),
-        ("Green x100 {}", 10.0 * GREEN),
-        ("Eng. strain rate {}", STRETCH - 1.0),
+        ("lambda_{}^2", STRETCH**2, "a power"),
+        ("λ{}²", STRETCH**2, "a power"),
+        ("stretch squared {}", STRETCH**2, "a power"),
+        ("1/lambda_{}", 1.0 / STRETCH, "an inverse"),
+        ("inverse stretch {}", 1.0 / STRETCH, "an inverse"),
+        ("Green {}*100", 10.0 * GREEN, "a multiple"),
+        ("Green x100 {}", 10.0 * GREEN, "a multiple"),
+        ("Eng. strain rate {}", STRETCH - 1.0, "or a rate"),
+        ("true stretch {}", STRETCH - 1.0, "not clear what kind"),
+        ("Green strain {0}{0} [%]:percent", STRETCH - 1.0, "leaves its kind open"),
+        ("strain_true {}:percent", STRETCH - 1.0, "leaves its kind open"),
+        ("Green {} [%]", GREEN, "spreadsheets store 20 % as 0.2"),
+        ("Green {}", STRETCH, "starts at 1"),
+        ("lambda_{}", STRETCH - 1.0, "starts at 0"),
     ],
 )
-def test_a_multiple_power_inverse_or_rate_is_not_taken_for_the_strain(tmp_path, name, values):
-    names = [name.format(axis) for axis in "xy"]
-    path = file_of(tmp_path, [*names, "Fx_N", "Fy_N"], values, FORCE)
-    columns = targets([*names, "Fx_N", "Fy_N"])
-    with pytest.raises(InputError, match=r"suggests a multiple, a power, an inverse or a rate"):
-        converted(path, columns)
+def test_what_is_not_plainly_the_strain_is_not_taken_for_it(tmp_path, name, values, says):
+    columns = [*(name.format(axis) for axis in "xy"), "Fx_N", "Fy_N"]
+    path = file_of(tmp_path, [c.partition(":")[0] for c in columns], values, FORCE)
+    with pytest.raises(InputError, match=says):
+        converted(path, targets(columns))
 
 
 @pytest.mark.parametrize(
@@ -391,6 +405,9 @@ def test_lengths_that_do_not_fit_on_the_tissue(tmp_path):
             converted(path, targets(names), **given)
     names = ["Disp X [mm]", "Disp Y [mm]", "Fx_N", "Fy_N"]
     path = file_of(tmp_path, names, (STRETCH - 1.0) * GAUGE, FORCE)
+    with pytest.raises(Question) as question:  # the edge is assumed of no gauge length
+        converted(path, targets(names))
+    assert f"gauge_x_mm={EDGE:g}" in question.value.choices
     short = converted(path, targets(names), gauge_x_mm=1.02, gauge_y_mm=1.05)
     assert "is it in mm?" in str(short.specimen.metadata["conversion"])
     path = file_of(tmp_path, names, (1.0 - STRETCH) * GAUGE, FORCE)

@@ -1,6 +1,5 @@
 """Messages for what new users do: one line that names the mistake and the way out."""
 
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import biaxbayes
-import quick_posteriors
-from biaxbayes.errors import InputError, Interrupted
+from biaxbayes.errors import InputError
 from biaxbayes.machines.generic import parse_columns
 from biaxbayes.options import SamplingPlan
-from biaxbayes.runs import checkpoint
-from biaxbayes.runs.folder import manifest
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen_file import (
     parse_specimen,
@@ -135,31 +131,6 @@ def test_whatever_force_is_given_the_sampled_specimen_can_be_read_again(force, s
         return
     lines = specimen_text(result).split("\n")
     assert parse_specimen(lines, Path("specimen.csv")).protocols == result.protocols
-
-
-def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
-    """In a new folder, and in one that holds half a run: the wrong command has spoilt neither."""
-    path, folder = tmp_path / "tared.csv", tmp_path / "run"
-    write_specimen(quick_posteriors.small_specimen().zeroed(), path)
-    options = ("--noise", "independent", "--mounting", "exact", "--fix", "kappa=0.1", "--ess", "60")
-    arguments = ("sample", path, "--out", folder, *options, "--resume", "--mounting-force")
-    right = quick_posteriors.small_specimen().mounting_readings(shared=True)[0][0]
-    wrong = 1e3 * right  # in mN
-    with quick_posteriors.runs_without_figures():
-        assert run(capsys, *arguments, *wrong)[0] == 2
-        with pytest.raises(Interrupted):
-            biaxbayes.sample(
-                path, out=folder, mounting_force=right, stop=lambda: signal.SIGINT,
-                noise="independent", mounting="exact", priors={"kappa": 0.1}, ess=60.0,
-            )  # fmt: skip
-        before = manifest(folder)
-        assert checkpoint.NAME in before
-        assert run(capsys, *arguments, *wrong)[0] == 2
-        assert manifest(folder) == before
-        code, out, err = run(capsys, *arguments, *right)
-    assert code in (0, 3) and "mounting_stretch_x" in out, err
-    result = biaxbayes.open_run(folder).specimen
-    assert tuple(result.mounting_readings(shared=True)[0][0]) == pytest.approx(right)
 
 
 def test_a_target_of_convert_with_another_unit():

@@ -6,7 +6,7 @@ import pytest
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from studies.paper import printed, tables
-from studies.paper.experiments import PRESTRETCHES, mae, theta
+from studies.paper.experiments import mae, theta
 
 # Cells of Tables 3 and 4 that print and computation do not share.
 MISPRINTS = {
@@ -128,12 +128,3 @@ def test_rows_of_table_5_describe_one_record(specimen):
     if specimen == "3":  # and yet differ by more than twofold in C1
         rows = printed.TABLE5["3"]
         assert GOH(*rows["fip"].values).C1_kPa > 2.3 * GOH(*rows["linden"].values).C1_kPa
-
-
-def test_zeroed_errs_less_than_standard_but_by_no_order_of_magnitude():
-    ratios = [
-        float(rows["standard", p].mae) / float(rows["zeroed", p].mae)
-        for rows in printed.VIRTUAL.values()
-        for p in PRESTRETCHES
-    ]
-    assert min(ratios) == pytest.approx(4.5, abs=0.05) and max(ratios) == pytest.approx(23, abs=0.5)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import executor_tasks as tasks
+import shared
 from biaxbayes import cluster as dask_cluster
 from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
@@ -172,23 +173,7 @@ def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
         executor_for(scheduler="tcp://127.0.0.1:8786")
 
 
-def local_cluster(workers):
-    from distributed import LocalCluster
-
-    return LocalCluster(
-        n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None,
-        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, memory_limit=0,
-    )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def scheduler():
-    """Address of a scheduler with two workers, in processes of their own."""
-    with local_cluster(2) as cluster:
-        yield cluster.scheduler_address
-
-
-def test_a_cluster_does_every_task_once_and_raises_errors_here(scheduler):
+def test_a_cluster_does_every_task_once_and_raises_errors_here(scheduler, tmp_path):
     numbers = list(range(6))
     with Cluster(scheduler) as cluster:
         assert {o.index: o.value for o in cluster.run(tasks.square, numbers)} == {
@@ -196,6 +181,8 @@ def test_a_cluster_does_every_task_once_and_raises_errors_here(scheduler):
         }
         threads = {o.value[1] for o in cluster.run(tasks.where, numbers)}
         assert threads == {1}
+        (lost,) = cluster.run(tasks.die_once, [str(tmp_path)])
+        assert (lost.value, lost.failure) == ("survived", "")
         with pytest.raises(ValueError, match="two") as raised:
             list(cluster.run(tasks.fail, [1, 2]))
         assert "executor_tasks.py" in "".join(raised.value.__notes__)
@@ -210,7 +197,7 @@ def test_workers_with_other_versions_are_refused(scheduler, monkeypatch):
 
 @pytest.mark.long
 def test_a_scheduler_that_goes_is_one_line():
-    local = local_cluster(1)
+    local = shared.local_cluster(1)
     running = Cluster(local.scheduler_address).run(tasks.square, list(range(10**6)))
     next(running)
     local.close()

@@ -16,10 +16,8 @@ from biaxbayes.forward import ForwardModel
 from biaxbayes.identifiability.piece_stiffness import PieceStiffness, disagreements
 from biaxbayes.laws import law_named
 from biaxbayes.model import misfit
-from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
-from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.check import check_specimen
 from plain_posterior import SMOOTH, TRUTH, PlainPosterior, specimen_of, theta_of
 from plain_strips import PlainStrip, PlainTissue, across_root, strip, strip_force
@@ -335,16 +333,6 @@ def test_the_study_of_pieces_has_stresses_and_strips_of_its_own():
 
 
 # --- sampling ------------------------------------------------------------------------------------
-
-QUICK = Plan(ess=40, max_steps=16, ensembles=2, walkers=32, population=128, first_block=8, seed=3)
-
-
-def test_draws_do_not_depend_on_the_workers():
-    posterior = Posterior(tissue(), noise="independent", mounting="exact")
-    first, second = (draw_posterior(posterior, replace(QUICK, workers=n)) for n in (1, 2))
-    assert set(first.quantities) == set(second.quantities)
-    for name, values in first.quantities.items():
-        np.testing.assert_array_equal(values, second.quantities[name])
 
 
 @pytest.fixture(scope="module")

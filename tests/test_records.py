@@ -18,9 +18,6 @@ from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from biaxbayes.verbs.sample import SampleJob
 from commands import refused, run
 
-QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
-
-
 DATA = Path(__file__).resolve().parents[1] / "data"
 CURVES = ("stretch_x", "stretch_y", "load_x", "load_y")
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
@@ -177,7 +174,10 @@ def test_exchanged_force_columns_and_a_wrong_unit_are_named(tmp_path):
     notes = []
     with quick_posteriors.runs_without_figures():
         opened = biaxbayes.sample(
-            wrong, out=tmp_path / "run", progress=lambda p: notes.append(p.note), **QUICK
+            wrong,
+            out=tmp_path / "run",
+            progress=lambda p: notes.append(p.note),
+            **quick_posteriors.QUICK,
         )
     output = [n for n in notes if n]
     assert "is the file in MPa" in output[0]

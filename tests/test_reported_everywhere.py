@@ -183,11 +183,6 @@ def test_summary_evidence_and_result_have_the_same_quantiles(run, rows):
         assert [stored[name][k] for k in ("verdict", "reason")] == [row["verdict"], row["reason"]]
 
 
-def test_no_number_is_one_within_the_law_beside_another(media_run):
-    for text in (report_page(media_run), latex_table(media_run), closing_message(media_run)):
-        assert "within the law" not in text.lower()
-
-
 def test_only_one_table_has_stresses_to_report(media_run):
     table = pd.read_csv(media_run.path / "report-stresses.csv")
     all_of_them = media_run.result.determined.set_index(["quantity", "stretch_x", "stretch_y"])

@@ -24,7 +24,7 @@ from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
 from biaxbayes.runs.folder import PROVENANCE
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.verbs import sample as sampling
-from commands import exit_code
+from commands import exit_code, refused
 from quick_posteriors import without_figures
 
 pytestmark = pytest.mark.usefixtures("usual_signals")
@@ -48,6 +48,10 @@ def quick():
 
 def sample(out, *more, specimen=SPECIMEN, options=OPTIONS):
     return exit_code("sample", specimen, "--out", out, *options, *more)
+
+
+def resume_refused(capsys, out, *more, specimen=SPECIMEN):
+    return refused(capsys, "sample", specimen, "--out", out, *OPTIONS, "--resume", *more)
 
 
 def content(path):
@@ -240,20 +244,17 @@ def test_a_signal_that_nohup_ignores_stays_ignored():
 )
 def test_other_options_are_refused_by_name(halfway, capsys, more, named):
     before = files(halfway)
-    assert sample(halfway, "--resume", *more) == 2
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
+    message = resume_refused(capsys, halfway, *more)
     for words in (*named, "start again without --resume", str(halfway / NAME)):
         assert words in message
     assert files(halfway) == before
 
 
 def test_another_file_or_version_is_refused(halfway, capsys, monkeypatch):
-    assert sample(halfway, "--resume", specimen=SPECIMEN.with_name("donor2-media.csv")) == 2
-    assert "differs in specimen (" in capsys.readouterr().err
+    media = SPECIMEN.with_name("donor2-media.csv")
+    assert "differs in specimen (" in resume_refused(capsys, halfway, specimen=media)
     monkeypatch.setattr(biaxbayes, "__version__", "99.0")
-    assert sample(halfway, "--resume") == 2
-    assert "version (" in capsys.readouterr().err
+    assert "version (" in resume_refused(capsys, halfway)
 
 
 @pytest.mark.long
@@ -297,8 +298,7 @@ def test_a_damaged_checkpoint_is_reported_and_the_one_before_used(halfway, expec
 def test_with_none_readable_nothing_is_guessed(halfway, capsys):
     for name in (NAME, PREVIOUS):
         (halfway / name).write_bytes(b"not a checkpoint")
-    assert sample(halfway, "--resume") == 2
-    message = capsys.readouterr().err
+    message = resume_refused(capsys, halfway)
     assert f"{NAME} is damaged" in message and f"{PREVIOUS} is damaged" in message
 
 
@@ -385,8 +385,7 @@ def test_a_folder_that_is_being_written_is_left_alone(halfway, capsys):
 
     before = files(halfway)
     with folder_lock(halfway):
-        assert sample(halfway, "--resume") == 2
-    assert "another process is writing there" in capsys.readouterr().err
+        assert "another process is writing there" in resume_refused(capsys, halfway)
     assert files(halfway) == before
 
 

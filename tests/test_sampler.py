@@ -268,28 +268,31 @@ def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(tmp_path, capsys):
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(
+    tmp_path, capsys, monkeypatch, apart
+):
+    """Too short, or its ensembles disagree, as here by a limit that none keeps."""
     out = tmp_path / "short"
+    for limit in ("RHAT_LIMIT", "TENTATIVE_RHAT") if apart else ():
+        monkeypatch.setattr(f"biaxbayes.sampling.convergence.{limit}", 0.9)
+    words = ("--max-steps", 128, "--ess", 1e7, *(["--quiet"] if apart else []))
     with runs_without_figures():
-        code = exit_code(
-            "sample", DATA / "donor2-media.csv", "--out", out, "--max-steps", 128, "--ess", 1e7
-        )
-    text = capsys.readouterr().out
+        code = exit_code("sample", DATA / "donor2-media.csv", "--out", out, *words)
+    text, err = capsys.readouterr()
     assert code == 3
-    assert "not converged" in text
-    record = json.loads((out / "provenance.json").read_text())
-    assert record["convergence"]["state"] != "converged"
-    assert record["convergence"]["reason"]
+    assert "not converged" in text or apart
+    convergence = json.loads((out / "provenance.json").read_text())["convergence"]
+    assert convergence["state"] != "converged"
+    assert convergence["reason"]
     table = pd.read_csv(out / "summary.csv")
     assert table["ess_bulk"].isna().all() and table["ess_tail"].isna().all()
+    if apart:
+        assert convergence["state"] == "unusable"
+        assert convergence["reason"].startswith("R-hat of ") and convergence["reason"] in err
+        assert table[["mean", "sd", "q05", "q50", "q95"]].isna().all(axis=None)
+        assert table["rhat"].notna().any()
     assert (out / "posterior.nc").is_file()  # the draws are kept
-
-
-def tared(tmp_path):
-    media = specimen()
-    path = tmp_path / "tared.csv"
-    write_specimen(media.zeroed(), path)
-    return path
 
 
 def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):

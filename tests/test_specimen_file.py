@@ -16,7 +16,6 @@ from biaxbayes.specimens.keys import measured_stretch
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.specimens.specimen_file import specimen_text
 from biaxbayes.specimens.table import read_stretches
-from good_specimen import protocols
 
 
 def write(path: Path, text: str) -> Path:
@@ -56,18 +55,6 @@ def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
     assert second.notes == ()
     assert second.metadata == raw.metadata
     assert pickle.loads(pickle.dumps(second)) == second
-
-
-def test_cauchy_stress_keeps_its_nominal_stress_when_the_reference_moves(tmp_path):
-    # The lab: sigma = P * stretch, with its own reference. Dividing the stretch by its value at
-    # rest must leave P alone.
-    p = noisy_protocol(3)
-    specimen = Specimen("a", (p,), "cauchy")
-    write_specimen(specimen, tmp_path / "a.csv")
-    read = read_specimen(tmp_path / "a.csv")
-    nominal = np.column_stack([p.load_x / p.stretch_x, p.load_y / p.stretch_y])
-    np.testing.assert_allclose(read.load(read.protocols[0]), nominal, rtol=1e-14)
-    assert read.protocols[0].stretch_x[:5].mean() == pytest.approx(1.0, abs=1e-15)
 
 
 @given(
@@ -225,13 +212,6 @@ def test_writer_refuses_what_the_reader_would(tmp_path):
     with pytest.raises(InputError, match="duplicated"):
         write_specimen(Specimen("x", (p, p), "piola"), tmp_path / "a.csv")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_several_protocols_keep_their_order(tmp_path):
-    specimen = read_specimen(write(tmp_path / "a.csv", protocols("b", "a", "1:1")))
-    assert [p.name for p in specimen.protocols] == ["b", "a", "1:1"]
-    assert specimen.only("a").protocols == (specimen.protocols[1],)
-    assert len(specimen.without("a").protocols) == 2
 
 
 def test_a_path_of_stretches_is_read_by_its_names(tmp_path):

@@ -74,6 +74,7 @@ WRITTEN = [
     *(TEXT.replace("P11_kPa", name).encode(encoding) for encoding, name in FOREIGN),
     TEXT.replace("P22_kPa", '"P22_kPa\n"').encode(),
     TEXT.replace("P11_kPa", '"P11\n[kPa]"').encode(),
+    *(f"# {text_table(separator)}".encode() for separator in ", \t"),  # of numpy.savetxt
     TEXT.encode("utf-16-le"),
     TEXT.encode("utf-16-be"),
     TEXT.encode() + b"\x1a",
@@ -207,15 +208,28 @@ def test_workbooks_of_all_kinds(kind, tmp_path):
     preamble = [["Specimen", "A-12"], ["Thickness", 1.2], []]
     path.write_bytes(BOOKS[kind]({"1 to 1": [*preamble, *ROWS]}))
     assert holds(path)
-    # An info sheet is named and left out; a sheet with a table is a protocol.
-    path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS, "b": ROWS}))
-    with pytest.raises(InputError, match="same stretch ratio comes back"):
-        read(path, sheets=("all",))
-    result = read(path, sheets=("all",), repeats="protocols")
-    assert [p.name for p in result.specimen.protocols] == ["a", "b"]
-    assert "sheets left out: Info" in "\n".join(account(result))
     path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS}))
     assert holds(path)
+    # An info sheet is named and left out; a sheet with a table is a protocol.
+    other = [NAMES, *(VALUES[:, [1, 0, 3, 2]] ** [1, 2, 1, 1]).tolist()]
+    path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS, "b": other}))
+    result = read(path, sheets=("all",))
+    assert [p.name for p in result.specimen.protocols] == ["a", "b"]
+    assert result.specimen.protocols[1].stretch_y[-1] == pytest.approx(1.2**2)
+    assert "sheets left out: Info" in "\n".join(account(result))
+    chosen = read(path, sheets=("b", "a")).specimen
+    assert [p.name for p in chosen.protocols] == ["b", "a"]
+    for sheets, says in (
+        ((), "more than one sheet"),
+        (("a", "a"), "'a'"),
+        (("a", "Info"), "'Info' holds no table"),
+        (("C",), "no sheet 'C'"),
+    ):
+        with pytest.raises(InputError, match=says):
+            read(path, sheets=sheets)
+    path.write_bytes(path.read_bytes()[:1500])
+    with pytest.raises(InputError, match="not a readable workbook"):
+        read(path)
 
 
 def test_matlab_files(tmp_path):

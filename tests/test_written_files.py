@@ -13,17 +13,6 @@ from biaxbayes.runs.folder import PROVENANCE, manifest
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.text_files import read_csv, write_csv
 from commands import refused, run
-from virtual_biotester import biotester_export
-
-
-def plain(path) -> list[list[str]]:
-    """Rows as a spreadsheet or R sees them, all of one width."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    assert len({len(row) for row in rows}) == 1, path.name
-    assert all(name and name.replace("_", "a").isalnum() for name in rows[0]), path.name
-    return rows
-
 
 TEXTS = ["=1+1", "+1+1", "-2+3", "@SUM(A1)", "\t=1+1", "'=1+1", "'tis", "plain", "-1.5", "+2e3"]
 
@@ -41,9 +30,6 @@ def test_a_spreadsheet_computes_nothing_and_texts_read_back_as_they_were(tmp_pat
     pd.testing.assert_frame_equal(back, table, check_dtype=False)
 
 
-QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
-
-
 def test_a_finished_run_is_refused_in_one_line_and_stays(capsys, tmp_path, small_run, copied):
     folder, path = copied(small_run.path), tmp_path / "other.csv"
     write_specimen(quick_posteriors.small_specimen(), path)
@@ -57,7 +43,7 @@ def test_a_finished_run_is_refused_in_one_line_and_stays(capsys, tmp_path, small
     for name in (checkpoint.NAME, checkpoint.PREVIOUS):
         (folder / name).unlink(missing_ok=True)
     with pytest.raises(RunError, match="finished run"):
-        biaxbayes.sample(path, out=folder, resume=True, **QUICK)
+        biaxbayes.sample(path, out=folder, resume=True, **quick_posteriors.QUICK)
 
 
 def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
@@ -74,7 +60,7 @@ def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
     with quick_posteriors.runs_without_figures():
         again = biaxbayes.sample(
             quick_posteriors.small_specimen(), out=folder, overwrite=True, seed=4,
-            progress=steps.append, **QUICK,
+            progress=steps.append, **quick_posteriors.QUICK,
         )  # fmt: skip
     kept = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
     own = {name.partition("/")[0] for name in again.provenance["files"]} | {PROVENANCE}
@@ -102,18 +88,3 @@ def test_plot_leaves_the_figures_of_the_run(capsys, media_run, copied):
         biaxbayes.plot(folder, "bands", out=folder / "stress-bands", suffix="png")
     after = manifest(folder)
     assert {name: after[name] for name in own} == own
-
-
-def test_convert_does_not_replace_a_file_unasked(capsys, tmp_path):
-    raw, out = tmp_path / "export.csv", tmp_path / "specimen.csv"
-    raw.write_text(biotester_export().text())
-    words = ["convert", raw, "--machine", "biotester", "--out", out]
-    words += ["--cycles", "last", "--branch", "loading", "--geometry", "unloaded"]
-    words += ["--edge-x-mm", 10, "--edge-y-mm", 10, "--thickness-mm", 1.2]
-    assert run(capsys, *words)[0] == 0
-    out.write_text("mine\n")
-    err = refused(capsys, *words)
-    assert "exists already" in err
-    assert out.read_text() == "mine\n"
-    assert run(capsys, *words, "--overwrite")[0] == 0
-    assert out.read_text() != "mine\n"
