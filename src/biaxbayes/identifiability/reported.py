@@ -237,18 +237,6 @@ def quantile_texts(
     )
 
 
-def interval_text(low: float, high: float, parameter: Parameter) -> str:
-    """An interval as text, or a bound where the other end is NaN."""
-    if math.isnan(low) and math.isnan(high):
-        return DASH
-    if math.isnan(high):
-        return f"above {parameter.number(low)}"
-    if math.isnan(low):
-        return f"below {parameter.number(high)}"
-    _, first, last = quantile_texts(low, low, high, parameter)
-    return f"{first} to {last}"
-
-
 def row_lines(rows: Sequence[ReportRow]) -> list[str]:
     """Aligned lines for a terminal."""
     return aligned(

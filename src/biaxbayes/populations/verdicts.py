@@ -17,7 +17,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.identify import diagnostics_from_draws, identify_draws
 from biaxbayes.identifiability.marginals import INTERVAL, Z90, ComparisonScale
-from biaxbayes.identifiability.reported import interval_text, reported, row_numbers
+from biaxbayes.identifiability.reported import quantile_texts, reported, row_numbers
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
@@ -176,5 +176,6 @@ def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter
     narrow = not parameter.logarithmic or high <= Thresholds().max_ratio * low
     if contraction < Thresholds().contraction or not narrow:
         return {"verdict": NOT_IDENTIFIED, "contraction": contraction}
-    text = interval_text(low, high, parameter)
+    _, first, last = quantile_texts(low, low, high, parameter)
+    text = f"{first} to {last}"
     return {"verdict": IDENTIFIED, "reported": text, "contraction": contraction}
