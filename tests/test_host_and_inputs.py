@@ -85,17 +85,13 @@ MEDIA = {"material": "donor2-media"}
 WRONG = {
     "`run` must be a run or its folder, not int": without_run("report", 3),
     "`run` must be a run or its folder, not ndarray": without_run("export", np.ones(3), "abaqus"),
-    "`labels` must be a list, not int": without_run("compare", ["a", "b"], labels=3),
-    "`header` must be a mapping, not str": without_run("convert", DATA, header="edge_x_mm=20"),
     "`initial` must be a material": without_run("fit", DATA, initial=[1.0]),
     "`stretch` b'x' is not a possible": of_a_run("predict", stretch=b"x", anyway=True),
     "'colour' is not a setting of matplotlib": of_a_run("plot", style={"colour": 1}),
     "`width_mm` must be a number from 50 to 400": of_a_run("plot", width_mm=-1),
-    "`figure` must be a text, not ndarray": of_a_run("plot", np.ones(3)),
     "`path` must be numbers": of_a_run("predict", [["a", "b"]], anyway=True),
     "`ratios` must be pairs of numbers": without_run("simulate", **MEDIA, ratios=(1, 2)),
     "unknown material": without_run("simulate", material=[1]),
-    "`resume` must be True or False": without_run("sample", DATA, resume=np.ones(3)),
     "`specimen` must be a path, not ndarray": without_run("sample", np.ones(3)),
 }
 

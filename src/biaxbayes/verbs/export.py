@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option
 from biaxbayes.reports.text import plural
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import as_path
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
 from biaxbayes.verbs.options import (
@@ -52,7 +53,7 @@ class CardOptions(Options):
     overwrite: bool = option(False, "Replace the cards of an earlier export.")
 
 
-@takes_options(CardOptions)
+@usual_numpy_errors
 def export(
     run: RunLike,
     to: str,

@@ -16,13 +16,13 @@ from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import (
     LawsPlan,
     ModelOptions,
-    takes_options,
 )
 from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import (
     atomic_write_text,
 )
@@ -48,7 +48,7 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
 
 
 @with_progress
-@takes_options(LawsPlan, ModelOptions, without=SINGLE_LAW_OPTIONS)
+@usual_numpy_errors
 def compare_laws(
     specimen: SpecimenLike,
     *,

@@ -12,9 +12,10 @@ import numpy as np
 from biaxbayes.errors import InputError, listed
 from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option, takes_options
+from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option
 from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import atomic_write_all, csv_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -68,7 +69,7 @@ class PathOptions(BandOptions):
     )
 
 
-@takes_options(PathOptions, without=("seed",))
+@usual_numpy_errors
 def predict(
     run: RunLike,
     path: Any = None,
@@ -211,7 +212,7 @@ class TubeOptions(BandOptions):
     around: str = option("x", "The axis of the test that runs around the tube.", choices=("x", "y"))
 
 
-@takes_options(TubeOptions)
+@usual_numpy_errors
 def inflate(
     run: RunLike,
     pressure_kPa: Any = None,
