@@ -1,6 +1,6 @@
-"""Templates of the pages, and their contents: cells of tables, figures as data URIs.
+"""Templates of pages and paragraphs, and their contents: cells of tables, figures as data URIs.
 
-Text in a template is escaped.
+Text in a template of a page is escaped.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 import biaxbayes
 from biaxbayes.parameters import Quantity
-from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, as_html
+from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, as_html, capital, truncate
 
 Cell: TypeAlias = str | Quantity | Markup | tuple[str | Markup, ...]
 """A text, a quantity (its symbol), or a text with further ones in small print below."""
@@ -29,12 +29,13 @@ def page_template(name: str) -> Template:
     """The template of a file beside this one."""
     environment = Environment(
         loader=PackageLoader("biaxbayes.reports", "."),
-        autoescape=True,
+        autoescape=lambda name: str(name).endswith("html.jinja"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters |= {"symbol": as_html, "cell": _cell}
+    environment.filters |= {"one_line": truncate, "capital": capital}
     terms = list(GLOSSARY)
     environment.globals |= {
         "version": biaxbayes.__version__,
