@@ -93,6 +93,7 @@ def predict(
         As in :class:`PathOptions`.
     """
     from biaxbayes.figures.prediction import stress_figure
+    from biaxbayes.figures.style import print_style
     from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import measured_stress, predict_stress
     from biaxbayes.specimens.table import read_stretches
@@ -133,16 +134,16 @@ def predict(
         recorded = specimen.as_compared(opened.settings.mounting)
         states = table[["stretch_x", "stretch_y"]].to_numpy()
         measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
-        figure = stress_figure(
-            table,
-            reference=chosen.reference,
-            probability=chosen.probability,
-            directions=specimen.directions,
-            measured=measured,
-            width_mm=chosen.width_mm,
-            style=chosen.style,
-        )
-        _write(inputs.make_folder(out) / "prediction", table, figure, chosen)
+        with print_style(chosen.style):
+            figure = stress_figure(
+                table,
+                reference=chosen.reference,
+                probability=chosen.probability,
+                directions=specimen.directions,
+                measured=measured,
+                width_mm=chosen.width_mm,
+            )
+            _write(inputs.make_folder(out) / "prediction", table, figure, chosen)
     return table
 
 
@@ -190,7 +191,7 @@ def _write(stem: Path, table: pd.DataFrame, figure: Figure, chosen: BandOptions)
 
     contents = {
         ".csv": csv_text(table).encode("utf-8"),
-        f".{chosen.suffix}": figure_bytes(figure, chosen.suffix, chosen.style),
+        f".{chosen.suffix}": figure_bytes(figure, chosen.suffix),
     }
     atomic_write_all({stem.with_suffix(suffix): content for suffix, content in contents.items()})
 
@@ -239,6 +240,7 @@ def inflate(
         As in :class:`TubeOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
+    from biaxbayes.figures.style import print_style
     from biaxbayes.prediction.inflation import ThinTube, predict_diameter, predict_pressure
 
     chosen = TubeOptions.from_values(options)
@@ -265,10 +267,10 @@ def inflate(
         pressure = inputs.as_numbers(pressure, "pressure_kPa")
         table = predict_diameter(*data, pressure, probability=chosen.probability, seed=chosen.seed)
     if out is not None:
-        figure = inflation_figure(
-            table, probability=chosen.probability, width_mm=chosen.width_mm, style=chosen.style
-        )
-        _write(inputs.make_folder(out) / "inflation", table, figure, chosen)
+        with print_style(chosen.style):
+            look = {"probability": chosen.probability, "width_mm": chosen.width_mm}
+            figure = inflation_figure(table, **look)
+            _write(inputs.make_folder(out) / "inflation", table, figure, chosen)
     return table
 
 
