@@ -14,7 +14,7 @@ from biaxbayes.identifiability.reported import COARSE_RATIO, DASH
 from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
-from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
+from biaxbayes.prediction.predictive_checks import checks_in_words
 from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, tests_in_words, truncate
@@ -70,9 +70,6 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     result, provenance = run.result, run.provenance
     notes = (*provenance["notes"], provenance["sampler"]["message"])
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
-    sentences = (
-        checks_in_words(checks, run.law.key) + misfit_in_words(checks) if len(checks) else []
-    )
     version = truncate(provenance["biaxbayes"], 30)
     return page_template("report.html.jinja").render(
         run=run,
@@ -100,7 +97,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         noise=provenance["noise"],
         sampler=provenance["sampler"],
         convergence=provenance["convergence"],
-        misfit_sentences=[truncate(text, 400) for text in dict.fromkeys(sentences)],
+        misfit_sentences=[truncate(t, 400) for t in checks_in_words(checks)] if len(checks) else [],
         misfit=_misfit_rows(checks),
         notes=[truncate(n, 400) for n in notes if n],
         settings_facts=_settings_facts(run),
