@@ -35,7 +35,6 @@ class Option(NamedTuple):
     minimum: float = -math.inf
     maximum: float = math.inf
     open_ends: bool = False  # the range excludes minimum and maximum
-    show_range: bool = False
     reason: str = ""  # why there is a minimum
     metavar: str | None = None
     flag: str = ""
@@ -333,8 +332,8 @@ MODEL_OPTIONS = options_of(Settings)
 class FitOptions(Options):
     """Least-squares fits."""
 
-    starts: int = option(8, minimum=1, maximum=512, show_range=True)
-    seed: int = option(0, minimum=0, show_range=True)
+    starts: int = option(8, minimum=1, maximum=512)
+    seed: int = option(0, minimum=0)
     fixed: Mapping[str, float] | None = None
     """Values of fixed parameters, in their own units."""
     mounting_stretch: str = option("shared", **MODEL_OPTIONS["mounting_stretch"]._asdict())
@@ -445,7 +444,6 @@ class DesignOptions(Options):
         "Range of the extended protocol, relative to the tested range.",
         minimum=1.0,
         maximum=3.0,
-        show_range=True,
     )
     alpha_sd_deg: float = option(
         5.0,
@@ -476,9 +474,9 @@ class DesignOptions(Options):
 class PredictionOptions(Options):
     """Bands of stress on a path, or of the inflation of a tube."""
 
-    points: int = option(61, minimum=2, maximum=100_000, show_range=True)
+    points: int = option(61, minimum=2, maximum=100_000)
     """Number of states on a straight path."""
     probability: float = option(
-        CONTENT, "Content of the bands.", minimum=0.0, maximum=1.0, open_ends=True, show_range=True
+        CONTENT, "Content of the bands.", minimum=0.0, maximum=1.0, open_ends=True
     )
-    seed: int = option(0, minimum=0, show_range=True)
+    seed: int = option(0, minimum=0)

@@ -32,9 +32,7 @@ DRAW_AT = ("median", "map")
 class CardOptions(Options):
     """Material cards of posterior draws."""
 
-    draws: int | None = option(
-        None, "N random posterior draws.", kind=int, minimum=1, show_range=True, metavar="N"
-    )
+    draws: int | None = option(None, "N random posterior draws.", kind=int, minimum=1, metavar="N")
     at: str | None = option(
         None,
         "One draw: that with the curves nearest the median curves, or the most probable one  "
@@ -49,7 +47,7 @@ class CardOptions(Options):
         kind=float,
         metavar="R",
     )
-    seed: int = option(0, minimum=0, show_range=True)
+    seed: int = option(0, minimum=0)
     overwrite: bool = option(False, "Replace the cards of an earlier export.")
 
 

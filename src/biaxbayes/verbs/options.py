@@ -86,11 +86,6 @@ def _option(name: str, option: Option, default: Any, changes: dict[str, Any]) ->
         return click.option(f"--{option.flag}", name, **(settings | changes))
     if option.choices:
         settings["type"] = click.Choice(option.choices)
-    elif option.show_range:
-        kind: Any = click.IntRange if option.kind is int else click.FloatRange
-        maximum = None if option.maximum == math.inf else option.maximum
-        ends = dict.fromkeys(("min_open", "max_open"), option.open_ends)
-        settings["type"] = kind(option.minimum, maximum, **ends)
     elif option.kind is not None:
         settings["type"] = option.kind
     if default is not None:

@@ -192,8 +192,8 @@ def picture_file(out: PathLike, suffix: str | None = None) -> Path:
 )
 @click.option(
     "--width-mm",
-    type=click.FloatRange(60.0, 400.0),
-    default=180.0,
+    type=float,
+    default=PAGE_MM,
     show_default=True,
     help="Width in print: 85 is a column, 180 a page.",
 )

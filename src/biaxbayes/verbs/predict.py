@@ -37,7 +37,7 @@ class BandOptions(PredictionOptions):
     """Bands and their figure; ``style`` is a matplotlib style file, or its settings."""
 
     suffix: str = option("pdf", choices=FIGURE_FORMATS, flag="format")
-    width_mm: float = option(85.0, minimum=50.0, maximum=400.0, show_range=True)
+    width_mm: float = option(85.0, minimum=50.0, maximum=400.0)
     style: Any = option(  # noqa: RUF009  an option, which is a field
         None, "A matplotlib style file.", metavar="FILE", read=inputs.as_style
     )
@@ -342,6 +342,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
     if inflated:
+        PredictionOptions.check("points", chosen["points"])
         for name in ("pressure_kPa", "circumferential_stretch"):
             if name in chosen:
                 low, high = chosen[name]

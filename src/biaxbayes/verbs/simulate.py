@@ -60,7 +60,7 @@ class SimulateOptions(Options):
         metavar="X:Y",
         flag="ratio",
     )
-    increments: int = option(100, minimum=1, maximum=100_000, show_range=True)
+    increments: int = option(100, minimum=1, maximum=100_000)
     edge: tuple[float, float] = option(
         (20.0, 20.0), "Unloaded edge, 20 or 20x15 (x, y)  [default: 20]", metavar="MM"
     )
@@ -102,10 +102,9 @@ class SimulateOptions(Options):
         kind=int,
         minimum=1,
         maximum=50,
-        show_range=True,
         metavar="[N]",
     )
-    seed: int = option(0, minimum=0, show_range=True)
+    seed: int = option(0, minimum=0)
     name: str | None = option(None, "Name of the specimen  [default: that of the file]")
 
 
