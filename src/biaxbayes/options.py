@@ -35,7 +35,6 @@ class Option(NamedTuple):
     minimum: float = -math.inf
     maximum: float = math.inf
     open_ends: bool = False  # the range excludes minimum and maximum
-    reason: str = ""  # why there is a minimum
     metavar: str | None = None
     flag: str = ""
     read: Callable[[Any], Any] | None = None  # the value as it is kept; InputError for a bad one
@@ -46,9 +45,7 @@ class Option(NamedTuple):
         if self.minimum == -math.inf:
             return "a number"
         if self.maximum == math.inf:
-            return f"at least {self.minimum:g}" + (
-                f", because {self.reason}" if self.reason else ""
-            )
+            return f"at least {self.minimum:g}"
         if self.open_ends:
             return f"a number between {self.minimum:g} and {self.maximum:g}"
         if isinstance(self.maximum, int):
@@ -408,9 +405,8 @@ class CalibrationPlan(Options):
     seed: int = option(1, minimum=0, maximum=MAX_INT64)
     ess: float = option(
         600.0,
-        "Effective draws of each replication.",
+        "Effective draws of each replication, at least 200: true values are ranked among 127.",
         minimum=200,
-        reason="true values are ranked among 127",
     )
     broken: str = option(
         "", "Leave out the determinant, or the noise, to see that the test notices.", flag="break"
