@@ -350,8 +350,12 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
 
 def _reported(record: Mapping[str, Any], quantities: Quantities) -> Reported:
     numbers = ("median", "low", "high")
-    values = {k: math.nan if record[k] is None else float(record[k]) for k in numbers}
-    texts = {k: str(record[k]) for k in ("name", "unit", "verdict", "reason", "bound")}
+    values: dict[str, Any] = {
+        k: math.nan if record[k] is None else float(record[k]) for k in numbers
+    }
+    texts: dict[str, Any] = {
+        k: str(record[k]) for k in ("name", "unit", "verdict", "reason", "bound")
+    }
     if texts["bound"] not in ("", "low", "high"):
         raise ValueError(f"unknown bound {texts['bound']:.40}")
     if texts["verdict"] not in (*VERDICTS, NO_VERDICT):
