@@ -59,7 +59,6 @@ FINDINGS = {  # a specimen with one fault, and what names it
         "row 101 of 161",
     ),
     "jump": ((replace(Q, load_x=Q.load_x + JUMP),), "row 51 of 101"),
-    "one-direction": ((replace(P, load_y=0.7 * P.load_x),), ""),
 }
 
 

@@ -16,8 +16,8 @@ from biaxbayes.comparison.law_comparison import (
     Prediction,
     Task,
     left_out_parts,
-    only,
     predicted_readings,
+    restricted_to,
     sample_part,
     without,
 )
@@ -234,7 +234,9 @@ def test_a_left_out_part_is_predicted_with_the_misfit_that_the_rest_shows(protoc
     table = pd.DataFrame([values | {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}] * 4000)
     found = predicted_readings(posterior, table, specimen, part)
     misfit, residual = posterior.misfit, posterior.residuals(table)[:1]
-    left = Posterior(only(specimen, part), mounting="exact", misfit_fit=posterior.misfit_fit)
+    left = Posterior(
+        restricted_to(specimen, part), mounting="exact", misfit_fit=posterior.misfit_fit
+    )
     at = posterior.paths.path(left.rows.stretch, 0 if protocols == 1 else None)
     average = np.zeros((len(left.readings.weight), len(at.path)))
     flat = left.readings.index.ravel()
@@ -290,7 +292,7 @@ def test_parts_make_up_the_record_and_are_left_out_of_the_rest():
     rest = one.protocols[0].rest_rows
     seen = []
     for part in left_out_parts(one):
-        left, kept = only(one, part).protocols[0], without(one, part).protocols[0]
+        left, kept = restricted_to(one, part).protocols[0], without(one, part).protocols[0]
         assert left.rows - rest + kept.rows == one.protocols[0].rows
         assert left.stretch_x[0] == kept.stretch_x[0] == one.protocols[0].stretch_x[0]
         assert not set(left.load_x[rest:]) & set(kept.load_x[rest:])

@@ -134,6 +134,18 @@ def test_chains_that_are_too_short_or_in_two_basins_have_not_converged(
         assert c.worst_rhat < 1.01
 
 
+def test_chains_of_25_autocorrelation_times_are_long_enough():
+    lengths = {}
+    for rho in np.linspace(0.822, 0.836, 8):
+        c = assess({"a": ar1(float(rho), (4, 300, 64), seed=8)}, target_ess=500)
+        assert c.worst_rhat < 1.01
+        lengths[300 / c.tau[0]] = c.state
+    assert {x for x, state in lengths.items() if state == "converged"} == {
+        x for x in lengths if x >= 25.0
+    }
+    assert any(24.0 < x < 25.0 for x in lengths) and any(25.0 < x < 26.0 for x in lengths)
+
+
 @pytest.mark.parametrize("steps", [128, 512, 1024])
 @pytest.mark.parametrize("stuck", [1, 4])
 def test_walkers_stuck_in_a_tail_are_noticed(steps, stuck):

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 import biaxbayes
 from biaxbayes.errors import InputError, TaredSpecimen
 from biaxbayes.figures.specimen import fits_figure
-from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, LoadResiduals
@@ -39,6 +39,10 @@ TRUTH = {"smoljkic-m55": "Table 3", "weisbecker-media": "Table 4"}
 
 def values(material: GOH) -> np.ndarray:
     return np.array(material.values)
+
+
+def constrained(specimen, mounting="noisy", **amount):
+    return FitSetup.from_options(specimen, mounting).fitted(**amount)
 
 
 def specimen_of(
@@ -288,7 +292,7 @@ def test_what_is_called_converged_is_stationary():
 
 def test_fit_minimises_the_objective_of_independent_errors():
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
-    result = constrained_fit(specimen)
+    result = constrained(specimen)
     assert result.converged
     w = np.sqrt(np.mean(np.concatenate(result.residuals) ** 2))
     reading, sd = specimen.mounting_readings(shared=True)
@@ -311,25 +315,25 @@ def test_fit_minimises_the_objective_of_independent_errors():
 
 def test_noisy_tends_to_exact_as_the_load_cell_improves():
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
-    exact = constrained_fit(specimen, mounting="exact")
+    exact = constrained(specimen, "exact")
     gaps = []
     for noise in (6e-4, 6e-5, 6e-6):
-        result = constrained_fit(replace(specimen, load_noise=noise), mounting="noisy")
+        result = constrained(replace(specimen, load_noise=noise))
         gaps.append(np.abs(result.mounting_load - exact.mounting_load).max())
     assert gaps[0] > 10 * gaps[1] > 100 * gaps[2] > 0
-    noise_free = constrained_fit(replace(specimen, load_noise=0.0), mounting="noisy")
+    noise_free = constrained(replace(specimen, load_noise=0.0))
     assert values(noise_free.material) == pytest.approx(values(exact.material), rel=1e-12)
 
 
 def test_ignored_and_zeroed_have_no_mounting_state():
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
     for reading in ("ignored", "zeroed"):
-        result = constrained_fit(specimen, mounting=reading)
+        result = constrained(specimen, reading)
         assert np.all(result.mounting_stretch == 1.0)
         # What the model carries at a stretch of one is zero but for rounding.
         assert np.abs(result.mounting_load).max() < 1e-14
-    ignored = constrained_fit(specimen, mounting="ignored")
-    assert ignored.material.C1_kPa > constrained_fit(specimen, mounting="zeroed").material.C1_kPa
+    ignored = constrained(specimen, "ignored")
+    assert ignored.material.C1_kPa > constrained(specimen, "zeroed").material.C1_kPa
 
 
 # --- fixed parameters ------------------------------------------------------------------------
@@ -399,7 +403,7 @@ def test_hostile_specimens_end_in_a_result(name):
         assert np.isfinite(values(result.material)).all()
         assert np.isfinite(result.mounting_stretch).all()
     for reading in ("noisy", "ignored", "zeroed"):
-        result = constrained_fit(specimen, mounting=reading, starts=2)
+        result = constrained(specimen, reading, starts=2)
         assert np.isfinite(values(result.material)).all()
 
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import root
 from scipy.stats import norm
 
+from biaxbayes.fitting.law_fits import CANDIDATE_LAWS
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
 from biaxbayes.identifiability.marginals import ComparisonScale, count_modes, density, range_ends
@@ -59,6 +60,7 @@ def case(name: str) -> Sampled:
 def test_three_ratios_to_high_stretch_determine_all_five():
     result = identify(case("determined"))
     assert [result[name].verdict for name in PARAMETERS] == [IDENTIFIED] * 5
+    assert {f.law for f in result.fits.fits} == set(CANDIDATE_LAWS)
     assert all(result[name].diagnostics.contraction > 0.99 for name in PARAMETERS)
 
 

@@ -1,11 +1,18 @@
 """Marginals of draws against closed forms: smoothed densities, spreads, ends of ranges, moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import lognorm, norm, uniform
 
 from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
-from biaxbayes.identifiability.marginals import ComparisonScale, density, range_ends
+from biaxbayes.identifiability.marginals import (
+    ComparisonScale,
+    count_modes,
+    density,
+    range_ends,
+)
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import MOUNTING_PARAMETERS, Quantity
@@ -126,6 +133,21 @@ def test_an_end_without_physics_is_where_the_prior_thins_out_or_what_the_user_sa
     assert (low.distance, high.distance) == pytest.approx((1.0, 1.0))
     assert (low.mass, high.mass) == pytest.approx((0.1, 0.0), abs=1e-3)
     assert low.support > 0.97 and high.support < 1e-6
+
+
+def test_the_end_of_a_range_says_what_material_is_there():
+    low, high = ends_of(scale_of("kappa"), LEVELS / 6.0)
+    assert low.text(GOH_LAW.parameter("kappa")) == "0 (aligned fibres)"
+    assert high.text(GOH_LAW.parameter("kappa")).startswith("1/3 (")
+    assert replace(high, value=0.3).text(GOH_LAW.parameter("kappa")).startswith("0.3 (")
+
+
+def test_peaks_at_closed_ends_count_as_modes():
+    at_both = np.concatenate([LEVELS**4, 1.0 - LEVELS**4])
+    rng = np.random.default_rng(2)
+    assert count_modes(rng.permutation(at_both), (0.0, 1.0)) == 2
+    assert count_modes(rng.permutation(1.0 - LEVELS**4), (0.0, 1.0)) == 1
+    assert count_modes(rng.permutation(LEVELS), (0.0, 1.0)) == 1
 
 
 def test_a_mirror_is_no_end_and_a_bound_beside_it_is():

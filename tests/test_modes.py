@@ -41,6 +41,17 @@ def test_a_climb_ends_at_the_mode_with_the_covariance_of_a_normal():
     np.testing.assert_allclose(factor @ factor.T, COVARIANCE, atol=1e-4)
 
 
+def test_a_climb_follows_a_bent_ridge_to_its_mode():
+    """Rosenbrock's function as a log density: no single Newton step reaches its mode (1, 1)."""
+
+    def log_density(x):
+        return -5.0 * (x[:, 1] - x[:, 0] ** 2) ** 2 - 0.5 * (1.0 - x[:, 0]) ** 2
+
+    at, _ = local_mode(log_density, np.array([-1.5, 2.0]), np.full(2, 5.0), bounds_array({}, 2))
+    assert log_density(at[None])[0] > -2 * MIN_RISE
+    np.testing.assert_allclose(at, 1.0, atol=0.3)
+
+
 def test_widths_are_limited_where_a_direction_is_not_determined():
     def log_density(x):
         return -0.5 * ((x[:, 0] - 1.0) / 0.1) ** 2 + 0.0 * x[:, 1]

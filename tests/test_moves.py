@@ -104,7 +104,7 @@ MARKS |= dict.fromkeys(SLOW, pytest.mark.slow)
 )
 def test_moments_and_quantiles_within_monte_carlo_error(target):
     chain, acceptance = chain_of(target)
-    assert acceptance > (0.3 if target.dimension == 6 else 0.1)
+    assert (0.3 if target.dimension == 6 else 0.1) < acceptance <= 1.0
     exact = target.sample(np.random.default_rng(55), 60_000)
     dimensions = [0, 1, 2, 3, target.dimension - 1]
     for k in dimensions:

@@ -10,9 +10,10 @@ import quick_posteriors
 from biaxbayes import GOH, Specimen, read_specimen, write_specimen
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
 from biaxbayes.errors import InputError
-from biaxbayes.fitting.constrained import FitSetup, constrained_fit
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
 from biaxbayes.forward import ForwardModel
+from biaxbayes.identifiability.piece_stiffness import PieceStiffness, disagreements
 from biaxbayes.laws import law_named
 from biaxbayes.model import misfit
 from biaxbayes.model.draw import draw_posterior
@@ -165,7 +166,7 @@ def test_jacobian_of_the_fit_with_pieces(first, quantity, geometry):
     data = tissue(geometry)
     if first == "strip":
         data = replace(data.further[0], further=(data.further[1],))
-    setup = FitSetup.from_options(data, "noisy", "shared", None, "goh", fibre_switch=False)
+    setup = FitSetup.from_options(data)
     assert setup.piece_sd == 0.1
     rows, count = setup.data.loaded(), len(data.pieces)
     scale = np.linspace(0.1, 0.3, count)
@@ -191,11 +192,11 @@ def test_jacobian_of_the_fit_with_pieces(first, quantity, geometry):
 def test_the_fit_finds_the_stiffness_of_pieces():
     exact = tissue(stiffness=(1.12, 0.93), noise=1e-7)
     exact = replace(specimen_of("force", noise=1e-7), further=exact.further)
-    fit = constrained_fit(exact, seed=1, starts=4, compiled=True)
+    fit = FitSetup.from_options(exact).fitted(4, seed=1)
     assert fit.stiffness == pytest.approx([1.0, 1.12, 0.93], rel=1e-3)
     assert fit.material.values == pytest.approx(tuple(TRUTH.values()), rel=1e-3)
     assert fit.mounting_stretch[1, 0] == pytest.approx(1.02, abs=1e-4)
-    same = constrained_fit(exact, seed=1, starts=4, piece_sd=1e-6)
+    same = FitSetup.from_options(exact, piece_sd=1e-6).fitted(4, seed=1)
     assert same.stiffness == pytest.approx([1.0, 1.0, 1.0], abs=1e-3)
     assert same.rms > 100.0 * fit.rms
 
@@ -372,6 +373,21 @@ def test_two_pieces_of_one_name_are_refused(tmp_path):
     square, twin = tissue(), strip(0, THETA)
     with pytest.raises(InputError, match="two pieces are called 'strip-x'"):
         replace(square, further=(twin, twin))
+
+
+@pytest.mark.parametrize(
+    ("median", "low", "high", "disagrees"),
+    [
+        (1.28, 1.2, 1.35, True),
+        (1.2, 1.1, 1.3, False),
+        (1.28, 0.99, 1.6, False),
+        (0.8, 0.7, 0.9, True),
+    ],
+)
+def test_a_piece_disagrees_beyond_two_stated_sds(median, low, high, disagrees):
+    strip = PieceStiffness("strip-x", "square", median, low, high, sds=np.log(median) / 0.1)
+    assert strip.disagrees == disagrees
+    assert list(disagreements([strip])) == [str(strip)] * disagrees
 
 
 def test_the_stiffness_is_of_its_own_piece():

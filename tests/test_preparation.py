@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.fit import fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare, start_parameters
+from biaxbayes.model.priors import Prior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.averaging import average_rows
 from biaxbayes.specimens.specimen import Protocol, Specimen
@@ -137,4 +138,14 @@ def test_averaging_a_long_record_changes_no_reading_of_a_misfit(load_noise):
     np.testing.assert_allclose(a - a[1], b - b[1], rtol=0.05, atol=0.05)
 
 
-FIT = cache(constrained_fit)
+FIT = cache(fit)
+
+
+def test_a_prior_with_one_bound_on_the_wrong_side_of_the_fit_still_gives_a_start():
+    """The fit is mounted at 1.01 and 1.02; the prior ends below, and has no lower end."""
+    prior = Prior("normal", 1.0, 0.01, high=1.005)
+    posterior = Posterior(long_specimen(), mounting="free", priors={"mounting_stretch": prior})
+    assert posterior.fit.mounting_stretch.min() > 1.005
+    start = start_parameters(posterior)
+    assert start["mounting_stretch_x"] == pytest.approx(1.005 - 0.01 * 1.005)
+    assert np.isfinite(posterior.log_density(start))

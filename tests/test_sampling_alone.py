@@ -64,6 +64,7 @@ def test_both_modes_are_reached_from_starts_near_each_and_weigh_what_they_should
     starts[start, 0], starts[1 - start, 0] = -4.0, 4.0
     result = sampled(Target(target.log_density, target.bounds), starts, np.ones(6))
     assert result.convergence.state == "converged"
+    assert len(result.proposal.parts) == 2
     low = (result.quantities["x0"] < 0.0).astype(float)
     assert within_error(low, 0.3)
     assert (low.mean(axis=(1, 2)) > 0.1).all()  # in every ensemble

@@ -12,7 +12,7 @@ from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior,
 from biaxbayes.errors import InputError
 from biaxbayes.figures.bands import bands_figure
 from biaxbayes.figures.specimen import fits_figure, specimen_figure
-from biaxbayes.fitting.constrained import FitSetup, constrained_fit
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.experiments import MMHG_PER_KPA, Tube
@@ -220,7 +220,7 @@ def test_stresses_of_the_wall_follow_the_pressure_that_was_read():
 
 def test_the_derivatives_of_a_fit_are_right():
     tissue = replace(specimen(GOH(*MATERIAL.values()), increments=8), further=(virtual_tube(1.2),))
-    setup = FitSetup.from_options(tissue, "noisy", "shared", None, "goh", fibre_switch=False)
+    setup = FitSetup.from_options(tissue)
     data = setup.data
     problem = BalancedMounting(
         data.loaded(), "load", setup.point, setup.free, data.peaks,
@@ -239,7 +239,7 @@ def test_the_derivatives_of_a_fit_are_right():
 
 def test_a_fit_finds_the_material_of_a_tube():
     exact = virtual_tube(1.1, 1.25, noise=(1e-7, 1e-9))
-    fit = constrained_fit(replace(exact, load_noise=None, metadata={**HEADER}))
+    fit = FitSetup.from_options(replace(exact, load_noise=None, metadata={**HEADER})).fitted()
     assert fit.converged
     assert fit.material.values == pytest.approx(tuple(MATERIAL.values()), rel=1e-3)
 

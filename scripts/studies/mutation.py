@@ -26,11 +26,12 @@ PARTS: dict[str, tuple[str, str]] = {
     ),
     "verdicts": (
         "identifiability/*.py",
-        "verdict marginals tissue_stress smooth_misfit profile reported identifiability",
+        "verdict marginals tissue_stress smooth_misfit profile reported reported_everywhere "
+        "compare ledger identifiability records pieces",
     ),
     "sampling": (
         "sampling/*.py",
-        "modes population_monte_carlo convergence mixture moves sampling_alone sampler",
+        "modes population_monte_carlo convergence evidence mixture moves sampling_alone sampler",
     ),
     "comparison": ("comparison/*.py", "compare_laws ledger compare"),
 }

@@ -10,7 +10,7 @@ import re
 import stat
 import traceback
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import islice, takewhile
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -299,16 +299,14 @@ def sync_folder(folder: Path) -> None:
 
 
 def read_csv(path: Path, **how: Any) -> pd.DataFrame:
-    """Read a table of this program; comments above it, from older versions, are skipped."""
+    """Read a table of this program."""
     import pandas as pd
 
     def unmarked(cell: Any) -> Any:
         marked = isinstance(cell, str) and cell.startswith("'") and FORMULA.match(cell)
         return cell[1:] if marked else cell
 
-    with path.open(encoding="utf-8") as lines:
-        head = sum(1 for _ in takewhile(lambda line: line.startswith("#"), lines))
-    return _with_texts(pd.read_csv(path, skiprows=head, **how), unmarked)
+    return _with_texts(pd.read_csv(path, **how), unmarked)
 
 
 def write_csv(path: Path, table: pd.DataFrame, *, digits: int | None = None) -> None:

@@ -1,10 +1,12 @@
 """Specimens drawn from the statistical model, and the priors of their true values.
 
-    f0 = p0 + mean over the protocols (delta + toe) + s0 eps          reading of a mounted state
-    f  = load of the law + delta + toe + s0 eps                       every other reading
+    f0 = p0 + o + mean over the protocols (delta) + c s0 eps          reading of a mounted state
+    f  = load of the law + o + delta + c s eps                        every other reading
 
-with the misfit delta and its toe of each piece drawn from their prior, relative to the loads of a
-fit that the inference uses as well. With independent errors there is no misfit.
+with the offset o of the load cell, its noise s and the factor c of it, eps ~ N(0, 1), and the
+misfit delta of each piece (with its toe, see :mod:`biaxbayes.model.misfit`) drawn from its prior,
+relative to the loads of a fit that the inference uses as well. With independent errors there is no
+misfit.
 
 The default priors of a posterior are so wide that most of their draws are not like tissue on the
 protocols of a specimen (10 MPa, or compressed at mounting). A calibration needs realistic true
@@ -20,13 +22,13 @@ import numpy as np
 
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.model.assembly import peak_stress
 from biaxbayes.model.misfit import CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names, name_of
-from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
 ROOT_TOLERANCE = 1e-6
@@ -51,13 +53,13 @@ def draw_truth(
     rng: np.random.Generator,
     priors: Mapping[str, Prior | float | Tie] | None = None,
 ) -> tuple[dict[str, float], int]:
-    """Draw from the prior truncated to the support of the posterior; also return the rejections.
+    """Draw from the prior truncated to the support of the posterior; also the number of rejections.
 
     ``priors`` replace those of the model.
 
     The posterior is zero where the law has no such material, where no stable mounted state exists
-    in the bracket, and, if the mounting force is sampled, where Newton's method converges to
-    another state from the unloaded one. Rejecting such draws gives the prior of the posterior.
+    in the bracket, and, if the mounting force is sampled, where Newton's method, started from the
+    unloaded state, converges to another one. Rejecting such draws gives the posterior's prior.
     """
     priors, quantities = model.priors if priors is None else priors, model.quantities
     for rejected in range(1000):
@@ -71,7 +73,7 @@ def draw_truth(
                 truth[name] = prior.factor * truth[quantities.in_same_state(name, prior.other)]
         if model.law.is_admissible(truth) and _add_mounting_forces(model, truth):
             return truth, rejected
-    raise ValueError("the prior has hardly any mass where a stable mounted state exists")
+    raise ValueError("the prior has hardly any mass where a material has a stable mounted state")
 
 
 def simulate_specimen(
@@ -90,7 +92,8 @@ def simulate_specimen(
     truth : mapping of str to float
         From :func:`draw_truth`.
     noise_factor : float
-        Factor of the errors of all rows but those at rest; not 1 only to see that it is noticed.
+        Factor of the errors, misfit included, of all rows but those at rest; other than 1 only to
+        test that a calibration notices.
     """
     pieces = [
         _simulated_piece(model, i, truth, rng, noise_factor) for i in range(len(model.pieces))
@@ -114,7 +117,7 @@ def _simulated_piece(
     if not settings.has_misfit:
         noise = truth[name_of(NOISE_SD.name, label)] * specimen.load_scale
     (misfit, scatter), offset = _misfits(model, index, rng), forward.offset(truth)[0, 0]
-    # nothing pulls across a strip
+    # across a strip there is no load
     forces = [mounting_names("force", state) for state in piece.labels.states]
     reading = np.array([[truth.get(name, 0.0) for name in pair] for pair in forces])
     sd = read * np.maximum(specimen.mounting_readings(shared=settings.shared)[1], least)
@@ -163,7 +166,7 @@ def _misfits(
 
 
 def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
-    """Add the mounting forces, and stretches across strips; False without such a state."""
+    """Add the mounting forces, and stretches across strips; False if no such state exists."""
     law = model.law
     material = law.material_at(tuple(truth[name] for name in law.names))
     for piece in model.pieces:
@@ -204,12 +207,12 @@ LOCAL_PRIOR_WIDTH = 2.0
 
 
 def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
-    """Prior of tissue with similar stresses; independent errors around 0.5 % of the peak."""
-    tested = [(piece, p) for piece in specimen.pieces for p in piece.protocols]
-    stretch = 1.02 * max(float(p.known_stretch.max()) for _, p in tested)
-    peak = max(_largest_stress(piece, p) for piece, p in tested)
+    """Prior of tissue that reaches these stresses; independent errors around 0.5 % of the peak."""
+    tested = [p for piece in specimen.pieces for p in piece.protocols]
+    stretch = 1.02 * max(float(p.known_stretch.max()) for p in tested)  # mounted at 1.02
     prior = default_priors(specimen, settings)
-    for name, (family, first, second) in settings.material_law.scaled_prior(stretch, peak).items():
+    scaled = settings.material_law.scaled_prior(stretch, peak_stress(specimen))
+    for name, (family, first, second) in scaled.items():
         rounded = first if family == "uniform" else _rounded(first)
         prior[name] = Prior.from_numbers(family, rounded, second)
     if not settings.has_misfit:
@@ -220,17 +223,13 @@ def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
     return prior
 
 
-def _largest_stress(piece: Specimen, protocol: Protocol) -> float:
-    """Largest stress of a protocol in kPa; of a tube that of its wall, not the pressure."""
-    load = piece.load(protocol)
-    of_wall = piece.experiment.stresses(protocol.stretch, load)
-    return float(np.abs(load / piece.area if of_wall is None else of_wall).max())
-
-
 def local_prior(
     draws: Mapping[str, np.ndarray], wide: Mapping[str, Prior | float | Tie], known: Quantities
 ) -> dict[str, Prior | float | Tie]:
-    """Independent priors twice as wide as the marginals of `draws`, never wider than `wide`."""
+    """Independent priors twice as wide as the marginals of `draws`.
+
+    Where the prior in `wide` is of the same family, never wider than that.
+    """
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():
         quantities = [q for q in known.of_parameter(name) if q.name in draws]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -68,9 +68,7 @@ def made_cards(
     ``bulk_ratio`` is the bulk modulus over the larger of the matrix's shear modulus and the largest
     stress in the tested range; the change of volume at that stress is about its inverse. Default:
     incompressible for Abaqus, 1000 for FEBio. ``origin`` describes the draws in the header, where
-    ``warnings`` stand last. Raises InputError for a ratio that is not positive, an earlier export
-    in the folder or a material that cannot be written, BiaxbayesError if a card fails its check.
-    Files of an earlier export stay whole until every new one is on the disk.
+    ``warnings`` stand last. BiaxbayesError if a card fails its check.
     """
     _check_law(law, program)
     if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
@@ -84,39 +82,40 @@ def made_cards(
     for row in rows:
         draw = draws.iloc[[int(row)]]
         states = _tested_states(draw, with_free_sides(draw, specimen, law))
-        material = _exported(law, [float(draw.iloc[0][name]) for name in law.names], states)
+        values = [float(draw.iloc[0][name]) for name in law.names]
+        fitted, written, shear_kPa, notes, columns = _exported(law, values, states)
         bulk_kPa = None
         if bulk_ratio is not None:
-            peak = float(np.abs(material.fitted.cauchy(*states.T)).max())
-            bulk_kPa = bulk_ratio * max(material.matrix_shear_kPa, peak)
+            peak = float(np.abs(fitted.cauchy(*states.T)).max())
+            bulk_kPa = bulk_ratio * max(shear_kPa, peak)
         card = Card(
             f"{stem}_{row:0{digits}d}",
-            material.written,
+            written,
             UNIT_SYSTEMS[units],
             bulk_kPa,
             specimen.name,
             f"{origin}; row {row} of {len(draws)} draws, weight {weight:.6g}",
             bool(mounting_labels(draws, specimen)),
-            (*material.notes, *warnings),
+            (*notes, *warnings),
         )
         write, read, suffix = PROGRAMS[program]
         file, text = f"{stem}-{row:0{digits}d}{suffix}", write(card, __version__)
         # What counts is the text, not what was meant to be in it. In the incompressible limit the
         # volumetric term vanishes; evaluating it would only add its rounding, K times 1e-16.
         energy = read(text).isochoric_energy
-        deviation = relative_deviation(energy, card.units.per_kPa, material.fitted, *states.T)
+        deviation = relative_deviation(energy, card.units.per_kPa, fitted, *states.T)
         if not deviation <= AGREEMENT:
             raise BiaxbayesError(
                 f"{file}: its stress differs from the draw's by {deviation:.1e} of itself"
             )
         files[out / file] = text.encode("utf-8")
-        labels = [p.label for p in material.written.law.parameters]
+        labels = [p.label for p in written.law.parameters]
         records.append(
             {"card": card.label, "file": file, "draw": int(row), "weight": weight}
-            | dict(zip(labels, material.written.values, strict=True))
+            | dict(zip(labels, written.values, strict=True))
             | {"bulk_modulus_kPa": np.nan if bulk_kPa is None else bulk_kPa}
             | {"program": program, "units": units}
-            | material.columns
+            | columns
             | {"check_relative_deviation": deviation}
         )
     manifest = pd.DataFrame(records)
@@ -136,23 +135,18 @@ def _check_law(law: Law, program: str) -> None:
     raise InputError(message, remedy=elsewhere)
 
 
-class Exported(NamedTuple):
-    """A material for a card, with columns of the manifest."""
+def _exported(
+    law: Law, values: Sequence[float], states: np.ndarray
+) -> tuple[MaterialResponse, MaterialResponse, float, tuple[str, ...], dict[str, float]]:
+    """The material of a draw, the same as the programs take it, and its matrix's shear modulus.
 
-    fitted: MaterialResponse
-    written: MaterialResponse
-    matrix_shear_kPa: float
-    notes: tuple[str, ...]
-    columns: dict[str, float]
-
-
-def _exported(law: Law, values: Sequence[float], states: np.ndarray) -> Exported:
-    """The material of a draw as the programs take it, and what their fibre switch changes."""
+    Also notes on what their fibre switch changes, and the same as columns of the manifest.
+    """
     goh = law.as_goh(values)
     if goh is None:
         material = law.material_at(values)
         shear = MIXTURES[law.name].matrix_shear_kPa(dict(zip(law.names, values, strict=True)))
-        return Exported(material, material, shear, (), {"switch_changes_stress_kPa": 0.0})
+        return material, material, shear, (), {"switch_changes_stress_kPa": 0.0}
     written, changed = exportable(goh)
     X, Y = np.square(states.T)
     Hx, Hy, Hz = goh.structure_tensor()
@@ -176,7 +170,7 @@ def _exported(law: Law, values: Sequence[float], states: np.ndarray) -> Exported
         )
         notes = (*notes, warning)
     columns = {"smallest_fibre_strain": smallest, "switch_changes_stress_kPa": change}
-    return Exported(goh, written, 2.0 * goh.C1_kPa, notes, columns)
+    return goh, written, 2.0 * goh.C1_kPa, notes, columns
 
 
 def _tested_states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:

@@ -12,7 +12,7 @@ from biaxbayes.cards.export import made_cards, write_cards
 from biaxbayes.errors import NotConverged
 from biaxbayes.laws import law_named
 from biaxbayes.parameters import mounting_names
-from biaxbayes.populations.archive import new_materials, population_state
+from biaxbayes.populations.archive import new_materials
 from biaxbayes.prediction.draws import chosen_draws
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -32,16 +32,13 @@ def export_population_cards(
     anyway: bool = False,
     **how: Any,
 ) -> pd.DataFrame:
-    """Write cards of new specimens of a group; ``mean-curve`` has the one nearest the median.
-
-    ``how`` as in :func:`~biaxbayes.cards.export.made_cards`.
-    """
-    if population_state(folder) == "unusable" and not anyway:
+    """Write cards of new specimens of a group; ``mean-curve`` has the one nearest the median."""
+    table, attributes = new_materials(folder, group)
+    if attributes["convergence"] == "unusable" and not anyway:
         raise NotConverged(
             f"{folder}: the chains of this population have not converged; sample longer, or add "
             "`anyway=True` to use them nevertheless"
         )
-    table, attributes = new_materials(folder, group)
     law = law_named(str(attributes["law"]), fibre_switch=bool(attributes["fibre_switch"]))
     # Median equibiaxial curves of the group as a specimen; the cards are checked at its states.
     stretch = np.linspace(1.0, float(attributes["largest_stretch"]), 61)

@@ -1,9 +1,9 @@
 """Laws fitted and sampled on a record without a part of it, and their predictions of that part.
 
-Each protocol is left out in turn; of a single protocol, each quarter of its path. The mounting
-constraint and the errors of readings are the same for every law. A draw predicts the load of its
-law and what the readings it has seen say of the misfit there; with the sd of the misfit and the
-noise of the load cell a left-out reading is normal about it.
+Each protocol is left out in turn; of a single protocol, each quarter of its path. The mode of the
+mounting force and the errors of readings are the same for every law. Given a draw, a left-out
+reading is normal: its mean is the load of the law plus the misfit that the other readings lead one
+to expect there, its variance that of the misfit given them plus the noise of the load cell.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ from biaxbayes.specimens.specimen import Specimen
 WHOLE = "whole record"
 QUARTERS = 4
 MAX_LAW_DRAWS, MAX_PART_DRAWS = 2000, 500
-"""Draws used of the posterior of a whole record, and of one with a part left out or for bands."""
+"""Draws used of the posterior of a whole record, and of one without a part; bands use the latter
+number, too."""
 MAX_BAND_ROWS = 100
 """Rows of a protocol that bands over the record are given at."""
 
@@ -76,11 +77,11 @@ def without(specimen: Specimen, part: Part) -> Specimen:
     return replace(specimen, protocols=(only.at_rows(rows),))
 
 
-def only(specimen: Specimen, part: Part) -> Specimen:
+def restricted_to(specimen: Specimen, part: Part) -> Specimen:
     """The rows at rest and those of a part of the record."""
     whole = specimen.protocols[part.protocol]
     (p,) = specimen.with_protocols([whole]).protocols
-    # A protocol that does not start at the mounted state has taken rows at rest from another.
+    # with_protocols put rows at rest before a protocol that does not start at the mounted state
     moved = np.arange(whole.rows)[part.rows] + (p.rows - whole.rows)
     rows = np.r_[np.arange(p.rest_rows), moved]
     return replace(specimen, protocols=(p.at_rows(rows),))
@@ -134,9 +135,9 @@ class PredictedReadings:
     def curves(self, *, of_readings: bool) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (draws, 2 m), of readings or the tissue, without draws that overflow."""
         sd = np.broadcast_to(self.reading_sd if of_readings else self.sd, self.mean.shape)
-        fine = np.isfinite(self.mean).all(axis=(1, 2))
-        fine |= not fine.any()  # unless there are no others
-        return tuple(v[fine].reshape(int(fine.sum()), -1) for v in (self.mean, sd))  # type: ignore[return-value]
+        finite = np.isfinite(self.mean).all(axis=(1, 2))
+        finite |= not finite.any()  # unless there are no others
+        return tuple(v[finite].reshape(int(finite.sum()), -1) for v in (self.mean, sd))  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,7 @@ class Prediction:
     reason: str
     rmse_kPa: float  # of the least-squares fit
     draws: pd.DataFrame  # as in summary.csv
-    # of the part left out, averaged as in a likelihood; of the whole record, of single rows
+    # of a left-out part averaged as in the likelihood; of the whole record row by row
     readings: PredictedReadings | None = None
 
 
@@ -165,7 +166,7 @@ def sample_part(task: Task, progress: OnProgress = no_progress) -> Prediction:
     count = MAX_LAW_DRAWS if task.part is None else MAX_PART_DRAWS
     table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
     table = table.iloc[evenly_chosen(len(table), count)].reset_index(drop=True)
-    few = table.iloc[evenly_chosen(count, MAX_PART_DRAWS)]
+    few = table.iloc[evenly_chosen(len(table), MAX_PART_DRAWS)]
     readings = predicted_readings(posterior, few, task.specimen, task.part)
     convergence = drawn.convergence
     return Prediction(convergence.state, convergence.reason, rmse, table, readings)
@@ -200,7 +201,7 @@ def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReading
     """Readings of a part that was left out, averaged as the likelihood would."""
     posterior = tissue.posterior
     settings, single = posterior.settings, len(specimen.protocols) == 1
-    left_out = only(specimen.as_compared(settings.mounting), part)
+    left_out = restricted_to(specimen.as_compared(settings.mounting), part)
     rows = MeasuredRows.from_specimen(left_out, shared=True, thin=settings.thin).loaded()
     readings = ReadingVector.from_rows(rows, states=0, average=settings.has_misfit)
     count = len(readings.weight) // 2

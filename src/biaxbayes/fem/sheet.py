@@ -37,20 +37,9 @@ from biaxbayes.laws.goh import GOH
 
 
 def membrane_stress_and_tangent(material: GOH, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stress and consistent tangent of the membrane.
+    """Stress and consistent tangent, kPa, at gradients F (2, 2, ...), real or complex.
 
-    Parameters
-    ----------
-    material : GOH
-    F : ndarray, shape (2, 2, ...)
-        In-plane deformation gradients, real or complex.
-
-    Returns
-    -------
-    P : ndarray, shape (2, 2, ...)
-        First Piola-Kirchhoff stress dW/dF, kPa.
-    A : ndarray, shape (2, 2, 2, 2, ...)
-        A[i, J, k, L] = d P[i, J] / d F[k, L], kPa; symmetric in the pairs.
+    First Piola-Kirchhoff stress P = dW/dF (2, 2, ...), A[i, J, k, L] = d P[i, J] / d F[k, L].
     """
     C1, k1, k2, kappa = material.C1_kPa, material.k1_kPa, material.k2, material.kappa
     J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
@@ -91,23 +80,9 @@ def membrane_stress_and_tangent(material: GOH, F: np.ndarray) -> tuple[np.ndarra
 class Sheet:
     """Mesh, displacement space and assembly of a quarter of a rectangular sheet.
 
-    Parameters
-    ----------
-    edge_x_mm, edge_y_mm : float
-        Unloaded edges of the whole sheet.
-    elements : int
-        Elements along an edge of the whole sheet, an even number.
-    serendipity : bool
-        Elements of eight nodes instead of nine.
-    distortion : float
-        Moves inner mesh points at random by up to this fraction of an element: for patch tests.
-
-    Raises
-    ------
-    InputError
-        If scikit-fem is not installed.
-    ValueError
-        If ``elements`` is odd or below two.
+    Edges and the even number of elements along one are those of the whole unloaded sheet;
+    ``serendipity`` elements have eight nodes, not nine; ``distortion`` moves inner mesh points at
+    random by up to this fraction of an element, for patch tests. InputError without scikit-fem.
     """
 
     def __init__(

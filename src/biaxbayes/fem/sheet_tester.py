@@ -21,7 +21,7 @@ compressed, so the energy need not be convex there: steps are damped until the r
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse.linalg import splu
@@ -36,21 +36,11 @@ from biaxbayes.mechanics.experiments import N_PER_KPA_MM2
 
 @dataclass(frozen=True)
 class Grips:
-    """Constraints on a quarter sheet.
+    """Constraints on a quarter sheet."""
 
-    Attributes
-    ----------
-    weights : ndarray, shape (n, m)
-        One column a constraint, over the sheet's free unknowns.
-    direction : ndarray, shape (m,)
-        0 for x, 1 for y.
-    distance_mm : ndarray, shape (2,)
-        Unloaded distance of the grips from the centre of the sheet, by direction.
-    """
-
-    weights: np.ndarray
-    direction: np.ndarray
-    distance_mm: np.ndarray
+    weights: np.ndarray  # (n, m), one column a constraint, over the sheet's free unknowns
+    direction: np.ndarray  # (m,): 0 for x, 1 for y
+    distance_mm: np.ndarray  # (2,), unloaded, of the grips from the centre, by direction
 
     @property
     def carriage(self) -> np.ndarray:
@@ -68,24 +58,12 @@ class Hooks:
     same weight. (A hook that moves a mathematical point would carry no force at all on a fine
     mesh.) All hooks of an edge have the same travel; along the edge each is free to follow the
     tissue, as on a thread.
-
-    Attributes
-    ----------
-    count : int
-        Hooks per edge.
-    inset_mm : float
-        Distance of the hooks from the unloaded edge.
-    radius_mm : float
-        Radius R of the patch; the half-width at half weight is 0.54 R.
-    spacing_mm : float, optional
-        Unloaded distance between neighbours; by default equal distances from each other and from
-        the corners.
     """
 
-    count: int = 5
-    inset_mm: float = 1.5
-    radius_mm: float = 1.0
-    spacing_mm: float | None = None
+    count: int = 5  # per edge
+    inset_mm: float = 1.5  # from the unloaded edge
+    radius_mm: float = 1.0  # R of the patch; the half-width at half weight is 0.54 R
+    spacing_mm: float | None = None  # unloaded; None: equal from each other and the corners
 
     def spacing(self, along_mm: float) -> float:
         """Distance between neighbours on an edge of that length, mm."""
@@ -104,13 +82,7 @@ class Hooks:
         return out
 
     def on(self, sheet: Sheet) -> Grips:
-        """Constraints of the hooks on a sheet.
-
-        Raises
-        ------
-        ValueError
-            If the patches reach over the edge or meet each other along it.
-        """
+        """Constraints of the hooks; ValueError if patches reach over the edge or each other."""
         shortest = sheet.edge.min()
         spacing = self.spacing(shortest)
         reach = 0.5 * (self.count - 1.0) * spacing + self.radius_mm
@@ -155,7 +127,6 @@ class State:
     u: np.ndarray
     reaction: np.ndarray
     travel: np.ndarray
-    residuals: tuple[float, ...] = field(default=(), compare=False)
 
     def extrapolated(self, before: State, factor: float) -> State:
         """Linear continuation of the path from ``before`` through this state."""
@@ -168,42 +139,19 @@ class State:
 
 @dataclass(frozen=True)
 class SheetTest:
-    """Error-free record of a finite-element test, one protocol.
+    """Error-free record of a finite-element test, one protocol of n rows."""
 
-    Attributes
-    ----------
-    states : tuple of State
-        Equilibrium of every row.
-    measured : ndarray, shape (n, 2)
-        Stretch between the markers, relative to the mounted state; the first row is 1.
-    total : ndarray, shape (n, 2)
-        The same relative to the unloaded state. The first row is the true mounting stretch.
-    grip : ndarray, shape (n, 2)
-        Stretch between opposite grips, relative to the unloaded state.
-    force_N : ndarray, shape (n, 2)
-        Sum over the grips of an edge.
-    """
-
-    states: tuple[State, ...]
-    measured: np.ndarray
-    total: np.ndarray
-    grip: np.ndarray
-    force_N: np.ndarray
+    states: tuple[State, ...]  # equilibrium of every row
+    measured: np.ndarray  # (n, 2), between the markers relative to the mounted state; starts at 1
+    total: np.ndarray  # (n, 2), relative to the unloaded state; starts at the mounting stretch
+    grip: np.ndarray  # (n, 2), between opposite grips, relative to the unloaded state
+    force_N: np.ndarray  # (n, 2), sum over the grips of an edge
 
 
 class SheetTester:
-    """A sheet of known material in its grips.
+    """A sheet of known material and unloaded thickness in its grips.
 
-    Parameters
-    ----------
-    material : GOH
-    sheet : Sheet
-    grips : Grips
-    thickness_mm : float
-        Unloaded thickness.
-    control : {"markers", "grips"}
-        Whether prescribed stretches are those between the markers (strain control)
-        or those between opposite grips.
+    Prescribed stretches are those between the markers (strain control) or opposite grips.
     """
 
     def __init__(
@@ -215,8 +163,6 @@ class SheetTester:
         thickness_mm: float = 1.0,
         control: str = "markers",
     ) -> None:
-        if control not in ("markers", "grips"):
-            raise ValueError("control must be 'markers' or 'grips'")
         self.material, self.sheet, self.grips = material, sheet, grips
         self.thickness_mm = thickness_mm
         half = 0.5 * GAUGE * sheet.edge
@@ -238,10 +184,6 @@ class SheetTester:
     def stretch(self, state: State) -> np.ndarray:
         """Total stretch (x, y) between the markers."""
         return 1.0 + self.markers @ state.u
-
-    def grip_stretch(self, state: State) -> np.ndarray:
-        """Total stretch (x, y) between opposite grips."""
-        return 1.0 + state.travel / self.grips.distance_mm
 
     def controlled_stretch(self, state: State) -> np.ndarray:
         """The stretch (x, y) that is prescribed."""
@@ -267,7 +209,7 @@ class SheetTester:
         states = self.walk(mounted, start, start * np.asarray(top, dtype=float), increments)
         states = (mounted, *states)
         total = np.array([self.stretch(s) for s in states])
-        grip = np.array([self.grip_stretch(s) for s in states])
+        grip = 1.0 + np.array([s.travel for s in states]) / self.grips.distance_mm
         force = np.array([self.force_N(s) for s in states])
         return SheetTest(states, total / total[0], total, grip, force)
 
@@ -298,22 +240,18 @@ class SheetTester:
 
     @np.errstate(all="ignore")  # a trial step may overflow on its way to being rejected
     def equilibrium(self, state: State, stretch: np.ndarray) -> State:
-        """Newton's method for one controlled stretch (2,), from a guess; NotConverged if it fails.
-
-        The state has the norms of the residual, one an iteration.
-        """
+        """Newton's method for a controlled stretch (2,), from a guess; NotConverged if it fails."""
         force, stiffness, area_ratio = self.sheet.internal_force(self.material, state.u)
         residual, norm = self._residual(state, force, stretch)
-        norms = [norm]
         for _ in range(MAX_ITERATIONS):
             # kPa mm; the second term is a grip force that nobody would notice
             enough = TOLERANCE * (float(np.linalg.norm(state.reaction)) + 1e-4 * self.scale)
             if area_ratio > 0.0 and norm <= enough:
-                return replace(state, residuals=tuple(norms))
+                return state
             if not (area_ratio > 0.0 and np.isfinite(norm)):
                 break
             du, dr, dd = self._newton_step(stiffness, residual)
-            share = 1.0
+            before, share = norm, 1.0
             while share > 1e-3:
                 trial = State(
                     state.u + share * du, state.reaction + share * dr, state.travel + share * dd
@@ -321,13 +259,12 @@ class SheetTester:
                 force, stiffness, area_ratio = self.sheet.internal_force(self.material, trial.u)
                 residual, norm = self._residual(trial, force, stretch)
                 # nan compares false, so a wild step is shortened as well
-                if area_ratio > 0.0 and norm <= max((1.0 - 1e-4 * share) * norms[-1], enough):
+                if area_ratio > 0.0 and norm <= max((1.0 - 1e-4 * share) * before, enough):
                     break
                 share *= 0.5
             else:
                 break
             state = trial
-            norms.append(norm)
         raise NotConverged(f"no equilibrium at stretch {stretch[0]:.4g}, {stretch[1]:.4g}")
 
     def _residual(

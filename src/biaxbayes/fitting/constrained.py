@@ -45,58 +45,19 @@ MIN_RELATIVE_SD = 1e-6
 """Relative to the peak load: a reading with a smaller sd is treated as exact."""
 
 
-def constrained_fit(
-    specimen: Specimen,
-    *,
-    mounting: str = "noisy",
-    mounting_stretch: str = "shared",
-    fixed: Mapping[str, float] | None = None,
-    starts: int = 8,
-    seed: int = 0,
-    initial: MaterialResponse | None = None,
-    law: str = FitOptions.law,
-    fibre_switch: bool = False,
-    piece_sd: float = FitOptions.piece_sd,
-    compiled: bool = True,
-) -> FitResult:
-    """Least-squares fit of the measured load, with the mounting stretch solved for at every step.
+@dataclass(frozen=True, eq=False)
+class FitSetup:
+    """Constant inputs of a fit, for one of several modes of the mounting force.
 
-    ``mounting`` is one of:
-
-    - noisy: the mounting force is unknown, and its reading is one datum with the load cell's sd
+    - noisy: it is unknown, and its reading is one datum with the load cell's sd
     - exact: the reading is taken as exact, as in files without load noise
     - ignored, zeroed: the mounted state is taken as unloaded, with unchanged loads, or loads
       less their first reading
-
-    ``piece_sd`` is the sd of the logs of the stiffnesses of further pieces over that of the first.
-    ``initial`` is a further starting point, with which ``starts`` may be 0. ``compiled`` solves for
-    the mounted state in compiled code; for a single fit, uncompiled code is faster than loading the
-    cache.
-
-    The result has not converged when no start could be evaluated (no mounting stretch balances the
-    reading). Raises TaredSpecimen if a tared file has no mounting force to infer from, and
-    InputError for an unknown option or fixed parameter.
     """
-    setup = FitSetup.from_options(
-        specimen,
-        mounting,
-        mounting_stretch,
-        fixed,
-        law,
-        fibre_switch=fibre_switch,
-        piece_sd=piece_sd,
-    )
-    points, _ = setup.starting_points(starts, seed, initial)
-    return setup.fitted(points, compiled=compiled)
-
-
-@dataclass(frozen=True, eq=False)
-class FitSetup:
-    """Constant inputs of a fit."""
 
     specimen: Specimen
     law: Law
-    mounting: str  # one of FIT_MOUNTING
+    mounting: str
     data: MeasuredRows
     point: np.ndarray  # fit coordinates with the fixed values
     free: np.ndarray  # indices of the others
@@ -106,15 +67,19 @@ class FitSetup:
     def from_options(
         cls,
         specimen: Specimen,
-        mounting: str,
-        mounting_stretch: str,
-        fixed: Mapping[str, float] | None,
-        law: str,
+        mounting: str = "noisy",
         *,
-        fibre_switch: bool,
+        mounting_stretch: str = FitOptions.mounting_stretch,
+        fixed: Mapping[str, float] | None = None,
+        law: str = FitOptions.law,
+        fibre_switch: bool = False,
         piece_sd: float = FitOptions.piece_sd,
     ) -> FitSetup:
-        """Inputs of a fit with checked options and fixed values."""
+        """Inputs of a fit with checked options and fixed values; options as in :func:`.fit`.
+
+        Raises TaredSpecimen if a tared file has no mounting force to infer from, and InputError for
+        an unknown option or fixed parameter.
+        """
         chosen = law_named(law, fibre_switch=fibre_switch)
         for option, value, known in (
             ("mounting", mounting, FIT_MOUNTING),
@@ -142,9 +107,9 @@ class FitSetup:
         return cls.from_options(
             specimen,
             settings.fit_mounting,
-            settings.mounting_stretch,
-            settings.fixed_material if fixed is None else fixed,
-            settings.law,
+            mounting_stretch=settings.mounting_stretch,
+            fixed=settings.fixed_material if fixed is None else fixed,
+            law=settings.law,
             fibre_switch=settings.fibre_switch,
             piece_sd=settings.piece_sd,
         )
@@ -183,8 +148,22 @@ class FitSetup:
             stretches = np.vstack([stretches, np.ones(2)])
         return points, stretches
 
-    def fitted(self, points: np.ndarray, *, compiled: bool = True, **limits: Any) -> FitResult:
-        """The least-squares fit from materials (n, p); arguments as in :func:`minimum`."""
+    def fitted(
+        self,
+        starts: int = FitOptions.starts,
+        seed: int | np.random.Generator = 0,
+        initial: MaterialResponse | None = None,
+        *,
+        compiled: bool = True,
+        **limits: Any,
+    ) -> FitResult:
+        """The least-squares fit from screened materials and the initial one.
+
+        ``compiled`` solves for the mounted state in compiled code; for a single fit, uncompiled
+        code is faster than loading the cache. ``limits`` as in :func:`minimum`. It has not
+        converged where no mounting stretch balances the reading of any start.
+        """
+        points, _ = self.starting_points(starts, seed, initial)
         problem, descent = minimum(self, points, compiled=compiled, **limits)
         method = "zeroed" if self.mounting == "zeroed" else "standard"
         return self.result(

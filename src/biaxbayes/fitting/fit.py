@@ -145,15 +145,15 @@ def fit(
     setup = FitSetup.from_options(
         specimen,
         mounting.get(method, "exact"),
-        mounting_stretch,
-        fixed,
-        law,
+        mounting_stretch=mounting_stretch,
+        fixed=fixed,
+        law=law,
         fibre_switch=fibre_switch,
         piece_sd=piece_sd,
     )
-    points, stretches = setup.starting_points(starts, seed, initial)
     if method == "constrained":
-        return setup.fitted(points)
+        return setup.fitted(starts, seed, initial)
+    points, stretches = setup.starting_points(starts, seed, initial)
     data, free = setup.data, setup.free
     refuse_other_tests(specimen, method)
     scale = max(float(np.abs(data.load * data.stretch / specimen.area).max()), 1e-300)

@@ -15,7 +15,6 @@ import numpy as np
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import has_smooth_misfit
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.options import FitOptions
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.averaging import averaged_specimen
 from biaxbayes.specimens.specimen import Specimen
@@ -43,22 +42,10 @@ class LawFit:
     converged: bool
 
 
-def fit_law(
-    specimen: Specimen,
-    law: str,
-    *,
-    mounting: str = "noisy",
-    mounting_stretch: str = FitOptions.mounting_stretch,
-    starts: int = 3,
-    fixed: Mapping[str, float] | None = None,
-    fibre_switch: bool = False,
-) -> LawFit:
-    """Least-squares fit of a law to the measured load; options as in :func:`.constrained_fit`."""
-    setup = FitSetup.from_options(
-        specimen, mounting, mounting_stretch, fixed, law, fibre_switch=fibre_switch
-    )
-    points, _ = setup.starting_points(starts, 0)
-    fitted = setup.fitted(points, compiled=False, **LAW_FIT_LIMITS)
+def fit_law(specimen: Specimen, law: str, *, starts: int = 3, **options: Any) -> LawFit:
+    """Least-squares fit of a law to the load; options as in :meth:`.FitSetup.from_options`."""
+    setup = FitSetup.from_options(specimen, law=law, **options)
+    fitted = setup.fitted(starts, compiled=False, **LAW_FIT_LIMITS)
     return LawFit(
         law_named(law).name,
         fitted.rms,

@@ -63,34 +63,17 @@ class RowRatios(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GripCorrection:
-    """A specimen corrected for its grips.
+    """A specimen corrected for its grips."""
 
-    Attributes
-    ----------
-    measured : Specimen
-        As in the file.
-    specimen : Specimen
-        With loads (and stretches) of a homogeneous test; its header has
-        ``grip_correction: applied``.
-    ratios : tuple of RowRatios
-        Of each protocol.
-    uncorrected, coarse_fit, fit : FitResult
-        The fit to the loads as measured, that with r on 16 elements per edge, and the last one.
-    rounds : int
-        Iterations of fit and finite elements.
-    mesh_difference : float
-        Largest change of ln r on 16 instead of 32 elements per edge: about ten times the error of
-        the finer mesh.
-    seconds : float
-    """
-
-    measured: Specimen
+    measured: Specimen  # as in the file
+    # loads (and stretches) of a homogeneous test; its header has ``grip_correction: applied``
     specimen: Specimen
-    ratios: tuple[RowRatios, ...]
-    uncorrected: FitResult
-    coarse_fit: FitResult
+    ratios: tuple[RowRatios, ...]  # of each protocol
+    uncorrected: FitResult  # to the loads as measured
+    coarse_fit: FitResult  # with r on 16 elements per edge
     fit: FitResult
-    rounds: int
+    rounds: int  # of fit and finite elements
+    # largest change of ln r on 16 instead of 32 elements: about ten times the error of the latter
     mesh_difference: float
     seconds: float
 
@@ -111,16 +94,16 @@ class GripCorrection:
 
     def table(self, sd_log_ratio: np.ndarray) -> pd.DataFrame:
         """The ratios, one line per row of the specimen, with the result of :meth:`sd_log_ratio`."""
-        tables = []
-        for p, ratios in zip(self.specimen.protocols, self.ratios, strict=True):
-            columns = {"protocol": [p.name] * p.rows, "stretch_x": p.stretch_x}
-            columns |= {"stretch_y": p.stretch_y}
-            for name, values in (("force", ratios.force), ("stretch", ratios.stretch)):
-                columns |= {f"{name}_ratio_{k}": values[:, i] for i, k in enumerate("xy")}
-            tables.append(pd.DataFrame(columns))
-        table = pd.concat(tables, ignore_index=True)
-        table["sd_log_force_ratio_x"], table["sd_log_force_ratio_y"] = sd_log_ratio.T
-        return table
+        protocols = self.specimen.protocols
+        columns = {"protocol": np.repeat([p.name for p in protocols], [p.rows for p in protocols])}
+        for name, values in (
+            ("stretch", np.concatenate([p.stretch for p in protocols])),
+            ("force_ratio", np.concatenate([r.force for r in self.ratios])),
+            ("stretch_ratio", np.concatenate([r.stretch for r in self.ratios])),
+            ("sd_log_force_ratio", sd_log_ratio),
+        ):
+            columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xy")}
+        return pd.DataFrame(columns)
 
     def sd_log_ratio(self, draws: Mapping[str, np.ndarray], forward: ForwardModel) -> np.ndarray:
         """Standard deviation of ln r over draws of the posterior, shape (rows, 2).
@@ -153,17 +136,8 @@ def correct_for_grips(
 ) -> GripCorrection:
     """Correct a specimen for the grips that its file states.
 
-    Parameters
-    ----------
-    fitted : callable
-        The least-squares fit of a corrected specimen, with the options of what follows.
-
-    Raises
-    ------
-    InputError
-        If the grips or the law cannot be computed.
-    NotConverged
-        If the ratio does not converge, or the sheet has no equilibrium.
+    ``fitted`` is the least-squares fit of a corrected specimen, with the options of what follows.
+    InputError if grips or law cannot be computed, NotConverged if r or the equilibrium does not.
     """
     start = time.perf_counter()
     stated_hooks(specimen)
@@ -219,13 +193,7 @@ def refuse_other_law(law: str, file: object) -> None:
 def grip_ratios(
     specimen: Specimen, material: GOH, mounting: list[np.ndarray], elements: int
 ) -> tuple[RowRatios, ...]:
-    """Ratios of each protocol for a material and the mounting stretches of each protocol.
-
-    Raises
-    ------
-    NotConverged
-        If the sheet has no equilibrium.
-    """
+    """Ratios of each protocol for a material and its mounting stretches; may be NotConverged."""
     edges = edges_mm(specimen)
     if specimen.geometry == "mounted":
         edges = edges / np.mean(mounting, axis=0)

@@ -11,17 +11,9 @@ from biaxbayes.specimens.specimen import Specimen
 
 
 def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
-    """The hooks of a specimen file with the key ``grips``.
+    """The hooks of a specimen file with the key ``grips``, on edges (2,) in mm, else its own.
 
-    Parameters
-    ----------
-    edges : ndarray, shape (2,), optional
-        Unloaded edges in mm; those of the file by default.
-
-    Raises
-    ------
-    InputError
-        If they are incomplete, or do not fit on the sheet.
+    InputError if they are incomplete, or do not fit on the sheet.
     """
     stated = specimen.metadata
     count = hook_count(str(stated["grips"]))

@@ -83,16 +83,15 @@ def curve(values: np.ndarray, axis: Span) -> tuple[np.ndarray, np.ndarray]:
         padded = np.pad(padded, end, mode="symmetric" if closed else "constant")
     density = np.convolve(padded, kernel / kernel.sum(), mode="valid") * BINS / u.size
     middle = (np.arange(BINS) + 0.5) / BINS
-    # At a closed end the slope is zero by symmetry; elsewhere the tail is followed outwards.
+    # At a closed end the slope is zero by symmetry; elsewhere the last value is held.
     ends = np.interp([0.0, 1.0], middle, density)
     x = axis.back(np.concatenate([[0.0], middle, [1.0]]))
     return x, np.concatenate([ends[:1], density, ends[1:]])
 
 
 def robust_sd(u: np.ndarray) -> float:
-    """Standard deviation, or that of the middle half where tails inflate it."""
+    """Standard deviation, or (q75 - q25) / 1.349, that of a normal, where tails inflate it."""
     q25, q75 = np.quantile(u, [0.25, 0.75])
-    # of a normal: (q75 - q25) / 1.349
     middle_sd = float(q75 - q25) / 1.349
     sd = float(np.std(np.clip(u, -1.0, 2.0)))
     return min(sd, middle_sd) if middle_sd > 0.0 else sd

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.result import (
     POOR_MISFIT,
@@ -34,9 +34,8 @@ def quick_fit(
     reduced = thinned(specimen)
     if specimen.is_tared:
         return fit(reduced, "standard", starts=QUICK_STARTS, law=law, fibre_switch=fibre_switch)
-    return constrained_fit(
-        reduced, starts=QUICK_STARTS, law=law, fibre_switch=fibre_switch, compiled=False
-    )
+    setup = FitSetup.from_options(reduced, law=law, fibre_switch=fibre_switch)
+    return setup.fitted(QUICK_STARTS, compiled=False)
 
 
 def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:

@@ -89,11 +89,9 @@ class Identifiability:
     def reported(self) -> tuple[Reported, ...]:
         """Rows of the inferred parameters."""
         # "fung describes the record better"
-        takes_away = self.better_law.partition(" than ")[0] or self.law_misses
+        override = self.better_law.partition(" than ")[0] or self.law_misses
         if self.contradicted_priors:
-            takes_away = (
-                f"the prior of {listed(list(self.contradicted_priors))} contradicts the data"
-            )
+            override = f"the prior of {listed(list(self.contradicted_priors))} contradicts the data"
         contradictions = {}
         if self.fits is not None:
             contradictions = contradicted_stretches(
@@ -105,7 +103,7 @@ class Identifiability:
                 for p in self.parameters
                 if p.name in self.places and p.assessment.reason != MEASURED
             }
-        return reported(self.parameters, takes_away=takes_away, contradictions=contradictions)
+        return reported(self.parameters, override=override, contradictions=contradictions)
 
     @property
     def law_misses(self) -> str:

@@ -160,12 +160,8 @@ def count_modes(
 def _peaks(shape: Density) -> int:
     """Number of peaks by prominence: valleys are removed, the shallowest first."""
     h = shape.height
-    inner = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
-    peaks = [int(i) for i in inner]
-    if h[0] > h[1]:
-        peaks.insert(0, 0)
-    if h[-1] > h[-2]:
-        peaks.append(h.size - 1)
+    padded = np.pad(h, 1)  # so that an end of the range may be a peak
+    peaks = np.flatnonzero((h > padded[:-2]) & (h >= padded[2:])).tolist()
     valleys = [int(a + np.argmin(h[a : b + 1])) for a, b in pairwise(peaks)]
     while valleys:
         depth = [h[v] / min(h[a], h[b]) for v, a, b in zip(valleys, peaks, peaks[1:], strict=False)]

@@ -32,7 +32,7 @@ from biaxbayes.parameters import MATERIAL, Parameter, Quantities, Quantity
 from biaxbayes.text_files import aligned
 
 NOTHING = float("nan")
-"""Stands for the numbers of draws that have not converged."""
+"""In place of numbers where draws have not converged."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Reported:
     reason : str
         One short phrase.
     bound : {"", "low", "high"}
-        The end that holds (95 %), of a bounded parameter.
+        Which end of the interval holds alone, as a 95 % bound.
     partners : tuple of str
         Correlated parameters in combination with which it is known; empty for other verdicts.
     """
@@ -78,12 +78,12 @@ class Reported:
 def reported(
     parameters: Sequence[ParameterVerdict],
     *,
-    takes_away: str = "",
+    override: str = "",
     contradictions: Mapping[str, Assessment] | None = None,
 ) -> tuple[Reported, ...]:
     """Rows of the inferred parameters, in their order, without fixed and tied ones.
 
-    ``takes_away`` is why no parameter of the law is identified (a better law, a prior that
+    ``override`` is why no parameter of the law is identified (a better law, a prior that
     contradicts the data); ``contradictions`` replace the verdicts on mounting stretches.
     """
     out = []
@@ -95,8 +95,8 @@ def reported(
             nothing = (NOTHING, NOTHING, NOTHING)
             out.append(Reported(p.name, p.scale.unit, *nothing, NO_VERDICT, a.reason))
             continue
-        if takes_away and p.scale.parameter.kind == MATERIAL:
-            a = Assessment(NOT_IDENTIFIED, takes_away)
+        if override and p.scale.parameter.kind == MATERIAL:
+            a = Assessment(NOT_IDENTIFIED, override)
         a = (contradictions or {}).get(p.name, a)
         partners = e.partners.names if a.verdict == COMBINATION else ()
         values = (e.median, e.low, e.high)
@@ -104,19 +104,19 @@ def reported(
     return tuple(out)
 
 
-BEYOND = 0.5
-"""Part of an interval's width by which another law has to lie beyond it to contradict it."""
-LEAST_DIFFERENCE = 0.1
-"""The same as a part of a sharp interval: laws that are closer do not disagree."""
+GAP, LEAST_GAP = 0.5, 0.1
+"""A law contradicts an interval where it lies beyond it by more than this fraction of its width,
+and by more than that fraction of the width of a sharp one."""
 
 
 def contradicted_stretches(
     rows: Sequence[ParameterVerdict], fits: LawFits, law: str, places: Mapping[str, tuple[int, int]]
 ) -> dict[str, Assessment]:
-    """Verdicts on mounting stretches that another law takes away.
+    """Verdicts on mounting stretches that the fit of another law contradicts.
 
-    A law that describes the record as well as the law of the run and puts the mounting stretch
-    beyond the interval's upper end leaves the lower bound; below its lower end it leaves nothing.
+    Of the laws that describe the record as well as that of the run, one whose mounting stretch lies
+    beyond the interval's upper end leaves it bounded from below, and one below the lower end leaves
+    it not identified.
     ``places`` are the indices (mounted state, axis) of the stretches in the fits.
     """
     out = {}
@@ -125,10 +125,10 @@ def contradicted_stretches(
         e = p.diagnostics
         if p.name not in places or e is None or p.verdict not in (IDENTIFIED, BOUNDED):
             continue
-        slack = max(BEYOND * (e.high - e.low), LEAST_DIFFERENCE * e.parameter.sharp)
+        gap = max(GAP * (e.high - e.low), LEAST_GAP * e.parameter.sharp)
         at = {f.law: float(f.mounting_stretch[places[p.name]]) for f in others}
-        below = [name for name, value in at.items() if value < e.low - slack]
-        above = [name for name, value in at.items() if value > e.high + slack]
+        below = [name for name, value in at.items() if value < e.low - gap]
+        above = [name for name, value in at.items() if value > e.high + gap]
         if below:
             out[p.name] = Assessment(NOT_IDENTIFIED, _disagree(below, at, e))
         elif above and p.verdict == IDENTIFIED:

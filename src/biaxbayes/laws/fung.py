@@ -3,8 +3,8 @@ r"""Fung's exponential of the Green strains in a neo-Hookean matrix.
     W = c0 (X + Y + Z - 3) + (c / 2) (exp(Q) - 1)
     Q = b_x Ex^2 + b_y Ey^2 + 2 b_xy Ex Ey,    Ex = (X - 1) / 2,  Ey = (Y - 1) / 2
 
-with the squared stretches X, Y, Z. The form Q is positive definite: b_x b_y > b_xy^2. Without the
-matrix (c0 = 0) the unloaded state is singular under a dead load, so that c0 is positive.
+with the squared stretches X, Y, Z. The form Q is positive definite: b_x b_y > b_xy^2. A positive c0
+keeps the unloaded state stable where the exponential is absent (c = 0, or b_x = b_y = 0).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def energy(X, Y, Z, c0, c, b_x, b_y, b_xy):
     return c0 * (X + Y + Z - 3.0) + 0.5 * c * np.expm1(Q)
 
 
-_MAX_RHO = 0.98  # largest |rho| that sampling starts from
+_MAX_RHO = 0.98  # largest |b_xy| / sqrt(b_x b_y) that sampling starts from
 
 
 class FungLaw(Law):
@@ -75,7 +75,7 @@ class FungLaw(Law):
         return np.asarray(values["b_xy"]) ** 2 < np.asarray(values["b_x"]) * values["b_y"]
 
     def constants_from_fit(self, c0, c, b_x, b_y, b_xy) -> Any:
-        """Constants; the coupling is clipped where the form would not be positive definite."""
+        """Constants; the coupling is clipped to b_x b_y = b_xy^2 where it lies beyond."""
         limit = np.sqrt(b_x * b_y)
         beyond = np.abs(np.real(b_xy)) > np.real(limit)
         clipped = np.where(np.real(b_xy) < 0.0, -limit, limit)
@@ -88,7 +88,7 @@ class FungLaw(Law):
         return *scales, float(np.clip(b_xy, -limit, limit))
 
     def from_fit_coordinates(self, point: Any) -> tuple[float, ...]:
-        """Parameters at a point of the fits, of a form that is positive definite."""
+        """Parameters at a point of the fits, of a form that is nowhere negative."""
         return tuple(float(v) for v in self.constants_from_fit(*(float(v) for v in point)))
 
     def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:

@@ -39,7 +39,7 @@ def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
     left = [f"{name} ({count} rows)" for name, count in counts.items() if name not in chosen]
     notes = [f"sets left out: {', '.join(left)}"] if left else []
     return [
-        _record(table.without(np.flatnonzero(sets != name), *notes), name, choice, gauge)
+        _record(table.without(np.flatnonzero(sets != name), *notes), name, choice)
         for name in chosen
     ]
 
@@ -106,7 +106,7 @@ def _cycles(
 # --- stretches and forces -------------------------------------------------------------------------
 
 
-def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
+def _record(table: Table, name: str, choice: Choice) -> Record:
     """Convert a set; stretches are those of tracked points if there are any."""
     numbers, phases = _phases(table)
     reasons = outside(table.lines, choice.rows, table.path)
@@ -116,10 +116,9 @@ def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
     start = chosen.rows("unloading" if choice.branch == "unloading" else "loading")
     points = _tracked_points(table, start, required=choice.stretch_from == "tracked")
     gradient: np.ndarray | None = None
-    assumptions: list[str] = []
     if points is None or choice.stretch_from == "rake":
         source, note = "Size_um", "stretch from the rakes, not from the tissue"
-        stretch, assumptions = _rake_stretch(table, rows, start, gauge)
+        stretch = _rake_stretch(table, rows, start)
     else:
         source, note = "tracked points", f"stretch from {points.shape[1]} tracked points"
         complete = np.isfinite(points).all(axis=(1, 2))
@@ -147,7 +146,7 @@ def _record(table: Table, name: str, choice: Choice, gauge: Gauge) -> Record:
         cycles={name: [cycle.only(reasons == "") for cycle in cycles]},
         reasons=reasons,
         notes=(*table.notes, note),
-        assumptions=(*assumptions, *choice.sign_notes),
+        assumptions=choice.sign_notes,
     )
     taken = np.sort(np.concatenate([c.rows("both") for c in record.cycles[name]]))
     if choice.rows is None:
@@ -206,29 +205,17 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
     return table.values(index, rows) * unit.factor
 
 
-def _rake_stretch(
-    table: Table, rows: np.ndarray, start: np.ndarray, gauge: Gauge
-) -> tuple[np.ndarray, list[str]]:
-    """Stretches from the distance of the rakes, and their assumptions."""
-    columns, assumptions = [], []
-    for k, axis in enumerate("xy"):
+def _rake_stretch(table: Table, rows: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Stretches from the distance of the rakes."""
+    columns = []
+    for axis in "xy":
         size = _quantity(table, f"{axis}size", "length", rows)
-        moved = _quantity(table, f"{axis}displacement", "length", np.append(0, rows))
-        if size is not None:
-            # XSize is the rake distance at every moment, or that at the start
-            length = size if moved is None or np.ptp(size[rows]) > 0.0 else size + moved
-        elif moved is not None:
-            name = f"{axis.upper()}Displacement"
-            length, note = gauge.from_displacement(moved, float(moved[0]), k, name, table.path)
-            assumptions.append(note)
-        else:
+        if size is None:
             problem = f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown"
             raise table.error(problem, table.listing)
-        shortest = rows[int(np.argmin(length[rows]))]
-        if length[shortest] <= 0.0:
-            problem = f"the rake distance of {length[shortest]:g} mm in {axis} is not positive"
-            raise table.error(problem, "check the size and displacement columns", row=shortest)
-        columns.append(length)
+        moved = _quantity(table, f"{axis}displacement", "length", rows)
+        # XSize is the rake distance at every moment, or that at the start
+        columns.append(size if moved is None or np.ptp(size[rows]) > 0.0 else size + moved)
     lengths = np.column_stack(columns)
     resting = rest_rows(lengths[start, 0], lengths[start, 1])
-    return lengths / lengths[start[:resting]].mean(axis=0), assumptions
+    return np.asarray(lengths / lengths[start[:resting]].mean(axis=0))

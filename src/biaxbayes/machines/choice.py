@@ -175,14 +175,8 @@ class Choice(Options):
     def __post_init__(self) -> None:
         if self.machine not in FORMATS:
             raise InputError(f"machine must be one of {', '.join(FORMATS)}, not {self.machine!r}")
-        own = FORMATS[self.machine].options
         for machine, format_ in FORMATS.items():
-            others = [n for n in format_.options if getattr(self, n) != getattr(Choice, n)]
-            foreign = [f"`{name}`" for name in others if name not in own]
-            if foreign:
-                verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
-                raise InputError(
-                    f"{' and '.join(foreign)} {verb} for `machine={machine}`",
-                    remedy=f"leave {them} out",
-                )
+            given = [n for n in format_.options if getattr(self, n) != getattr(Choice, n)]
+            if given and machine != self.machine:
+                raise InputError(f"`{given[0]}` is for `machine={machine}`", remedy="leave it out")
         super().__post_init__()

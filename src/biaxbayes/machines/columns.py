@@ -69,21 +69,20 @@ LENGTH_WORDS = (
 DISPLACEMENT_WORDS = (
     r"disp(lacement)?s?|extension|elongation|travel|stroke|crosshead|weg|verschiebung|change|delta"
 )
-STRESS_WORDS = {
-    "piola": r"piola|pk1|p11|p22|pxx|pyy|first|1st|nominal|engineering|eng",
-    "cauchy": r"cauchy|true|(sigma|σ)[xy12]{0,2}|t[xy12]{1,2}",
-    "pk2": r"pk2|2pk|pkii|kirchhoffii|second|2nd|spk|s[xy12]{1,2}",
-    "kirchhoff": r"(tau|τ)[xy12]{0,2}",
-    "tension": r"t[xy12]{1,2}",
+STRESSES = {
+    "piola": (
+        "a first Piola-Kirchhoff stress",
+        r"piola|pk1|p11|p22|pxx|pyy|first|1st|nominal|engineering|eng",
+    ),
+    "cauchy": ("a Cauchy stress", r"cauchy|true|(sigma|σ)[xy12]{0,2}|t[xy12]{1,2}"),
+    "pk2": (
+        "a second Piola-Kirchhoff stress",
+        r"pk2|2pk|pkii|kirchhoffii|second|2nd|spk|s[xy12]{1,2}",
+    ),
+    "kirchhoff": ("a Kirchhoff (or shear) stress", r"(tau|τ)[xy12]{0,2}"),
+    "tension": ("a membrane tension", r"t[xy12]{1,2}"),
 }
-"""Words of a kind of stress; T11 may be two kinds."""
-KINDS_OF_STRESS = {
-    "piola": "a first Piola-Kirchhoff stress",
-    "cauchy": "a Cauchy stress",
-    "pk2": "a second Piola-Kirchhoff stress",
-    "kirchhoff": "a Kirchhoff (or shear) stress",
-    "tension": "a membrane tension",
-}
+"""Kinds of stress, and the words of a name that suggest one; T11 may be two kinds."""
 
 
 @dataclass(frozen=True)
@@ -192,10 +191,6 @@ def _requested(table: Table, target: str, text: str) -> Column:
     text = text.removesuffix(f":{pair}") if confirmed else text
     name, colon, ending = text.rpartition(":")
     given = None if text in table.names or not colon else unit_named(ending)
-    if given is None and colon and name.strip() in map(str.strip, table.names):
-        problem = f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain"
-        column = list(map(str.strip, table.names)).index(name.strip())
-        raise table.error(problem, f"choose one of {', '.join(UNITS)}", column=column)
     name = text if given is None else name
     parts, signs = [name], [1]
     if TARGETS[target] == "stretch" and not table.has_column(name):
@@ -263,12 +258,10 @@ def _unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
         return UNITS[PLAIN_UNITS[quantity]]
     needed = "fraction" if quantity == "shear" else quantity
     if unit is None or unit.quantity != needed:
-        problem = f"the unit of {name!r} is not known"
+        problem = f"{unknown!r} of {name!r} is not a known unit"
+        problem = problem if unknown else f"the unit of {name!r} is not known"
         if unit is not None:
-            article = "an" if unit.quantity[0] in "aeiou" else "a"
-            problem = f"{name!r} is in {unit.name}, {article} {unit.quantity}"
-        elif unknown:
-            problem = f"{unknown!r} of {name!r} is not a known unit"
+            problem = f"{name!r} is in {unit.name}, a unit of {unit.quantity}"
         remedy = f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
         remedy += f"{units_of(needed)}; or choose another column; {table.listing}"
         raise table.error(f"{problem}, but {target} is a {quantity}", remedy, column=index)
@@ -289,20 +282,22 @@ def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
     """Refuse a stress whose name suggests another kind than its target."""
     words = words_of(name)
     words += [first + second for first, second in pairwise(words)]
-    kinds = [
-        k for k, pattern in STRESS_WORDS.items() if any(re.fullmatch(pattern, w) for w in words)
-    ]
+    kinds = {
+        k: kind
+        for k, (kind, pattern) in STRESSES.items()
+        if any(re.fullmatch(pattern, word) for word in words)
+    }
     pair, axis, _ = target.split("_")
-    if not kinds or kinds == [pair]:
+    own = STRESSES[pair][0]
+    if not kinds or [*kinds] == [pair]:
         return
-    suggested = " or ".join(KINDS_OF_STRESS[k] for k in kinds)
-    gives = {f"columns={target}={name}:{pair}": f"it is {KINDS_OF_STRESS[pair]}"}
+    gives = {f"columns={target}={name}:{pair}": f"it is {own}"}
     for k in (k for k in kinds if k in STRESS_PAIRS and k != pair):
-        gives[f"columns={k}_{axis}_kPa={name}"] = f"it is {KINDS_OF_STRESS[k]}"
+        gives[f"columns={k}_{axis}_kPa={name}"] = f"it is {kinds[k]}"
     gives[f"columns={target}=COLUMN"] = (
         "another column; a second Piola-Kirchhoff stress times the stretch is a first one"
     )
-    problem = f"the name {name!r} suggests {suggested}, and {target} is {KINDS_OF_STRESS[pair]}"
+    problem = f"the name {name!r} suggests {' or '.join(kinds.values())}, and {target} is {own}"
     raise Question(problem, gives, file=table.path)
 
 
@@ -370,34 +365,28 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
     raise table.error(problem, remedy, column=index)
 
 
-def _needed(pair: str, test: str | None) -> list[str]:
-    """Targets that a kind of test cannot do without."""
-    if pair == "tube":
-        return ["stretch_x", "stretch_y", "pressure_kPa"]
-    both = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
-    return [name for name in both if name.split("_")[1] in directions_of(test)]
-
-
 def _check_complete(table: Table, columns: Mapping[str, Column], test: str | None) -> None:
     """Refuse a map without the stretches and one pair of loads; ask where another test fits."""
     pairs = [p for p, names in STRESS_PAIRS.items() if any(name in columns for name in names)]
-    problem = "more than one stress pair" if len(pairs) > 1 else ""
-    needed = _needed(pairs[0] if pairs else "tube" if test == "tube" else "force", test)
+    if len(pairs) > 1:
+        raise table.error("more than one stress pair", f"map one of them; {table.listing}")
+    pair = pairs[0] if pairs else "tube" if test == "tube" else "force"
+    needed = ["stretch_x", "stretch_y", "pressure_kPa"]
+    if pair != "tube":
+        both = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
+        needed = [name for name in both if name.split("_")[1] in directions_of(test)]
     missing = [target for target in needed if target not in columns]
-    if missing and not problem:
+    if missing:
         _ask_about_test(table, columns, missing, test)
-        problem = f"no column for {missing[0]}"
-        if not pairs and not missing[0].startswith("stretch"):
-            problem = "no column for a force or stress"
-    if problem:
-        raise table.error(problem, f"{table.listing}; {_example(table, test)}")
+        load = not pairs and not missing[0].startswith("stretch")
+        problem = f"no column for {'a force or stress' if load else missing[0]}"
+        raise table.error(problem, f"{table.listing}; {_example(table, needed)}")
     used: dict[int, str] = {}
     for target, column in columns.items():
         for index in column.indices:
-            if index in used:
-                problem = f"{column.name!r} is used for both {used[index]} and {target}"
+            if (first := used.setdefault(index, target)) != target:
+                problem = f"{column.name!r} is used for both {first} and {target}"
                 raise table.error(problem, table.listing)
-            used[index] = target
 
 
 def _ask_about_test(
@@ -417,23 +406,19 @@ def _ask_about_test(
         raise Question("there is a pressure, as of a tube", gives | others, file=table.path)
 
 
-def _example(table: Table, test: str | None) -> str:
-    """A --columns option with columns of the file, if enough of them are likely."""
-    likely: dict[str, list[str]] = {"stretch": [], "force": [], "stress": []}
+def _example(table: Table, needed: Sequence[str]) -> str:
+    """A --columns option with likely columns of the file."""
+    likely: dict[str, list[str]] = {}
     for index, name in enumerate(table.names):
         quantity = next((u.quantity for u in table.units(index)), "")
         if quantity in (*LENGTHS, *STRAINS) or strain_kinds(name):
             quantity = "stretch"
         likely.setdefault(quantity, []).append(name)
-    count = len(directions_of(test))
-    quantity, pair = ("stress", "tube") if test == "tube" else ("stress", "piola")
-    if test != "tube" and len(likely["force"]) >= count:
-        quantity = pair = "force"
-    targets = _needed(pair, test)
-    names = [*likely["stretch"][:count], *likely[quantity][: len(targets) - count]]
-    names = names if len(names) == len(targets) else ["COLUMN"] * len(targets)
-    pairs = zip(targets, names, strict=True)
-    return f"for example --columns {shlex.quote(','.join(f'{t}={name}' for t, name in pairs))}"
+    if "force" not in likely and "stress" in likely:
+        needed = [target.replace("force", "piola").replace("_N", "_kPa") for target in needed]
+    names = [(likely.get(TARGETS[target]) or ["COLUMN"]).pop(0) for target in needed]
+    pairs = ",".join(f"{target}={name}" for target, name in zip(needed, names, strict=True))
+    return f"for example --columns {shlex.quote(pairs)}"
 
 
 # --- columns that nobody mapped -------------------------------------------------------------------
@@ -443,10 +428,15 @@ MAX_LABELS = 60
 LEAST_ROWS_OF_LABEL = 3
 
 
+def _unused(table: Table, columns: Mapping[str, Column], ignored: frozenset[int]) -> list[int]:
+    """Columns of the table that were neither mapped nor to be ignored."""
+    used = {i for column in columns.values() for i in column.indices} | ignored
+    return [i for i in range(len(table.names)) if i not in used]
+
+
 def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: frozenset[int]) -> None:
     """Ask what a column separates that has the same few labels in many rows."""
-    used = {i for column in columns.values() for i in column.indices} | ignored
-    for index in sorted(set(range(len(table.names))) - used):
+    for index in _unused(table, columns, ignored):
         name, cells = table.names[index], table.text(index)
         labels = [cell for cell in cells if cell.lower() not in MISSING]
         counts = Counter(labels)
@@ -454,14 +444,11 @@ def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: froze
         whole = all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts)
         reading = any(u.quantity not in ("fraction", *STRAINS) for u in table.units(index))
         few = LEAST_LABELS <= len(counts) <= MAX_LABELS
-        if not few or (numbers and not whole) or reading:
-            continue
         merged = 2 * len(labels) < table.rows
-        if merged and not cells[0]:
-            continue
         # numbers may be readings, such as a coarse temperature; words may alternate
         changes = sum(a != b for a, b in pairwise(labels)) + 1 if numbers else len(counts)
-        if changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels)):
+        often = changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels))
+        if not few or (numbers and not whole) or reading or often or (merged and not cells[0]):
             continue
         shown = first_few([f"{label}: {count} rows" for label, count in counts.items()], 6)
         gives = {f"specimen_by={name}": "each a specimen"} if "specimen" not in columns else {}
@@ -480,14 +467,13 @@ def ask_about_opposites(
     table: Table, columns: Mapping[str, Column], ignored: frozenset[int]
 ) -> None:
     """Ask for the other actuator of a direction where further lengths move with a displacement."""
-    used = {i for column in columns.values() for i in column.indices} | ignored
     lengths = {
         table.names[i]: table.sparse_numbers(i, texts=True)
-        for i in range(len(table.names))
-        if i not in used and any(u.quantity in LENGTHS for u in table.units(i))
+        for i in _unused(table, columns, ignored)
+        if any(u.quantity in LENGTHS for u in table.units(i))
     }
-    for target in (target for target in ("stretch_x", "stretch_y") if target in columns):
-        column, kind = columns[target], columns[target].unit
+    for target, column in columns.items():
+        kind = column.unit
         if kind is None or kind.quantity != "displacement" or len(column.indices) > 1:
             continue
         moved, others = table.sparse_numbers(column.indices[0], texts=True), {}

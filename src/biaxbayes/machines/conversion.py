@@ -36,17 +36,13 @@ Header = Mapping[str, float | str]
 
 @dataclass(frozen=True)
 class Conversion:
-    """A specimen, its recordings, and its protocols with the stretches as measured.
-
-    ``geometry_given`` is True if the user stated the geometry; ``records`` are all rows of the
-    tables, with the reason of each that was left out.
-    """
+    """A specimen, its recordings, and its protocols with the stretches as measured."""
 
     specimen: Specimen
     recordings: tuple[Recording, ...]
     protocols_as_measured: tuple[Protocol, ...]
-    geometry_given: bool
-    records: tuple[Record, ...] = ()
+    geometry_given: bool  # by the user
+    records: tuple[Record, ...] = ()  # all rows of the tables, with the reason of each left out
 
     @property
     def account(self) -> str:
@@ -102,10 +98,7 @@ def convert(
 
 
 def _protocols(recordings: Sequence[Recording]) -> list[Protocol]:
-    """Protocols with stretches as measured, so that the specimen and `check` see where each starts.
-
-    Each has to hold a load in the directions that were read.
-    """
+    """Protocols with stretches as measured, each with a load in the directions that were read."""
     timed = all(r.time_s is not None for r in recordings)
     protocols = []
     for r in recordings:
@@ -126,15 +119,12 @@ def _check_header(header: Header, stress_pair: str, test: str | None) -> None:
             f"`load_noise_{other}` does not fit: the columns are in {unit}",
             remedy=f"give `load_noise_{unit}`",
         )
-    of_tube = ["unloaded_outer_diameter_mm", "thickness_mm"] if stress_pair == "tube" else []
-    needed = needed_with_forces(test) if stress_pair == "force" else of_tube
-    missing = [key for key in needed if key not in header]
-    if missing:
-        what = "a tube needs" if stress_pair == "tube" else "forces need"
+    missing = [key for key in needed_with_forces(test) if key not in header]
+    if missing and stress_pair == "force":
         remedy = "give " + ", ".join(f"`{key}`" for key in missing)
         if "geometry" in missing:
             remedy += " (unloaded or mounted: the state in which they were measured)"
-        raise InputError(f"{what} {', '.join(missing)}", remedy=remedy)
+        raise InputError(f"forces need {', '.join(missing)}", remedy=remedy)
 
 
 def _number(header: Header, key: str) -> float | None:
@@ -203,13 +193,7 @@ def _named_recordings(
             f"{len(protocol_names)} protocol names for {len(recordings)} protocols",
             remedy=f"the protocols are {of[:300]}",
         )
-    names = list(protocol_names) or [r.name for r in recordings]
-    for name in names:
-        if not name.strip() or names.count(name) > 1:
-            raise InputError(
-                f"protocol name {name[:40]!r} is empty or duplicated",
-                remedy="give `protocol_names`, one per protocol",
-            )
+    names = protocol_names or [r.name for r in recordings]
     recordings = [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
     return records, recordings
 

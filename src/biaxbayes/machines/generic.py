@@ -41,12 +41,8 @@ PER_CENT_RANGE = 0.01
 def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
     """The record of a table, with the cycles of each of its protocols."""
     wanted = parse_columns(choice.columns)
-    for target, column in (
-        ("specimen", choice.specimen_by),
-        ("protocol", choice.separating_column),
-    ):
-        if column is not None:
-            wanted[target] = column
+    by = {"specimen": choice.specimen_by, "protocol": choice.separating_column}
+    wanted |= {target: column for target, column in by.items() if column is not None}
     columns, ignored = column_map(table, wanted, choice.test)
     ask_about_labels(table, columns, ignored)
     ask_about_opposites(table, columns, ignored)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -117,20 +118,24 @@ def _chosen(
             },
             file=record.path,
         )
-    if which in (None, "last") or (choice.repeats == "cycles" and not several):
-        return {name: [len(cycles) - 1] for name, cycles in protocols.items()}
+    if choice.repeats == "cycles" and not several:
+        which = "last"  # the number is that among several files
+    return {
+        name: _numbers(which, [cycle.label for cycle in cycles], name, record.path)
+        for name, cycles in protocols.items()
+    }
+
+
+def _numbers(which: str | int | None, labels: Sequence[str], of: str, file: Path) -> Sequence[int]:
+    """Indices of the chosen cycles among those with these labels."""
+    if which in (None, "last"):
+        return [len(labels) - 1]
     if which == "all":
-        return {name: range(len(cycles)) for name, cycles in protocols.items()}
-    chosen: dict[str, Sequence[int]] = {}
-    for name, cycles in protocols.items():
-        labels = [cycle.label for cycle in cycles]
-        if which not in labels:
-            shown = ", ".join(labels) if len(labels) < 12 else f"{labels[0]} to {labels[-1]}"
-            of = f" of {name}" if name else ""
-            remedy = f"cycles are {shown}"
-            raise InputError(f"no cycle {which}{of}", file=record.path, remedy=remedy)
-        chosen[name] = [labels.index(which)]
-    return chosen
+        return range(len(labels))
+    if which not in labels:
+        remedy = f"cycles are {first_few(labels, 12)}"
+        raise InputError(f"no cycle {which}{f' of {of}' if of else ''}", file=file, remedy=remedy)
+    return [labels.index(str(which))]
 
 
 def _recording(
@@ -187,18 +192,16 @@ def without_repeats(recordings: Sequence[Recording], choice: Choice) -> list[Rec
         }
         problem = f"the same stretch ratio comes back ({'; '.join(repeated)[:300]})"
         raise Question(problem, gives, file=file)
-    which, kept = choice.cycles, []
+    kept = []
     for ratio, group in groups.items():
         count = len(group)
-        if which is None and count > 1:
+        if choice.cycles is None and count > 1:
             gives = {"cycles=last": group[-1].record.source, "cycles=all": "each a protocol"}
             raise Question(f"{ratio} has {count} cycles", gives, file=file)
-        if which not in (None, "last", "all") and not 0 < int(which) <= count:
-            raise InputError(f"no cycle {which} of {ratio}", file=file, remedy=f"{count} cycles")
-        number = count if which in (None, "last") else 0 if which == "all" else int(which)
-        for n, r in enumerate(group, start=1):
-            if number in (0, n):
-                kept.append(replace(r, cycle=f"{n} of {count}" if count > 1 else r.cycle))
+        numbers = _numbers(choice.cycles, [str(n + 1) for n in range(count)], ratio, file)
+        for n, r in enumerate(group):
+            if n in numbers:
+                kept.append(replace(r, cycle=f"{n + 1} of {count}" if count > 1 else r.cycle))
             else:
                 r.record.leave_out(r.rows, "a cycle that was not chosen")
     return kept

@@ -18,7 +18,7 @@ class VirtualTest:
     measured: np.ndarray  # stretch relative to the mounted state; the first is one
     total: np.ndarray  # relative to the unloaded state
     force_N: np.ndarray
-    piola_kPa: np.ndarray  # true stress with the unloaded state as reference
+    piola_kPa: np.ndarray  # nominal (first Piola-Kirchhoff) stress, of the unloaded section
     cauchy_kPa: np.ndarray
 
 
@@ -37,10 +37,10 @@ def virtual_test(
 ) -> VirtualTest:
     """Stretch a homogeneous specimen from its mounted state in equal increments.
 
-    ``mounting_stretch`` is relative to the unloaded state, the largest ``total_stretch`` or
-    ``measured_stretch`` (give one) to the unloaded or the mounted one; ``ratio`` is the fraction of
-    the stretch beyond the mounted state of each direction. The dimensions are unloaded ones. Across
-    a strip the stretches are those that carry no load, whatever is given.
+    The test ends at ``total_stretch``, relative to the unloaded state, or at ``measured_stretch``,
+    relative to the mounted one: give one of them. ``ratio`` scales the stretch beyond the mounted
+    state in each direction. The dimensions are unloaded ones. Across a strip the stretches are
+    those that carry no load, whatever is given.
     """
     if (total_stretch is None) == (measured_stretch is None):
         raise ValueError("give one of total_stretch and measured_stretch")
@@ -52,7 +52,7 @@ def virtual_test(
         if measured_stretch is None
         else np.broadcast_to(np.asarray(measured_stretch, dtype=float), 2)
     )
-    # The mounting state is the first point; equal increments of total stretch follow.
+    # The mounted state is the first point; equal increments of total stretch follow.
     path = np.linspace(0.0, 1.0, increments + 1)[:, None]
     measured = 1.0 + path * (top - 1.0) * np.asarray(ratio, dtype=float)
     total = measured * lm

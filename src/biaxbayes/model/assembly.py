@@ -108,7 +108,10 @@ def assemble(
     determinant: bool,
     sampling: bool = True,
 ) -> Assembly:
-    """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots."""
+    """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots.
+
+    ``determinant`` as in :class:`.density.Problem`.
+    """
     law = settings.material_law
     pieces = Piece.of_tissue(specimen, settings)
     quantities = specimen.quantities(law.parameters, shared=settings.shared)
@@ -139,13 +142,14 @@ def assemble(
                 free.append(name)
         elif isinstance(prior, Tie):
             if i >= first:
+                # of one stretch to the other in the same state, which precedes it: the factor is 1
                 slot[i] = slot[slots.index(quantities.in_same_state(name, prior.other))]
             else:
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:
             fixed[i] = to_slot(p, np.array(float(prior)))
     reference, max_I1_state = _references(specimen, constants.reference_stretch)
-    peak_kPa = _peak_stress(specimen)
+    peak_kPa = peak_stress(specimen)
     transform = law.sampling_transform(
         TransformInputs(
             free=tuple(n for n in law.names if n in free),
@@ -255,26 +259,26 @@ def _priors(
 
 
 def _dimension_priors(specimen: Specimen) -> dict[str, Prior]:
-    """Priors of the dimensions and offsets of a piece that the header states an error of."""
+    """Priors of the dimensions and offsets of a piece whose errors the header states."""
     out: dict[str, Prior] = {}
-    known = specimen.metadata
-    if "edge_sd_mm" in known:
+    header = specimen.metadata
+    if "edge_sd_mm" in header:
         for axis in "xy":
             edge = float(getattr(specimen, f"edge_{axis}_mm"))
-            out[f"edge_{axis}"] = Prior("normal", 1.0, float(known["edge_sd_mm"]) / edge, low=0.0)
-    if "thickness_sd_mm" in known:
+            out[f"edge_{axis}"] = Prior("normal", 1.0, float(header["edge_sd_mm"]) / edge, low=0.0)
+    if "thickness_sd_mm" in header:
         assert specimen.thickness_mm is not None
-        sd = float(known["thickness_sd_mm"]) / specimen.thickness_mm
+        sd = float(header["thickness_sd_mm"]) / specimen.thickness_mm
         out["thickness"] = Prior("normal", 1.0, sd, low=0.0)
-    offset = known.get(f"load_offset_sd_{specimen.unit}")
+    offset = header.get(f"load_offset_sd_{specimen.unit}")
     if offset is not None:
         for k in specimen.experiment.axes:
             out[f"load_offset_{'xy'[k]}"] = Prior("normal", 0.0, float(offset))
     return out
 
 
-def _peak_stress(specimen: Specimen) -> float:
-    """Largest stress of all pieces in kPa, a scale of stiffnesses."""
+def peak_stress(specimen: Specimen) -> float:
+    """Largest stress of all pieces in kPa, a scale of stiffnesses; of a tube that of its wall."""
     peaks = []
     for piece in specimen.pieces:
         for p in piece.protocols:
@@ -287,14 +291,14 @@ def _peak_stress(specimen: Specimen) -> float:
 def _references(
     specimen: Specimen, stretch: tuple[float, float] | None
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """The squared reference stretch, and the same of the row of largest I1."""
+    """Squares of the reference stretch, and of the row of largest I1 scaled like it."""
     pieces = specimen.pieces
     measured = np.vstack([p.known_stretch for piece in pieces for p in piece.protocols])
     top = measured.max(axis=0)
     stretch = (float(top[0]), float(top[1])) if stretch is None else stretch
     squared = measured**2
     widest = measured[np.argmax(squared.sum(axis=1) + 1.0 / squared.prod(axis=1))]
-    # I1 = X + Y + Z is largest at the widest row; its stretches, moved as the reference is
+    # I1 = X + Y + Z is largest at the widest row
     x, y = np.asarray(stretch) * widest / top
     return _above_one(stretch), _above_one((float(x), float(y)))
 

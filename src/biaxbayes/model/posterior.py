@@ -35,7 +35,7 @@ from biaxbayes.model.misfit import SmoothMisfit
 from biaxbayes.model.piece import Piece
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
-from biaxbayes.options import FitOptions, ModelOptions, Settings
+from biaxbayes.options import ModelOptions, Settings
 from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.averaging import rows_to_keep
@@ -115,8 +115,7 @@ class Posterior:
 
     def least_squares(self, seed: int = 0) -> FitResult:
         """Least-squares fit of the settings, without priors, from random starts of this seed."""
-        setup = FitSetup.from_settings(self.specimen, self.settings)
-        return setup.fitted(setup.starting_points(FitOptions.starts, seed)[0])
+        return FitSetup.from_settings(self.specimen, self.settings).fitted(seed=seed)
 
     # --- layout ---
 

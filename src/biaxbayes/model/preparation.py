@@ -112,11 +112,12 @@ def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[st
     """Parameters moved into the ranges of their priors."""
     out = dict(parameters)
     for name, prior in posterior.priors.items():
-        if name in out and isinstance(prior, Prior):
-            low, high = prior.low, prior.high
-            if not low < out[name] < high:
-                span = (high - low) if np.isfinite(high - low) else max(abs(low), 1.0)
-                out[name] = float(np.clip(out[name], low + 0.01 * span, high - 0.01 * span))
+        if name in out and isinstance(prior, Prior) and not prior.low < out[name] < prior.high:
+            # the bound that was crossed is finite
+            bound = prior.low if out[name] <= prior.low else prior.high
+            span = prior.high - prior.low
+            margin = 0.01 * (span if np.isfinite(span) else max(abs(bound), 1.0))
+            out[name] = float(np.clip(out[name], prior.low + margin, prior.high - margin))
     return out
 
 

@@ -17,12 +17,12 @@ from biaxbayes.specimens.check import Finding
 
 NEAR_LIMIT = 0.05
 """Draws within this fraction of a limit of the mounting stretch count as lying at it."""
-FEW_DRAWS = 0.001
-FAR = 3.0
+MAX_SHARE_AT_LIMIT = 0.001
+FAR_SDS = 3.0
 """Standard deviations of a prior beyond which the fit lies far from it."""
-TAIL = 0.5 * math.erfc(FAR / math.sqrt(2.0))
-LOST = 6.0
-"""Log likelihood that a prior costs where it contradicts the data: 3.5 standard deviations."""
+TAIL_PROBABILITY = 0.5 * math.erfc(FAR_SDS / math.sqrt(2.0))
+MAX_LOSS = 6.0
+"""Loss of log likelihood beyond which a prior contradicts the data: 3.5 standard deviations."""
 
 
 def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
@@ -32,7 +32,7 @@ def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
     for name, draws in stretches.items():
         below, above = draws < low * (1.0 + NEAR_LIMIT), draws > high * (1.0 - NEAR_LIMIT)
         share = float(np.mean(below | above))
-        if share <= FEW_DRAWS:
+        if share <= MAX_SHARE_AT_LIMIT:
             continue
         limit = low if below.mean() > above.mean() else high
         findings.append(
@@ -65,8 +65,8 @@ def radian_findings(posterior: Posterior) -> list[Finding]:
             Finding(
                 "radians",
                 "warning",
-                f"the prior of {name}, {prior.family} {first:g}, {second:g}, is in degrees; if "
-                f"that is in radians, state {first_deg:.4g}, {second_deg:.4g}",
+                f"the prior of {name}, {prior.family} {first:g}, {second:g}, is read in "
+                f"degrees; if you mean radians, write {first_deg:.4g}, {second_deg:.4g}",
             )
         )
     return findings
@@ -77,8 +77,8 @@ def unused_prior_findings(posterior: Posterior) -> list[Finding]:
     if not posterior.settings.has_misfit or NOISE_SD.name not in posterior.settings.priors:
         return []
     text = (
-        f"the prior of {NOISE_SD.name} has no effect: with a smooth misfit the noise is the load "
-        "cell's (--noise independent has this parameter)"
+        f"the prior of {NOISE_SD.name} has no effect: the noise is that of the load cell, and a "
+        "parameter only with --noise independent"
     )
     return [Finding("unused-prior", "warning", text)]
 
@@ -111,7 +111,7 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     labels = [piece.labels.label for piece in posterior.pieces]
     noise_sd = np.array([[start[name_of(NOISE_SD.name, label)] for label in labels]])
     at_fit = float(posterior.log_likelihood(residual, noise_sd)[0])
-    if not at_fit - float(at_mode["log_likelihood"][0]) > LOST:
+    if not at_fit - float(at_mode["log_likelihood"][0]) > MAX_LOSS:
         return {}
     best, missed = (_rms(posterior, r) for r in (residual, posterior.residuals(at_mode, 0)))
     noise = specimen.noise_sd
@@ -139,4 +139,4 @@ def _rms(posterior: Posterior, residual: np.ndarray) -> float:
 def is_far(prior: Prior, value: float) -> bool:
     """Whether a value lies beyond three standard deviations of a prior."""
     level = float(prior.cdf(np.array(value)))
-    return min(level, 1.0 - level) < TAIL
+    return min(level, 1.0 - level) < TAIL_PROBABILITY

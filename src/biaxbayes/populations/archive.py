@@ -1,4 +1,4 @@
-"""Files of a population that other verbs read: its convergence and its draws, population.nc."""
+"""The draws of a population, population.nc, and the new specimens in it."""
 
 from __future__ import annotations
 
@@ -14,44 +14,17 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.file_lock import folder_lock
 from biaxbayes.populations.result import Population
 from biaxbayes.runs.archive import netcdf_bytes
-from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, RUNS, STUDY, finish_moving
+from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, STUDY, finish_moving
 from biaxbayes.tasks import kept_warning_filters
-
-MAKE_POPULATION = "make one with 'biaxbayes population'"
-
-
-def population_state(folder: Path) -> str:
-    """Convergence of a finished population."""
-    if (folder / READY).is_dir():  # as in open_run
-        with folder_lock(folder):
-            finish_moving(folder, POPULATION)
-    if not (folder / POPULATION).is_file():
-        if not folder.exists():
-            problem = f"does not exist; {MAKE_POPULATION}"
-        elif (folder / PROVENANCE).exists():
-            problem = "is a run's folder, not a population's; leave --population out"
-        elif (folder / STUDY).is_file() and (folder / RUNS).is_dir():
-            problem = f"is a study's folder, not a population's; {MAKE_POPULATION}"
-        else:
-            problem = f"is not the folder of a finished population; {MAKE_POPULATION}"
-        raise RunError(f"{folder}: {problem}")
-    try:
-        record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
-        return str(record["convergence"]["state"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise RunError(
-            f"{folder}: its population cannot be read, a file is missing or damaged; copy the "
-            f"folder again, or {MAKE_POPULATION}"
-        ) from None
 
 
 def archive(result: Population) -> bytes:
     """population.nc: draws of means and spreads by chain and draw, and of the specimens."""
     import xarray as xr
 
-    history = result.sampled.history
+    history, grouping, law = result.sampled.history, result.grouping, result.law
     names = [v.name for v in result.values]
-    groups = list(result.grouping.groups)
+    groups = list(grouping.groups)
 
     def flat(values: np.ndarray) -> np.ndarray:
         # (ensembles, sweeps, chains, ...) to (chain, draw, ...), chain after chain of an ensemble,
@@ -73,9 +46,7 @@ def archive(result: Population) -> bytes:
         "values": ((*dims, "specimen", "quantity"), flat(result.sampled.theta) + result.centre),
         "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
     }
-    new = result.new_specimens()
-    materials = np.array([table.to_numpy() for table in new.values()])
-    law = result.law
+    materials = np.array([table.to_numpy() for table in result.new_specimens().values()])
     attributes = {
         "biaxbayes_version": biaxbayes.__version__,
         "law": law.key,
@@ -89,10 +60,10 @@ def archive(result: Population) -> bytes:
         "specimens": xr.Dataset(
             own,
             {
-                "specimen": list(result.grouping.labels),
-                "group_of": ("specimen", list(result.grouping.group)),
-                "donor_of": ("specimen", list(result.grouping.donor)),
-                "donor": list(result.grouping.donors),
+                "specimen": list(grouping.labels),
+                "group_of": ("specimen", list(grouping.group)),
+                "donor_of": ("specimen", list(grouping.donor)),
+                "donor": list(grouping.donors),
                 "quantity": names,
             },
         ),
@@ -108,16 +79,31 @@ def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any
     """Materials of new specimens of a group, and the attributes of population.nc."""
     import xarray as xr
 
-    path = folder / "population.nc"
+    if (folder / READY).is_dir():  # as in open_run
+        with folder_lock(folder):
+            finish_moving(folder, POPULATION)
+    make = "make one with 'biaxbayes population'"
+    if not (folder / POPULATION).is_file():
+        kinds = {PROVENANCE: "a run's folder", STUDY: "a study's folder"}
+        kind = next((words for name, words in kinds.items() if (folder / name).exists()), "")
+        problem = (
+            "is not the folder of a finished population" if folder.exists() else "does not exist"
+        )
+        problem = f"is {kind}, not a population's" if kind else problem
+        raise RunError(f"{folder}: {problem}; {make}")
     try:
+        path = folder / "population.nc"
         with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as tree:
             materials = tree["new_specimens"]["material"].load()
             attributes = {str(k): v for k, v in tree.attrs.items()}
         groups = [str(g) for g in materials["group"].to_numpy()]
         names = [str(n) for n in materials["parameter"].to_numpy()]
         values = materials.to_numpy()
-    except (OSError, KeyError, ValueError) as error:
-        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
+    except (OSError, KeyError, ValueError):
+        raise RunError(
+            f"{folder}: its population cannot be read, population.nc is missing or damaged; copy "
+            f"the folder again, or {make}"
+        ) from None
     if group not in groups:
         raise InputError(
             f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"

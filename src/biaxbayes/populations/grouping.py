@@ -9,6 +9,7 @@ from biaxbayes.populations.model import Grouping
 from biaxbayes.populations.specimens import Source
 from biaxbayes.runs.run import open_run
 from biaxbayes.studies.record import StudyRun
+from biaxbayes.text_files import first_few
 
 MAX_STRAIN_RATIO = 1.25
 """Ratio of the largest strains of two specimens from which a note says so."""
@@ -51,40 +52,28 @@ def group_sources(members: list[StudyRun], sources: list[Source]) -> tuple[Group
         tuple(m.group for m in pooled),
         tuple(m.donor or f"donor of {m.label}" for m in pooled),
     )
-    out = []
-    if nameless := [m.label for m in pooled if not m.donor]:
-        out.append(f"no donor is given for {names_text(nameless)}: each counts as a separate donor")
-    donors = len(grouping.donors)
-    if donors == 1:
-        out.append(
-            "all specimens are of one donor, so the differences between donors are unknown: "
-            "sd_donors is the prior's and widens mean, new_specimen and new_donor"
-        )
-    elif donors == len(pooled):
-        out.append(
-            "every donor gave one specimen, so the spread cannot be split between donors and "
-            "specimens: sd_total and new_specimen contain both"
-        )
-    elif donors < 4:
-        out.append(f"there are {donors} donors: sd_donors depends much on its prior")
-    if len(pooled) < 4:
-        out.append(f"there are {len(pooled)} specimens: the sds depend much on their priors")
-    for group in grouping.groups:
-        if len(grouping.members(group)) == 1:
-            out.append(
-                f"group {group} has one specimen: its mean is that specimen's within the spread "
-                "that the other groups show"
-                if len(grouping.groups) > 1
-                else f"group {group} has one specimen"
-            )
-    by_group = {g: {grouping.donor[i] for i in grouping.members(g)} for g in grouping.groups}
-    disjoint = [(a, b) for a, b in combinations(by_group, 2) if not by_group[a] & by_group[b]]
-    if disjoint:
-        groups = "; ".join(f"{a} and {b}" for a, b in disjoint[:3])
-        out.append(
-            f"no donor in common: {groups}: their contrasts include differences between donors"
-        )
-    return grouping, out + _notes_on_runs(sources)
+    nameless = [m.label for m in pooled if not m.donor]
+    donors, split = len(grouping.donors), not grouping.one_specimen_per_donor
+    single = [g for g in grouping.groups if grouping.group.count(g) == 1]
+    pairs = combinations(grouping.groups, 2)
+    apart = [f"{a} and {b}" for a, b in pairs if not grouping.donors_of(a) & grouping.donors_of(b)]
+    notes = {
+        f"no donor is given for {first_few(nameless, 4)}: each has one of its own": nameless,
+        "all specimens are of one donor, so the differences between donors are unknown: sd_donors "
+        "is the prior's and widens mean, new_specimen and new_donor": donors == 1,
+        "every donor gave one specimen, so the spread cannot be split between donors and "
+        "specimens: sd_total and new_specimen contain both": not split,
+        f"there are {donors} donors: sd_donors depends much on its prior": split and 1 < donors < 4,
+        f"there are {len(pooled)} specimens: the sds depend much on their priors": len(pooled) < 4,
+        **{
+            f"group {group} has one specimen: its mean is that specimen's within the spread that "
+            "the other groups show": True
+            for group in single
+        },
+        f"no donor in common: {'; '.join(apart[:3])}: their contrasts include differences between "
+        "donors": apart,
+    }
+    return grouping, [note for note, holds in notes.items() if holds] + _notes_on_runs(sources)
 
 
 def _notes_on_runs(sources: list[Source]) -> list[str]:
@@ -99,21 +88,15 @@ def _notes_on_runs(sources: list[Source]) -> list[str]:
         fewest = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
         out.append(
             f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
-            f"({counts[0]}: {names_text(fewest)})"
+            f"({counts[0]}: {first_few(fewest, 4)})"
         )
     tops = [s.largest_stretch for s in sources]
     low, high = min(tops), max(tops)
     if high - 1.0 > MAX_STRAIN_RATIO * (low - 1.0):
         fewest = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
         out.append(
-            f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
-            f"{names_text(fewest)}): stress and stiffness are given up to {low:.3f}, and above it "
-            "the band of a new specimen does not rest on all specimens"
+            f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state "
+            f"(least: {first_few(fewest, 4)}): stress and stiffness are given up to {low:.3f}, and "
+            "above it the band of a new specimen does not rest on all specimens"
         )
     return out
-
-
-def names_text(names: list[str]) -> str:
-    """The first four names, and how many more there are."""
-    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-    return ", ".join(names[:4]) + more

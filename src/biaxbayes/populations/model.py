@@ -2,24 +2,7 @@
 
 The pooled values are the law's parameters: natural logs of positive scales, angles in degrees,
 bounded ones untransformed, truncated at their physical bounds. The sampling coordinates of single
-runs are never pooled: an average of them is not a material.
-
-A priors file is TOML::
-
-    [mean]                                                    # of a group
-    C1 = { distribution = "lognormal", median = 10, sd_log = 2 }
-    alpha = { distribution = "normal", mean = 45, sd = 22.5 }
-
-    [sd_donors]                                               # scale of a half-normal
-    C1 = 0.5                                                  # of ln C1
-    alpha = 10                                                # degrees
-
-    [sd_specimens]
-    kappa = 0.03
-
-    [correlations]                                            # eta of the LKJ priors
-    donors = 2
-    specimens = 2
+runs are never pooled: an average of them is not a material. Priors files: docs/population.md.
 """
 
 from __future__ import annotations
@@ -41,8 +24,6 @@ from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.text_files import read_toml
 
 LOG, LINEAR = "log", "linear"
-LARGER, SMALLER, INCONCLUSIVE = "larger", "smaller", "open"
-"""Directions of a contrast; open where its 90 % interval includes equal groups."""
 SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
 """Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""
 ETA = 2.0
@@ -151,27 +132,23 @@ class PopulationPriors:
 
     @classmethod
     def read(cls, path: Path) -> PopulationPriors:
-        """Read a priors file (see the module's docstring); InputError for a wrong key or value."""
-        table = read_toml(path)
-        known = ("mean", "sd_donors", "sd_specimens", "correlations")
-        for key, value in table.items():
-            if key not in known or not isinstance(value, dict):
+        """Read a priors file (docs/population.md); InputError for a wrong key or value."""
+        read: dict[str, Any] = {"mean": {}, "sd_donors": {}, "sd_specimens": {}}
+        read["correlations"] = {"donors": ETA, "specimens": ETA}
+        for table, entries in read_toml(path).items():
+            if table not in read or not isinstance(entries, dict):
                 raise InputError(
-                    f"{key[:60]!r} is not a table of population priors",
+                    f"{table[:60]!r} is not a table of population priors",
                     file=path,
-                    remedy=f"tables are {', '.join(f'[{k}]' for k in known)}",
+                    remedy=f"tables are {', '.join(f'[{k}]' for k in read)}",
                 )
-        means = {
-            k: _read_mean(f"[mean] {k[:60]}", v, path) for k, v in table.get("mean", {}).items()
-        }
-        donors, specimens, eta = (
-            {k: _read_number(f"[{t}] {k[:60]}", v, path) for k, v in table.get(t, {}).items()}
-            for t in known[1:]
-        )
-        for key in eta:
-            if key not in ("donors", "specimens"):
-                raise InputError(f"[correlations] has no {key[:60]!r}", file=path)
-        return cls(means, donors, specimens, eta.get("donors", ETA), eta.get("specimens", ETA))
+            for name, value in entries.items():
+                if table == "correlations" and name not in read[table]:
+                    raise InputError(f"[correlations] has no {name[:60]!r}", file=path)
+                one = _read_mean if table == "mean" else _read_number
+                read[table][name] = one(f"[{table}] {name[:60]}", value, path)
+        eta = {f"eta_{side}": value for side, value in read.pop("correlations").items()}
+        return cls(**read, **eta)
 
 
 def _read_number(where: str, value: Any, path: Path, *, least: float = 0.0) -> float:
@@ -184,16 +161,17 @@ def _read_number(where: str, value: Any, path: Path, *, least: float = 0.0) -> f
 
 def _read_mean(where: str, value: Any, path: Path) -> tuple[float, float]:
     """Mean and sd on the scale of the model."""
-    family = value.get("distribution") if isinstance(value, dict) else None
-    if family not in ("normal", "lognormal"):
-        raise InputError(f"{where} must be a normal or a lognormal distribution", file=path)
-    first, second = FAMILIES[family]
-    if set(value) != {"distribution", first, second}:
-        raise InputError(f"{where}: a {family} prior has {first} and {second}", file=path)
-    sd = _read_number(f"{where}: {second}", value[second], path)
-    if family == "lognormal":
-        return math.log(_read_number(f"{where}: {first}", value[first], path)), sd
-    return _read_number(f"{where}: {first}", value[first], path, least=-math.inf), sd
+    for family, least in (("normal", -math.inf), ("lognormal", 0.0)):
+        first, second = FAMILIES[family]
+        named = isinstance(value, dict) and value.get("distribution") == family
+        if named and set(value) == {"distribution", first, second}:
+            mean = _read_number(f"{where}: {first}", value[first], path, least=least)
+            sd = _read_number(f"{where}: {second}", value[second], path)
+            return (math.log(mean) if family == "lognormal" else mean), sd
+    remedy = "give mean and sd, or median and sd_log"
+    raise InputError(
+        f"{where} must be a normal or a lognormal distribution", file=path, remedy=remedy
+    )
 
 
 @dataclass(frozen=True)
@@ -214,18 +192,14 @@ class Grouping:
         """Names of the donors in their order."""
         return tuple(dict.fromkeys(self.donor))
 
-    def members(self, group: str) -> list[int]:
-        """Indices of the specimens of a group."""
-        return [i for i, g in enumerate(self.group) if g == group]
+    def donors_of(self, group: str) -> set[str]:
+        """Names of the donors of a group."""
+        return {d for d, g in zip(self.donor, self.group, strict=True) if g == group}
 
     @property
     def one_specimen_per_donor(self) -> bool:
         """True if only the prior splits the spread into that of donors and that of specimens."""
         return len(self.donors) == len(self.labels)
-
-    def donor_count(self, group: str) -> int:
-        """Number of donors of a group."""
-        return len({self.donor[i] for i in self.members(group)})
 
 
 def make_layout(

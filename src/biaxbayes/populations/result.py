@@ -15,6 +15,7 @@ import pandas as pd
 from scipy.special import ndtr, ndtri
 
 from biaxbayes.laws.law import Law
+from biaxbayes.model.priors import Tie
 from biaxbayes.populations.hierarchy import (
     MIN_INSIDE_PROBABILITY,
     Layout,
@@ -92,12 +93,10 @@ class Hyper:
 
     def log_prior(self) -> np.ndarray:
         """Log prior density of means and spreads, up to a constant, shape (M,)."""
-        total = np.zeros(self.draws)
-        for k, v in enumerate(self.values):
-            total -= 0.5 * (((self.mu[:, :, k] - v.mean) / v.mean_sd) ** 2).sum(axis=1)
-            total -= 0.5 * (self.sd_donors[:, k] / v.donor_scale) ** 2
-            total -= 0.5 * ((self.sd[:, :, k] / v.specimen_scale) ** 2).sum(axis=1)
-        return total
+        numbers = [(v.mean, v.mean_sd, v.donor_scale, v.specimen_scale) for v in self.values]
+        mean, mean_sd, donors, specimens = np.array(numbers).T
+        parts = (self.mu - mean) / mean_sd, (self.sd_donors / donors)[:, None], self.sd / specimens
+        return np.asarray(-0.5 * np.square(np.concatenate(parts, axis=1)).sum(axis=(1, 2)))
 
     # --- what follows ---
 
@@ -119,29 +118,33 @@ class Hyper:
 
     def donors(self, group: int, rng: np.random.Generator) -> np.ndarray:
         """Locations of new donors, one per draw, shape (M, p)."""
-        out, sd = np.array(self.mu[:, group]), self.specimen_sd(group)
-        left = np.arange(self.draws)
-        for _ in range(MAX_REJECTIONS):
-            z = rng.standard_normal((len(left), len(self.values)))
-            effect = np.einsum("mij,mj->mi", self.factor_donors[left], z) * self.sd_donors[left]
-            out[left] = self.mu[left, group] + effect
-            inside = inside_probability(out[left], sd[left], *self.limits)
-            left = left[(inside < MIN_INSIDE_PROBABILITY).any(axis=1)]
-            if not len(left):
-                break
-        return out
+        sd = self.specimen_sd(group)
+
+        def allowed(new: np.ndarray, rows: np.ndarray) -> np.ndarray:
+            return inside_probability(new, sd[rows], *self.limits) >= MIN_INSIDE_PROBABILITY
+
+        return self._around(self.mu[:, group], self.factor_donors, self.sd_donors, allowed, rng)
 
     def specimens(self, location: np.ndarray, group: int, rng: np.random.Generator) -> np.ndarray:
         """Specimens at locations, one per draw, shape (M, p)."""
-        (low, high), sd = self.limits, self.specimen_sd(group)
-        out = np.clip(location, low, high)
-        left = np.arange(self.draws)
+        low, high = self.limits
+
+        def inside(new: np.ndarray, rows: np.ndarray) -> np.ndarray:
+            return (new >= low) & (new <= high)
+
+        return self._around(location, self.factor, self.specimen_sd(group), inside, rng)
+
+    def _around(
+        self, location: np.ndarray, factor: np.ndarray, sd: np.ndarray, allowed: Any, rng: Any
+    ) -> np.ndarray:
+        """One normal draw around each location, shape (M, p), the first with allowed values."""
+        out, left = np.clip(location, *self.limits), np.arange(self.draws)
         for _ in range(MAX_REJECTIONS):
             z = rng.standard_normal((len(left), len(self.values)))
-            new = location[left] + np.einsum("mij,mj->mi", self.factor[left], z) * sd[left]
-            inside = ((new >= low) & (new <= high)).all(axis=1)
-            out[left[inside]] = new[inside]
-            left = left[~inside]
+            new = location[left] + np.einsum("mij,mj->mi", factor[left], z) * sd[left]
+            ok = allowed(new, left).all(axis=1)
+            out[left[ok]] = new[ok]
+            left = left[~ok]
             if not len(left):
                 break
         return out
@@ -192,13 +195,10 @@ def _prior_draws(
         accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
         if sum(len(part[1]) for part in accepted) >= draws:
             break
-    mu, sd_donors, sd, location = (
-        np.concatenate(part)[:draws] for part in zip(*accepted, strict=True)
-    )
-    if len(sd_donors) < draws:  # priors with hardly a location inside: some draws are repeated
-        at = np.arange(draws) % max(len(sd_donors), 1)
-        mu, sd_donors, sd, location = (a[at] for a in (mu, sd_donors, sd, location))
-    return mu, sd_donors, sd, location
+    mu, sd_donors, sd, location = (np.concatenate(part) for part in zip(*accepted, strict=True))
+    # priors with hardly a location inside: some draws are repeated
+    at = np.arange(draws) % max(len(sd_donors), 1)
+    return mu[at], sd_donors[at], sd[at], location[at]
 
 
 # --- the population -------------------------------------------------------------------------------
@@ -321,20 +321,13 @@ class Population:
 
     def materials(self, theta: np.ndarray) -> pd.DataFrame:
         """Parameters of the law at values on the scale (M, p); fixed ones as in the runs."""
-        columns = {}
-        priors = self.sources[0].posterior.priors
-        by_name = {v.name: v.from_scale(theta[:, k]) for k, v in enumerate(self.values)}
-        for name in self.law.names:
-            prior = priors[name]
-            if name in by_name:
-                columns[name] = by_name[name]
-            elif isinstance(prior, int | float):
-                columns[name] = np.full(len(theta), float(prior))
-        for name in self.law.names:
-            tie = priors[name]
-            if name not in columns:
-                columns[name] = tie.factor * columns[tie.other]  # type: ignore[union-attr]
-        return pd.DataFrame(columns)[list(self.law.names)]
+        priors = {name: self.sources[0].posterior.priors[name] for name in self.law.names}
+        fixed = {name: p for name, p in priors.items() if isinstance(p, int | float)}
+        pooled = {v.name: v.from_scale(theta[:, k]) for k, v in enumerate(self.values)}
+        known = pd.DataFrame(pooled).assign(**fixed)
+        ties = {name: p for name, p in priors.items() if isinstance(p, Tie)}
+        known = known.assign(**{name: tie.factor * known[tie.other] for name, tie in ties.items()})
+        return known[list(self.law.names)].astype(float)
 
     @cached_property
     def prior(self) -> tuple[Hyper, np.ndarray]:

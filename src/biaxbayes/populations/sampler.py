@@ -198,7 +198,12 @@ def draw_population(
         while convergence is None or (convergence.state != "converged" and done < plan.max_steps):
             if stop():
                 return None
-            _report_progress(progress, convergence, plan.ess)
+            text, share = "sampling the population", 0.0
+            if convergence is not None:
+                rhat, worst = convergence.worst_rhat, convergence.worst_ess
+                text = f"sampling: R-hat {rhat:.3f}, {worst:.0f} effective draws"
+                share = min(worst / plan.ess, 0.99)
+            progress(Progress(text, share))
             new = advance(ensembles, min(state.block, plan.max_steps - done))
             history = new if history is None else History.concatenate([history, new], 1)
             convergence, done = assessed(history), history.mu.shape[1]
@@ -247,14 +252,3 @@ def _next_block(convergence: Convergence, done: int, ess: float) -> int:
         short = MIN_STEPS_PER_TAU * convergence.tau.max() / convergence.steps
         growth = min(max(BLOCK_MARGIN * max(shortfall, short), MIN_GROWTH), MAX_GROWTH)
     return math.ceil((growth - 1.0) * done)
-
-
-def _report_progress(
-    progress: Callable[[Progress], None], convergence: Convergence | None, ess: float
-) -> None:
-    if convergence is None:
-        progress(Progress("sampling the population", 0.0))
-        return
-    rhat, worst = convergence.worst_rhat, convergence.worst_ess
-    text = f"sampling: R-hat {rhat:.3f}, {worst:.0f} effective draws"
-    progress(Progress(text, min(worst / ess, 0.99)))

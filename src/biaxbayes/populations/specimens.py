@@ -99,10 +99,7 @@ def run_draws(
     values: Sequence[PooledValue],
     ensembles: int,
 ) -> RunDraws:
-    """Draws of quantities (ensembles, steps, walkers): a share of the ensembles for each of ours.
-
-    ``priors`` are those that they were drawn with.
-    """
+    """Draws of quantities (ensembles, steps, walkers) under priors, a share for each of ours."""
     own = len(next(iter(chains.values())))
     parts = []
     for k in range(ensembles):
@@ -147,10 +144,7 @@ def sample_again(
     plan: Plan,
     stop: Callable[[], int],
 ) -> RunDraws | None:
-    """Sample a specimen under normal priors of its pooled values; None if it was stopped.
-
-    ``mean`` and ``sd`` (p,) are those of the centred values.
-    """
+    """Sample a specimen under normal priors (p,) of its centred values; None if it was stopped."""
     priors = {}
     for v, offset, width in zip(values, mean, sd, strict=True):
         centre = v.mean + offset

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.verdict import NO_VERDICT
 from biaxbayes.mechanics.mounting import mounted_section
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
-from biaxbayes.populations.model import INCONCLUSIVE, LARGER, LINEAR, LOG, SMALLER
+from biaxbayes.populations.model import LINEAR, LOG
 from biaxbayes.populations.result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
 from biaxbayes.populations.verdicts import (
     derived_verdict,
@@ -27,6 +27,7 @@ from biaxbayes.populations.verdicts import (
 )
 from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.prediction.percentiles import QUANTILES, evenly_chosen, quantile_columns
+from biaxbayes.studies.groups import LARGER, OPEN, SMALLER
 
 SDS = ("sd_donors", "sd_specimens", "sd_total")
 PARTS = ("mean", *SDS, "new_specimen", "new_donor")
@@ -62,16 +63,13 @@ SPECIMENS_PER_DRAW, DONORS_PER_DRAW = 60, 30
 
 def groups_table(population: Population) -> pd.DataFrame:
     """Table of population.csv."""
-    rows = []
-    rng = population.rng(0)
-    for g, group in enumerate(population.grouping.groups):
-        head = {
-            "group": group,
-            "specimens": len(population.grouping.members(group)),
-            "donors": population.grouping.donor_count(group),
-        }
-        rows += [head | row for row in _pooled_rows(population, g, rng)]
-        rows += [head | row for row in _derived_rows(population, g)]
+    rows: list[dict[str, Any]] = []
+    grouping, rng = population.grouping, population.rng(0)
+    for g, group in enumerate(grouping.groups):
+        counts = grouping.group.count(group), len(grouping.donors_of(group))
+        head = {"group": group, "specimens": counts[0], "donors": counts[1]}
+        own = chain(_pooled_rows(population, g, rng), _derived_rows(population, g))
+        rows += [head | row for row in own]
     return pd.DataFrame(rows, columns=list(POPULATION_COLUMNS))
 
 
@@ -93,22 +91,17 @@ def _pooled_rows(
     )
     spreads = spread_verdicts(hyper, g, population.law, population.state)
     for k, v in enumerate(population.values):
-        mean = means[v.name]
-        verdicts: dict[str, Any] = {"in_words": in_words(mean), "reported": reported_text(mean)}
-        for stem, p in {"": mean, **{f"{k}_": p for k, p in spreads[v.name].items()}}.items():
+        of_mean = means[v.name]
+        verdicts: dict[str, Any] = {"in_words": in_words(of_mean)}
+        verdicts["reported"] = reported_text(of_mean)
+        for stem, p in {"": of_mean, **{f"{k}_": p for k, p in spreads[v.name].items()}}.items():
             verdicts[f"{stem}verdict"] = p.verdict
             if p.diagnostics is not None:
                 verdicts[f"{stem}contraction"] = p.diagnostics.contraction
-        parts = {
-            "mean": v.from_scale(typical[:, k]),
-            "sd_donors": hyper.sd_donors[:, k],
-            "sd_specimens": hyper.specimen_sd(g)[:, k],
-            "sd_total": hyper.total_sd(g)[:, k],
-            "new_specimen": v.from_scale(new[:, k]),
-            "new_donor": v.from_scale(donor[:, k]),
-        }
+        sds = (s[:, k] for s in (hyper.sd_donors, hyper.specimen_sd(g), hyper.total_sd(g)))
+        mean, *further = (v.from_scale(values[:, k]) for values in (typical, new, donor))
         head = {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
-        yield head | _numbers(population, parts) | verdicts
+        yield head | _numbers(population, mean, *sds, *further) | verdicts
 
 
 def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
@@ -136,16 +129,9 @@ def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
                 (np.log(v) if log else v).reshape(hyper.draws, -1).std(axis=1, ddof=1)
                 for v in (donor.values, q.values)
             ]
-        parts = {
-            "mean": median.values,
-            "sd_donors": sds[0],
-            "sd_specimens": sds[1],
-            "sd_total": np.hypot(*sds),
-            "new_specimen": new_specimen.values,
-            "new_donor": new_donor.values,
-        }
+        parts = (median.values, *sds, np.hypot(*sds), new_specimen.values, new_donor.values)
         head = {"quantity": q.key, "unit": q.unit or "1", "scale": LOG if log else LINEAR}
-        yield head | _numbers(population, parts) | verdict
+        yield head | _numbers(population, *parts) | verdict
 
 
 def derived_from_values(population: Population, theta: np.ndarray) -> list[Derived]:
@@ -168,15 +154,14 @@ def _typical(
     return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
 
 
-def _numbers(population: Population, parts: dict[str, np.ndarray]) -> dict[str, float]:
-    """Quantiles of the parts that the specimens can show."""
-    if population.state == "unusable":
-        return {}
+def _numbers(population: Population, *parts: np.ndarray) -> dict[str, float]:
+    """Quantiles of the parts, in the order of PARTS, that the specimens can show."""
+    out: dict[str, float] = {}
     empty = NEEDS_SEVERAL_PER_DONOR if population.grouping.one_specimen_per_donor else ()
-    shown = {part: values for part, values in parts.items() if part not in empty}
-    return {
-        k: x for part, values in shown.items() for k, x in quantile_columns(part, values).items()
-    }
+    for part, values in zip(PARTS, parts, strict=True):
+        if population.state != "unusable" and part not in empty:
+            out |= quantile_columns(part, values)
+    return out
 
 
 def specimens_table(population: Population) -> pd.DataFrame:
@@ -184,15 +169,14 @@ def specimens_table(population: Population) -> pd.DataFrame:
     rows = []
     theta = population.specimen_values(NATURAL_DRAWS)
     hyper = population.hyper(NATURAL_DRAWS)
-    names = [v.name for v in population.values]
     prior, locations = population.prior
     rng = population.rng(800)
-    prior_specimens = [
-        prior.specimens(locations[:, g], g, rng) for g in range(len(population.grouping.groups))
-    ]
+    prior_specimens = [prior.specimens(locations[:, g], g, rng) for g in range(locations.shape[1])]
+    grouping = population.grouping
     for i, source in enumerate(population.sources):
-        g = population.grouping.groups.index(population.grouping.group[i])
+        g = grouping.groups.index(grouping.group[i])
         joint, each = hyper.predictive_p(theta[:, i], g, population.rng(100 + i))
+        single_p = dict(zip([v.name for v in population.values], each.tolist(), strict=True))
         pooled = population.natural(i)
         verdicts = specimen_verdicts(
             source, pd.DataFrame(pooled), population.values, prior_specimens[g], population.state
@@ -201,26 +185,21 @@ def specimens_table(population: Population) -> pd.DataFrame:
         kinds = source.posterior.quantities.of_kind(MATERIAL, STRETCH)
         for q in (q for q in kinds if q.name in pooled and q.name in source.run.draws):
             own = single.get(q.name, {})
-            numbers = (
-                quantile_columns("single", source.run.draws[q.name].to_numpy())
-                | quantile_columns("pooled", pooled[q.name])
-                | {"specimen_predictive_p": joint}
-            )
-            if q.name in names:
-                numbers["predictive_p"] = float(each[names.index(q.name)])
-            rows.append(
-                {
-                    "specimen": source.label,
-                    "group": population.grouping.group[i],
-                    "donor": population.grouping.donor[i],
-                    "quantity": q.name,
-                    "unit": q.unit,
-                    "single_verdict": own.get("verdict", ""),
-                    "pooled_verdict": verdicts.get(q.name, ""),
-                    "reported": own.get("interval", ""),
-                }
-                | (numbers if population.state != "unusable" else {})
-            )
+            row = {
+                "specimen": source.label,
+                "group": grouping.group[i],
+                "donor": grouping.donor[i],
+                "quantity": q.name,
+                "unit": q.unit,
+                "single_verdict": own.get("verdict", ""),
+                "pooled_verdict": verdicts.get(q.name, ""),
+                "reported": own.get("interval", ""),
+            }
+            if population.state != "unusable":
+                row |= quantile_columns("single", source.run.draws[q.name].to_numpy())
+                row |= quantile_columns("pooled", pooled[q.name])
+                row |= {"specimen_predictive_p": joint, "predictive_p": single_p.get(q.name)}
+            rows.append(row)
     return pd.DataFrame(rows, columns=list(SPECIMEN_COLUMNS))
 
 
@@ -231,24 +210,21 @@ def contrasts_table(population: Population) -> pd.DataFrame:
     groups = population.grouping.groups
     for a, b in combinations(range(len(groups)), 2):
         head = {"group_a": groups[a], "group_b": groups[b]}
-        first, second = hyper.typical_median(a), hyper.typical_median(b)
-        for k, v in enumerate(population.values):
-            rows.append(
-                head
-                | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
-                | _difference(population, second[:, k] - first[:, k])
-            )
+        apart = hyper.typical_median(b) - hyper.typical_median(a)
+        found = [
+            (v.name, v.parameter.unit, v.scale, apart[:, k])
+            for k, v in enumerate(population.values)
+        ]
         pair = (derived_from_values(population, thinned.typical_median(g)) for g in (a, b))
         for q, other in zip(*pair, strict=True):
-            key, unit, x, y = q.key, q.unit or "1", q.values, other.values
-            log = unit != "1" and min(x.min(), y.min()) > 0.0
+            x, y = q.values, other.values
+            log = bool(q.unit) and min(x.min(), y.min()) > 0.0
             with np.errstate(invalid="ignore", over="ignore"):
                 difference = np.log(y) - np.log(x) if log else y - x
-            rows.append(
-                head
-                | {"quantity": key, "unit": unit, "scale": LOG if log else LINEAR}
-                | _difference(population, difference)
-            )
+            found.append((q.key, q.unit or "1", LOG if log else LINEAR, difference))
+        for name, unit, scale, difference in found:
+            row = {"quantity": name, "unit": unit, "scale": scale}
+            rows.append(head | row | _difference(population, difference))
     return pd.DataFrame(rows, columns=list(CONTRAST_COLUMNS))
 
 
@@ -260,7 +236,7 @@ def _difference(population: Population, values: np.ndarray) -> dict[str, Any]:
     out: dict[str, Any] = quantile_columns("difference", values) | {"probability_positive": larger}
     if population.state == "converged":
         low, high = out["difference_q05"], out["difference_q95"]
-        out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else INCONCLUSIVE
+        out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else OPEN
     return out
 
 

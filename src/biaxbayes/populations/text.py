@@ -12,7 +12,8 @@ import pandas as pd
 from biaxbayes.identifiability.reported import DASH
 from biaxbayes.identifiability.verdict import BOUNDED, FIXED, IDENTIFIED
 from biaxbayes.parameters import unit_words
-from biaxbayes.populations.model import LARGER, LOG, SMALLER
+from biaxbayes.populations.model import LOG
+from biaxbayes.studies.groups import OPEN
 
 PARTS_OF_SPREAD = ("sd_donors", "sd_specimens")
 TOTAL_SPREAD = ("sd_total",)
@@ -107,9 +108,7 @@ def contrast_rows(part: pd.DataFrame) -> list[ContrastRow]:
     rows = []
     for r in part.to_dict("records"):
         log, unit = r["scale"] == LOG, unit_words(str(r["unit"]))
-        direction = _words(r["direction"])
-        if direction and direction not in (LARGER, SMALLER):
-            direction = "includes 1" if log else "includes 0"
+        direction = _words(r["direction"]).replace(OPEN, "includes 1" if log else "includes 0")
         probability = float(r["probability_positive"])
         rows.append(
             ContrastRow(

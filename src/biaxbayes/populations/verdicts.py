@@ -102,32 +102,27 @@ def spread_verdicts(
     log_prior = hyper.log_prior()
     levels = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
     rng = np.random.default_rng(0)
+    own = {
+        "sd_donors": hyper.sd_donors,
+        "sd_specimens": hyper.specimen_sd(group),
+        "sd_total": hyper.total_sd(group),
+    }
     for k, v in enumerate(hyper.values):
-        sides = {
-            "sd_donors": (hyper.sd_donors[:, k], v.donor_scale),
-            "sd_specimens": (hyper.specimen_sd(group)[:, k], v.specimen_scale),
-        }
-        scales, columns, distances = [], {}, {}
-        for side, (values, scale) in sides.items():
-            p = spread_parameter(v, side)
-            half_normal = DrawnPrior(halfnorm.ppf(levels, scale=scale))
-            scales.append(ComparisonScale(Quantity(p), half_normal))
-            columns[p.name] = values
-            distances[p.name] = p.sharp
-        verdicts = _assess(scales, columns, log_prior, distances, law, state)
-        # separately: it is a function of the other two, not a further parameter
-        p = spread_parameter(v, "sd_total")
-        prior = DrawnPrior(
-            np.hypot(
-                rng.normal(0.0, v.donor_scale, PRIOR_DRAWS),
-                rng.normal(0.0, v.specimen_scale, PRIOR_DRAWS),
-            )
-        )
-        total = {p.name: hyper.total_sd(group)[:, k]}
-        verdicts |= _assess(
-            [ComparisonScale(Quantity(p), prior)], total, log_prior, {p.name: p.sharp}, law, state
-        )
-        out[v.name] = {side: verdicts[f"{side} of {v.name}"] for side in (*sides, "sd_total")}
+        both = (v.donor_scale, v.specimen_scale)
+        priors = [halfnorm.ppf(levels, scale=scale) for scale in both]
+        priors.append(np.hypot(*(rng.normal(0.0, scale, PRIOR_DRAWS) for scale in both)))
+        parameters = [spread_parameter(v, side) for side in own]
+        scales = [
+            ComparisonScale(Quantity(p), DrawnPrior(prior))
+            for p, prior in zip(parameters, priors, strict=True)
+        ]
+        names = [p.name for p in parameters]
+        columns = dict(zip(names, (values[:, k] for values in own.values()), strict=True))
+        distances = {p.name: p.sharp for p in parameters}
+        # the total separately: it is a function of the other two, not a further parameter
+        verdicts = _assess(scales[:2], columns, log_prior, distances, law, state)
+        verdicts |= _assess(scales[2:], columns, log_prior, distances, law, state)
+        out[v.name] = {side: verdicts[name] for side, name in zip(own, names, strict=True)}
     return out
 
 
@@ -142,7 +137,7 @@ def _assess(
     thresholds = Thresholds()
     diagnostics = {}
     if state != "unusable":
-        draws = pd.DataFrame(dict(columns))
+        draws = pd.DataFrame({s.name: columns[s.name] for s in scales})
         diagnostics = diagnostics_from_draws(
             scales, draws, draws, (log_prior, None), distances, thresholds
         )

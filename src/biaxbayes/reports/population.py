@@ -12,7 +12,6 @@ from markupsafe import Markup
 from biaxbayes.errors import listed, printable
 from biaxbayes.identifiability.verdict import FIXED, NOT_IDENTIFIED
 from biaxbayes.parameters import unit_words
-from biaxbayes.populations.model import LARGER, SMALLER
 from biaxbayes.populations.result import PopulationResult
 from biaxbayes.populations.text import (
     DASH,
@@ -25,7 +24,7 @@ from biaxbayes.populations.text import (
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
 from biaxbayes.reports.text import derived_text, latex_tabular, latex_text, plural, truncate
-from biaxbayes.studies.groups import USABLE_VERDICTS
+from biaxbayes.studies.groups import LARGER, SMALLER, USABLE_VERDICTS
 from biaxbayes.text_files import aligned
 
 PAGE, LATEX = "population.html", "population.tex"

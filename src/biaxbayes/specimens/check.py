@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from biaxbayes.specimens.branches import (
     reversal,
     rows_apart,
 )
+from biaxbayes.specimens.keys import DIMENSIONS
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
@@ -44,7 +45,6 @@ CLIPPED_ROWS = 3
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Fractions of the load range between which stiffnesses are compared."""
 STIFF_START = 1.5
-PROPORTIONAL = 0.01
 LEAST_ROWS_OF_CURVE = 12
 FEW_ROWS = 8
 LAG = 3.0
@@ -109,8 +109,8 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     if not isinstance(specimen, Specimen):
         specimen = read_specimen(specimen)
     checks = (
-        _tared, _clipped, _weak_or_negative, _unequal, _references,
-        _paths, _resampled, _stiff_start, _one_direction,
+        _mounting_force, _clipped, _unequal, _references,
+        _paths, _resampled, _stiff_start,
         _stress, _sign, _dimensions, _short_strip, _noise, _origin,
     )  # fmt: skip
     findings = []
@@ -184,8 +184,8 @@ def check_round_trip(specimen: Specimen, file: object) -> None:
 # --- the mounted state ----------------------------------------------------------------------------
 
 
-def _tared(specimen: Specimen) -> Iterator[Finding]:
-    """Mounting forces that are zero, in all protocols or in a direction of one."""
+def _mounting_force(specimen: Specimen) -> Iterator[Finding]:
+    """Mounting forces that are zero, compressive, or less than their noise."""
     if specimen.is_tared:
         yield warning(
             "tared",
@@ -195,69 +195,50 @@ def _tared(specimen: Specimen) -> Iterator[Finding]:
             "--mounting-force X Y, or sample with --mounting zeroed",
         )
         return
-    limit = 1e-9 * specimen.peak_load
-    for p in specimen.protocols:
-        for axis, value, curve in zip(
-            "xy", specimen.mounting_reading(p), p.recorded_load.T, strict=True
-        ):
+    zero = 1e-9 * specimen.peak_load
+    for p, *of_force in zip(
+        specimen.protocols, *specimen.mounting_readings(shared=False), strict=True
+    ):
+        for axis, value, error, curve in zip("xy", *of_force, p.recorded_load.T, strict=True):
+            force = f"the mounting force in {axis}, {value:.3g} +- {error:.2g} {specimen.unit}"
             # A direction without any load is the free direction of a uniaxial strip.
-            if abs(value) <= limit and np.any(curve != 0.0):
+            if abs(value) <= zero and curve.any():
                 message = f"the mounting force in {axis} is exactly zero, as after a tare in this "
                 yield warning("tared", f"{message}direction", p.name)
-
-
-def _clipped(specimen: Specimen) -> Iterator[Finding]:
-    """Loads clipped at zero, or at the limit of the load cell."""
-
-    def clipped_rows(curve: np.ndarray, value: float, resting: int) -> int:
-        """Rows of exactly this load; 0 if coarse digits or the rest explain them."""
-        same = curve == value
-        others = curve[~same]
-        # Coarse digits repeat every value, and not only the lowest or the highest one.
-        fine = np.unique(others).size > 0.8 * others.size
-        enough = same.sum() >= CLIPPED_ROWS and others.size >= CLIPPED_ROWS
-        return int(same.sum()) if enough and fine and same[resting:].any() else 0
-
-    for p in specimen.protocols:
-        for axis, curve, unit in zip("xy", p.recorded_load.T, specimen.units, strict=True):
-            of_loads, top = f"of {p.rows} loads in {axis} are exactly", float(curve.max())
-            zeros = clipped_rows(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
-            if zeros:
-                message = (
-                    f"{zeros} {of_loads} 0 {unit} and none is negative: forces below zero were "
-                    "clipped before export, and the start of the curve is lost with them. Export "
-                    "the raw readings"
-                )
-                at_rest = np.any(curve[: p.rest_rows] == 0.0)
-                yield Finding("clipped", "error" if at_rest else "warning", message, p.name)
-            if tops := clipped_rows(curve, top, p.rest_rows):
-                message = (
-                    f"{tops} {of_loads} {top:g} {unit}, the largest: the load cell or the "
-                    "amplifier was at its limit. Remove these rows"
-                )
-                yield warning("clipped", message, p.name)
-
-
-def _weak_or_negative(specimen: Specimen) -> Iterator[Finding]:
-    """Mounting forces that are compressive, or less than their noise."""
-    readings, sds = specimen.mounting_readings(shared=False)
-    for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
-        if p.rest_rows == 0 or specimen.is_tared:
-            continue
-        for axis, value, error in zip("xy", reading, sd, strict=True):
-            force = f"the mounting force in {axis}, {value:.3g} +- {error:.2g} {specimen.unit}"
-            if value < -2.0 * error and value < 0.0:
+            elif value < min(0.0, -2.0 * error):
                 message = (
                     f"{force}, is compressive: a thin specimen buckles before it carries that, "
                     "so the load cell's zero is probably off"
                 )
                 yield warning("negative-mounting-force", message, p.name)
-            elif 1e-9 * specimen.peak_load < abs(value) < 2.0 * error:
+            elif zero < abs(value) < 2.0 * error:
                 message = (
                     f"{force}, cannot be distinguished from zero: expect a wide interval of the "
                     f"mounting stretch in {axis}"
                 )
                 yield warning("mounting-force-in-noise", message, p.name)
+
+
+def _clipped(specimen: Specimen) -> Iterator[Finding]:
+    """Loads clipped at zero, or at the limit of the load cell."""
+    below_zero = (
+        " and none is negative: forces below zero were clipped before export, and the start of the "
+        "curve is lost with them. Export the raw readings"
+    )
+    at_limit = ", the largest: the load cell or the amplifier was at its limit. Remove these rows"
+    for p in specimen.protocols:
+        for axis, curve, unit in zip("xy", p.recorded_load.T, specimen.units, strict=True):
+            for value, words in ((float(curve.min()), below_zero), (float(curve.max()), at_limit)):
+                same = curve == value
+                others = curve[~same]
+                # Coarse digits repeat every value, and not only the lowest or the highest one.
+                fine = np.unique(others).size > 0.8 * others.size
+                enough = min(same.sum(), others.size) >= CLIPPED_ROWS and same[p.rest_rows :].any()
+                if fine and enough and (value == 0.0 or words == at_limit):
+                    lost = words == below_zero and same[: p.rest_rows].any()
+                    message = f"{same.sum()} of {p.rows} loads in {axis} are exactly {value:g} "
+                    message += f"{unit}{words}"
+                    yield Finding("clipped", "error" if lost else "warning", message, p.name)
 
 
 def _unequal(specimen: Specimen) -> Iterator[Finding]:
@@ -267,18 +248,16 @@ def _unequal(specimen: Specimen) -> Iterator[Finding]:
         return
     readings, sds = (values[at_rest] for values in specimen.mounting_readings(shared=False))
     names = [p.name for p in specimen.protocols if p.rest_rows]
-    pairs = list(combinations(range(len(readings)), 2))
     differing = []
-    for k, axis in enumerate("xy"):
-        sd = np.array([np.hypot(sds[i, k], sds[j, k]) for i, j in pairs])
-        apart = np.array([abs(readings[i, k] - readings[j, k]) for i, j in pairs])
-        worst = int(np.argmax(apart - SIGNIFICANT_SDS * sd))
+    for axis, reading, error in zip("xy", readings.T, sds.T, strict=True):
+        apart = np.abs(np.subtract.outer(reading, reading))
+        sd = np.hypot.outer(error, error)
+        worst = i, j = np.unravel_index(np.argmax(apart - SIGNIFICANT_SDS * sd), sd.shape)
         if apart[worst] > SIGNIFICANT_SDS * sd[worst]:
-            i, j = pairs[worst]
             noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
             differing.append(
                 f"in {axis} by up to {apart[worst]:.3g} {specimen.unit} ({names[i]}: "
-                f"{readings[i, k]:.3g}, {names[j]}: {readings[j, k]:.3g}{noise})"
+                f"{reading[i]:.3g}, {names[j]}: {reading[j]:.3g}{noise})"
             )
     if differing:
         yield warning(
@@ -443,27 +422,26 @@ def _resampled(specimen: Specimen) -> Iterator[Finding]:
 
 def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
     """Stiffness that falls along the start faster than that of the matrix alone."""
-    ratios, ends, names = [], [], []
+    found = []
     for p in specimen.protocols:
         start = max(p.rest_rows - 1, 0)
-        lx, ly = p.stretch_x[start:], p.stretch_y[start:]
+        stretch, load = p.stretch[start:], specimen.load(p)[start:]
         # neo-Hookean matrix, which is concave: P_x = 2 C1 (lx - lx^-3 ly^-2)
-        matrix = np.column_stack([lx - lx**-3 * ly**-2, ly - ly**-3 * lx**-2])
-        load = specimen.load(p)[start:]
-        for k, axis in enumerate("xy"):
-            bins = _bins(load[:, k])
-            stiffness = [_slope(lx + ly - 2.0, load[:, k], matrix[:, k], rows) for rows in bins]
-            known = [(s, rows) for s, rows in zip(stiffness, bins, strict=True) if s is not None]
-            if stiffness[0] is None or len(known) < 2:
+        matrix = stretch - stretch**-3 * stretch[:, ::-1] ** -2
+        path = stretch.sum(axis=1)
+        for axis, curve, unit in zip("xy", load.T, matrix.T, strict=True):
+            bins = _bins(curve)
+            slopes = [_slope(path[rows], curve[rows], unit[rows]) for rows in bins]
+            (first, *later), (first_error, *errors) = np.transpose(slopes)
+            if np.isnan(later).all():
                 continue
-            first, error = stiffness[0]
-            (softest, other), rows = min(known[1:], key=lambda pair: pair[0])
-            enough = first - softest > 4.0 * np.hypot(error, other)
-            if enough and first > STIFF_START * softest > 0.0:
-                ratios.append(first / softest)
-                ends.append(float(load[rows, k].mean()))
-                names.append(f"{p.name} {axis}")
-    if ratios:
+            k = int(np.nanargmin(later))
+            certain = first - later[k] > 4.0 * np.hypot(first_error, errors[k])
+            if certain and first > STIFF_START * later[k] > 0.0:
+                end = float(curve[bins[1 + k]].mean())
+                found.append((first / later[k], end, f"{p.name} {axis}"))
+    if found:
+        ratios, ends, names = zip(*found, strict=True)
         yield warning(
             "stiff-start",
             f"{len(ratios)} of {2 * len(specimen.protocols)} curves are concave at their start: up "
@@ -482,39 +460,16 @@ def _bins(curve: np.ndarray) -> list[slice]:
     return [slice(a, b) for a, b in pairwise([0, *ends])]
 
 
-def _slope(
-    path: np.ndarray, curve: np.ndarray, matrix: np.ndarray, rows: slice
-) -> tuple[float, float] | None:
-    """Stiffness over some rows relative to that of a unit matrix, and its standard error."""
-    x, unit = path[rows], matrix[rows]
-    if x.size < 6 or np.ptp(x) <= 1e-6 or not np.all(np.isfinite(unit)):
-        return None
-    x = x - x.mean()
-    slope, covariance = np.polyfit(x, curve[rows], 1, cov=True)
-    basis = float(np.polyfit(x, unit, 1)[0])
+def _slope(path: np.ndarray, curve: np.ndarray, matrix: np.ndarray) -> tuple[float, float]:
+    """Stiffness relative to that of a unit matrix, and its standard error; NaN where not known."""
+    if path.size < 6 or np.ptp(path) <= 1e-6 or not np.isfinite(matrix).all():
+        return np.nan, np.nan
+    x = path - path.mean()
+    slope, covariance = np.polyfit(x, curve, 1, cov=True)
+    basis = float(np.polyfit(x, matrix, 1)[0])
     # no stiffness on a path that hardly advances, or on which the matrix unloads
-    return (slope[0] / basis, np.sqrt(covariance[0, 0]) / basis) if basis >= 0.5 else None
-
-
-def _one_direction(specimen: Specimen) -> Iterator[Finding]:
-    """Curves in x and y that are proportional to each other."""
-    stretch = np.concatenate([p.stretch - 1.0 for p in specimen.protocols])
-    load = np.concatenate([specimen.load(p) for p in specimen.protocols])
-    misses = []
-    for curves in (stretch, load):
-        scale = np.abs(curves).max(axis=0)
-        if scale.min() <= 0.0:
-            return
-        # the smaller singular value: distance of the columns from multiples of each other
-        values = np.linalg.svd(curves / scale, compute_uv=False)
-        misses.append(float(values[1] / values[0]))
-    if max(misses) <= PROPORTIONAL:
-        yield warning(
-            "one-direction",
-            "x and y are proportional to each other within "
-            f"{100 * max(misses):.1f} %, in stretch and in load: the file holds one effective "
-            "direction; stiffness, fibre angle and dispersion may be correlated, as 'sample' shows",
-        )
+    basis = basis if basis >= 0.5 else np.nan
+    return slope[0] / basis, np.sqrt(covariance[0, 0]) / basis
 
 
 # --- magnitudes -----------------------------------------------------------------------------------
@@ -526,17 +481,25 @@ def _stress(specimen: Specimen) -> Iterator[Finding]:
     stretch = np.concatenate([p.stretch for p in specimen.protocols])
     stresses = specimen.experiment.stresses(stretch, load)
     peaks = np.abs(load / specimen.area if stresses is None else stresses).max(axis=0)
-    peak, forces = float(peaks.max()), specimen.stress_pair == "force"
-    low, high = USUAL_PEAK_KPA
-    if peak > high:
-        message = f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: "
-        yield warning("units", f"{message}is the file in {'gf or mN' if forces else 'Pa'}?")
-    elif peak < low:
-        message = f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in"
-        yield warning("units", f"{message} {'kgf or kN' if forces else 'MPa'}?")
-    if peaks.min() > 0.0 and peaks.max() / peaks.min() > 100.0:
-        message = f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
-        yield warning("units", f"{message}are both columns in the same unit?")
+    peak, low, high = float(peaks.max()), *USUAL_PEAK_KPA
+    smaller, larger = (
+        ("gf or mN", "kgf or kN") if specimen.stress_pair == "force" else ("Pa", "MPa")
+    )
+    yield from _units(
+        {
+            f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: is the file in "
+            f"{smaller}?": peak > high,
+            f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in "
+            f"{larger}?": peak < low,
+            f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: are both "
+            "columns in the same unit?": peak > 100.0 * peaks.min() > 0.0,
+        }
+    )
+
+
+def _units(holds: Mapping[str, bool]) -> Iterator[Finding]:
+    """Warnings of the messages that hold."""
+    yield from (warning("units", message) for message, holding in holds.items() if holding)
 
 
 def _sign(specimen: Specimen) -> Iterator[Finding]:
@@ -561,22 +524,24 @@ def _sign(specimen: Specimen) -> Iterator[Finding]:
 
 def _dimensions(specimen: Specimen) -> Iterator[Finding]:
     """Unusual stretches, edges and thickness, or a specimen too thick for a membrane."""
-    top = max(float(p.stretch.max()) for p in specimen.protocols)
-    if top < USUAL_STRETCH[0]:
-        message = f"the largest stretch is {top:.4f}: is the column a stretch, not a strain?"
-        yield warning("units", message)
-    if top > USUAL_STRETCH[1]:
-        yield warning("units", f"the largest stretch is {top:.3g}, much for soft tissue")
-    edges = {key: getattr(specimen, key) for key in ("edge_x_mm", "edge_y_mm")}
-    thickness = specimen.thickness_mm
-    for key, value in (edges | {"thickness_mm": thickness}).items():
-        low, high = USUAL_EDGE_MM if key in edges else USUAL_THICKNESS_MM
-        if value is not None and not low <= value <= high:
-            yield warning("units", f"{key} of {value:g} is unusual: is it in mm?")
-    width = min((edge for edge in edges.values() if edge is not None), default=math.inf)
-    if thickness is not None and thickness > 0.5 * width:
-        message = f"the specimen is {thickness:g} mm thick and only {width:g} mm wide: "
-        yield warning("units", f"{message}a membrane model does not hold")
+    top, (low, high) = max(float(p.stretch.max()) for p in specimen.protocols), USUAL_STRETCH
+    stated = {key: value for key in DIMENSIONS if (value := getattr(specimen, key)) is not None}
+    thickness = stated.get("thickness_mm", 0.0)
+    width = min((value for key, value in stated.items() if key != "thickness_mm"), default=math.inf)
+    unusual = {
+        f"{key} of {value:g} is unusual: is it in mm?": not least <= value <= most
+        for key, value in stated.items()
+        for least, most in [USUAL_THICKNESS_MM if key == "thickness_mm" else USUAL_EDGE_MM]
+    }
+    yield from _units(
+        {
+            f"the largest stretch is {top:.4f}: is the column a stretch, not a strain?": top < low,
+            f"the largest stretch is {top:.3g}, much for soft tissue": top > high,
+            **unusual,
+            f"the specimen is {thickness:g} mm thick and only {width:g} mm wide: a membrane model "
+            "does not hold": thickness > 0.5 * width,
+        }
+    )
 
 
 def _short_strip(specimen: Specimen) -> Iterator[Finding]:
@@ -598,11 +563,9 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
     """Load noise that is large, differs from the scatter of the rows, or is absent."""
     given, scatter = specimen.load_noise, specimen.high_frequency_scatter()
     noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
-    if noise > LARGE_NOISE * peak:
-        share = 100 * noise / peak
-        yield warning(
-            "units", f"the load noise of {noise:.2g} {unit} is {share:.0f} % of the largest load"
-        )
+    message = f"the load noise of {noise:.2g} {unit} is {100.0 * noise / peak:.0f} % of the "
+    message += "largest load"
+    yield from _units({message: noise > LARGE_NOISE * peak})
     if given is not None and scatter > 0.0 and not 0.2 < scatter / given < 5.0:
         smoothed = ": the record was smoothed or averaged" if scatter < given else ""
         yield warning(
@@ -619,7 +582,7 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _origin(specimen: Specimen) -> Iterator[Finding]:
-    """Findings from the notes of ``convert`` on shear, cycle and branch."""
+    """Findings from the notes of ``convert`` on shear and branch."""
     shear = specimen.metadata.get("largest_shear")
     if shear is not None:
         angle = specimen.metadata.get("largest_shear_angle_deg")
@@ -627,16 +590,11 @@ def _origin(specimen: Specimen) -> Iterator[Finding]:
         message = f"the record contains shear: |F12|, |F21| up to {float(shear):.2g}{turned}. "
         severity = "warning" if float(shear) > 0.02 else "note"
         yield Finding("shear", severity, f"{message}The model ignores it")
-    cycle, branch = specimen.metadata.get("cycle"), specimen.metadata.get("branch")
-    if cycle is not None:
-        yield Finding("cycle", "note", f"converted from cycle {cycle}")
-    if branch is not None:
-        message = f"converted from the {branch} branch"
-        if set(str(branch).replace(",", " ").split()) == {"loading"}:
-            yield Finding("branch", "note", message)
-        else:
-            yield warning("branch", f"{message}: parameters of unloading are not those of loading")
+    branch = str(specimen.metadata.get("branch", "loading"))
+    if set(branch.replace(",", " ").split()) != {"loading"}:
+        message = f"converted from the {branch} branch: parameters of unloading are not those of "
+        yield warning("branch", f"{message}loading")
 
 
-SHEET_CHECKS = (_tared, _weak_or_negative, _unequal, _references, _stiff_start, _one_direction)
-"""Checks of a mounted state and of two stretches that are pulled alike, which a tube has not."""
+SHEET_CHECKS = (_mounting_force, _unequal, _references, _stiff_start)
+"""Checks of a mounted state, which a tube has not."""

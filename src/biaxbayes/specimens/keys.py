@@ -249,15 +249,6 @@ NOT_OF_TUBES = (
     *GRIP_DETAILS,
 )  # fmt: skip
 """Keys that a tube, whose stretches are total, does not have."""
-CHOICE_REMEDIES = {
-    "geometry": "give the state in which the dimensions were measured",
-    "reference": "give the reference of the stretches: the first rows of each protocol, or one "
-    "state for all",
-    "missing_rows": "leave the line out to have such rows refused",
-    "test": "give the kind of test",
-    "stretch_from": "leave the line out for markers",
-    "grip_correction": "leave the line out for loads as measured",
-}
 
 
 def directions_of(test: str | None) -> str:
@@ -272,23 +263,21 @@ def needed_with_forces(test: str | None) -> list[str]:
 
 def checked_value(key: str, value: object) -> float | str:
     """Value of a known key from a number or text; refuses impossible ones."""
-    text = one_line(str(value))
-    choices, between = KEYS[key].choices, KEYS[key].range
-    problem = remedy = ""
-    if between is not None:
-        return _number(key, str(value), *between)
+    text, known = one_line(str(value)), KEYS[key]
+    if known.range is not None:
+        return _number(key, str(value), *known.range)
     if key in ("mounting_stretch_x", "mounting_stretch_y"):
         measured_stretch(text)
     elif key == "grips" and text != NO_GRIPS:
         hook_count(text)
-    elif choices and text not in choices:
-        problem = f"{key} must be {' or '.join(map(repr, choices))}"
-        remedy = CHOICE_REMEDIES[key]
+    elif known.choices and text not in known.choices:
+        problem = f"{key} must be {' or '.join(map(repr, known.choices))}, not {text[:40]!r}"
+        remedy = f"without the line: {known.default}"
+        raise InputError(problem, remedy=remedy)
     elif key == "rest_rows" and not re.fullmatch(r"\d{1,9}(\s*,\s*\d{1,9})*", text):
-        problem = "rest_rows must be a whole number from 1"
+        problem = f"rest_rows must be a whole number from 1, not {text[:40]!r}"
         remedy = "give one for all protocols, or one each, separated by commas"
-    if problem:
-        raise InputError(f"{problem}, not {text[:40]!r}", remedy=remedy)
+        raise InputError(problem, remedy=remedy)
     return text
 
 

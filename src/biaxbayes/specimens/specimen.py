@@ -289,10 +289,7 @@ class Specimen:
         return replace(self, further=(*self.further, *further))
 
     def quantities(self, material: Sequence[Parameter], *, shared: bool) -> Quantities:
-        """Quantities of a run with all pieces, for a law of these parameters.
-
-        ``shared``: one mounted state for all protocols of a piece.
-        """
+        """Quantities of a run with all pieces; shared: one mounted state for all its protocols."""
         labels = []
         for i, piece in enumerate(self.pieces):
             label = piece.name if i else ""
@@ -330,10 +327,7 @@ class Specimen:
 
     @property
     def area(self) -> np.ndarray:
-        """Measured quantity per kPa of first Piola-Kirchhoff stress, (x, y).
-
-        N per kPa for forces, one for stresses.
-        """
+        """Measured quantity per kPa of first Piola-Kirchhoff stress, (x, y); one for stresses."""
         if self.stress_pair != "force":
             return np.ones(2)
         assert self.thickness_mm
@@ -393,16 +387,13 @@ class Specimen:
         """
         if not self.experiment.is_mounted:
             return False
-        for p in self.protocols:
-            readings = zip(p.recorded_load.T, self.mounting_reading(p), strict=True)
-            for k, (written, reading) in enumerate(readings):
-                if k not in self.experiment.axes:
-                    continue
-                if p.rest_rows == 0 or written[0] == 0.0:
-                    continue
+        for p in (p for p in self.protocols if p.rest_rows):
+            for k in self.experiment.axes:
+                written, reading = p.recorded_load[:, k], self.mounting_reading(p)[k]
                 # Zero mean at rest; a Cauchy stress as it is written, or as a nominal stress
                 mean = abs(float(written[: p.rest_rows].mean()))
-                if min(mean, abs(float(reading))) <= 1e-9 * self.peak_load:
+                is_zero = min(mean, abs(float(reading))) <= 1e-9 * self.peak_load
+                if written[0] == 0.0 or is_zero:
                     continue
                 # Zero but for the last digit, which must be fine: with digits as coarse as the
                 # noise, a zero mean does not indicate taring.
@@ -433,10 +424,7 @@ class Specimen:
         return float(self.noise_sds[0])
 
     def high_frequency_scatter(self, axis: int = 0) -> float:
-        """Scatter of the load between neighbouring rows; 0 for rounding alone.
-
-        Over all directions that have the unit of this one.
-        """
+        """Scatter of loads of one unit between neighbouring rows; 0 for rounding alone."""
         scatter: list[float] = []
         axes = self.experiment.same_unit(axis)
         for protocol in self.protocols:

@@ -118,8 +118,8 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
         needed=() if is_tube else tuple(f"stretch_{axis}" for axis in directions),
         drop_missing=values.get("missing_rows") == "drop",
     )
-    table, written = _without_tube_columns(table, values, is_tube, path)
-    stress_pair = _stress_pair(table, directions, path)
+    table, written = _without_tube_columns(table, values, is_tube)
+    stress_pair = _stress_pair(table, directions)
     unit = "N" if stress_pair == "force" else "kPa"
     _check_keys(values, rows, stress_pair, path)
     arguments: dict[str, Any] = {key: values.get(key) for key in ARGUMENT_KEYS}
@@ -155,28 +155,25 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
 
 
 def _without_tube_columns(
-    table: SpecimenTable, values: Mapping[str, Any], is_tube: bool, path: Path
+    table: SpecimenTable, values: Mapping[str, Any], is_tube: bool
 ) -> tuple[SpecimenTable, dict[str, str]]:
     """The table with stretches and kPa in place of what a tube's file has; names as written."""
-
-    def error(problem: str, remedy: str, column: str) -> InputError:
-        return InputError(problem, file=path, row=table.names_line, column=column, remedy=remedy)
-
     columns, written = dict(table.columns), dict[str, str]()
     of_tube = [name for name in (*TUBE_COLUMNS, *STRESS_PAIRS["tube"]) if name in columns]
     if not is_tube:
         if of_tube:
             problem = "is a column of tubes"
-            raise error(problem, "state '# test: tube' at the top, or leave it out", of_tube[0])
+            remedy = "state '# test: tube' at the top, or leave it out"
+            raise table.error(problem, remedy, of_tube[0])
         return table, {}
     for name, (standard, key) in TUBE_COLUMNS.items():
         if name not in columns:
             continue
         if standard in columns:
             other = written.get(standard, standard)
-            raise error(f"says the same as {other}", "keep one of them", name)
+            raise table.error(f"says the same as {other}", "keep one of them", name)
         if key and key not in values:
-            raise error(f"needs the {key}", f"add a line '# {key}: ...' at the top", name)
+            raise table.error(f"needs the {key}", f"add a line '# {key}: ...' at the top", name)
         divisor = values[key] if key else MMHG_PER_KPA if name == "pressure_mmHg" else 1.0
         columns[standard], written[standard] = columns.pop(name) / divisor, name
     for standard, names in (
@@ -185,34 +182,29 @@ def _without_tube_columns(
         ("pressure_kPa", "pressure_kPa, or pressure_mmHg"),
     ):
         if standard not in columns:
-            raise error("missing column", f"a tube needs {names}", names.partition(",")[0])
+            raise table.error("missing column", f"a tube needs {names}", names.partition(",")[0])
     if not columns.get("axial_force_N", np.ones(1)).any():
-        raise error("every value is zero", "leave out a force that was not read", "axial_force_N")
+        remedy = "leave out a force that was not read"
+        raise table.error("every value is zero", remedy, "axial_force_N")
     return replace(table, columns=columns), written
 
 
-def _stress_pair(table: SpecimenTable, directions: str, path: Path) -> str:
+def _stress_pair(table: SpecimenTable, directions: str) -> str:
     """The one stress pair of a table, with its columns in the directions of the test."""
     present = [
         pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
     ]
-    problem, remedy, column = "", "", None
     if not present:
         of_sheets = (pair for name, pair in STRESS_PAIRS.items() if name != "tube")
         pairs = ", or ".join(" and ".join(columns) for columns in of_sheets)
-        problem, remedy = "no stress pair", f"give {pairs}"
-    elif len(present) > 1:
+        raise table.error("no stress pair", f"give {pairs}")
+    if len(present) > 1:
         problem = f"more than one stress pair ({', '.join(present)})"
-        remedy = "keep the measured one"
-    else:
-        pair = zip("xy", STRESS_PAIRS[present[0]], strict=True)
-        needed = [c for axis, c in pair if axis in directions and c != "axial_force_N"]
-        column = next((c for c in needed if c not in table.columns), None)
-        if column:
+        raise table.error(problem, "keep the measured one")
+    for axis, column in zip("xy", STRESS_PAIRS[present[0]], strict=True):
+        if axis in directions and column not in (*table.columns, "axial_force_N"):
             remedy = "give both directions, or '# test: strip x' (or y) at the top for a strip"
-            problem = "missing column"
-    if problem:
-        raise InputError(problem, file=path, row=table.names_line, column=column, remedy=remedy)
+            raise table.error("missing column", remedy, column)
     return present[0]
 
 

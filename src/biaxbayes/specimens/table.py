@@ -26,11 +26,18 @@ MAX_PROTOCOLS = 1_000
 class SpecimenTable:
     """Numbers by column, and their places in the file."""
 
+    path: Path
     columns: dict[str, np.ndarray]
     lines: np.ndarray  # of the file, from 1, for each row
     groups: tuple[tuple[str, slice], ...]  # rows of each protocol, in the order of the file
     names_line: int
     notes: tuple[str, ...] = ()  # on rows left out
+
+    def error(self, problem: str, remedy: str, column: str | None = None) -> InputError:
+        """An error of the line of column names."""
+        return InputError(
+            problem, file=self.path, row=self.names_line, column=column, remedy=remedy
+        )
 
 
 def read_table(
@@ -66,6 +73,7 @@ def read_table(
         table = table.without(lacking, note)
     labels = table.text(names.index("protocol")) if "protocol" in names else ["1"] * table.rows
     return SpecimenTable(
+        path,
         columns={names[index]: table.numbers(index) for index in numeric},
         lines=table.lines,
         groups=_protocol_rows(labels, table.lines, path),

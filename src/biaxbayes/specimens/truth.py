@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from biaxbayes.errors import InputError
@@ -18,7 +18,7 @@ MOUNTING_NAMES = (*mounting_names("stretch"), *mounting_names("force"))
 REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa": 0.0}'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Truth:
     """True values behind a record, and how its readings were disturbed.
 
@@ -31,12 +31,12 @@ class Truth:
 
     specimen: str
     material: dict[str, float | bool | str]
-    mounting_stretch_x: float
-    mounting_stretch_y: float
+    mounting_stretch_x: float = 1.0
+    mounting_stretch_y: float = 1.0
     unit: str
-    mounting_force_x: float
-    mounting_force_y: float
-    disturbed_mounting_force: dict[str, tuple[float, float]]
+    mounting_force_x: float = 0.0
+    mounting_force_y: float = 0.0
+    disturbed_mounting_force: dict[str, tuple[float, float]] = field(default_factory=dict)
     unloaded_dimensions: dict[str, float]
     load_noise_N: float
     misfit: float

@@ -192,32 +192,11 @@ def virtual_tube(
     seed: int,
     source: str = "",
 ) -> tuple[Specimen, Truth]:
-    """Inflate a tube of known material at constant axial stretches, from no pressure.
+    """Inflate a tube of known material from no pressure, a protocol at each axial stretch.
 
-    Parameters
-    ----------
-    material : GOH or CheckedMaterial
-    tube : Tube
-        Unloaded dimensions and opening.
-    largest_stretch : float
-        Of the outer surface around the tube.
-    axial_stretches : sequence of float
-        One protocol each.
-    increments : int
-        Equal increments of the outer diameter; a protocol has one more row.
-    noise : (float, float)
-        Standard deviations of a reading of pressure (kPa) and axial force (N).
-    misfit : float
-        As in :class:`Machine`.
-
-    Returns
-    -------
-    Specimen, Truth
-
-    Raises
-    ------
-    ValueError
-        If the tube carries no pressure at the largest stretch.
+    ``largest_stretch`` of the outer surface is reached in equal increments of the diameter; noise
+    is the sd of a reading of pressure (kPa) and axial force (N), misfit as in :class:`Machine`.
+    ValueError if the tube carries no pressure there.
     """
     rng, protocols = np.random.default_rng(seed), []
     for axial in axial_stretches:
@@ -257,12 +236,7 @@ def virtual_tube(
     truth = Truth(
         specimen=name,
         material=_material_values(material),
-        mounting_stretch_x=1.0,
-        mounting_stretch_y=1.0,
         unit="kPa",
-        mounting_force_x=0.0,
-        mounting_force_y=0.0,
-        disturbed_mounting_force={},
         unloaded_dimensions=dimensions | {"thickness_mm": tube.thickness_mm},
         load_noise_N=noise[1],
         misfit=misfit,

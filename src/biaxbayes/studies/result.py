@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -152,17 +152,6 @@ MAX_WITHOUT_DONOR = 6
 USABLE = ("converged", "tentative")
 
 
-@dataclass(frozen=True)
-class ComparedLayers:
-    """Distances between the layers of one donor."""
-
-    donor: str
-    # as of :func:`biaxbayes.comparison.compare.compare`, with ``layer_a`` and ``layer_b``
-    distances: pd.DataFrame = field(default_factory=pd.DataFrame)
-    # differences that are not of the tissue, or why there is no comparison
-    notes: list[str] = field(default_factory=list)
-
-
 def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[str, ...]]]:
     """Donors with usable specimens of several layers: (donor, labels, layers).
 
@@ -179,17 +168,6 @@ def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[
         if members["layer"].nunique() > 1:
             out.append((donor, tuple(members["specimen"]), tuple(members["layer"])))
     return out
-
-
-def layer_comparison(
-    donor: str, layers: Mapping[str, str], distances: pd.DataFrame, notes: list[str]
-) -> ComparedLayers:
-    """Distances between runs as those between the layers of a donor; layers by label."""
-    table = distances.copy()
-    table.insert(0, "donor", donor)
-    for k, side in enumerate("ab"):
-        table.insert(1 + k, f"layer_{side}", [layers[v] for v in table[f"run_{side}"]])
-    return ComparedLayers(donor, table, notes)
 
 
 # --- result of a study, as plain tables ----------------------------------------------------------
@@ -293,10 +271,14 @@ def _counts(states: dict[str, int]) -> str:
 
 
 def study_result(
-    name: str, folder: Path, table: pd.DataFrame, compared: Sequence[ComparedLayers]
+    name: str,
+    folder: Path,
+    table: pd.DataFrame,
+    compared: Mapping[str, tuple[pd.DataFrame, list[str]]],
 ) -> StudyResult:
-    """Result of a study from its table and the compared layers."""
-    tables = [c.distances for c in compared if len(c.distances)]
-    notes = [f"{c.donor}: {note}" if c.donor else note for c in compared for note in c.notes]
+    """Result of a study from its table, and distances between layers with notes, by donor."""
+    tables = [distances for distances, _ in compared.values() if len(distances)]
+    named = [(f"{k}: " if k else "", notes) for k, (_, notes) in compared.items()]
     distances = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+    notes = [f"{donor}{note}" for donor, notes in named for note in notes]
     return StudyResult(name, folder, table, distances, notes)

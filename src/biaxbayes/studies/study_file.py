@@ -1,34 +1,10 @@
-"""Study files: specimens that belong together, and the options of each.
-
-The format is TOML; paths are relative to the file::
-
-    name = "aortas of three donors"          # optional, as seed, ess and max_steps
-    seed = 1
-    columns = ["disease"]                    # what makes groups of a population; default: layer
-
-    [options]                                # for all specimens
-    noise = "effective"
-
-    [priors]                                 # as in a priors file
-    kappa = 0.2
-
-    [[specimen]]
-    file = "donor1-media.csv"
-    pieces = ["donor1-strip-x.csv"]          # other pieces of the same tissue
-    label = "D1 media"                       # default: name of the file without its ending
-    donor = "D1"                             # default: from the header of the file
-    layer = "media"                          # likewise
-    disease = "aneurysm"                     # of every column that was declared
-    mounting_force = [0.015, 0.013]          # for a tared file
-    options = { mounting = "zeroed" }        # for this one alone
-    priors = { alpha = { distribution = "normal", mean = 41, sd = 3 } }
-"""
+"""Study files (docs/studies.md): specimens that belong together, and the options of each."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,7 +12,7 @@ from typing import Any
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws import law_key, law_named
-from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
+from biaxbayes.model.priors import parse_priors, prior_value
 from biaxbayes.options import ModelOptions, SamplingPlan, options_of
 from biaxbayes.runs.folder import RUNS
 from biaxbayes.runs.provenance import specimen_digest
@@ -90,7 +66,6 @@ def study_of_files(
     files: list[Path],
     options: Mapping[str, Any],
     *,
-    name: str = "study",
     seed: int = SamplingPlan.seed,
     ess: float = SamplingPlan.ess,
     max_steps: int = SamplingPlan.max_steps,
@@ -105,46 +80,24 @@ def study_of_files(
         StudySpecimen(path, path.stem, dict(options), seed, anyway=anyway) for path in files
     )
     _check_labels(specimens, None)
-    return Study(name, specimens, float(ess), int(max_steps))
+    return Study("study", specimens, float(ess), int(max_steps))
 
 
 def read_study(path: Path) -> Study:
     """Read a study file; InputError names the file and the key that cannot be used."""
     table = read_toml(path)
-    _check_keys(table, STUDY_KEYS, "a study", path)
+    _check_table(table, STUDY_KEYS, "a study", "", path)
     numbers = {key: table.get(key, getattr(SamplingPlan, key)) for key in SAMPLING_KEYS}
-    for key, value in numbers.items():
-        SamplingPlan.check(key, value, file=path)
-    options = _options(table.get("options", {}), DEFAULT_OPTIONS, "options", path)
-    common = {
-        "seed": numbers["seed"],
-        "anyway": _flag(table.get("anyway", False), "anyway", path),
-        "options": options,
-        "priors": _priors(table.get("priors", {}), options["law"], "priors", path),
-        "columns": _columns(table.get("columns", []), path),
-    }
+    columns = tuple(dict.fromkeys(table.get("columns", [])))
+    common = {"seed": numbers["seed"], "anyway": table.get("anyway", False), "columns": columns}
+    common |= _options_and_priors(table, DEFAULT_OPTIONS | {"priors": {}}, "", path)
     entries = table.get("specimen")
     if not isinstance(entries, list) or not entries:
         raise InputError("lists no specimen", file=path, remedy="add tables [[specimen]]")
     specimens = tuple(_specimen(e, f"specimen {n}", common, path) for n, e in enumerate(entries, 1))
     _check_labels(specimens, path)
-    name = _text(table, "name", "", path) or path.stem
-    ess, max_steps = float(numbers["ess"]), int(numbers["max_steps"])
-    return Study(name, specimens, ess, max_steps, common["columns"])
-
-
-def _columns(value: object, path: Path) -> tuple[str, ...]:
-    """Names of the columns that make groups."""
-    given = value if isinstance(value, list) else [None]
-    reserved = {*SPECIMEN_KEYS} - {"layer", "donor"}
-    for name in given:
-        if not isinstance(name, str) or not name.isidentifier() or name in reserved:
-            raise InputError(
-                f"columns: {str(name)[:60]!r} cannot be a column",
-                file=path,
-                remedy='write columns = ["disease"], a word that is not a key of a specimen',
-            )
-    return tuple(dict.fromkeys(given))
+    name = one_line(table.get("name", path.stem))
+    return Study(name, specimens, float(numbers["ess"]), int(numbers["max_steps"]), columns)
 
 
 def _specimen(entry: object, what: str, common: Mapping[str, Any], path: Path) -> StudySpecimen:
@@ -153,52 +106,101 @@ def _specimen(entry: object, what: str, common: Mapping[str, Any], path: Path) -
     if not isinstance(entry, dict):
         raise InputError(f"{where}is not a table", file=path, remedy="write it as [[specimen]]")
     own_columns = [c for c in common["columns"] if c not in TEXT_KEYS]
-    _check_keys(entry, (*SPECIMEN_KEYS, *own_columns), what, path)
-    file = entry.get("file")
-    if not isinstance(file, str) or not file.strip() or "\0" in file:
-        raise InputError(f"{where}file must be the path of a CSV", file=path)
-    specimen = path.parent / file
-    _check_file(specimen, f"{path}, {where}file", path=path)
-    pieces = entry.get("pieces", [])
-    if not isinstance(pieces, list) or not all(isinstance(p, str) and p.strip() for p in pieces):
-        remedy = 'write pieces = ["strip-x.csv", "strip-y.csv"]'
-        raise InputError(f"{where}pieces must be a list of paths", file=path, remedy=remedy)
-    for piece in pieces:
-        _check_file(path.parent / piece, f"{path}, {where}pieces", path=path)
-    options = _options(entry.get("options", {}), common["options"], f"{where}options", path)
-    priors = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
-    seed = entry.get("seed", common["seed"])
-    SamplingPlan.check("seed", seed, where, path)
-    columns = {name: _text(entry, name, where, path) for name in own_columns}
-    for name, value in columns.items():
-        if value is None:
+    known = (*SPECIMEN_KEYS, *own_columns)
+    _check_table({"file": None, **entry}, known, what, where, path)
+    specimen, *pieces = (path.parent / f for f in (entry["file"], *entry.get("pieces", [])))
+    for key, file in (("file", specimen), *(("pieces", piece) for piece in pieces)):
+        _check_file(file, f"{path}, {where}{key}", path=path)
+    for name in own_columns:
+        if name not in entry:
             raise InputError(
                 f"{where}{name} is missing, which columns declares",
                 file=path,
                 remedy=f'give {name} = "..." for every specimen, or remove it from columns',
             )
+    texts = {key: one_line(entry[key]) for key in (*TEXT_KEYS, *own_columns) if key in entry}
+    force = entry.get("mounting_force")
     return StudySpecimen(
         specimen,
-        _text(entry, "label", where, path) or specimen.stem[:MAX_TEXT_LENGTH],
-        options | {"priors": {**common["priors"], **priors}},
-        int(seed),
-        _text(entry, "donor", where, path),
-        _text(entry, "layer", where, path),
-        _force(entry.get("mounting_force"), f"{where}mounting_force", path),
-        _flag(entry.get("anyway", common["anyway"]), f"{where}anyway", path),
-        {name: str(value) for name, value in columns.items()},
-        tuple(path.parent / piece for piece in pieces),
+        texts.get("label", specimen.stem[:MAX_TEXT_LENGTH]),
+        _options_and_priors(entry, common, where, path),
+        int(entry.get("seed", common["seed"])),
+        texts.get("donor"),
+        texts.get("layer"),
+        None if force is None else (float(force[0]), float(force[1])),
+        entry.get("anyway", common["anyway"]),
+        {name: texts[name] for name in own_columns},
+        tuple(pieces),
     )
 
 
-def _check_keys(table: Mapping[str, object], known: tuple[str, ...], what: str, path: Path) -> None:
-    for key in table:
+def _is_path(value: object) -> bool:
+    return isinstance(value, str) and bool(value.strip()) and "\0" not in value
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and bool(value.strip()) and len(value) <= MAX_TEXT_LENGTH
+
+
+def _is_force(value: object) -> bool:
+    numbers = value if isinstance(value, list) and len(value) == 2 else [None]
+    return all(
+        isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e9 for v in numbers
+    )
+
+
+def _are_columns(value: object) -> bool:
+    reserved = {*SPECIMEN_KEYS} - {"layer", "donor"}
+    return isinstance(value, list) and all(
+        isinstance(name, str) and name.isidentifier() and name not in reserved for name in value
+    )
+
+
+KINDS: dict[str, tuple[Callable[[object], bool], str]] = {
+    "file": (_is_path, "the path of a CSV"),
+    "pieces": (lambda v: isinstance(v, list) and all(map(_is_path, v)), "a list of paths"),
+    "mounting_force": (_is_force, "two numbers [x, y]"),
+    "anyway": (lambda v: isinstance(v, bool), "true or false"),
+    "columns": (_are_columns, 'words that are not keys of a specimen, as ["disease"]'),
+    "specimen": (lambda v: True, "tables"),  # each is checked on its own
+    **dict.fromkeys(("options", "priors"), (lambda v: isinstance(v, dict), "a table")),
+}
+"""What the value of a key must be; of any other key it is text."""
+
+
+def _check_table(
+    table: Mapping[str, object], known: Iterable[str], what: str, where: str, path: Path
+) -> None:
+    """Refuse unknown keys, and values of another kind than that of their key."""
+    for key, value in table.items():
         if key not in known:
-            raise InputError(
-                f"{key[:60]!r} is not a key of {what}",
-                file=path,
-                remedy=f"keys are {', '.join(known)}",
-            )
+            remedy = f"keys are {', '.join(known)}"
+            raise InputError(f"{key[:60]!r} is not a key of {what}", file=path, remedy=remedy)
+        if key in SAMPLING_KEYS:
+            SamplingPlan.check(key, value, where, path)
+            continue
+        fits, words = KINDS.get(key, (_is_text, f"text of at most {MAX_TEXT_LENGTH} characters"))
+        if not fits(value):
+            raise InputError(f"{where}{key} must be {words}", file=path)
+
+
+def _options_and_priors(
+    table: Mapping[str, Any], common: Mapping[str, Any], where: str, path: Path
+) -> dict[str, Any]:
+    """Options of the posterior, with priors, in place of the common ones."""
+    options = {key: common[key] for key in (*DEFAULT_OPTIONS, "priors")}
+    for key, value in table.get("options", {}).items():
+        if key not in DEFAULT_OPTIONS:
+            remedy = f"keys are {', '.join(DEFAULT_OPTIONS)}"
+            problem = f"{key[:60]!r} is not a key of {where}options"
+            raise InputError(problem, file=path, remedy=remedy)
+        # the file of a law is beside that of the study
+        options[key] = law_key(value, path.parent) if key == "law" else value
+        ModelOptions.check(key, options[key], where=f"{where}options: ", file=path)
+    if priors := table.get("priors", {}):
+        law = law_named(options["law"])
+        options["priors"] = options["priors"] | parse_priors(priors, f"{path}, {where}priors", law)
+    return options
 
 
 def _check_file(file: Path, name_in_message: object, *, path: Path | None = None) -> None:
@@ -214,62 +216,14 @@ def _check_file(file: Path, name_in_message: object, *, path: Path | None = None
 def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> None:
     seen: dict[str, int] = {}
     for number, specimen in enumerate(specimens, start=1):
-        label = specimen.label.casefold()
-        if label in seen:
+        first = seen.setdefault(specimen.label.casefold(), number)
+        if first != number:
             where = f"specimen {number}: " if path is not None else ""
             raise InputError(
-                f"{where}label {specimen.label!r} is that of specimen {seen[label]} as well",
+                f"{where}label {specimen.label!r} is that of specimen {first} as well",
                 file=path,
                 remedy="give different labels in a study file",
             )
-        seen[label] = number
-
-
-def _text(table: Mapping[str, object], key: str, where: str, path: Path) -> str | None:
-    value = table.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, str) or not value.strip() or len(value) > MAX_TEXT_LENGTH:
-        raise InputError(
-            f"{where}{key} must be text of at most {MAX_TEXT_LENGTH} characters", file=path
-        )
-    return one_line(value)
-
-
-def _options(table: object, common: Mapping[str, Any], where: str, path: Path) -> dict[str, Any]:
-    if not isinstance(table, dict):
-        raise InputError(f"{where} must be a table", file=path)
-    _check_keys(table, tuple(DEFAULT_OPTIONS), where, path)
-    if "law" in table:  # a file beside that of the study
-        table = table | {"law": law_key(table["law"], path.parent)}
-    for key, value in table.items():
-        ModelOptions.check(key, value, where=f"{where}: ", file=path)
-    return {**common, **table}
-
-
-def _priors(table: object, law: str, where: str, path: Path) -> dict[str, Prior | float | Tie]:
-    if not isinstance(table, dict):
-        raise InputError(f"{where} must be a table", file=path)
-    if not table:
-        return {}
-    return parse_priors(table, f"{path}, {where}", law_named(law))
-
-
-def _flag(value: object, what: str, path: Path) -> bool:
-    if not isinstance(value, bool):
-        raise InputError(f"{what} must be true or false", file=path)
-    return value
-
-
-def _force(value: object, where: str, path: Path) -> tuple[float, float] | None:
-    if value is None:
-        return None
-    numbers = value if isinstance(value, list) else []
-    if len(numbers) != 2 or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e9 for v in numbers
-    ):
-        raise InputError(f"{where} must be two numbers [x, y]", file=path)
-    return float(numbers[0]), float(numbers[1])
 
 
 # --- the specimens as they were read, with the digest of what their runs depend on ----------------

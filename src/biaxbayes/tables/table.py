@@ -27,7 +27,6 @@ from biaxbayes.text_files import (
 
 ALL_SHEETS = "all"
 SHOWN_COLUMNS = 30
-MAX_COLUMNS = 2_000
 SAMPLE_ROWS = 200
 """Rows from which the form of a table is read."""
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
@@ -299,8 +298,6 @@ def table_from_sheet(sheet: Worksheet, path: Path) -> Table:
     else:
         names = list(rows[at_names])
     names = without_empty_end([one_line(name) for name in names])
-    if len(names) > MAX_COLUMNS:
-        raise InputError(f"has {len(names)} columns", file=path, remedy="cut out those of the test")
     body = _squared(rows[start:], lines[start:], len(names), sheet, path)
     comma = _decimal_comma(body[: 10 * SAMPLE_ROWS], numeric, path)
     notes = [*sheet.notes, "decimal commas"] if comma else sheet.notes
@@ -328,14 +325,6 @@ def _numeric_columns(rows: Sequence[Sequence[str]]) -> list[int]:
 def _first_row_of_numbers(rows: Sequence[Sequence[str]], path: Path) -> int:
     """The first of three rows that hold numbers where the middle of the table does."""
     numeric = _numeric_columns(rows)
-    if len(numeric) < 2 or len(rows) < 2:
-        width = max(map(len, rows), default=0)
-        raise InputError(
-            f"holds no table: {len(rows)} rows of up to {width} cells, fewer than two columns of "
-            "numbers",
-            file=path,
-            remedy="a table has a line of column names and at least two rows",
-        )
 
     def of_numbers(cells: Sequence[str]) -> bool:
         present = [cells[j] for j in numeric if j < len(cells)]
@@ -343,11 +332,16 @@ def _first_row_of_numbers(rows: Sequence[Sequence[str]], path: Path) -> int:
         texts = sum(cell.strip().lower() not in MISSING for cell in present) - numbers
         return numbers >= 2 and texts <= 0.25 * len(numeric)
 
-    for start in range(len(rows)):
-        if all(map(of_numbers, rows[start : start + 3])):
-            return start
+    if len(rows) > 1:
+        for start in range(len(rows)):
+            if all(map(of_numbers, rows[start : start + 3])):
+                return start
+    width = max(map(len, rows), default=0)
     raise InputError(
-        "holds no table: no three rows of numbers below each other", file=path, remedy="check it"
+        f"holds no table: {len(rows)} rows of up to {width} cells, no three of them with two "
+        "numbers below each other",
+        file=path,
+        remedy="a table has a line of column names and at least two rows",
     )
 
 
@@ -393,12 +387,12 @@ def _decimal_comma(rows: Sequence[Sequence[str]], numeric: Sequence[int], path: 
     """True for decimal commas; mixed ones and thousands separators are refused."""
     cells = [row[j].strip() for row in rows for j in numeric if j < len(row)]
     commas = [cell for cell in cells if DECIMAL_COMMA.fullmatch(cell)]
+    problem = ""
     if commas and any(map(DECIMAL_POINT.fullmatch, cells)):
         problem = "mixes decimal commas and decimal points (or has thousands separators)"
-        remedy = "export it with one of them and no thousands separators"
-        raise InputError(problem, file=path, remedy=remedy)
-    if commas and all(map(THOUSANDS.fullmatch, commas)):
+    elif commas and all(map(THOUSANDS.fullmatch, commas)):
         problem = f"writes numbers like {commas[0]!r}, which may be decimals or thousands"
+    if problem:
         remedy = "export it with decimal points and no thousands separators"
         raise InputError(problem, file=path, remedy=remedy)
     return bool(commas)

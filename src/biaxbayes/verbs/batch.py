@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import pandas as pd
 
 from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.compilation import first_alone
@@ -42,11 +43,9 @@ from biaxbayes.studies.record import record_runs, recorded_runs
 from biaxbayes.studies.result import (
     FAILED,
     INTERRUPTED,
-    ComparedLayers,
     SpecimenOutcome,
     StudyResult,
     donor_groups,
-    layer_comparison,
     rows_of_run,
     rows_without_run,
     study_result,
@@ -197,8 +196,8 @@ class LayerTask:
     folders: tuple[Path, ...]
 
 
-def compare_layers(task: LayerTask) -> ComparedLayers:
-    """Compare the layers of one donor; nothing is raised."""
+def compare_layers(task: LayerTask) -> tuple[pd.DataFrame, list[str]]:
+    """Distances between the layers of a donor, and notes on them; nothing is raised."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -209,9 +208,13 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
                 members.append(ComparedRun(label, run.posterior(), run.draws, run.state, reported))
             comparison = compare(members)
         except BiaxbayesError as error:
-            return ComparedLayers(task.donor, notes=[f"no comparison: {error}"])
+            return pd.DataFrame(), [f"no comparison: {error}"]
     layers = dict(zip(task.labels, task.layers, strict=True))
-    return layer_comparison(task.donor, layers, comparison.distances, comparison.notes)
+    table = comparison.distances.copy()
+    table.insert(0, "donor", task.donor)
+    for k, side in enumerate("ab"):
+        table.insert(1 + k, f"layer_{side}", [layers[v] for v in table[f"run_{side}"]])
+    return table, comparison.notes
 
 
 # --- the study -----------------------------------------------------------------------------------
@@ -249,10 +252,10 @@ def run_study(
                 LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
                 for donor, labels, layers in donor_groups(table)
             ]
-            compared = [ComparedLayers(task.donor) for task in tasks]
+            compared = {task.donor: (pd.DataFrame(), list[str]()) for task in tasks}
             for outcome in executor.run(compare_layers, tasks):
-                failed = ComparedLayers(tasks[outcome.index].donor, notes=[outcome.failure])
-                compared[outcome.index] = failed if outcome.failure else outcome.value
+                failed = pd.DataFrame(), [outcome.failure]
+                compared[tasks[outcome.index].donor] = failed if outcome.failure else outcome.value
             progress(Progress("writing"))
             result = study_result(study.name, folder.absolute(), table, compared)
             write_study(result)

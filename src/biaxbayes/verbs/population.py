@@ -17,7 +17,7 @@ from biaxbayes.errors import InputError, Interrupted, printable
 from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import MATERIAL
 from biaxbayes.populations.archive import archive
-from biaxbayes.populations.grouping import group_sources, names_text, open_sources
+from biaxbayes.populations.grouping import group_sources, open_sources
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
@@ -61,7 +61,7 @@ from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.result import json_values
 from biaxbayes.studies.record import StudyRun, members_of_study
 from biaxbayes.tasks import usual_numpy_errors
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, first_few, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.batch import batch
@@ -184,7 +184,7 @@ def sample_population(
         few = [s.label for s, k in zip(sources, sampled.pareto_k, strict=True) if k > MAX_K]
         if few:
             notes.append(
-                f"few draws of {names_text(few)} are where the population is (Pareto k above "
+                f"few draws of {first_few(few, 4)} are where the population is (Pareto k above "
                 f"{MAX_K:g}): the numbers of these specimens are less certain"
             )
         progress(Progress("writing"))
