@@ -17,7 +17,7 @@ from biaxbayes.figures.bands import bands_figure
 from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.mounting import mounting_figure
 from biaxbayes.figures.prediction import inflation_figure
-from biaxbayes.figures.style import figure_bytes, read_style, save_figure
+from biaxbayes.figures.style import figure_bytes, print_style, read_style, save_figure
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.laws.published import MATERIALS
@@ -341,7 +341,8 @@ def test_files_are_reproducible_and_hold_their_fonts():
     svg = figure_bytes(figure, "svg")
     written = re.sub(rb"<[^>]*>", b"", b"".join(re.findall(rb"<text.*?</text>", svg, re.S)))
     assert b"mounting force less its reading" in written  # letters, no outlines
-    outlines = figure_bytes(figure, "svg", {"svg.fonttype": "path"})
+    with print_style({"svg.fonttype": "path"}):
+        outlines = figure_bytes(figure, "svg")
     assert b"<text" not in outlines and b"font-family" not in outlines
 
 
@@ -352,12 +353,12 @@ def test_a_style_file_changes_fonts_and_colours(tmp_path):
         "axes.prop_cycle: cycler('color', ['112233', '445566'])\n"
         "xtick.labelsize: 7.5\nbackend: TkAgg\nsavefig.bbox: tight\n"
     )
-    style = read_style(path)
-    figure = bands_figure(exact(specimen_of()), draws_of(50), style=style, width_mm=85.0)
+    with print_style(read_style(path)):
+        figure = bands_figure(exact(specimen_of()), draws_of(50), width_mm=85.0)
+        pdf = figure_bytes(figure, "pdf")
     assert figure.axes[0].lines[0].get_color() == "#112233"
     assert figure.axes[2].get_xticklabels()[0].get_fontsize() == 7.5
     assert figure.axes[2].xaxis.label.get_fontfamily() == ["serif"]
-    pdf = figure_bytes(figure, "pdf", style)
     box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf)
     assert float(box.group(1)) == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
 

@@ -8,23 +8,16 @@ its file in :mod:`biaxbayes.verbs`.
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
 import numbers
-import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from itertools import dropwhile
-from typing import Any, NamedTuple, Self, TypeVar
-
-import numpy as np
+from typing import Any, NamedTuple, Self
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
 from biaxbayes.laws.law import Law
-from biaxbayes.tasks import DEFAULT_WORKERS, usual_numpy_errors
+from biaxbayes.tasks import DEFAULT_WORKERS
 
 # --- an option, its help text and its check ------------------------------------------------------
 
@@ -42,8 +35,6 @@ class Option(NamedTuple):
     minimum: float = -math.inf
     maximum: float = math.inf
     open_ends: bool = False  # the range excludes minimum and maximum
-    show_range: bool = False
-    reason: str = ""  # why there is a minimum
     metavar: str | None = None
     flag: str = ""
     read: Callable[[Any], Any] | None = None  # the value as it is kept; InputError for a bad one
@@ -54,9 +45,7 @@ class Option(NamedTuple):
         if self.minimum == -math.inf:
             return "a number"
         if self.maximum == math.inf:
-            return f"at least {self.minimum:g}" + (
-                f", because {self.reason}" if self.reason else ""
-            )
+            return f"at least {self.minimum:g}"
         if self.open_ends:
             return f"a number between {self.minimum:g} and {self.maximum:g}"
         if isinstance(self.maximum, int):
@@ -142,81 +131,6 @@ class Options:
             problem = f"{shown} must be {option.allowed}"
         if problem:
             raise InputError(where + problem, file=file)
-
-
-Verb = TypeVar("Verb", bound=Callable[..., Any])
-
-
-def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Verb], Verb]:
-    """Add the options of tables to signature and docstring of a function with ``**options``."""
-
-    def with_signature(verb: Verb) -> Verb:
-        own = inspect.signature(verb)
-        parameters = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        names = {p.name for p in parameters} | set(without)
-        entries = ""
-        for table in tables:
-            described = options_of(table)
-            for f in fields(table):
-                if f.name in names:
-                    continue
-                names.add(f.name)
-                default = getattr(table, f.name, None)
-                parameters.append(
-                    inspect.Parameter(
-                        f.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=f.type
-                    )
-                )
-                option = described.get(f.name) or Option(f.metadata.get("help", ""))
-                choices = ", ".join(map(repr, option.choices))
-                entries += f"{f.name} : {f'{{{choices}}}' if choices else f.type}, "
-                entries += f"default {default!r}\n"
-                entries += f"    {option.help}\n" if option.help else ""
-        verb.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-        # In place of the entry ``**options`` of the docstring and its indented lines.
-        before, _, after = (inspect.getdoc(verb) or "").partition("**options\n")
-        rest = dropwhile(lambda line: line.startswith(" "), after.splitlines())
-        verb.__doc__ = (before + entries + "\n".join(rest)).rstrip("\n")
-        return for_users(verb)
-
-    return with_signature
-
-
-KINDS: dict[str, tuple[tuple[type, ...], str]] = {
-    "bool": ((bool, np.bool_), "True or False"),
-    "str": ((str,), "a text"),
-    "PathLike": ((str, os.PathLike), "a path"),
-    "Path": ((str, os.PathLike), "a path"),
-    "Sequence": ((list, tuple, np.ndarray), "a list"),
-    "tuple": ((list, tuple, str), "a list"),
-    "Mapping": ((Mapping,), "a mapping"),
-}
-"""What arguments may be, by the names in annotations."""
-
-
-def for_users(verb: Verb) -> Verb:
-    """A function that users call: it refuses arguments that are not of the annotated kind."""
-    parameters = inspect.signature(verb).parameters
-    known: dict[str, list[tuple[tuple[type, ...], str]]] = {}
-    for name, p in parameters.items():
-        # a kind is what stands outside of brackets, where "|" may stand as well
-        parts = set(re.sub(r"\[.*\]", "", str(p.annotation)).split(" | ")) - {"None"}
-        if parts <= KINDS.keys():
-            known[name] = [KINDS[part] for part in sorted(parts)]
-
-    @functools.wraps(verb)
-    def checked(*arguments: Any, **options: Any) -> Any:
-        given = dict(zip(parameters, arguments, strict=False)) | options
-        for name in known.keys() & given.keys():
-            kinds, value, p = known[name], given[name], parameters[name]
-            if value is None and (p.default is None or "None" in str(p.annotation)):
-                continue
-            if not any(isinstance(value, types) for types, _ in kinds):
-                allowed = " or ".join(words for _, words in kinds)
-                raise InputError(f"`{name}` must be {allowed}, not {type(value).__name__}")
-        return verb(*arguments, **options)
-
-    return usual_numpy_errors(checked)  # type: ignore[return-value]
 
 
 # --- choices of options -----------------------------------------------------------------
@@ -317,10 +231,8 @@ class Settings(Options):
         False,
         "Fibres carry no load in compression, as in Abaqus and FEBio; for laws with a choice.",
     )
-    priors: Mapping[str, Any] = field(
-        default_factory=dict,
-        metadata={"help": "In place of default priors: a Prior, a number (fixed) or a Tie."},
-    )
+    priors: Mapping[str, Any] = field(default_factory=dict)
+    """In place of default priors: a Prior, a number (fixed) or a Tie."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -417,19 +329,16 @@ MODEL_OPTIONS = options_of(Settings)
 class FitOptions(Options):
     """Least-squares fits."""
 
-    starts: int = option(8, minimum=1, maximum=512, show_range=True)
-    seed: int = option(0, minimum=0, show_range=True)
-    fixed: Mapping[str, float] | None = field(
-        default=None, metadata={"help": "Values of fixed parameters, in their own units."}
-    )
+    starts: int = option(8, minimum=1, maximum=512)
+    seed: int = option(0, minimum=0)
+    fixed: Mapping[str, float] | None = None
+    """Values of fixed parameters, in their own units."""
     mounting_stretch: str = option("shared", **MODEL_OPTIONS["mounting_stretch"]._asdict())
     law: str = option(DEFAULT_LAW, **MODEL_OPTIONS["law"]._asdict())
     fibre_switch: bool = option(False, **MODEL_OPTIONS["fibre_switch"]._asdict())
     piece_sd: float = option(0.1, **MODEL_OPTIONS["piece_sd"]._asdict())
-    initial: Any = field(
-        default=None,
-        metadata={"help": "A Material as a further start; with it ``starts`` may be 0."},
-    )
+    initial: Any = None
+    """A Material as a further start; with it ``starts`` may be 0."""
 
     def __post_init__(self) -> None:
         if self.starts == 0 and self.initial is not None:
@@ -496,9 +405,8 @@ class CalibrationPlan(Options):
     seed: int = option(1, minimum=0, maximum=MAX_INT64)
     ess: float = option(
         600.0,
-        "Effective draws of each replication.",
+        "Effective draws of each replication, at least 200: true values are ranked among 127.",
         minimum=200,
-        reason="true values are ranked among 127",
     )
     broken: str = option(
         "", "Leave out the determinant, or the noise, to see that the test notices.", flag="break"
@@ -532,7 +440,6 @@ class DesignOptions(Options):
         "Range of the extended protocol, relative to the tested range.",
         minimum=1.0,
         maximum=3.0,
-        show_range=True,
     )
     alpha_sd_deg: float = option(
         5.0,
@@ -563,9 +470,9 @@ class DesignOptions(Options):
 class PredictionOptions(Options):
     """Bands of stress on a path, or of the inflation of a tube."""
 
-    points: int = option(61, minimum=2, maximum=100_000, show_range=True)
+    points: int = option(61, minimum=2, maximum=100_000)
     """Number of states on a straight path."""
     probability: float = option(
-        CONTENT, "Content of the bands.", minimum=0.0, maximum=1.0, open_ends=True, show_range=True
+        CONTENT, "Content of the bands.", minimum=0.0, maximum=1.0, open_ends=True
     )
-    seed: int = option(0, minimum=0, show_range=True)
+    seed: int = option(0, minimum=0)

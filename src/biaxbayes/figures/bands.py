@@ -16,12 +16,12 @@ from biaxbayes.figures.panels import band_handles, draw_bands
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     AXIS_MARKERS,
+    BAND_OPACITY,
     DASHES,
     FINER_UNIT,
     LOAD_LABELS,
     PAGE_MM,
     SIDE_BY_SIDE_MM,
-    Style,
     add_note,
     blank_figure,
     colour,
@@ -32,6 +32,7 @@ from biaxbayes.figures.style import (
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.prediction.bands import bands, true_loads
+from biaxbayes.prediction.percentiles import QUANTILES
 from biaxbayes.specimens.specimen import Specimen
 
 DRAWN_READINGS, BAND_DRAWS = 200, 500
@@ -45,9 +46,12 @@ LAW: dict[str, Any] = {"linewidth": 0.7, "linestyle": (0, (1.0, 1.5))}
 """Line style of the loads of the law alone, without its misfit."""
 OPEN_UP_TO = 150
 """Readings of a curve up to which markers are large and open."""
-BAND_QUANTILES = tuple(
-    f"{kind}_{end}" for kind in ("credible", "predictive") for end in ("low", "median", "high")
-)
+BAND_COLUMNS = {
+    f"{kind}_{quantile}": f"{kind}_{end}"
+    for kind in BAND_OPACITY
+    for quantile, end in zip(QUANTILES, ("low", "median", "high"), strict=True)
+}
+"""Columns of both bands as they are drawn, by those of their table."""
 
 
 def bands_figure(
@@ -56,34 +60,23 @@ def bands_figure(
     *,
     piece: int = 0,
     truth: Mapping[str, float] | None = None,
-    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
-    style: Style = None,
 ) -> Figure:
     """Draw load against measured stretch with both bands, and residuals, for up to 12 protocols."""
     specimen, rows = posterior.pieces[piece].specimen, {"max_rows": DRAWN_READINGS}
-    look: dict[str, Any] = {"probability": probability}
-    table = bands(posterior, draws, piece=piece, max_draws=BAND_DRAWS, **rows, **look)
+    table = bands(posterior, draws, piece=piece, max_draws=BAND_DRAWS, **rows)
     if truth is not None:
-        look["truth"] = true_loads(specimen, truth, settings=posterior.settings, **rows)
-    return figure_from_bands(specimen, table, **look, width_mm=width_mm, style=style)
+        loads = true_loads(specimen, truth, settings=posterior.settings, **rows)
+        table = table.assign(truth=loads)
+    return figure_from_bands(specimen, table, width_mm=width_mm)
 
 
+@print_style()
 def figure_from_bands(
-    specimen: Specimen,
-    table: pd.DataFrame,
-    *,
-    truth: np.ndarray | None = None,
-    probability: float = CONTENT,
-    width_mm: float = PAGE_MM,
-    style: Style = None,
+    specimen: Specimen, table: pd.DataFrame, *, width_mm: float = PAGE_MM
 ) -> Figure:
-    """Draw a table of :func:`~biaxbayes.prediction.bands.bands`, with true loads at its rows."""
-    # The table names quantiles after their levels; rename them by their order.
-    rest = table.columns[5 + len(BAND_QUANTILES) :]
-    table = table.set_axis(pd.Index([*table.columns[:5], *BAND_QUANTILES, *rest]), axis=1)
-    if truth is not None:
-        table = table.assign(truth=truth)
+    """Draw a table of :func:`~biaxbayes.prediction.bands.bands`, with a column ``truth`` or not."""
+    table = table.rename(columns=BAND_COLUMNS)
     shown = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]
     table, loads_of = table[table["protocol"].isin(shown)], table.columns[4:]
     scales = {
@@ -92,33 +85,32 @@ def figure_from_bands(
     }
     if not specimen.experiment.force_unit:
         scales = dict.fromkeys(scales, residual_unit(table, specimen.unit))
-    with print_style(style):
-        figure, panels = _panels(specimen, width_mm)
-        groups = table.groupby("protocol", sort=False)
-        for (loads, strips), (name, group) in zip(panels, groups, strict=True):
-            load = loads[0]
-            test = {str(axis): part for axis, part in group.groupby("direction")}
-            abscissas, label = abscissa(test, specimen.experiment.stretches)
-            first = load.get_subplotspec().is_first_col()  # type: ignore[union-attr]
-            for k, ((axis, part), strip) in enumerate(zip(test.items(), strips, strict=True)):
-                _draw(loads[k % len(loads)], abscissas[axis], part, axis)
-                scale, unit = scales[axis]
-                missed = part[loads_of].sub(part["credible_median"], axis=0)
-                _draw(strip, abscissas[axis], scale * missed, axis)
-                if first:
-                    strip.set_ylabel(f"residual\n({unit})", linespacing=1.1, **small_text())
-            strips[-1].set_xlabel(label)
-            limit_ticks(load.xaxis, 5)
-            if len(specimen.protocols) > 1:
-                load.set_title(plain(name, int(width_mm / len(panels) ** 0.5 / 3.0)), pad=2.0)
+    figure, panels = _panels(specimen, width_mm)
+    groups = table.groupby("protocol", sort=False)
+    for (loads, strips), (name, group) in zip(panels, groups, strict=True):
+        load = loads[0]
+        test = {str(axis): part for axis, part in group.groupby("direction")}
+        abscissas, label = abscissa(test, specimen.experiment.stretches)
+        first = load.get_subplotspec().is_first_col()  # type: ignore[union-attr]
+        for k, ((axis, part), strip) in enumerate(zip(test.items(), strips, strict=True)):
+            _draw(loads[k % len(loads)], abscissas[axis], part, axis)
+            scale, unit = scales[axis]
+            missed = part[loads_of].sub(part["credible_median"], axis=0)
+            _draw(strip, abscissas[axis], scale * missed, axis)
             if first:
-                for ax, (label, _) in zip(loads, load_panels(specimen), strict=True):
-                    ax.set_ylabel(label, linespacing=1.1)
-        figure.align_ylabels()
-        handles = _handles(specimen, probability, law="law" in table, truth=truth is not None)
-        across = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
-        figure.legend(handles=handles, loc="outside upper left", ncols=across, columnspacing=1.4)
-        add_note(figure, _note(len(panels), specimen, table))
+                strip.set_ylabel(f"residual\n({unit})", linespacing=1.1, **small_text())
+        strips[-1].set_xlabel(label)
+        limit_ticks(load.xaxis, 5)
+        if len(specimen.protocols) > 1:
+            load.set_title(plain(name, int(width_mm / len(panels) ** 0.5 / 3.0)), pad=2.0)
+        if first:
+            for ax, (label, _) in zip(loads, load_panels(specimen), strict=True):
+                ax.set_ylabel(label, linespacing=1.1)
+    figure.align_ylabels()
+    handles = _handles(specimen, table)
+    across = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
+    figure.legend(handles=handles, loc="outside upper left", ncols=across, columnspacing=1.4)
+    add_note(figure, _note(len(panels), specimen, table))
     return figure
 
 
@@ -240,14 +232,14 @@ def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
     return "; ".join(notes)
 
 
-def _handles(specimen: Specimen, probability: float, *, law: bool, truth: bool) -> list[Any]:
+def _handles(specimen: Specimen, table: pd.DataFrame) -> list[Any]:
     """Entries of the legend."""
     handles: list[Any] = []
     for k, label in enumerate(curve_names(specimen, 16)):
         if k in specimen.experiment.axes:
             look = {"color": colour("xy"[k]), "linewidth": 0.8, **_marker("xy"[k], 1)}
             handles.append(Line2D([], [], label=label, **look))
-    handles += band_handles(probability, " band")
-    if law:
+    handles += band_handles(CONTENT, " band")
+    if "law" in table:
         handles.append(Line2D([], [], label="law alone", color="0.3", **LAW))
-    return [*handles, Line2D([], [], label="truth", **TRUE)] if truth else handles
+    return [*handles, Line2D([], [], label="truth", **TRUE)] if "truth" in table else handles

@@ -41,6 +41,7 @@ FOREST_NOTE = (
 )
 
 
+@print_style()
 def matrix_figure(comparison: Comparison) -> Figure:
     """Verdict and reported interval of every parameter of every run."""
     runs = [
@@ -50,19 +51,18 @@ def matrix_figure(comparison: Comparison) -> Figure:
     quantities = _judged(comparison)
     names = [name for name in quantities if any(name in run for run in runs)]
     cells = [[run.get(name) for name in names] for run in runs]
-    with print_style():
-        figure = blank_figure(PAGE_MM, 15.0 + CELL_MM * len(runs))
-        draw_cells(
-            figure.subplots(),
-            [
-                [f"{SHORT.get(r.verdict, r.verdict)}\n{r.interval}" if r else "" for r in rows]
-                for rows in cells
-            ],
-            [[VERDICT_COLOURS[r.verdict] if r else "white" for r in rows] for rows in cells],
-            rows=[plain(label, 20) for label in comparison.labels],
-            columns=[axis_text(quantities[name]).label for name in names],
-        )
-        add_note(figure, "below the verdict: reported 90 % interval or 95 % bound")
+    figure = blank_figure(PAGE_MM, 15.0 + CELL_MM * len(runs))
+    draw_cells(
+        figure.subplots(),
+        [
+            [f"{SHORT.get(r.verdict, r.verdict)}\n{r.interval}" if r else "" for r in rows]
+            for rows in cells
+        ],
+        [[VERDICT_COLOURS[r.verdict] if r else "white" for r in rows] for rows in cells],
+        rows=[plain(label, 20) for label in comparison.labels],
+        columns=[axis_text(quantities[name]).label for name in names],
+    )
+    add_note(figure, "below the verdict: reported 90 % interval or 95 % bound")
     return figure
 
 
@@ -72,22 +72,22 @@ def _judged(comparison: Comparison) -> dict[str, Quantity]:
     return {q.name: q for q in judged if not q.state}
 
 
+@print_style()
 def forest_figure(comparison: Comparison) -> Figure:
     """Draw medians with 50 and 90 % intervals of every run; open symbols are not identified."""
     rows = _forest_rows(comparison)
     labels = [plain(label, 16) for label in comparison.labels]
-    with print_style():
-        tall = FOREST_ROW_MM * len(labels) + 1.0
-        figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, FOREST_NOTE)
-        for ax, (text, draws, identified) in zip(axes, rows, strict=True):
-            for i, values in draws.items():
-                hue = colour(i)
-                if np.ptp(values) > 0.0:
-                    ax.plot(np.quantile(values, tails(0.9)), [i, i], color=hue, linewidth=0.9)
-                    ax.plot(np.quantile(values, tails(0.5)), [i, i], color=hue, linewidth=2.2)
-                face = hue if identified[i] else "white"
-                ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
-            set_panel(ax, axis_span(text, *draws.values()), text.label, len(labels))
+    tall = FOREST_ROW_MM * len(labels) + 1.0
+    figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, FOREST_NOTE)
+    for ax, (text, draws, identified) in zip(axes, rows, strict=True):
+        for i, values in draws.items():
+            hue = colour(i)
+            if np.ptp(values) > 0.0:
+                ax.plot(np.quantile(values, tails(0.9)), [i, i], color=hue, linewidth=0.9)
+                ax.plot(np.quantile(values, tails(0.5)), [i, i], color=hue, linewidth=2.2)
+            face = hue if identified[i] else "white"
+            ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
+        set_panel(ax, axis_span(text, *draws.values()), text.label, len(labels))
     return figure
 
 
@@ -140,53 +140,53 @@ def _label_laws(ax: Axes, rows: pd.DataFrame, positions: np.ndarray) -> None:
     ax.axhline(positions[-1] + 0.5, color="0.6", linewidth=0.5)
 
 
+@print_style()
 def law_misfit_figure(compared: LawComparison) -> Figure:
     """Misfit of the record beside that of left-out parts, and the weights."""
     rows, positions = _weighted_rows(compared)
     laws = rows["law"] != STACKED
-    with print_style():
-        blue = colour(0)
-        figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
-        misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
-        fit, left_out = rows["rms_kPa"], rows["left_out_rms_kPa"]
-        look: dict[str, Any] = {"ms": 4.0, "mec": blue}
-        misfit.hlines(positions, fit, left_out, color="0.75", linewidth=0.8)
-        misfit.plot(fit, positions, "o", mfc="white", label="of the fit to all", **look)
-        misfit.plot(left_out, positions, "o", mfc=blue, label="of parts left out", **look)
-        misfit.set_xlim(left=0.0)
-        misfit.set_xlabel("rms misfit (kPa)")
-        _label_laws(misfit, rows, positions)
-        weights.barh(positions[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
-        ends = rows["weight_low"][laws], rows["weight_high"][laws]
-        weights.hlines(positions[laws], *ends, color="0.2")
-        weights.set_xlim(0.0, 1.0)
-        weights.set_xlabel("weight, and range with a part dropped")
-        for ax in (misfit, weights):
-            limit_ticks(ax.xaxis)
-        figure.legend(loc="outside upper left", ncols=2)
+    blue = colour(0)
+    figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
+    misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
+    fit, left_out = rows["rms_kPa"], rows["left_out_rms_kPa"]
+    look: dict[str, Any] = {"ms": 4.0, "mec": blue}
+    misfit.hlines(positions, fit, left_out, color="0.75", linewidth=0.8)
+    misfit.plot(fit, positions, "o", mfc="white", label="of the fit to all", **look)
+    misfit.plot(left_out, positions, "o", mfc=blue, label="of parts left out", **look)
+    misfit.set_xlim(left=0.0)
+    misfit.set_xlabel("rms misfit (kPa)")
+    _label_laws(misfit, rows, positions)
+    weights.barh(positions[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
+    ends = rows["weight_low"][laws], rows["weight_high"][laws]
+    weights.hlines(positions[laws], *ends, color="0.2")
+    weights.set_xlim(0.0, 1.0)
+    weights.set_xlabel("weight, and range with a part dropped")
+    for ax in (misfit, weights):
+        limit_ticks(ax.xaxis)
+    figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
+@print_style()
 def law_mounting_figure(compared: LawComparison) -> Figure | None:
     """Draw the mounting stretches by law; None if none is inferred."""
     rows, positions = _weighted_rows(compared)
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
-    with print_style():
-        figure = blank_figure(PAGE_MM, HEAD_MM + LAW_ROW_MM * (len(rows) + 0.4))
-        panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
-        for ax, name in zip(panels, names, strict=True):
-            low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
-            # a law that hardly predicts is drawn lightly
-            hues = np.where(rows["weight"] >= 0.05, colour(0), "0.65")
-            ax.hlines(positions, low, high, color=hues, linewidth=1.6)
-            for position, m, hue in zip(positions, median, hues, strict=True):
-                ax.plot(m, position, "o", ms=3.5, color=hue)
-            ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
-            ax.set_xlabel(quantity(name).label)
-            limit_ticks(ax.xaxis)
-        _label_laws(panels[0], rows, positions)
+    figure = blank_figure(PAGE_MM, HEAD_MM + LAW_ROW_MM * (len(rows) + 0.4))
+    panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
+    for ax, name in zip(panels, names, strict=True):
+        low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
+        # a law that hardly predicts is drawn lightly
+        hues = np.where(rows["weight"] >= 0.05, colour(0), "0.65")
+        ax.hlines(positions, low, high, color=hues, linewidth=1.6)
+        for position, m, hue in zip(positions, median, hues, strict=True):
+            ax.plot(m, position, "o", ms=3.5, color=hue)
+        ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
+        ax.set_xlabel(quantity(name).label)
+        limit_ticks(ax.xaxis)
+    _label_laws(panels[0], rows, positions)
     return figure
 
 
@@ -209,6 +209,7 @@ MAX_LINEAR_SHIFT, LINEAR_SHIFT = 15.0, 2.0
 """Up to the first shift the axis is linear; beyond, it is logarithmic outside the second."""
 
 
+@print_style()
 def ledger_figure(ledger: Ledger) -> Figure:
     """Draw parameters in sd of the inferred posterior, and stresses over the inferred median."""
     rows = max(len(ledger.parameters), len(ledger.stresses))
@@ -220,14 +221,13 @@ def ledger_figure(ledger: Ledger) -> Figure:
     stresses = _treatment_quantiles(ledger.stresses)
     # per cent: 100 (s / median inferred - 1)
     relative = 100.0 * (stresses / stresses[:, :1, 1:2] - 1.0)
-    with print_style():
-        figure = blank_figure(PAGE_MM, LEDGER_ROW_MM * rows + 20.0)
-        left, right = figure.subplots(1, 2, width_ratios=(0.46, 0.54))
-        _draw_shifts(left, ledger)
-        _draw_treatments(right, relative, labels)
-        right.set_xlabel("stress relative to the inferred median (%)")
-        handles, names = left.get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside upper center", ncols=3, columnspacing=2.5)
+    figure = blank_figure(PAGE_MM, LEDGER_ROW_MM * rows + 20.0)
+    left, right = figure.subplots(1, 2, width_ratios=(0.46, 0.54))
+    _draw_shifts(left, ledger)
+    _draw_treatments(right, relative, labels)
+    right.set_xlabel("stress relative to the inferred median (%)")
+    handles, names = left.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=3, columnspacing=2.5)
     return figure
 
 

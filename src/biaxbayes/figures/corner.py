@@ -28,7 +28,6 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     SIDE_BY_SIDE_MM,
-    Style,
     blank_figure,
     colour,
     limit_ticks,
@@ -58,6 +57,7 @@ class CornerAxis:
     own: list[Span | None]
 
 
+@print_style()
 def corner_figure(
     draws: pd.DataFrame,
     *,
@@ -65,16 +65,14 @@ def corner_figure(
     compare: pd.DataFrame | None = None,
     names: tuple[str, str] = ("this run", "compared"),
     parameters: Sequence[str] | None = None,
-    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
-    style: Style = None,
     known: Quantities | None = None,
     law: str = "",
 ) -> Figure:
     """Draw the pairwise and marginal posterior of material parameters and mounting stretches.
 
-    `truth` is dashed, the draws `compare` of another run are outlined. `probability` is the
-    content of the shaded interval, which is central.
+    `truth` is dashed, the draws `compare` of another run are outlined. The shaded
+    interval has a content of 90 %, and is central.
     """
     runs = [draws] if compare is None else [draws, compare]
     truth = {k: float(v) for k, v in (truth or {}).items() if np.isfinite(v)}
@@ -86,39 +84,36 @@ def corner_figure(
     columns = [c for c in columns if c.draws[0] is not None]
     if not columns:
         raise InputError("no parameter of this run varies, so there is nothing to draw")
-    with print_style(style):
-        figure, grid = _panels(columns, width_mm)
-        for run in range(len(runs)):
-            _draw_pairs(grid, columns, run, filled=run == 0)
-        texts = [
-            _draw_marginal(grid[i, i], column, fixed, probability)
-            for i, column in enumerate(columns)
-        ]
-        _set_axes(grid, columns, width_mm)
-        line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": DASHES}
-        known_truth = {i: truth[c.name] for i, c in enumerate(columns) if c.name in truth}
-        for i, value in known_truth.items():
-            for ax in grid[i:, i]:
-                ax.axvline(value, **line)
-            for ax in grid[i, :i]:
-                ax.axhline(value, **line)
-        contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
-        title = f"posterior{f', {law}' if law else ''}\n"
-        title += f"median ({100 * probability:g} %); regions: {contents} %"
-        if any(MEAN in c.quantity.symbol for c in columns):
-            title += "\nbar: mean over protocols"
-        handles: list[Any] = [Line2D([], [], alpha=0.0, label=row[0]) for row in texts]
-        if known_truth:
-            handles.append(Line2D([], [], label="truth", **line))
-        if compare is not None:
-            handles.insert(0, Patch(color=colour(0), label=plain(names[0], 20)))
-            outline = f"{plain(names[1], 20)} (90 %)"
-            handles.append(Patch(fc="none", ec=colour(1), label=outline))
-            handles += [Line2D([], [], alpha=0.0, label=row[1]) for row in texts]
-        _add_legend(figure, handles, title, 1 if compare is None else 2)
+    figure, grid = _panels(columns, width_mm)
+    for run in range(len(runs)):
+        _draw_pairs(grid, columns, run, filled=run == 0)
+    texts = [_draw_marginal(grid[i, i], column, fixed) for i, column in enumerate(columns)]
+    _set_axes(grid, columns, width_mm)
+    line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": DASHES}
+    known_truth = {i: truth[c.name] for i, c in enumerate(columns) if c.name in truth}
+    for i, value in known_truth.items():
+        for ax in grid[i:, i]:
+            ax.axvline(value, **line)
+        for ax in grid[i, :i]:
+            ax.axhline(value, **line)
+    contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
+    title = f"posterior{f', {law}' if law else ''}\n"
+    title += f"median ({100 * CONTENT:g} %); regions: {contents} %"
+    if any(MEAN in c.quantity.symbol for c in columns):
+        title += "\nbar: mean over protocols"
+    handles: list[Any] = [Line2D([], [], alpha=0.0, label=row[0]) for row in texts]
+    if known_truth:
+        handles.append(Line2D([], [], label="truth", **line))
+    if compare is not None:
+        handles.insert(0, Patch(color=colour(0), label=plain(names[0], 20)))
+        outline = f"{plain(names[1], 20)} (90 %)"
+        handles.append(Patch(fc="none", ec=colour(1), label=outline))
+        handles += [Line2D([], [], alpha=0.0, label=row[1]) for row in texts]
+    _add_legend(figure, handles, title, 1 if compare is None else 2)
     return figure
 
 
+@print_style()
 def overlay_figure(
     runs: Sequence[pd.DataFrame],
     labels: Sequence[str],
@@ -131,29 +126,28 @@ def overlay_figure(
     columns = _columns(runs, known=known, include=points)
     if not columns:
         raise InputError("no parameter of these runs varies, so there is nothing to draw")
-    with print_style():
-        figure, grid = _panels(columns, PAGE_MM)
-        handles = []
-        for run, label in enumerate(labels):
-            hue = colour(run)
-            _draw_pairs(grid, columns, run, filled=None)
-            for ax, column in zip(grid.diagonal(), columns, strict=True):
-                values, axis = column.draws[run], column.own[run]
-                if values is None or axis is None:
-                    continue
-                # Every density has the same height, since widths are compared.
-                x, density = curve(values, axis)
-                ax.plot(x, density / density.max(), color=hue, linewidth=0.9)
-                ax.fill_between(x, density / density.max(), color=hue, alpha=REGION_OPACITY, lw=0.0)
-                ax.set_ylim(0.0, 1.08)
-            for i, j in np.argwhere(np.tri(len(columns), k=-1)) if len(points) else ():
-                x, y = (points[run][columns[k].name] for k in (j, i))
-                grid[i, j].plot(x, y, "o", color=hue, markersize=2.6)
-            handles.append(
-                Patch(fc=(hue, REGION_OPACITY), ec=hue, linewidth=0.9, label=plain(label, 24))
-            )
-        _set_axes(grid, columns, PAGE_MM)
-        _add_legend(figure, handles, title)
+    figure, grid = _panels(columns, PAGE_MM)
+    handles = []
+    for run, label in enumerate(labels):
+        hue = colour(run)
+        _draw_pairs(grid, columns, run, filled=None)
+        for ax, column in zip(grid.diagonal(), columns, strict=True):
+            values, axis = column.draws[run], column.own[run]
+            if values is None or axis is None:
+                continue
+            # Every density has the same height, since widths are compared.
+            x, density = curve(values, axis)
+            ax.plot(x, density / density.max(), color=hue, linewidth=0.9)
+            ax.fill_between(x, density / density.max(), color=hue, alpha=REGION_OPACITY, lw=0.0)
+            ax.set_ylim(0.0, 1.08)
+        for i, j in np.argwhere(np.tri(len(columns), k=-1)) if len(points) else ():
+            x, y = (points[run][columns[k].name] for k in (j, i))
+            grid[i, j].plot(x, y, "o", color=hue, markersize=2.6)
+        handles.append(
+            Patch(fc=(hue, REGION_OPACITY), ec=hue, linewidth=0.9, label=plain(label, 24))
+        )
+    _set_axes(grid, columns, PAGE_MM)
+    _add_legend(figure, handles, title)
     return figure
 
 
@@ -242,9 +236,7 @@ def _draw_pairs(
             draw_regions(grid[i, j], pair, axes, hue, filled=filled)  # type: ignore[arg-type]
 
 
-def _draw_marginal(
-    ax: Axes, column: CornerAxis, fixed: Sequence[Mapping[str, float]], probability: float
-) -> list[str]:
+def _draw_marginal(ax: Axes, column: CornerAxis, fixed: Sequence[Mapping[str, float]]) -> list[str]:
     """Draw the densities, the interval of the first run shaded; return the texts by run."""
     texts = []
     top, label = 0.0, column.quantity.label
@@ -257,7 +249,7 @@ def _draw_marginal(
             texts.append("" if value is None else f"{label}  {value:.4g} (fixed)")
             continue
         x, density = curve(values, axis)
-        median, low, high = np.quantile(values, [0.5, *tails(probability)])
+        median, low, high = np.quantile(values, [0.5, *tails(CONTENT)])
         density = density / trapezoid(density, column.axis.forward(x))
         ax.plot(x, density, color=hue, linewidth=0.9)
         if run == 0:

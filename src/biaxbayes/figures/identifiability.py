@@ -13,7 +13,6 @@ from biaxbayes.figures.quantities import axis_text
 from biaxbayes.figures.style import (
     PAGE_MM,
     SIDE_BY_SIDE_MM,
-    Style,
     blank_figure,
     limit_ticks,
     print_style,
@@ -48,12 +47,12 @@ WIDE, NARROW = (12.5, 40, 2), (24.0, 24, 4)
 """Least height of a row, letters per line of its reason, and lines of interval and verdict."""
 
 
+@print_style()
 def identifiability_figure(
     verdicts: Identifiability,
     reported: Sequence[ReportRow],
     *,
     width_mm: float = PAGE_MM,
-    style: Style = None,
 ) -> Figure:
     """Prior and posterior of the first 16 parameters beside their rows of the reported table."""
     rows = reported[:MAX_ROWS]
@@ -64,18 +63,17 @@ def identifiability_figure(
     widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.48)
     wide_headings = ["prior (grey), posterior", "contraction", "verdict"]
     headings = wide_headings if wide else ["prior, posterior", "verdict"]
-    with print_style(style):
-        figure = blank_figure(width_mm, 7.0 + sum(heights))
-        grid = figure.subplots(
-            len(rows), len(widths), squeeze=False, width_ratios=widths, height_ratios=heights
-        )
-        for axes, row, reason in zip(grid, rows, reasons, strict=True):
-            _draw_densities(axes[0], verdicts[row.name])
-            if wide:
-                _draw_contraction(axes[1], verdicts[row.name])
-            _write_row(axes[-1], row, reason, wide=wide)
-        for ax, heading in zip(grid[0], headings, strict=True):
-            ax.set_title(heading, loc="left", **small_text(color="0.35"))
+    figure = blank_figure(width_mm, 7.0 + sum(heights))
+    grid = figure.subplots(
+        len(rows), len(widths), squeeze=False, width_ratios=widths, height_ratios=heights
+    )
+    for axes, row, reason in zip(grid, rows, reasons, strict=True):
+        _draw_densities(axes[0], verdicts[row.name])
+        if wide:
+            _draw_contraction(axes[1], verdicts[row.name])
+        _write_row(axes[-1], row, reason, wide=wide)
+    for ax, heading in zip(grid[0], headings, strict=True):
+        ax.set_title(heading, loc="left", **small_text(color="0.35"))
     return figure
 
 

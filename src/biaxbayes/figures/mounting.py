@@ -26,7 +26,6 @@ from biaxbayes.figures.style import (
     PAGE_MM,
     REFERENCE,
     SIDE_BY_SIDE_MM,
-    Style,
     blank_figure,
     colour,
     limit_ticks,
@@ -46,46 +45,46 @@ from biaxbayes.specimens.specimen import Specimen
 MAX_DRAWN_PROTOCOLS, HEIGHT_MM = 6, 55.0
 
 
+@print_style()
 def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
     """Sketch the sheet and its hooks; draw the hook load over the uniform one, with two sd."""
     names = ratios["protocol"].drop_duplicates().to_list()[:MAX_DRAWN_PROTOCOLS]
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
-    with print_style():
-        figure = blank_figure(PAGE_MM, HEIGHT_MM * rows)
-        widths = (1.0, 0.75 + columns)
-        ((left, right),) = figure.subfigures(1, 2, squeeze=False, width_ratios=widths)
-        _draw_sketch(left.subplots(), specimen)
-        axes = right.subplots(rows, columns, squeeze=False, sharey=True)
-        for ax in axes.flat[len(names) :]:
-            ax.set_visible(False)
-        for ax, name in zip(axes.flat, names, strict=False):
-            table = ratios[ratios["protocol"] == name]
-            for axis, line in (("x", "-"), ("y", "--")):
-                hue, stretch = colour(axis), table[f"stretch_{axis}"]
-                ratio = table[f"force_ratio_{axis}"]
-                two_sd = 2.0 * ratio * table[f"sd_log_force_ratio_{axis}"]
-                ax.plot(stretch, ratio, line, color=hue, label=axis)
-                band = ratio - two_sd, ratio + two_sd
-                ax.fill_between(stretch, *band, color=hue, alpha=BAND_OPACITY["credible"], lw=0)
-            ax.set_xlabel("stretch")
-            limit_ticks(ax.xaxis, 4)
-            if len(names) > 1:
-                ax.set_title(plain(str(name), 30))
-        axes[0, 0].set_ylabel("force on hooks /\nforce of a uniform test")
-        axes[0, 0].legend()
+    figure = blank_figure(PAGE_MM, HEIGHT_MM * rows)
+    widths = (1.0, 0.75 + columns)
+    ((left, right),) = figure.subfigures(1, 2, squeeze=False, width_ratios=widths)
+    _draw_sketch(left.subplots(), specimen)
+    axes = right.subplots(rows, columns, squeeze=False, sharey=True)
+    for ax in axes.flat[len(names) :]:
+        ax.set_visible(False)
+    for ax, name in zip(axes.flat, names, strict=False):
+        table = ratios[ratios["protocol"] == name]
+        for axis, line in (("x", "-"), ("y", "--")):
+            hue, stretch = colour(axis), table[f"stretch_{axis}"]
+            ratio = table[f"force_ratio_{axis}"]
+            two_sd = 2.0 * ratio * table[f"sd_log_force_ratio_{axis}"]
+            ax.plot(stretch, ratio, line, color=hue, label=axis)
+            band = ratio - two_sd, ratio + two_sd
+            ax.fill_between(stretch, *band, color=hue, alpha=BAND_OPACITY["credible"], lw=0)
+        ax.set_xlabel("stretch")
+        limit_ticks(ax.xaxis, 4)
+        if len(names) > 1:
+            ax.set_title(plain(str(name), 30))
+    axes[0, 0].set_ylabel("force on hooks /\nforce of a uniform test")
+    axes[0, 0].legend()
     return figure
 
 
+@print_style()
 def sketch_figure(specimen: Specimen) -> Figure:
     """Sketch of the unloaded sheet, its hooks and the markers, to scale."""
     a, b = edges_mm(specimen)
-    with print_style():
-        figure = blank_figure(COLUMN_MM, COLUMN_MM * max(b / a, 0.5))
-        ax = figure.subplots()
-        _draw_sketch(ax, specimen)
-        ax.set_anchor("N")
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    figure = blank_figure(COLUMN_MM, COLUMN_MM * max(b / a, 0.5))
+    ax = figure.subplots()
+    _draw_sketch(ax, specimen)
+    ax.set_anchor("N")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -128,14 +127,13 @@ class DrawnState(NamedTuple):
     true_force: list[float]
 
 
+@print_style()
 def mounting_figure(
     specimen: Specimen,
     draws: pd.DataFrame,
     *,
     truth: Mapping[str, float] | None = None,
-    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
-    style: Style = None,
 ) -> Figure:
     """Draw the mounting stretches, and the posterior of the mounting force with its reading."""
     if specimen.test != "biaxial":
@@ -148,18 +146,17 @@ def mounting_figure(
             "this run does not infer the mounting stretch",
             remedy="sample with `mounting` noisy, exact or free",
         )
-    with print_style(style):
-        states = _states(specimen, draws, dict(truth or {}))
-        bars = 2 * len(states) * ROW_MM
-        if width_mm >= SIDE_BY_SIDE_MM:
-            figure = blank_figure(width_mm, max(0.4 * width_mm, bars + 17.0))
-            left, right = figure.subplots(1, 2, width_ratios=(0.42, 0.58))
-        else:
-            side = width_mm - 22.0
-            figure = blank_figure(width_mm, side + bars + 34.0)
-            left, right = figure.subplots(2, 1, height_ratios=(side, bars))
-        _draw_stretches(left, states)
-        _draw_forces(right, states, specimen.unit, probability)
+    states = _states(specimen, draws, dict(truth or {}))
+    bars = 2 * len(states) * ROW_MM
+    if width_mm >= SIDE_BY_SIDE_MM:
+        figure = blank_figure(width_mm, max(0.4 * width_mm, bars + 17.0))
+        left, right = figure.subplots(1, 2, width_ratios=(0.42, 0.58))
+    else:
+        side = width_mm - 22.0
+        figure = blank_figure(width_mm, side + bars + 34.0)
+        left, right = figure.subplots(2, 1, height_ratios=(side, bars))
+    _draw_stretches(left, states)
+    _draw_forces(right, states, specimen.unit)
     return figure
 
 
@@ -223,9 +220,9 @@ def _draw_stretches(ax: Axes, states: list[DrawnState]) -> None:
     ax.set_title(title, loc="right", **small_text(color="0.3"))
 
 
-def _draw_forces(ax: Axes, states: list[DrawnState], unit: str, probability: float) -> None:
+def _draw_forces(ax: Axes, states: list[DrawnState], unit: str) -> None:
     """Intervals of the mounting force and of its reading, both about the reading."""
-    low_tail, high_tail = tails(probability)
+    low_tail, high_tail = tails(CONTENT)
     rows = [(state, k) for state in states for k in (0, 1)]
     about = [s.force[:, k] - s.reading[k] for s, k in rows]
     quantiles = np.array([np.quantile(d, [low_tail, 0.5, high_tail]) for d in about])
@@ -253,6 +250,6 @@ def _draw_forces(ax: Axes, states: list[DrawnState], unit: str, probability: flo
     limit_ticks(ax.xaxis, 5)
     ax.axvline(0.0, **REFERENCE)
     ax.set_xlabel(f"mounting force less its reading ({shown_unit})")
-    content = f"{100 * probability:g} %"
+    content = f"{100 * CONTENT:g} %"
     title = f"grey: reading, {content};  colour: posterior, {content}"
     ax.set_title(title, loc="right", **small_text(color="0.3"))

@@ -35,6 +35,7 @@ STUDY_ROW_MM, TALLEST_STUDY_MM = 4.2, 62.0
 STUDY_NOTE = "90 %; filled: identified or bounded; open: neither; cross: fixed"
 
 
+@print_style()
 def study_figure(table: pd.DataFrame, group_of: Mapping[str, str]) -> Figure:
     """Draw medians and 90 % intervals of every specimen; open symbols are not identified."""
     table = table.assign(group=table["specimen"].map(group_of))
@@ -51,20 +52,19 @@ def study_figure(table: pd.DataFrame, group_of: Mapping[str, str]) -> Figure:
         group = specimens["group"].reset_index(drop=True)
         rows = {float(np.mean(part.index)): k or "no group" for k, part in group.groupby(group)}
     labels = [plain(name, LABEL_LENGTH) for name in rows.values()]
-    with print_style():
-        tall = row_mm * len(specimens)
-        figure, axes = row_panels(len(names), tall, list(rows), labels, STUDY_NOTE)
-        for ax, name in zip(axes, names, strict=True):
-            part = drawn[drawn["quantity"] == name].set_index("specimen")
-            _draw_specimens(ax, part, quantity(name), specimens, groups)
-        shown = [k for k, group in enumerate(groups) if (drawn["group"] == group).any()]
-        if len(shown) > 1:
-            handles = []
-            for k in shown:
-                (hue, marker), label = group_look(k), plain(groups[k] or "no group", LABEL_LENGTH)
-                look: dict[str, Any] = {"color": hue, "marker": marker, "label": label}
-                handles.append(Line2D([], [], linewidth=1.0, ms=3.4, **look))
-            figure.legend(handles=handles, loc="outside lower left", ncols=min(len(shown), 6))
+    tall = row_mm * len(specimens)
+    figure, axes = row_panels(len(names), tall, list(rows), labels, STUDY_NOTE)
+    for ax, name in zip(axes, names, strict=True):
+        part = drawn[drawn["quantity"] == name].set_index("specimen")
+        _draw_specimens(ax, part, quantity(name), specimens, groups)
+    shown = [k for k, group in enumerate(groups) if (drawn["group"] == group).any()]
+    if len(shown) > 1:
+        handles = []
+        for k in shown:
+            (hue, marker), label = group_look(k), plain(groups[k] or "no group", LABEL_LENGTH)
+            look: dict[str, Any] = {"color": hue, "marker": marker, "label": label}
+            handles.append(Line2D([], [], linewidth=1.0, ms=3.4, **look))
+        figure.legend(handles=handles, loc="outside lower left", ncols=min(len(shown), 6))
     return figure
 
 
@@ -103,6 +103,7 @@ HIGHEST = 10.0
 """Times the largest median at which a band that is higher than the records is cut."""
 
 
+@print_style()
 def forest_figure(
     specimens: pd.DataFrame, groups: pd.DataFrame, parameters: Sequence[Parameter]
 ) -> Figure:
@@ -117,33 +118,32 @@ def forest_figure(
         for i, (kind, name, _) in enumerate(rows)
         if kind == "group" or row_mm >= MIN_LABEL_MM
     }
-    with print_style():
-        tall, names = row_mm * len(rows) + 1.0, list(labels.values())
-        figure, axes = row_panels(len(parameters), tall, list(labels), names, NOTE)
-        for ax, p in zip(axes, parameters, strict=True):
-            tables = {
-                kind: table[table["quantity"] == p.name].set_index(kind)
-                for kind, table in (("specimen", specimens), ("group", groups))
-            }
-            for i, (kind, name, k) in enumerate(rows):
-                row, (hue, marker) = tables[kind].loc[name], group_look(k)
-                intervals: list[tuple[str, float, str, float, str, float]] = (
-                    [("new_specimen", i, hue, 0.6, "", 0.0), ("mean", i, hue, 2.0, "D", 3.6)]
-                    if kind == "group"
-                    else [
-                        ("single", i - 0.17, ALONE, 1.0, "o", 2.0),
-                        ("pooled", i + 0.17, hue, 1.4, marker, 2.8),
-                    ]
-                )
-                for part, y, tint, width, symbol, size in intervals:
-                    low, median, high = (float(row[f"{part}_{q}"]) for q in QUANTILES)
-                    ax.plot([low, high], [y, y], color=tint, lw=width, solid_capstyle="butt")
-                    ax.plot(median, y, marker=symbol, ls="", color=tint, markersize=size)
-            ax.set(ylim=(len(rows) - 0.4, -0.6), xlabel=axis_text(Quantity(p)).label)
-            low, high = ax.dataLim.intervalx
-            if p.logarithmic and low > 0.0 and high > LOG_AXIS_RATIO * low:
-                ax.set_xscale("log")
-            limit_ticks(ax.xaxis)
+    tall, names = row_mm * len(rows) + 1.0, list(labels.values())
+    figure, axes = row_panels(len(parameters), tall, list(labels), names, NOTE)
+    for ax, p in zip(axes, parameters, strict=True):
+        tables = {
+            kind: table[table["quantity"] == p.name].set_index(kind)
+            for kind, table in (("specimen", specimens), ("group", groups))
+        }
+        for i, (kind, name, k) in enumerate(rows):
+            row, (hue, marker) = tables[kind].loc[name], group_look(k)
+            intervals: list[tuple[str, float, str, float, str, float]] = (
+                [("new_specimen", i, hue, 0.6, "", 0.0), ("mean", i, hue, 2.0, "D", 3.6)]
+                if kind == "group"
+                else [
+                    ("single", i - 0.17, ALONE, 1.0, "o", 2.0),
+                    ("pooled", i + 0.17, hue, 1.4, marker, 2.8),
+                ]
+            )
+            for part, y, tint, width, symbol, size in intervals:
+                low, median, high = (float(row[f"{part}_{q}"]) for q in QUANTILES)
+                ax.plot([low, high], [y, y], color=tint, lw=width, solid_capstyle="butt")
+                ax.plot(median, y, marker=symbol, ls="", color=tint, markersize=size)
+        ax.set(ylim=(len(rows) - 0.4, -0.6), xlabel=axis_text(Quantity(p)).label)
+        low, high = ax.dataLim.intervalx
+        if p.logarithmic and low > 0.0 and high > LOG_AXIS_RATIO * low:
+            ax.set_xscale("log")
+        limit_ticks(ax.xaxis)
     return figure
 
 
@@ -163,6 +163,7 @@ def pairs_figure(
     )
 
 
+@print_style()
 def band_figure(
     bands: pd.DataFrame,
     records: Sequence[tuple[str, np.ndarray, np.ndarray]],
@@ -174,27 +175,26 @@ def band_figure(
     `records` are (group, total stretch (n, 2), Cauchy stress in kPa (n, 2)).
     """
     groups = list(bands["group"].unique())
-    with print_style():
-        figure = blank_figure(PAGE_MM, 48.0 * len(groups) + 6.0)
-        highest = max((float(stress.max()) for _, _, stress in records), default=0.0)
-        axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True, sharey=True)
-        for (k, axis), ax in np.ndenumerate(axes):
-            part, (hue, _) = bands[bands["group"] == groups[k]], group_look(k)
-            stretch = part["total_stretch"]
-            low, median, high = (part[f"cauchy_{'xy'[axis]}_{q}"] for q in ("q05", "q50", "q95"))
-            ax.fill_between(stretch, low, high, color=hue, alpha=0.2, linewidth=0.0)
-            ax.plot(stretch, median, color=hue)
-            for group, measured, stress in records:
-                if group == groups[k]:
-                    ax.plot(measured[:, axis], stress[:, axis], color="0.25", linewidth=0.5)
-            highest = max(highest, min(high.max(), HIGHEST * median.max()))
-            limit_ticks(ax.xaxis)
-            limit_ticks(ax.yaxis)
-            ax.set_title(f"{plain(groups[k], LABEL_LENGTH)}, {plain(directions[axis], 20)}")
-        axes[0, 0].set_xlim(left=bands["total_stretch"].min())
-        axes[0, 0].set_ylim(0.0, 1.05 * highest)
-        for ax in axes[-1]:
-            ax.set_xlabel("total equibiaxial stretch")
-        figure.supylabel("Cauchy stress (kPa)")
-        add_note(figure, BAND_NOTE)
+    figure = blank_figure(PAGE_MM, 48.0 * len(groups) + 6.0)
+    highest = max((float(stress.max()) for _, _, stress in records), default=0.0)
+    axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True, sharey=True)
+    for (k, axis), ax in np.ndenumerate(axes):
+        part, (hue, _) = bands[bands["group"] == groups[k]], group_look(k)
+        stretch = part["total_stretch"]
+        low, median, high = (part[f"cauchy_{'xy'[axis]}_{q}"] for q in ("q05", "q50", "q95"))
+        ax.fill_between(stretch, low, high, color=hue, alpha=0.2, linewidth=0.0)
+        ax.plot(stretch, median, color=hue)
+        for group, measured, stress in records:
+            if group == groups[k]:
+                ax.plot(measured[:, axis], stress[:, axis], color="0.25", linewidth=0.5)
+        highest = max(highest, min(high.max(), HIGHEST * median.max()))
+        limit_ticks(ax.xaxis)
+        limit_ticks(ax.yaxis)
+        ax.set_title(f"{plain(groups[k], LABEL_LENGTH)}, {plain(directions[axis], 20)}")
+    axes[0, 0].set_xlim(left=bands["total_stretch"].min())
+    axes[0, 0].set_ylim(0.0, 1.05 * highest)
+    for ax in axes[-1]:
+        ax.set_xlabel("total equibiaxial stretch")
+    figure.supylabel("Cauchy stress (kPa)")
+    add_note(figure, BAND_NOTE)
     return figure

@@ -20,7 +20,6 @@ from biaxbayes.figures.style import (
     COLUMN_MM,
     DASHES,
     SIDE_BY_SIDE_MM,
-    Style,
     blank_figure,
     colour,
     limit_ticks,
@@ -38,6 +37,7 @@ GREY = "0.3"
 READINGS: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyle": "none"}
 
 
+@print_style()
 def stress_figure(
     table: pd.DataFrame,
     *,
@@ -46,7 +46,6 @@ def stress_figure(
     directions: tuple[str, str] = ("x", "y"),
     measured: pd.DataFrame | None = None,
     width_mm: float = COLUMN_MM,
-    style: Style = None,
 ) -> Figure:
     """Draw stress against stretch with both bands, and below the bands less their median."""
     stress = "cauchy" if any(str(c).startswith("cauchy") for c in table) else "piola"
@@ -57,41 +56,40 @@ def stress_figure(
         stretches = ["stretch_x", "stretch_y"]
         nearest = cdist(read[stretches], table[stretches]).argmin(axis=1)
     wide = width_mm >= SIDE_BY_SIDE_MM and len(axes) == 2
-    with print_style(style):
-        heights = [CURVE_MM, *[BAND_STRIP_MM] * (1 if wide else len(axes))]
-        figure = blank_figure(width_mm, sum(heights) + 16.0)
-        grid = figure.add_gridspec(len(heights), 2 if wide else 1, height_ratios=heights)
-        first = figure.add_subplot(grid[0, 0])
-        second = figure.add_subplot(grid[0, 1], sharex=first, sharey=first) if wide else first
-        cells = [grid[1, k] if wide else grid[1 + k, 0] for k in range(len(axes))]
-        strips = [figure.add_subplot(cell, sharex=first) for cell in cells]
-        for k, (axis, ax, strip) in enumerate(zip(axes, (first, second), strips, strict=False)):
-            stem, tint, name_of = f"{stress}_{axis}_kPa", colour(axis), directions["xy".index(axis)]
-            direction = "" if name_of == axis else f": {plain(name_of, 24)}"
-            draw_bands(ax, along, table, f"{stem}_", tint)
-            _draw_line(ax, along, table[f"{stem}_median"], table, tint, f"{axis}{direction}")
-            draw_bands(strip, along, _less_median(table, stem), f"{stem}_", tint)
-            strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
-            if read is not None:
-                at = read[name] if name else 1.0 + nearest
-                ax.plot(at, read[stem], AXIS_MARKERS[axis], color=tint, **READINGS)
-                strip.plot(at, read[f"{stem}_residual"], AXIS_MARKERS[axis], color=tint, **READINGS)
-            if k == 0 or not wide:
-                strip.set_ylabel("less median\n(kPa)", linespacing=1.1, **small_text())
-            limit_ticks(strip.yaxis, 3)
-            ax.margins(x=0.0)
-            ax.tick_params(labelbottom=False, labelleft=k == 0 or not wide)
-            lowest = wide or k == len(axes) - 1
-            strip.tick_params(labelbottom=lowest)
-            if lowest:
-                strip.set_xlabel(label)
-        first.set_ylabel(f"{STRESS_NAMES[stress]} (kPa)")
-        figure.align_ylabels()
+    heights = [CURVE_MM, *[BAND_STRIP_MM] * (1 if wide else len(axes))]
+    figure = blank_figure(width_mm, sum(heights) + 16.0)
+    grid = figure.add_gridspec(len(heights), 2 if wide else 1, height_ratios=heights)
+    first = figure.add_subplot(grid[0, 0])
+    second = figure.add_subplot(grid[0, 1], sharex=first, sharey=first) if wide else first
+    cells = [grid[1, k] if wide else grid[1 + k, 0] for k in range(len(axes))]
+    strips = [figure.add_subplot(cell, sharex=first) for cell in cells]
+    for k, (axis, ax, strip) in enumerate(zip(axes, (first, second), strips, strict=False)):
+        stem, tint, name_of = f"{stress}_{axis}_kPa", colour(axis), directions["xy".index(axis)]
+        direction = "" if name_of == axis else f": {plain(name_of, 24)}"
+        draw_bands(ax, along, table, f"{stem}_", tint)
+        _draw_line(ax, along, table[f"{stem}_median"], table, tint, f"{axis}{direction}")
+        draw_bands(strip, along, _less_median(table, stem), f"{stem}_", tint)
+        strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
         if read is not None:
-            first.plot([], [], marker="o", color=GREY, label="measured", **READINGS)
-        _add_legend(first, table, probability)
-        if wide:
-            second.legend(loc="upper left", borderaxespad=0.2)
+            at = read[name] if name else 1.0 + nearest
+            ax.plot(at, read[stem], AXIS_MARKERS[axis], color=tint, **READINGS)
+            strip.plot(at, read[f"{stem}_residual"], AXIS_MARKERS[axis], color=tint, **READINGS)
+        if k == 0 or not wide:
+            strip.set_ylabel("less median\n(kPa)", linespacing=1.1, **small_text())
+        limit_ticks(strip.yaxis, 3)
+        ax.margins(x=0.0)
+        ax.tick_params(labelbottom=False, labelleft=k == 0 or not wide)
+        lowest = wide or k == len(axes) - 1
+        strip.tick_params(labelbottom=lowest)
+        if lowest:
+            strip.set_xlabel(label)
+    first.set_ylabel(f"{STRESS_NAMES[stress]} (kPa)")
+    figure.align_ylabels()
+    if read is not None:
+        first.plot([], [], marker="o", color=GREY, label="measured", **READINGS)
+    _add_legend(first, table, probability)
+    if wide:
+        second.legend(loc="upper left", borderaxespad=0.2)
     return figure
 
 
@@ -106,42 +104,41 @@ def _abscissa(table: pd.DataFrame, reference: str) -> tuple[np.ndarray, str, str
     return leading, f"{reference} stretch{direction}", f"stretch_{axis}"
 
 
+@print_style()
 def inflation_figure(
     table: pd.DataFrame,
     *,
     probability: float = CONTENT,
     width_mm: float = COLUMN_MM,
-    style: Style = None,
 ) -> Figure:
     """Draw pressure against outer diameter with both bands, and the bands less their median."""
     upright = "pressure_kPa_median" in table
     stem, other = ("pressure_kPa", "outer_diameter_mm")[:: 1 if upright else -1]
     along, median = table[other].to_numpy(), table[f"{stem}_median"]
-    with print_style(style):
-        tint = colour(0)
-        figure = blank_figure(width_mm, 0.85 * width_mm)
-        if upright:
-            ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
-            _draw_line(ax, along, median, table, tint, "median")
-            strip.set(xlabel="outer diameter (mm)", ylabel="less median\n(kPa)")
-            strip.axhline(0.0, color=tint)
-        else:
-            ax, strip = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 1.0))
-            _draw_line(ax, median, along, table, tint, "median")
-            ax.set_xlabel("outer diameter (mm)")
-            strip.set_xlabel("less median\n(mm)")
-            strip.axvline(0.0, color=tint)
-        for panel, shown in ((ax, table), (strip, _less_median(table, stem))):
-            draw_bands(panel, along, shown, f"{stem}_", tint, upright=upright)
-        strip.locator_params(nbins=3, axis="y" if upright else "x")
-        ax.set_ylabel("pressure (kPa)")
-        ax.margins(y=0.0)
-        mercury = (ax if upright else strip).secondary_yaxis(
-            "right", functions=(lambda kPa: kPa * MMHG_PER_KPA, lambda mmHg: mmHg / MMHG_PER_KPA)
-        )
-        mercury.set_ylabel("pressure (mmHg)")
-        mercury.spines["right"].set_visible(True)
-        _add_legend(ax, table, probability)
+    tint = colour(0)
+    figure = blank_figure(width_mm, 0.85 * width_mm)
+    if upright:
+        ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+        _draw_line(ax, along, median, table, tint, "median")
+        strip.set(xlabel="outer diameter (mm)", ylabel="less median\n(kPa)")
+        strip.axhline(0.0, color=tint)
+    else:
+        ax, strip = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 1.0))
+        _draw_line(ax, median, along, table, tint, "median")
+        ax.set_xlabel("outer diameter (mm)")
+        strip.set_xlabel("less median\n(mm)")
+        strip.axvline(0.0, color=tint)
+    for panel, shown in ((ax, table), (strip, _less_median(table, stem))):
+        draw_bands(panel, along, shown, f"{stem}_", tint, upright=upright)
+    strip.locator_params(nbins=3, axis="y" if upright else "x")
+    ax.set_ylabel("pressure (kPa)")
+    ax.margins(y=0.0)
+    mercury = (ax if upright else strip).secondary_yaxis(
+        "right", functions=(lambda kPa: kPa * MMHG_PER_KPA, lambda mmHg: mmHg / MMHG_PER_KPA)
+    )
+    mercury.set_ylabel("pressure (mmHg)")
+    mercury.spines["right"].set_visible(True)
+    _add_legend(ax, table, probability)
     return figure
 
 

@@ -15,7 +15,6 @@ from biaxbayes.figures.quantities import axis_text, plain
 from biaxbayes.figures.style import (
     PAGE_MM,
     SIDE_BY_SIDE_MM,
-    Style,
     blank_figure,
     colour,
     limit_ticks,
@@ -34,33 +33,32 @@ CURVE_STYLES = ((0, "-"), (1, "--"), (2, "-."))
 """Colour and dashes of the curves of a panel."""
 
 
+@print_style()
 def profile_figure(
     profiles: Sequence[Profile],
     *,
     titles: Sequence[str] | None = None,
     width_mm: float = PAGE_MM,
-    style: Style = None,
 ) -> Figure:
     """Draw a row per profile: deviance with threshold, and the values of the other parameters."""
     lines = 1 if width_mm >= SIDE_BY_SIDE_MM else 2
     height = HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)
-    with print_style(style):
-        figure = blank_figure(width_mm, height)
-        panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
-        for i, profile in enumerate(profiles):
-            row, drawn = panels.reshape(-1, 4)[i], _Curves(profile)
-            value = drawn.table["value"]
-            drawings = (drawn.deviance, drawn.stiffness, drawn.structure, drawn.mounting)
-            for ax, draw in zip(row, drawings, strict=True):
-                draw(ax)
-                ax.set_xlabel(axis_text(profile.quantity).label)
-                if drawn.log and value.max() > 5.0 * value.min():
-                    ax.set_xscale("log")
-                else:
-                    ax.margins(x=0.03)
-                limit_ticks(ax.xaxis, 3)
-            if titles is not None:
-                row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
+    figure = blank_figure(width_mm, height)
+    panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
+    for i, profile in enumerate(profiles):
+        row, drawn = panels.reshape(-1, 4)[i], _Curves(profile)
+        value = drawn.table["value"]
+        drawings = (drawn.deviance, drawn.stiffness, drawn.structure, drawn.mounting)
+        for ax, draw in zip(row, drawings, strict=True):
+            draw(ax)
+            ax.set_xlabel(axis_text(profile.quantity).label)
+            if drawn.log and value.max() > 5.0 * value.min():
+                ax.set_xscale("log")
+            else:
+                ax.margins(x=0.03)
+            limit_ticks(ax.xaxis, 3)
+        if titles is not None:
+            row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
     return figure
 
 

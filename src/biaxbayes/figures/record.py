@@ -78,26 +78,26 @@ def protocols_figure(specimen: Specimen) -> Figure:
     return _figure(rows, specimen)
 
 
+@print_style()
 def _figure(rows: Rows, specimen: Specimen) -> Figure:
     """Stretches, and loads in a panel for each unit."""
     loads = load_panels(specimen)
     measured = [k for k in (0, 1) if np.isfinite(specimen.protocols[0].stretch[0, k])]
-    with print_style():
-        figure = blank_figure(PAGE_MM, 65.0 * (1 + len(loads)))
-        axes = figure.subplots(1 + len(loads), 1, sharex=True)
-        _draw(axes[0], rows.stretch, measured, rows)
-        axes[0].set_ylabel("stretch as measured")
-        for ax, (label, directions) in zip(axes[1:], loads, strict=True):
-            _draw(ax, rows.load, directions, rows)
-            ax.set_ylabel(label)
-        ends = [*rows.parts.values(), len(rows.stretch)][1:]
-        for (name, first), end in zip(rows.parts.items(), ends, strict=True):
-            letters = int(LETTERS * (end - first) / len(rows.stretch))
-            if letters > 3:
-                place = (first + 1, 1.0)
-                axes[0].annotate(plain(name, letters), place, xycoords=("data", "axes fraction"))
-        axes[-1].set_xlabel("row" if rows.lines is None else "line of the file")
-        figure.legend(handles=_handles(rows, specimen), loc="outside upper center", ncols=3)
+    figure = blank_figure(PAGE_MM, 65.0 * (1 + len(loads)))
+    axes = figure.subplots(1 + len(loads), 1, sharex=True)
+    _draw(axes[0], rows.stretch, measured, rows)
+    axes[0].set_ylabel("stretch as measured")
+    for ax, (label, directions) in zip(axes[1:], loads, strict=True):
+        _draw(ax, rows.load, directions, rows)
+        ax.set_ylabel(label)
+    ends = [*rows.parts.values(), len(rows.stretch)][1:]
+    for (name, first), end in zip(rows.parts.items(), ends, strict=True):
+        letters = int(LETTERS * (end - first) / len(rows.stretch))
+        if letters > 3:
+            place = (first + 1, 1.0)
+            axes[0].annotate(plain(name, letters), place, xycoords=("data", "axes fraction"))
+    axes[-1].set_xlabel("row" if rows.lines is None else "line of the file")
+    figure.legend(handles=_handles(rows, specimen), loc="outside upper center", ncols=3)
     return figure
 
 

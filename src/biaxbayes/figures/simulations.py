@@ -19,32 +19,32 @@ from biaxbayes.optimal_design.design import Design
 PANELS_PER_LINE = 4
 
 
+@print_style()
 def rank_figure(ranks: pd.DataFrame, draws: int) -> Figure:
     """Draw the empirical distribution of the ranks less the uniform one, a panel per quantity."""
     groups = list(ranks.groupby("parameter", sort=False))
     rows = -(-len(groups) // PANELS_PER_LINE)
     z = np.arange(1, draws + 1) / (draws + 1)
-    with print_style():
-        figure = blank_figure(PAGE_MM, 36.0 * rows + 12.0)
-        axes = figure.subplots(rows, PANELS_PER_LINE, sharex=True, sharey=True, squeeze=False)
-        for ax in axes.flat[len(groups) :]:
-            ax.remove()
-        for ax, (name, group) in zip(axes.flat, groups, strict=False):
-            values, unit = group["rank"].to_numpy(dtype=int), str(group["unit"].iloc[0])
-            low, high = (count / values.size - z for count in count_band(values.size, draws))
-            # difference of the empirical and the uniform distribution: F_n(z) - z
-            difference = rank_counts(values, draws) / values.size - z
-            outside = bool(np.any((difference < low - 1e-12) | (difference > high + 1e-12)))
-            ax.fill_between(z, low, high, color="0.85", linewidth=0.0, step="mid")
-            ax.axhline(0.0, color="0.5", linewidth=0.5)
-            ax.step(z, difference, where="mid", color=colour("y" if outside else "x"))
-            ax.set_xlim(0.0, 1.0)
-            ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-            ax.tick_params(labelbottom=True)
-            symbol = quantity(str(name), "" if unit == "-" else unit).symbol
-            ax.set_title(f"{symbol}  ($p$ = {uniformity_p_value(values, draws):.2g})")
-        figure.supxlabel("rank of the true value among the posterior draws, relative")
-        figure.supylabel("distribution of the ranks\nless the uniform one")
+    figure = blank_figure(PAGE_MM, 36.0 * rows + 12.0)
+    axes = figure.subplots(rows, PANELS_PER_LINE, sharex=True, sharey=True, squeeze=False)
+    for ax in axes.flat[len(groups) :]:
+        ax.remove()
+    for ax, (name, group) in zip(axes.flat, groups, strict=False):
+        values, unit = group["rank"].to_numpy(dtype=int), str(group["unit"].iloc[0])
+        low, high = (count / values.size - z for count in count_band(values.size, draws))
+        # difference of the empirical and the uniform distribution: F_n(z) - z
+        difference = rank_counts(values, draws) / values.size - z
+        outside = bool(np.any((difference < low - 1e-12) | (difference > high + 1e-12)))
+        ax.fill_between(z, low, high, color="0.85", linewidth=0.0, step="mid")
+        ax.axhline(0.0, color="0.5", linewidth=0.5)
+        ax.step(z, difference, where="mid", color=colour("y" if outside else "x"))
+        ax.set_xlim(0.0, 1.0)
+        ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+        ax.tick_params(labelbottom=True)
+        symbol = quantity(str(name), "" if unit == "-" else unit).symbol
+        ax.set_title(f"{symbol}  ($p$ = {uniformity_p_value(values, draws):.2g})")
+    figure.supxlabel("rank of the true value among the posterior draws, relative")
+    figure.supylabel("distribution of the ranks\nless the uniform one")
     return figure
 
 
@@ -56,6 +56,7 @@ CAUTION = "\N{DOUBLE DAGGER}"
 """Marks candidates that come with a caution."""
 
 
+@print_style()
 def design_figure(design: Design) -> Figure:
     """Expected reduction of every quantity's standard deviation, and the information gain."""
     cautions, expected = design.cautions(), design.expected
@@ -69,24 +70,23 @@ def design_figure(design: Design) -> Figure:
         notes.append("* too few effective draws: a rough number, see at_least in design.csv")
     for name, words in cautions.items():
         notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(PAGE_MM / LETTER_MM))
-    with print_style():
-        figure = blank_figure(PAGE_MM, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
-        cells, bars = figure.subplots(1, 2, width_ratios=(0.78, 0.22), sharey=True)
-        draw_cells(
-            cells,
-            [[f"{100.0 * max(v, 0.0):.0f}" for v in row] for row in reduction],
-            [[to_hex(face) for face in row] for row in faces],
-            rows=[
-                (f"{CAUTION} " if e.name in cautions else "") + e.name + ("" if e.trusted else " *")
-                for e in expected
-            ],
-            columns=[quantity(design.quantities[i]).symbol.replace(" at ", "\n") for i in shown],
-        )
-        gains, errors = [max(e.gain, 0.0) for e in expected], [e.gain_error for e in expected]
-        look = {"height": 0.6, "color": colour(0), "error_kw": {"linewidth": 0.8}}
-        bars.barh(range(len(expected)), gains, xerr=errors, **look)
-        bars.tick_params(axis="y", labelleft=False, which="both", length=0.0)
-        bars.set_xlim(left=0.0)
-        bars.set_xlabel("information gain (nats)")
-        add_note(figure, "\n".join(notes))
+    figure = blank_figure(PAGE_MM, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
+    cells, bars = figure.subplots(1, 2, width_ratios=(0.78, 0.22), sharey=True)
+    draw_cells(
+        cells,
+        [[f"{100.0 * max(v, 0.0):.0f}" for v in row] for row in reduction],
+        [[to_hex(face) for face in row] for row in faces],
+        rows=[
+            (f"{CAUTION} " if e.name in cautions else "") + e.name + ("" if e.trusted else " *")
+            for e in expected
+        ],
+        columns=[quantity(design.quantities[i]).symbol.replace(" at ", "\n") for i in shown],
+    )
+    gains, errors = [max(e.gain, 0.0) for e in expected], [e.gain_error for e in expected]
+    look = {"height": 0.6, "color": colour(0), "error_kw": {"linewidth": 0.8}}
+    bars.barh(range(len(expected)), gains, xerr=errors, **look)
+    bars.tick_params(axis="y", labelleft=False, which="both", length=0.0)
+    bars.set_xlim(left=0.0)
+    bars.set_xlabel("information gain (nats)")
+    add_note(figure, "\n".join(notes))
     return figure

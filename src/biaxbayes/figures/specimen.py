@@ -39,37 +39,37 @@ PANEL_MM = (56.0, 48.0)
 MAX_PANELS = 24
 
 
+@print_style()
 def specimen_figure(specimen: Specimen) -> Figure:
     """Draw the first 24 protocols, at most 300 rows each; the rows at rest in black."""
     protocols, panels = specimen.protocols[:MAX_PANELS], load_panels(specimen)
     columns = 2 if len(protocols) == 4 else min(3, len(protocols))
     rows = math.ceil(len(protocols) / columns) * len(panels)
-    with print_style():
-        figure = blank_figure(max(columns * PANEL_MM[0], COLUMN_MM), rows * PANEL_MM[1] + 14.0)
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=True)
-        for ax in grid[-len(panels) :, (len(protocols) - 1) % columns + 1 :].flat:
-            ax.remove()
-        for k, protocol in enumerate(protocols):
-            down, across = len(panels) * (k // columns), k % columns
-            for i, (label, directions) in enumerate(panels):
-                ax = grid[down + i, across]
-                if k:
-                    ax.sharey(grid[i, 0])
-                _draw_protocol(ax, protocol, specimen, directions)
-                ax.tick_params(labelbottom=True, labelleft=across == 0)
-                if across == 0:
-                    ax.set_ylabel(label)
-            if len(specimen.protocols) > 1:
-                grid[down, across].set_title(plain(protocol.name, 34))
-        figure.supxlabel("measured stretch")
-        names, handles = curve_names(specimen, 24), []
-        for k in specimen.experiment.axes:
-            look: dict[str, Any] = {"color": colour("xy"[k]), "marker": AXIS_MARKERS["xy"[k]]}
-            handles.append(Line2D([], [], ms=2.0, lw=0.5, label=names[k], **look))
-        if specimen.experiment.is_mounted:
-            look = {"color": "black", "marker": "+", "linestyle": ""}
-            handles.append(Line2D([], [], ms=6.0, label="rows at rest", **look))
-        figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    figure = blank_figure(max(columns * PANEL_MM[0], COLUMN_MM), rows * PANEL_MM[1] + 14.0)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    for ax in grid[-len(panels) :, (len(protocols) - 1) % columns + 1 :].flat:
+        ax.remove()
+    for k, protocol in enumerate(protocols):
+        down, across = len(panels) * (k // columns), k % columns
+        for i, (label, directions) in enumerate(panels):
+            ax = grid[down + i, across]
+            if k:
+                ax.sharey(grid[i, 0])
+            _draw_protocol(ax, protocol, specimen, directions)
+            ax.tick_params(labelbottom=True, labelleft=across == 0)
+            if across == 0:
+                ax.set_ylabel(label)
+        if len(specimen.protocols) > 1:
+            grid[down, across].set_title(plain(protocol.name, 34))
+    figure.supxlabel("measured stretch")
+    names, handles = curve_names(specimen, 24), []
+    for k in specimen.experiment.axes:
+        look: dict[str, Any] = {"color": colour("xy"[k]), "marker": AXIS_MARKERS["xy"[k]]}
+        handles.append(Line2D([], [], ms=2.0, lw=0.5, label=names[k], **look))
+    if specimen.experiment.is_mounted:
+        look = {"color": "black", "marker": "+", "linestyle": ""}
+        handles.append(Line2D([], [], ms=6.0, label="rows at rest", **look))
+    figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
 
 
@@ -107,6 +107,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 DATA: dict[str, Any] = {"color": "0.3", "mfc": "none", "mew": 0.5, "ms": 2.5}
 
 
+@print_style()
 def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
     """Draw measured and fitted loads, and residuals, of the first six protocols of all pieces."""
     tested = [(piece, p) for piece in specimen.pieces for p in piece.protocols]
@@ -114,37 +115,36 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
     columns = min(3, count)
     blocks = -(-count // columns)
     units = max(len(load_panels(piece)) for piece, _ in tested[:count])
-    with print_style():
-        width = COLUMN_MM if columns == 1 else PAGE_MM
-        figure = blank_figure(width, 78.0 * blocks * units + 18.0)
-        heights = HEIGHTS * (blocks * units)
-        look: dict[str, Any] = {"squeeze": False, "height_ratios": heights, "sharex": "col"}
-        grid = figure.subplots(len(heights), columns, **look)
-        drawn = []
-        for k, (piece, protocol) in enumerate(tested[:count]):
-            column = grid[2 * units * (k // columns) :, k % columns]
-            for i, (label, directions) in enumerate(load_panels(piece)):
-                upper, lower = column[2 * i : 2 * i + 2]
-                _draw_fits(upper, lower, piece, protocol, directions, fits, k)
-                if k % columns == 0 or piece.test != specimen.test:
-                    upper.set_ylabel(label)
-                    lower.set_ylabel(f"data − fit ({piece.units[directions[0]]})")
-                drawn += [upper, lower]
-            if len(tested) > 1:
-                own = "" if piece.name == specimen.name else f"{piece.name}: "
-                column[0].set_title(plain(own + protocol.name, 30))
-        for ax in set(grid.flat) - set(drawn):
-            ax.remove()
-        handles = []
-        for k in sorted({k for piece in specimen.pieces for k in piece.experiment.axes}):
-            look = {"marker": AXIS_MARKERS["xy"[k]], "linestyle": AXIS_DASHES["xy"[k]], **DATA}
-            handles.append(Line2D([], [], label=curve_names(specimen, 20)[k], **look))
-        handles += [Line2D([], [], label=fit.method, **LOOKS[fit.method]) for fit in fits]
-        ncols = 3 if columns == 1 else len(handles)
-        figure.legend(handles=handles, loc="outside upper center", ncols=ncols)
-        left = len(tested) - count
-        more = f" ({left} more protocols not drawn)" if left else ""
-        figure.supxlabel("measured stretch" + more)
+    width = COLUMN_MM if columns == 1 else PAGE_MM
+    figure = blank_figure(width, 78.0 * blocks * units + 18.0)
+    heights = HEIGHTS * (blocks * units)
+    look: dict[str, Any] = {"squeeze": False, "height_ratios": heights, "sharex": "col"}
+    grid = figure.subplots(len(heights), columns, **look)
+    drawn = []
+    for k, (piece, protocol) in enumerate(tested[:count]):
+        column = grid[2 * units * (k // columns) :, k % columns]
+        for i, (label, directions) in enumerate(load_panels(piece)):
+            upper, lower = column[2 * i : 2 * i + 2]
+            _draw_fits(upper, lower, piece, protocol, directions, fits, k)
+            if k % columns == 0 or piece.test != specimen.test:
+                upper.set_ylabel(label)
+                lower.set_ylabel(f"data − fit ({piece.units[directions[0]]})")
+            drawn += [upper, lower]
+        if len(tested) > 1:
+            own = "" if piece.name == specimen.name else f"{piece.name}: "
+            column[0].set_title(plain(own + protocol.name, 30))
+    for ax in set(grid.flat) - set(drawn):
+        ax.remove()
+    handles = []
+    for k in sorted({k for piece in specimen.pieces for k in piece.experiment.axes}):
+        look = {"marker": AXIS_MARKERS["xy"[k]], "linestyle": AXIS_DASHES["xy"[k]], **DATA}
+        handles.append(Line2D([], [], label=curve_names(specimen, 20)[k], **look))
+    handles += [Line2D([], [], label=fit.method, **LOOKS[fit.method]) for fit in fits]
+    ncols = 3 if columns == 1 else len(handles)
+    figure.legend(handles=handles, loc="outside upper center", ncols=ncols)
+    left = len(tested) - count
+    more = f" ({left} more protocols not drawn)" if left else ""
+    figure.supxlabel("measured stretch" + more)
     return figure
 
 

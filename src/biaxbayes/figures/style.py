@@ -101,17 +101,25 @@ def read_style(path: Path | str) -> dict[str, Any]:
 
 _one_thread_draws = threading.RLock()
 """Settings of matplotlib and filters of warnings belong to the process."""
+_styles: list[Style] = []
+"""The styles in use, the outer one first."""
 
 
 @contextmanager
 def print_style(style: Style = None) -> Iterator[None]:
-    """Draw in the style of a paper, whatever the settings of the session; other threads wait."""
-    settings: Any = {k: v for k, v in mpl.rcParamsDefault.items() if k not in _IGNORED}
-    settings |= {**STYLE, **(style or {}), **_FIXED}
+    """Draw in the style of a paper, whatever the settings of the session; other threads wait.
+
+    Also a decorator. Within a style that was chosen, that one stays.
+    """
     with _one_thread_draws, mpl.rc_context(), warnings.catch_warnings():
         warnings.simplefilter("ignore", mpl.MatplotlibDeprecationWarning)
-        mpl.rcParams.update(settings)
-        yield
+        _styles.append(style or (_styles[-1] if _styles else None))
+        settings: Any = {k: v for k, v in mpl.rcParamsDefault.items() if k not in _IGNORED}
+        mpl.rcParams.update(settings | {**STYLE, **(_styles[-1] or {}), **_FIXED})
+        try:
+            yield
+        finally:
+            _styles.pop()
 
 
 def colour(which: str | int) -> str:
@@ -161,11 +169,11 @@ def add_note(figure: Figure, text: str) -> None:
         figure.supxlabel(text, x=0.995, ha="right", **small_text(color="0.35"))
 
 
-def figure_bytes(figure: Figure, suffix: str, style: Style = None) -> bytes:
-    """Figure as a reproducible pdf, svg or png; some settings of `style` act only on writing."""
+def figure_bytes(figure: Figure, suffix: str) -> bytes:
+    """Figure as a reproducible pdf, svg or png, in the style in use."""
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    with print_style(style), warnings.catch_warnings():
+    with print_style():
         # Characters that the font lacks are drawn as boxes.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         if (engine := figure.get_layout_engine()) is not None:
@@ -188,10 +196,10 @@ def picture_suffix(path: Path) -> str:
     return suffix
 
 
-def save_figure(figure: Figure, path: Path | str, style: Style = None) -> None:
+def save_figure(figure: Figure, path: Path | str) -> None:
     """Write a figure in the format that the file name ends with, whole or not at all."""
     path = Path(path)
-    atomic_write_bytes(path, figure_bytes(figure, picture_suffix(path), style))
+    atomic_write_bytes(path, figure_bytes(figure, picture_suffix(path)))
 
 
 def save_pictures(figure: Figure | None, folder: Path, stem: str) -> list[Path]:

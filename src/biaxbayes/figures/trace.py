@@ -15,7 +15,6 @@ from biaxbayes.figures.style import (
     PAGE_MM,
     REFERENCE,
     SIDE_BY_SIDE_MM,
-    Style,
     blank_figure,
     colour,
     limit_ticks,
@@ -33,6 +32,7 @@ RANK_BINS = 20
 ROW_MM = 17.2
 
 
+@print_style()
 def trace_figure(
     chains: Mapping[str, np.ndarray],
     *,
@@ -40,7 +40,6 @@ def trace_figure(
     unit: str = "",
     rhat: Mapping[str, float] | None = None,
     width_mm: float = PAGE_MM,
-    style: Style = None,
     known: Quantities | None = None,
 ) -> Figure:
     """Draw the traces of the ensembles (median, 5 to 95 % of walkers) and the ranks of their draws.
@@ -55,32 +54,31 @@ def trace_figure(
                 f"unknown quantity {name!r}", remedy=f"the run has {', '.join(chains)}"
             )
     narrow = width_mm < SIDE_BY_SIDE_MM
-    with print_style(style):
-        figure = blank_figure(width_mm, 18.0 + ROW_MM * len(rows))
-        widths = (1.5, 1.0) if narrow else (2, 1)
-        panels = figure.subplots(len(rows), 2, squeeze=False, sharex="col", width_ratios=widths)
-        for (left, right), name in zip(panels, rows, strict=True):
-            _draw_trace(left, chains[name], quantity(name, unit, quantities))
-            _draw_ranks(right, chains[name])
-            if rhat is not None and np.isfinite(rhat.get(name, np.nan)):
-                text, where = rf"$\hat R$ = {rhat[name]:.3f}", right.transAxes
-                right.text(0.98, 0.06, text, transform=where, ha="right", **small_text())
-        panels[-1, 0].set_xlabel("stored step")
-        panels[-1, 1].set_xlabel("rank among all" if narrow else "rank among all draws")
-        figure.align_ylabels()
-        handles = [Line2D([], [], linestyle="none", label="ensemble")]
-        for i in range(len(chains[rows[0]])):
-            handles.append(Line2D([], [], color=colour(i), label=i + 1))
-        first, _, last = (f"{100.0 * q:g}" for q in WALKER_QUANTILES)
-        figure.legend(
-            handles=handles,
-            title=f"thick: median, thin: {first} and {last} % of the walkers of an ensemble",
-            alignment="left",
-            loc="outside upper left",
-            ncols=len(handles),
-            handlelength=1.2,
-            columnspacing=0.9,
-        )
+    figure = blank_figure(width_mm, 18.0 + ROW_MM * len(rows))
+    widths = (1.5, 1.0) if narrow else (2, 1)
+    panels = figure.subplots(len(rows), 2, squeeze=False, sharex="col", width_ratios=widths)
+    for (left, right), name in zip(panels, rows, strict=True):
+        _draw_trace(left, chains[name], quantity(name, unit, quantities))
+        _draw_ranks(right, chains[name])
+        if rhat is not None and np.isfinite(rhat.get(name, np.nan)):
+            text, where = rf"$\hat R$ = {rhat[name]:.3f}", right.transAxes
+            right.text(0.98, 0.06, text, transform=where, ha="right", **small_text())
+    panels[-1, 0].set_xlabel("stored step")
+    panels[-1, 1].set_xlabel("rank among all" if narrow else "rank among all draws")
+    figure.align_ylabels()
+    handles = [Line2D([], [], linestyle="none", label="ensemble")]
+    for i in range(len(chains[rows[0]])):
+        handles.append(Line2D([], [], color=colour(i), label=i + 1))
+    first, _, last = (f"{100.0 * q:g}" for q in WALKER_QUANTILES)
+    figure.legend(
+        handles=handles,
+        title=f"thick: median, thin: {first} and {last} % of the walkers of an ensemble",
+        alignment="left",
+        loc="outside upper left",
+        ncols=len(handles),
+        handlelength=1.2,
+        columnspacing=0.9,
+    )
     return figure
 
 

@@ -12,9 +12,9 @@ from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.options import CONTENT, Settings
+from biaxbayes.options import Settings
 from biaxbayes.parameters import mounting_names
-from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced, tails
+from biaxbayes.prediction.percentiles import QUANTILES, evenly_chosen, evenly_spaced
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.specimen import Specimen
 
@@ -24,7 +24,6 @@ def bands(
     draws: pd.DataFrame,
     *,
     piece: int = 0,
-    probability: float = CONTENT,
     max_rows: int | None = None,
     max_draws: int = 1000,
 ) -> pd.DataFrame:
@@ -39,8 +38,6 @@ def bands(
         One row per draw, columns as in ``summary.csv``.
     piece : int
         Index of the piece of the tissue.
-    probability : float
-        Content of each band.
     max_rows : int, optional
         Largest number of rows of a protocol, evenly chosen.
     max_draws : int
@@ -52,18 +49,12 @@ def bands(
         One row per protocol, direction and state: ``protocol``, ``direction``, ``row`` (of the
         protocol, from 0), ``stretch`` (measured, in that direction), ``measured`` and the
         quantiles ``credible_q05``, ``credible_q50``, ``credible_q95``, ``predictive_q05``,
-        ``predictive_q50``, ``predictive_q95`` (of other names for another probability), and
-        ``law``, the median load of the law alone. Loads are in the unit of the file, a Cauchy
-        file's as Cauchy stress.
+        ``predictive_q50``, ``predictive_q95``, and ``law``, the median load of the law alone. Loads
+        are in the unit of the file, a Cauchy file's as Cauchy stress.
     """
-    low, high = tails(probability)
     tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
-    specimen, levels = posterior.pieces[piece].specimen, (low, 0.5, high)
-    names = [
-        f"{kind}_q{100 * level:04.1f}".removesuffix(".0")
-        for kind in ("credible", "predictive")
-        for level in levels
-    ]
+    specimen, levels = posterior.pieces[piece].specimen, tuple(QUANTILES.values())
+    names = [f"{kind}_{q}" for kind in ("credible", "predictive") for q in QUANTILES]
     tables = []
     for i, protocol in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
         rows = evenly_spaced(protocol.rows, max_rows)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import two_digits
-from biaxbayes.fitting.result import EXPLAINED, POOR_MISFIT
+from biaxbayes.fitting.result import POOR_MISFIT
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.normal_errors import standard_cdf
@@ -122,44 +122,6 @@ def law_misses(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> str:
     return f"without its misfit {name} is off by {100 * share:.0f} % of the peak"
 
 
-def misfit_in_words(table: pd.DataFrame) -> list[str]:
-    """Sentences on the misfit, from the table of :func:`predictive_checks`."""
-    if table.empty:
-        return ["There are no readings beyond the mounted state to check the model with."]
-    share = table["rms"] / table["peak"].clip(lower=1e-300)
-    worst = table.iloc[int(np.argmax(share))]
-    out = [
-        f"The median model misses the readings by {100 * share.min():.2g} to "
-        f"{100 * share.max():.2g} % of the peak load of the curve (root mean square); the most "
-        f"in direction {worst['direction']} of {worst['protocol']}."
-    ]
-    if (table["noise"] > 0.0).all():
-        ratio = table["rms"] / table["noise"]
-        words = (
-            "the load cell's noise explains the misfit"
-            if ratio.max() < EXPLAINED
-            else "the model, not the load cell, limits the fit"
-        )
-        out.append(
-            f"That is {ratio.min():.2g} to {ratio.max():.2g} times the noise of one load "
-            f"reading: {words}."
-        )
-    smooth = table[table["runs_z"] < SMOOTH_RUNS_Z]
-    if smooth.empty:
-        out.append("The signs of the residuals change as often as those of independent errors.")
-    else:
-        first = smooth.iloc[int(np.argmin(smooth["runs_z"]))]
-        out.append(
-            f"In {len(smooth)} of {len(table)} curves the model misses smoothly: at worst "
-            f"{first['runs']:.0f} runs of one sign where independent errors would show "
-            f"{first['expected_runs']:.0f} (neighbouring residuals correlate at "
-            f"{first['autocorrelation']:.2f})."
-        )
-    total = float((table["inside"] * table["readings"]).sum() / table["readings"].sum())
-    out.append(f"{100 * total:.0f} % of the readings lie inside their 90 % predictive band.")
-    return out
-
-
 # --- posterior predictive checks as text: for which tested paths the model must not be used ------
 
 
@@ -180,18 +142,16 @@ def path_warnings(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
     return out
 
 
-def checks_in_words(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
-    """The warnings, then sentences on the rest of the checks; see :func:`path_warnings`."""
-    if checks.empty:
-        return ["There are no readings beyond the mounted state to check the model with."]
-    out = path_warnings(checks, law)
+def checks_in_words(checks: pd.DataFrame) -> list[str]:
+    """Sentences on the checks where :func:`path_warnings` has none, and on bands too narrow."""
+    out = []
     by_noise = checks[checks["agreement"] == "noise"]
     if len(by_noise) == len(checks):
         out.append(
             f"No reading lies further from the median model than {NOISE_SDS:g} times the load "
             "cell's noise."
         )
-    elif not out:
+    elif not (checks["agreement"] == "misses").any():
         worst = max(checks.to_dict("records"), key=lambda r: r["share"])
         out.append(
             f"The model misses no protocol by more than {100 * worst['share']:.1f} % of its peak "

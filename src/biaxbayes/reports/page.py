@@ -14,7 +14,7 @@ from biaxbayes.identifiability.reported import COARSE_RATIO, DASH
 from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
-from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
+from biaxbayes.prediction.predictive_checks import checks_in_words
 from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, tests_in_words, truncate
@@ -70,10 +70,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     result, provenance = run.result, run.provenance
     notes = (*provenance["notes"], provenance["sampler"]["message"])
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
-    sentences = (
-        checks_in_words(checks, run.law.key) + misfit_in_words(checks) if len(checks) else []
-    )
-    version = truncate(provenance.get("biaxbayes", ""), 30)
+    version = truncate(provenance["biaxbayes"], 30)
     return page_template("report.html.jinja").render(
         run=run,
         result=result,
@@ -100,7 +97,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         noise=provenance["noise"],
         sampler=provenance["sampler"],
         convergence=provenance["convergence"],
-        misfit_sentences=[truncate(text, 400) for text in dict.fromkeys(sentences)],
+        misfit_sentences=[truncate(t, 400) for t in checks_in_words(checks)] if len(checks) else [],
         misfit=_misfit_rows(checks),
         notes=[truncate(n, 400) for n in notes if n],
         settings_facts=_settings_facts(run),
@@ -117,8 +114,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
 
 def _grip_rows(run: Run) -> list[tuple[str, ...]]:
     """Least-squares parameters as measured and corrected for the grips; empty without grips."""
-    stored = run.provenance.get("grips")
-    grips = stored if isinstance(stored, dict) else {}
+    grips = run.provenance.get("grips", {})
     fits = [grips.get(f"fit_{key}") for key in ("as_measured", "corrected", "on_coarser_mesh")]
     values = [fit if isinstance(fit, dict) else {} for fit in fits]
     labels = [*(p.label for p in run.law.parameters), "mounting_stretch_x", "mounting_stretch_y"]
@@ -181,12 +177,11 @@ def _settings_facts(run: Run) -> list[tuple[str, str]]:
 def _version_facts(run: Run) -> list[tuple[str, str]]:
     """Seed, hash and versions, without times, so that the same run writes the same page."""
     provenance = run.provenance
-    versions = provenance.get("versions")
     return [
-        ("biaxbayes", truncate(provenance.get("biaxbayes", ""), 30)),
+        ("biaxbayes", truncate(provenance["biaxbayes"], 30)),
         ("Seed", str(provenance["seed"])),
         ("SHA-256 of the specimen", truncate(provenance.get("specimen_sha256", ""), 64)),
-        *((truncate(k, 30), truncate(v, 30)) for k, v in (versions or {}).items()),
+        *((truncate(k, 30), truncate(v, 30)) for k, v in provenance["versions"].items()),
     ]
 
 

@@ -1,6 +1,6 @@
-"""Templates of the pages, and their contents: cells of tables, figures as data URIs.
+"""Templates of pages and paragraphs, and their contents: cells of tables, figures as data URIs.
 
-Text in a template is escaped.
+Text in a template of a page is escaped.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 import biaxbayes
 from biaxbayes.parameters import Quantity
-from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, as_html
+from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, as_html, capital, truncate
 
 Cell: TypeAlias = str | Quantity | Markup | tuple[str | Markup, ...]
 """A text, a quantity (its symbol), or a text with further ones in small print below."""
@@ -29,12 +29,13 @@ def page_template(name: str) -> Template:
     """The template of a file beside this one."""
     environment = Environment(
         loader=PackageLoader("biaxbayes.reports", "."),
-        autoescape=True,
+        autoescape=lambda name: str(name).endswith("html.jinja"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters |= {"symbol": as_html, "cell": _cell}
+    environment.filters |= {"one_line": truncate, "capital": capital}
     terms = list(GLOSSARY)
     environment.globals |= {
         "version": biaxbayes.__version__,
@@ -55,7 +56,6 @@ def _cell(cell: Cell) -> str | Markup:
     return cell
 
 
-MAGIC = b"\x89PNG\r\n\x1a\n"
 TOTAL_BYTES = 3_300_000
 """Largest size of all figures together; a third more once encoded. The page stays below 5 MB."""
 
@@ -73,13 +73,8 @@ def pictures(folder: Path, stems: tuple[str, ...]) -> dict[str, Picture]:
     left, out = TOTAL_BYTES, {}
     for stem in stems:
         path = folder / f"{stem}.png"
-        try:
-            if path.is_symlink() or not path.is_file() or path.stat().st_size > left:
-                continue
+        if path.is_file() and path.stat().st_size <= left:
             data = path.read_bytes()
-        except OSError:
-            continue
-        if data[:8] == MAGIC and data[12:16] == b"IHDR":
             left -= len(data)
             out[stem] = embedded(data)
     return out

@@ -35,6 +35,11 @@ def truncate(text: object, length: int = 120) -> str:
     return line if len(line) <= length else line[: length - 1].rstrip() + "…"
 
 
+def capital(text: str) -> str:
+    """Text with a capital at its beginning."""
+    return text[:1].upper() + text[1:]
+
+
 DERIVED_TEXTS = {
     "H": "structure tensor, {}",
     "stiffness_": "tangent stiffness, {}",

@@ -168,21 +168,32 @@ def _versions() -> dict[str, str]:
 
 
 NUMBER = (int, float)
+OPTIONAL_NUMBER = (*NUMBER, type(None))
 REQUIRED_ENTRIES: dict[str, Any] = {
+    "biaxbayes": str,
+    "versions": dict,
+    "priors": dict,
     "specimen": str,
     "unit": str,
     "notes": list,
     "pieces": list,
     "settings": dict,
     "seed": int,
-    "noise": {"readings": NUMBER, "load_noise": NUMBER, "misfit": (*NUMBER, type(None))},
+    "noise": {"readings": NUMBER, "load_noise": NUMBER, "misfit": OPTIONAL_NUMBER},
     "sampler": {"message": str, "acceptance": NUMBER}
     | dict.fromkeys(("ensembles", "walkers", "steps"), int),
     "convergence": {"state": str, "reason": str}
-    | dict.fromkeys(("worst_ess", "worst_rhat"), (*NUMBER, type(None))),
+    | dict.fromkeys(("worst_ess", "worst_rhat"), OPTIONAL_NUMBER),
 }
 """Entries that the readers of a run rely on."""
-OPTIONAL_ENTRIES = {"priors": dict, "versions": dict, "files": dict}
+OPTIONAL_ENTRIES = {
+    "files": dict,
+    "grips": {
+        "in_words": str,
+        "mesh_difference": NUMBER,
+        "largest_sd_of_log_ratio": OPTIONAL_NUMBER,
+    },
+}
 """Entries that may be missing."""
 
 
@@ -223,7 +234,7 @@ def _schema_error(record: object, needed: dict[str, Any], *, optional: bool = Fa
             if not optional:
                 return key
         elif isinstance(kind, dict):
-            inner = _schema_error(record[key], kind, optional=optional)
+            inner = _schema_error(record[key], kind)
             if inner:
                 return f"{key}: {inner}"
         elif not isinstance(record[key], kind) or isinstance(record[key], bool):

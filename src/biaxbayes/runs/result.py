@@ -349,25 +349,20 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
 
 
 def _reported(record: Mapping[str, Any], quantities: Quantities) -> Reported:
-    median, low, high = (
-        math.nan if record[k] is None else float(record[k]) for k in ("median", "low", "high")
-    )
-    verdict, bound = str(record["verdict"]), str(record["bound"])
-    if bound not in ("", "low", "high"):
-        raise ValueError(f"unknown bound {bound:.40}")
-    if verdict not in (*VERDICTS, NO_VERDICT):
-        raise ValueError(f"unknown verdict {verdict:.40}")
-    return Reported(
-        quantities[str(record["name"])].name,
-        str(record["unit"]),
-        median,
-        low,
-        high,
-        verdict,
-        str(record["reason"]),
-        bound,
-        tuple(str(p) for p in record["partners"]),
-    )
+    numbers = ("median", "low", "high")
+    values: dict[str, Any] = {
+        k: math.nan if record[k] is None else float(record[k]) for k in numbers
+    }
+    texts: dict[str, Any] = {
+        k: str(record[k]) for k in ("name", "unit", "verdict", "reason", "bound")
+    }
+    if texts["bound"] not in ("", "low", "high"):
+        raise ValueError(f"unknown bound {texts['bound']:.40}")
+    if texts["verdict"] not in (*VERDICTS, NO_VERDICT):
+        raise ValueError(f"unknown verdict {texts['verdict']:.40}")
+    if texts["name"] not in quantities:
+        raise ValueError(f"no quantity of this run is called {texts['name']:.40}")
+    return Reported(**texts, **values, partners=tuple(str(p) for p in record["partners"]))
 
 
 def _table(records: Any) -> pd.DataFrame:

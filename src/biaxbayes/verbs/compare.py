@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
+from biaxbayes.options import ModelOptions, SamplingPlan
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike, SpecimenLike, Stop
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @with_progress
-@takes_options(SamplingPlan, ModelOptions)
+@usual_numpy_errors
 def compare(
     runs: Sequence[RunLike | SpecimenLike],
     *,

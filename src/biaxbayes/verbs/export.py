@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option
 from biaxbayes.reports.text import plural
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import as_path
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
 from biaxbayes.verbs.options import (
@@ -31,9 +32,7 @@ DRAW_AT = ("median", "map")
 class CardOptions(Options):
     """Material cards of posterior draws."""
 
-    draws: int | None = option(
-        None, "N random posterior draws.", kind=int, minimum=1, show_range=True, metavar="N"
-    )
+    draws: int | None = option(None, "N random posterior draws.", kind=int, minimum=1, metavar="N")
     at: str | None = option(
         None,
         "One draw: that with the curves nearest the median curves, or the most probable one  "
@@ -48,11 +47,11 @@ class CardOptions(Options):
         kind=float,
         metavar="R",
     )
-    seed: int = option(0, minimum=0, show_range=True)
+    seed: int = option(0, minimum=0)
     overwrite: bool = option(False, "Replace the cards of an earlier export.")
 
 
-@takes_options(CardOptions)
+@usual_numpy_errors
 def export(
     run: RunLike,
     to: str,

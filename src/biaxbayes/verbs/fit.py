@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from biaxbayes.errors import printable
 from biaxbayes.laws import law_named
 from biaxbayes.options import (
     ALL_FITS,
@@ -19,20 +21,18 @@ from biaxbayes.options import (
     NO_INTERVAL,
     WHICH_FIT,
     FitOptions,
-    takes_options,
 )
-from biaxbayes.text_files import write_csv
+from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.text_files import aligned, write_csv
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, PiecesLike, make_folder, open_specimen
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from biaxbayes.fitting.result import FitResult
     from biaxbayes.specimens.specimen import Specimen
 
 
-@takes_options(FitOptions)
+@usual_numpy_errors
 def fit(
     specimen: PiecesLike,
     method: str = "constrained",
@@ -79,7 +79,7 @@ def fit(
     return results if method == ALL_FITS else results[0]
 
 
-@takes_options(FitOptions, without=("initial",))
+@usual_numpy_errors
 def fit_all(
     specimen: PiecesLike,
     *,
@@ -267,12 +267,9 @@ def _print_fits(
     *,
     advise: bool,
 ) -> None:
-    from rich.console import Console
-
-    console = Console(highlight=False)
     for note in specimen.notes:
-        console.print(f"note: {note}", markup=False)
-    console.print(_table(specimen, fits, fixed, truth))
+        click.echo(f"note: {printable(note)}")
+    click.echo("\n".join([printable(specimen.name), *_table(specimen, fits, fixed, truth)]))
     lines = ["* ended on a bound"] if any(result.at_bound for result in fits) else []
     lines += ["= fixed"] if fixed else []
     lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
@@ -285,7 +282,7 @@ def _print_fits(
             "the fit; for standard and zeroed they do not show the distance from the tissue."
         )
     for line in lines:
-        console.print(line, markup=False)
+        click.echo(textwrap.fill(line, 80))
 
 
 def _table(
@@ -293,17 +290,9 @@ def _table(
     fits: list[FitResult],
     fixed: dict[str, float],
     truth: Mapping[str, float] | None,
-) -> Table:
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(
-        title=Text(specimen.name), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
-    )
-    table.add_column("", no_wrap=True)
-    for result in fits:
-        table.add_column(result.method, justify="right", no_wrap=True)
+) -> list[str]:
+    """Lines with a column for each fit."""
+    lines = [["", *(result.method for result in fits)]]
     # label, unit, key of the record and format
     rows = [
         (
@@ -331,6 +320,6 @@ def _table(
                 cells.append(("-" if value is None else form.format(value)) + mark)
             if set(cells) != {"-"} or key not in STRETCH_NAMES:
                 state = name.removeprefix(key).strip()
-                table.add_row(Text(" ".join(filter(None, (label, state, unit)))), *cells)
-    table.add_row("converged", *("yes" if result.converged else "NO" for result in fits))
-    return table
+                lines.append([" ".join(filter(None, (label, state, unit))), *cells])
+    lines.append(["converged", *("yes" if result.converged else "NO" for result in fits)])
+    return aligned(lines, right=range(1, len(lines[0])))

@@ -13,19 +13,14 @@ from biaxbayes.comparison.law_tasks import law_tasks, sample_parts
 from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.options import (
-    LawsPlan,
-    ModelOptions,
-    takes_options,
-)
+from biaxbayes.options import LawsPlan, ModelOptions
 from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import (
-    atomic_write_text,
-)
+from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
@@ -48,7 +43,7 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
 
 
 @with_progress
-@takes_options(LawsPlan, ModelOptions, without=SINGLE_LAW_OPTIONS)
+@usual_numpy_errors
 def compare_laws(
     specimen: SpecimenLike,
     *,

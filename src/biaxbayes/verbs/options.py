@@ -86,11 +86,6 @@ def _option(name: str, option: Option, default: Any, changes: dict[str, Any]) ->
         return click.option(f"--{option.flag}", name, **(settings | changes))
     if option.choices:
         settings["type"] = click.Choice(option.choices)
-    elif option.show_range:
-        kind: Any = click.IntRange if option.kind is int else click.FloatRange
-        maximum = None if option.maximum == math.inf else option.maximum
-        ends = dict.fromkeys(("min_open", "max_open"), option.open_ends)
-        settings["type"] = kind(option.minimum, maximum, **ends)
     elif option.kind is not None:
         settings["type"] = option.kind
     if default is not None:
@@ -214,14 +209,20 @@ def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
     """Numbers of ``--fix``, not checked against the range of their parameter."""
     fixed = {}
     for text in texts:
-        given, _, value = text.partition("=")
-        name = law.known_name(given.strip())
-        try:
-            fixed[name] = float(value)
-        except ValueError:
-            raise InputError(f"--fix {text[:60]!r}", remedy="write it as --fix kappa=0.1") from None
-        _warn_of_radians(given.strip(), fixed[name])
+        given, value = named_number(text, "--fix", "kappa=0.1")
+        fixed[law.known_name(given)] = value
+        _warn_of_radians(given, value)
     return fixed
+
+
+def named_number(text: str, flag: str, example: str) -> tuple[str, float]:
+    """Name and number of a text NAME=VALUE."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        problem = f"{flag} {text[:60]!r} is not of the form NAME=VALUE"
+        raise InputError(problem, remedy=f"write it as {flag} {example}") from None
 
 
 def _warn_of_radians(name: str, value: float) -> None:

@@ -16,14 +16,20 @@ from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.figures.mounting import mounting_figure
 from biaxbayes.figures.profile import profile_figure
-from biaxbayes.figures.style import SIDE_BY_SIDE_MM, picture_suffix, save_figure
+from biaxbayes.figures.style import (
+    PAGE_MM,
+    SIDE_BY_SIDE_MM,
+    picture_suffix,
+    print_style,
+    save_figure,
+)
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profiles
-from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option, for_users
+from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.truth import read_truth
-from biaxbayes.tasks import process_lock
+from biaxbayes.tasks import process_lock, usual_numpy_errors
 from biaxbayes.text_files import as_path, safe_file_name
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
@@ -47,7 +53,6 @@ MAX_PROFILES_IN_COLUMN = 3
 
 def run_figure(run: Run, kind: str, **how: Any) -> Figure:
     """Draw a figure of a run; ``how`` are the arguments of its function in ``figures``."""
-    how = {"width_mm": 180.0, "style": None, **how}
     match kind:
         case "corner":
             return corner_figure(run.draws, known=run.quantities, law=run.law.short_name, **how)
@@ -78,19 +83,19 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
 # --- a figure in the style of a paper ------------------------------------------------------------
 
 
-@for_users
+@usual_numpy_errors
 def plot(
     run: RunLike,
     figure: str = "corner",
     *,
     out: PathLike | None = None,
     suffix: str | None = None,
+    width_mm: float = PAGE_MM,
     style: Any = None,
     truth: Any = None,
     compare: Any = None,
     parameters: Sequence[str] = (),
     anyway: bool = True,
-    **how: Any,
 ) -> Figure:
     """Draw a figure of a run, in the style of a paper.
 
@@ -102,6 +107,8 @@ def plot(
         File to write; see :func:`picture_file`. Not one of the run's own figures.
     suffix : {"pdf", "svg", "png"}, optional
         Kind of file; default that of ``out``, else pdf.
+    width_mm : float
+        In print.
     style : mapping or path-like, optional
         Settings of matplotlib, or the file to read them from.
     truth : mapping or path-like, optional
@@ -112,8 +119,6 @@ def plot(
         What to show: profile and trace.
     anyway : bool
         Use the draws of a run that has not converged.
-    **how
-        ``width_mm`` and what the figure takes; see :func:`run_figure`.
     """
     given = {"truth": truth, "compare": compare, "parameters": tuple(parameters) or None}
     for name, figures in PLOT_TAKES.items():
@@ -122,11 +127,11 @@ def plot(
                 f"`{name}` does not go with `figure={figure}`",
                 remedy=f"it goes with {' and '.join(figures)}",
             )
-    if "width_mm" in how and not WIDTH.allows(how["width_mm"]):
+    if not WIDTH.allows(width_mm):
         raise InputError(f"`width_mm` must be {WIDTH.allowed}")
     target = None if out is None else picture_file(out, suffix)
-    with process_lock:
-        how["style"] = as_style(style)
+    how: dict[str, Any] = {"width_mm": width_mm}
+    with process_lock, print_style(as_style(style)):
         opened = as_run(run) if anyway or figure in FIGURES_OF_UNCONVERGED_RUNS else usable_run(run)
         files = opened.provenance.get("files") or {}
         if (
@@ -154,7 +159,7 @@ def plot(
             how |= {"compare": other.draws, "names": names}
         drawn = run_figure(opened, figure, **how)
         if target is not None:
-            save_figure(drawn, target, how["style"])
+            save_figure(drawn, target)
         return drawn
 
 
@@ -187,8 +192,8 @@ def picture_file(out: PathLike, suffix: str | None = None) -> Path:
 )
 @click.option(
     "--width-mm",
-    type=click.FloatRange(60.0, 400.0),
-    default=180.0,
+    type=float,
+    default=PAGE_MM,
     show_default=True,
     help="Width in print: 85 is a column, 180 a page.",
 )

@@ -12,9 +12,10 @@ import numpy as np
 from biaxbayes.errors import InputError, listed
 from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option, takes_options
+from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option
 from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import atomic_write_all, csv_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -36,7 +37,7 @@ class BandOptions(PredictionOptions):
     """Bands and their figure; ``style`` is a matplotlib style file, or its settings."""
 
     suffix: str = option("pdf", choices=FIGURE_FORMATS, flag="format")
-    width_mm: float = option(85.0, minimum=50.0, maximum=400.0, show_range=True)
+    width_mm: float = option(85.0, minimum=50.0, maximum=400.0)
     style: Any = option(  # noqa: RUF009  an option, which is a field
         None, "A matplotlib style file.", metavar="FILE", read=inputs.as_style
     )
@@ -68,7 +69,7 @@ class PathOptions(BandOptions):
     )
 
 
-@takes_options(PathOptions, without=("seed",))
+@usual_numpy_errors
 def predict(
     run: RunLike,
     path: Any = None,
@@ -92,6 +93,7 @@ def predict(
         As in :class:`PathOptions`.
     """
     from biaxbayes.figures.prediction import stress_figure
+    from biaxbayes.figures.style import print_style
     from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import measured_stress, predict_stress
     from biaxbayes.specimens.table import read_stretches
@@ -132,16 +134,16 @@ def predict(
         recorded = specimen.as_compared(opened.settings.mounting)
         states = table[["stretch_x", "stretch_y"]].to_numpy()
         measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
-        figure = stress_figure(
-            table,
-            reference=chosen.reference,
-            probability=chosen.probability,
-            directions=specimen.directions,
-            measured=measured,
-            width_mm=chosen.width_mm,
-            style=chosen.style,
-        )
-        _write(inputs.make_folder(out) / "prediction", table, figure, chosen)
+        with print_style(chosen.style):
+            figure = stress_figure(
+                table,
+                reference=chosen.reference,
+                probability=chosen.probability,
+                directions=specimen.directions,
+                measured=measured,
+                width_mm=chosen.width_mm,
+            )
+            _write(inputs.make_folder(out) / "prediction", table, figure, chosen)
     return table
 
 
@@ -189,7 +191,7 @@ def _write(stem: Path, table: pd.DataFrame, figure: Figure, chosen: BandOptions)
 
     contents = {
         ".csv": csv_text(table).encode("utf-8"),
-        f".{chosen.suffix}": figure_bytes(figure, chosen.suffix, chosen.style),
+        f".{chosen.suffix}": figure_bytes(figure, chosen.suffix),
     }
     atomic_write_all({stem.with_suffix(suffix): content for suffix, content in contents.items()})
 
@@ -211,7 +213,7 @@ class TubeOptions(BandOptions):
     around: str = option("x", "The axis of the test that runs around the tube.", choices=("x", "y"))
 
 
-@takes_options(TubeOptions)
+@usual_numpy_errors
 def inflate(
     run: RunLike,
     pressure_kPa: Any = None,
@@ -238,6 +240,7 @@ def inflate(
         As in :class:`TubeOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
+    from biaxbayes.figures.style import print_style
     from biaxbayes.prediction.inflation import ThinTube, predict_diameter, predict_pressure
 
     chosen = TubeOptions.from_values(options)
@@ -264,10 +267,10 @@ def inflate(
         pressure = inputs.as_numbers(pressure, "pressure_kPa")
         table = predict_diameter(*data, pressure, probability=chosen.probability, seed=chosen.seed)
     if out is not None:
-        figure = inflation_figure(
-            table, probability=chosen.probability, width_mm=chosen.width_mm, style=chosen.style
-        )
-        _write(inputs.make_folder(out) / "inflation", table, figure, chosen)
+        with print_style(chosen.style):
+            look = {"probability": chosen.probability, "width_mm": chosen.width_mm}
+            figure = inflation_figure(table, **look)
+            _write(inputs.make_folder(out) / "inflation", table, figure, chosen)
     return table
 
 
@@ -339,6 +342,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
     if inflated:
+        PredictionOptions.check("points", chosen["points"])
         for name in ("pressure_kPa", "circumferential_stretch"):
             if name in chosen:
                 low, high = chosen[name]

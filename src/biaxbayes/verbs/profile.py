@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.options import MOUNTING_MODES, ModelOptions, option, takes_options
+from biaxbayes.options import MOUNTING_MODES, ModelOptions, option
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -34,7 +35,7 @@ class ProfileOptions(ModelOptions):
     )
 
 
-@takes_options(ProfileOptions)
+@usual_numpy_errors
 def profile(
     source: RunLike | SpecimenLike,
     parameters: Sequence[str] = (),

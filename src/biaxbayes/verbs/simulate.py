@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,14 +13,15 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.mechanics.experiments import TESTS, Tube
-from biaxbayes.options import Options, Settings, option, options_of, takes_options
+from biaxbayes.options import Options, Settings, option, options_of
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.verbs.inputs import as_numbers, check_new
-from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
+from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, named_number, options
 
 if TYPE_CHECKING:
     from biaxbayes.laws.materials import MaterialResponse
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 
 DEFAULT_HOOKS = 5
+LOWEST, HIGHEST = 0.5, 3.0
+"""Range of stretches."""
+STRETCHES: dict[str, Any] = {"kind": float, "minimum": LOWEST, "maximum": HIGHEST}
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,10 @@ class SimulateOptions(Options):
         None, "Mounting stretches; the published ones by default.", metavar="X Y"
     )
     total_stretch: float | None = option(
-        None, "Largest stretch from unloaded.", kind=float, metavar="L"
+        None, "Largest stretch from unloaded.", metavar="L", **STRETCHES
     )
     measured_stretch: float | None = option(
-        None, "Largest stretch from mounted.", kind=float, metavar="L"
+        None, "Largest stretch from mounted.", metavar="L", **STRETCHES
     )
     ratios: Sequence[tuple[float, float]] = option(
         (),
@@ -57,12 +60,18 @@ class SimulateOptions(Options):
         metavar="X:Y",
         flag="ratio",
     )
-    increments: int = option(100, minimum=1, maximum=100_000, show_range=True)
+    increments: int = option(100, minimum=1, maximum=100_000)
     edge: tuple[float, float] = option(
         (20.0, 20.0), "Unloaded edge, 20 or 20x15 (x, y)  [default: 20]", metavar="MM"
     )
     thickness: float | None = option(
-        None, "Unloaded thickness  [default: 1]", kind=float, metavar="MM"
+        None,
+        "Unloaded thickness  [default: 1]",
+        kind=float,
+        minimum=0.0,
+        maximum=1e3,
+        open_ends=True,
+        metavar="MM",
     )
     axial_stretches: Sequence[float] = option(
         (),
@@ -93,14 +102,13 @@ class SimulateOptions(Options):
         kind=int,
         minimum=1,
         maximum=50,
-        show_range=True,
         metavar="[N]",
     )
-    seed: int = option(0, minimum=0, show_range=True)
+    seed: int = option(0, minimum=0)
     name: str | None = option(None, "Name of the specimen  [default: that of the file]")
 
 
-@takes_options(SimulateOptions)
+@usual_numpy_errors
 def simulate(
     out: str | Path | None = None, *, overwrite: bool = False, **options: Any
 ) -> tuple[Specimen, Truth]:
@@ -139,13 +147,16 @@ def simulate(
 def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
-    from biaxbayes.specimens.virtual_specimen import virtual_specimen, virtual_tube
+    from biaxbayes.specimens.virtual_specimen import (
+        Dimensions,
+        Machine,
+        virtual_specimen,
+        virtual_tube,
+    )
 
     material, published = _material(test)
     _check_options(test, material)
-    thickness = published.thickness_mm or 1.0 if test.thickness is None else test.thickness
-    if not (math.isfinite(thickness) and thickness > 0.0):
-        raise InputError(f"a thickness of {thickness:g} mm", remedy="give a positive number")
+    thickness = test.thickness or published.thickness_mm or 1.0
     common: dict[str, Any] = {
         "name": name,
         "source": published.source,
@@ -156,12 +167,32 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     try:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
             if test.test == "tube":
-                tube = Tube(0.5 * test.outer_diameter, thickness, 2.0 * test.opening_angle)
-                specimen, truth = virtual_tube(material, tube, **common, **_inflation(test))
+                specimen, truth = virtual_tube(
+                    material,
+                    Tube(0.5 * test.outer_diameter, thickness, 2.0 * test.opening_angle),
+                    largest_stretch=test.total_stretch or 1.0,
+                    axial_stretches=_stretches(test.axial_stretches or (1.0,), "axial_stretches"),
+                    noise=(test.noise_kPa, test.noise_N),
+                    misfit=test.misfit,
+                    **common,
+                )
             else:
-                common |= _stretching(test, published, thickness)
+                edge = as_numbers(test.edge, "edge", 2)
                 hooks = Hooks(count=test.hooks) if test.hooks else None
-                specimen, truth = virtual_specimen(material, **common, test=test.test, hooks=hooks)
+                specimen, truth = virtual_specimen(
+                    material,
+                    **_path(test, published),
+                    dimensions=Dimensions(float(edge[0]), float(edge[1]), thickness),
+                    machine=Machine(
+                        noise_N=test.noise_N,
+                        misfit=test.misfit,
+                        stress_pair=test.stress_pair,
+                        geometry=test.geometry,
+                    ),
+                    test=test.test,
+                    hooks=hooks,
+                    **common,
+                )
                 keys = {"grips": NO_GRIPS} if test.test == "biaxial" else {}
                 if hooks is not None:
                     keys = {
@@ -199,53 +230,11 @@ def _check_options(test: SimulateOptions, material: MaterialResponse) -> None:
         raise InputError(
             "a tube needs its largest stretch around it", remedy="give `total_stretch`"
         )
-    if test.hooks and test.test != "biaxial":
-        raise InputError("`hooks` hold a square", remedy="leave `hooks` or `test` out")
-    if test.hooks and not isinstance(material, GOH):
+    if test.hooks and not (test.test == "biaxial" and isinstance(material, GOH)):
         raise InputError(
-            f"`hooks` computes a sheet with shear, which the law {material.law.name} does not "
-            "define here",
-            remedy="leave `hooks` out, or give a material of goh",
+            "`hooks` hold a square of goh, whose shear is computed",
+            remedy="leave `hooks` out, or give such a test and material",
         )
-
-
-def _inflation(test: SimulateOptions) -> dict[str, Any]:
-    """Stretches and errors of a tube."""
-    axial = as_numbers(test.axial_stretches or (1.0,), "axial_stretches")
-    _check_stretches("`total_stretch`", [test.total_stretch])
-    _check_stretches("`axial_stretches`", axial.ravel())
-    return {
-        "largest_stretch": test.total_stretch,
-        "axial_stretches": axial.ravel().tolist(),
-        "noise": (test.noise_kPa, test.noise_N),
-        "misfit": test.misfit,
-    }
-
-
-def _stretching(
-    test: SimulateOptions, published: PublishedMaterial, thickness: float
-) -> dict[str, Any]:
-    """Stretches, dimensions and machine of a square or a strip."""
-    from biaxbayes.specimens.virtual_specimen import Dimensions, Machine
-
-    edge = as_numbers(test.edge, "edge", 2)
-    if test.prestretch is not None:
-        test = replace(test, prestretch=tuple(as_numbers(test.prestretch, "prestretch", 2)))
-    ratios = as_numbers(test.ratios, "ratios") if len(test.ratios) else np.ones((1, 2))
-    if ratios.shape[1:] != (2,):
-        raise InputError("`ratios` must be pairs of numbers", remedy="as ((1, 1), (1, 0.5))")
-    machine = Machine(
-        noise_N=test.noise_N,
-        misfit=test.misfit,
-        stress_pair=test.stress_pair,
-        geometry=test.geometry,
-    )
-    return {
-        **_stretches(test, published),
-        "ratios": tuple(map(tuple, ratios.tolist())),
-        "dimensions": Dimensions(float(edge[0]), float(edge[1]), thickness),
-        "machine": machine,
-    }
 
 
 def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
@@ -258,14 +247,10 @@ def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
         published = PublishedMaterial(test.material, "command line")
     elif isinstance(test.material, str) and test.material in MATERIALS:
         published = MATERIALS[test.material]
-    elif test.material is None:
-        raise InputError(
-            "`material` is missing",
-            remedy="name a published one, or make one by biaxbayes.law(...)",
-        )
     else:
         raise InputError(
-            f"unknown material {str(test.material)[:60]!r}", remedy=f"one of {', '.join(MATERIALS)}"
+            f"unknown material {str(test.material)[:60]!r}",
+            remedy=f"make one by biaxbayes.law(...), or name one of {', '.join(MATERIALS)}",
         )
     material = published.material
     if test.fibre_switch and isinstance(material, GOH):
@@ -276,43 +261,40 @@ def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
     return material, published
 
 
-def _stretches(test: SimulateOptions, published: PublishedMaterial) -> dict[str, Any]:
-    """Mounting stretch and stretch range from the options or as published."""
-    mounting = test.prestretch or published.mounting_stretch
-    if not test.prestretch and published.mounting_stretch == (1.0, 1.0):
+def _path(test: SimulateOptions, published: PublishedMaterial) -> dict[str, Any]:
+    """Mounting stretch, largest stretch and ratios, from the options or as published."""
+    if test.prestretch is None and published.mounting_stretch == (1.0, 1.0):
         raise InputError(
             "no mounting stretch is published with this material",
             remedy="give `prestretch` X Y (1 1 for none)",
         )
+    given = published.mounting_stretch if test.prestretch is None else test.prestretch
+    mounting = _stretches(given, "prestretch", 2)
     total, measured = test.total_stretch, test.measured_stretch
-    if total is not None and measured is not None:
-        raise InputError(
-            "`total_stretch` and `measured_stretch` exclude each other", remedy="give one of them"
-        )
     if total is None and measured is None:
         measured = published.measured_stretch
-    if total is None and measured is None:
-        raise InputError(
-            "no stretch range is published with this material",
-            remedy="give `total_stretch` or `measured_stretch`",
-        )
-    top: list[Any] = (
-        [measured] * 2 if total is None else [total / m if m else 0.0 for m in mounting]
-    )
-    for label, values in (("`prestretch`", mounting), ("largest measured stretch", top)):
-        _check_stretches(label, values)
-    if 1.0 in top:
+    if measured == 1.0 or total in mounting:
         raise InputError("the test ends where it starts", remedy="choose a larger stretch")
-    stretches = {"total_stretch": total, "measured_stretch": measured}
-    return {"mounting_stretch": tuple(mounting), **stretches}
+    ratios = as_numbers(test.ratios, "ratios") if len(test.ratios) else np.ones((1, 2))
+    if ratios.shape[1:] != (2,):
+        raise InputError("`ratios` must be pairs of numbers", remedy="as ((1, 1), (1, 0.5))")
+    return {
+        "mounting_stretch": tuple(mounting),
+        "total_stretch": total,
+        "measured_stretch": measured,
+        "ratios": tuple(map(tuple, ratios.tolist())),
+    }
 
 
-def _check_stretches(label: str, values: Iterable[Any]) -> None:
-    for value in values:
-        if not 0.5 <= value <= 3.0:
+def _stretches(given: Any, name: str, count: int | None = None) -> list[float]:
+    """Stretches of an argument."""
+    stretches: list[float] = as_numbers(given, name, count).ravel().tolist()
+    for value in stretches:
+        if not LOWEST <= value <= HIGHEST:
             raise InputError(
-                f"{label} of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
+                f"`{name}` of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
             )
+    return stretches
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -414,25 +396,13 @@ def _given_material(law: str | None, values: str | None) -> Any:
     if law is None:
         raise InputError("--values without a law", remedy=f"give --law, one of {', '.join(LAWS)}")
     chosen = law_named(law)
-    labels = [p.label for p in chosen.parameters]
+    example = ",".join(f"{p.label}=..." for p in chosen.parameters)
     if values is None:
-        raise InputError(
-            f"--law {law} without values",
-            remedy=f"give --values {','.join(f'{label}=...' for label in labels)}",
-        )
+        raise InputError(f"--law {law} without values", remedy=f"give --values {example}")
     numbers: dict[str, float] = {}
     for text in values.split(","):
-        name, _, value = (part.strip() for part in text.partition("="))
+        name, value = named_number(text, "--values", example)
         if name in numbers:
             raise InputError(f"--values: {name[:40]} is given twice", remedy="give it once")
-        try:
-            numbers[name] = float(value)
-        except ValueError:
-            raise InputError(
-                f"--values: {text[:60]!r} is not of the form NAME=VALUE",
-                remedy=f"parameters of {law} are {', '.join(labels)}",
-            ) from None
-    try:
-        return chosen.checked_material(numbers)
-    except InputError as error:
-        raise InputError(f"--values: {error.problem}", remedy=error.remedy) from None
+        numbers[name] = value
+    return chosen.checked_material(numbers)
