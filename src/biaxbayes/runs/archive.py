@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 import pandas as pd
 
@@ -178,8 +177,6 @@ def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
     try:
         import xarray as xr
 
-        with h5py.File(path) as file:  # h5netcdf warns at its end of what it could not open
-            file.visititems(lambda name, item: None)
         with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
         problem = _schema_error(tree["posterior"], tree["sample_stats"], parameters)
