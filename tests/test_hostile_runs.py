@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -56,8 +57,17 @@ def posterior(change: Callable[[h5py.File], object]) -> Damage:
     return damage
 
 
+def link(file: h5py.File) -> None:
+    del file["posterior/C1"]
+    file["posterior/C1"] = h5py.ExternalLink("/etc/passwd", "/posterior/C1")
+
+
 def not_finite(file: h5py.File) -> None:
     file["posterior/C1"][0, 0] = float("nan")
+
+
+def bomb(file: h5py.File) -> None:
+    file.create_dataset("bomb", shape=(10**12,), dtype="f8", chunks=(2**20,), compression="gzip")
 
 
 def truncate(run: Path) -> None:
@@ -86,6 +96,8 @@ DAMAGES: list[tuple[Damage, str]] = [
     (entries(settings={"priors": {"kappa": "__import__('os')"}}), "kappa"),
     (entries(settings={"noise_growth": True}), "settings"),
     (entries(settings={"noise": "effective"}), "noise must be one of"),
+    (posterior(link), "links to other data"),
+    (posterior(bomb), "claims more data than it can hold"),
     (posterior(not_finite), "values that are not finite"),
     (posterior(lambda f: f.pop("posterior/k2")), "no k2"),
     (truncate, "cannot be read as a posterior"),
@@ -130,6 +142,16 @@ def test_a_run_of_an_earlier_version_is_refused_in_one_line(run, capsys, stored)
     del record["format"]
     (run / "provenance.json").write_text(json.dumps(record | stored))
     assert "made by an earlier version: sample again" in refused(run, capsys)
+
+
+@pytest.mark.parametrize("name", ["provenance.json", "posterior.nc", "specimen.csv"])
+def test_links_lead_nowhere_outside(run, capsys, tmp_path, name):
+    shutil.move(run / name, tmp_path / "elsewhere")
+    (run / name).symlink_to(tmp_path / "elsewhere")
+    assert "leads outside the run folder" in refused(run, capsys)
+    (run / name).unlink()
+    (run / name).symlink_to(run / name)
+    assert "link" in refused(run, capsys)
 
 
 def test_not_a_folder_of_a_run(tmp_path, capsys):

@@ -13,7 +13,7 @@ import biaxbayes
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.file_lock import folder_lock
 from biaxbayes.populations.result import Population
-from biaxbayes.runs.archive import netcdf_bytes
+from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
 from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, STUDY, finish_moving
 from biaxbayes.tasks import kept_warning_filters
 
@@ -93,13 +93,14 @@ def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any
         raise RunError(f"{folder}: {problem}; {make}")
     try:
         path = folder / "population.nc"
+        check_archive(path)
         with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as tree:
             materials = tree["new_specimens"]["material"].load()
             attributes = {str(k): v for k, v in tree.attrs.items()}
         groups = [str(g) for g in materials["group"].to_numpy()]
         names = [str(n) for n in materials["parameter"].to_numpy()]
         values = materials.to_numpy()
-    except (OSError, KeyError, ValueError):
+    except (OSError, KeyError, ValueError, SuspiciousArchive):
         raise RunError(
             f"{folder}: its population cannot be read, population.nc is missing or damaged; copy "
             f"the folder again, or {make}"

@@ -1,4 +1,7 @@
-"""posterior.nc: the draws as an xarray DataTree that ArviZ reads.
+"""posterior.nc: the draws as an xarray DataTree that ArviZ reads; the file is checked first.
+
+HDF5 can point to other files, keep data in them, loop, and claim more numbers than it holds.
+No run of this program does any of that.
 
 Chains are ensembles; within a chain the draws run walker after walker, each walker's steps in
 order, so that the autocorrelation that ArviZ sees is that of a walker.
@@ -11,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 import pandas as pd
 
@@ -27,6 +31,49 @@ from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+# --- looking at an HDF5 file before its data are read --------------------------------------------
+
+
+MAX_OBJECTS = 2_000
+MAX_BYTES_CLAIMED = 2_000_000_000
+MAX_COMPRESSION = 50
+"""Measured or drawn numbers are not compressed further."""
+
+
+class SuspiciousArchive(Exception):
+    """The file cannot be an archive of a run."""
+
+
+def check_archive(path: Path) -> None:
+    """Refuse an HDF5 file that links outside, loops, or claims more data than it can hold."""
+    most = min(MAX_BYTES_CLAIMED, MAX_COMPRESSION * path.stat().st_size)
+    seen: set[int] = set()
+    claimed = 0
+    with h5py.File(path, "r") as file:
+        waiting: list[h5py.Group] = [file]
+        while waiting:
+            group = waiting.pop()
+            for name in group:
+                if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                    raise SuspiciousArchive("it links to other data")
+                item = group[name]
+                address = h5py.h5o.get_info(item.id).addr
+                if address in seen:
+                    raise SuspiciousArchive("its groups loop")
+                seen.add(address)
+                if isinstance(item, h5py.Group):
+                    waiting.append(item)
+                elif isinstance(item, h5py.Dataset):
+                    if item.is_virtual or item.external:
+                        raise SuspiciousArchive("its data are in another file")
+                    claimed += int(item.size or 0) * int(item.dtype.itemsize)
+                if claimed > most or len(seen) > MAX_OBJECTS:
+                    raise SuspiciousArchive("it claims more data than it can hold")
+
+
+# --- posterior.nc: the draws as an xarray DataTree that ArviZ reads ------------------------------
 
 
 PREDICTIVE_DRAWS = 500
@@ -174,12 +221,17 @@ def _units(unit: str) -> dict[str, str]:
 
 def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
     """Read posterior.nc into memory; RunError if it is damaged or lacks one of the `parameters`."""
+    if not path.is_file():
+        raise RunError(f"{path}: no such file; is this a run folder?")
     try:
         import xarray as xr
 
+        check_archive(path)
         with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
         problem = _schema_error(tree["posterior"], tree["sample_stats"], parameters)
+    except SuspiciousArchive as error:
+        raise RunError(f"{path}: is not the posterior of a run ({error})") from None
     except Exception as error:  # two libraries may raise whatever they like on foreign bytes
         raise RunError(
             f"{path}: cannot be read as a posterior ({type(error).__name__}); it is damaged or of "
@@ -201,4 +253,12 @@ def _schema_error(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:
                 return f"{str(name)[:40]} is not numbers by chain and draw"
             if not np.isfinite(variable).all():
                 return f"{str(name)[:40]} has values that are not finite"
-    return ""
+    walker, draws = posterior.coords.get("walker"), posterior.sizes["draw"]
+    if walker is None or walker.dims != ("draw",) or walker.dtype.kind not in "iu" or not draws:
+        return "no walkers"
+    # Walker after walker, all of the same length.
+    walkers = int(walker.max()) + 1
+    if draws % walkers or (walker.to_numpy() != np.arange(draws) // (draws // walkers)).any():
+        return "its walkers are out of order"
+    sizes = [(group.sizes["chain"], group.sizes["draw"]) for group in (posterior, stats)]
+    return "" if sizes[0] == sizes[1] else "its groups differ in size"

@@ -6,8 +6,8 @@ Until the last file is written, what was in the folder before stays as it was. T
 new files is then renamed to a fixed name; from there on they are the run, and the next process
 finishes moving them if a crash got in between.
 
-A run folder may come from a colleague. Its provenance is data: types are checked, nothing in it is
-executed, and no name in it leads outside the folder.
+A run folder may come from a colleague or a download. Its provenance is data: types are checked,
+nothing in it is executed, and no name in it leads outside the folder.
 """
 
 from __future__ import annotations
@@ -280,8 +280,8 @@ MAX_RECORD_BYTES = 50_000_000
 
 
 def read_json(folder: Path, name: str) -> Any:
-    """Read a JSON file of a run folder; RunError if it is missing or not JSON."""
-    path = folder / name
+    """Read a JSON file of a run folder; RunError if it is missing, leads outside or is not JSON."""
+    path = _inside(folder, name)
     if not path.exists():
         raise RunError(
             f"{path}: no such file; the run is not finished, continue it with `resume=True`"
@@ -305,8 +305,8 @@ def _whole(text: str) -> int:
 
 
 def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
-    """Path of a file of a run; RunError if it is missing or was changed."""
-    path = folder / name
+    """Path of a file of a run; RunError if it is missing, leads outside or was changed."""
+    path = _inside(folder, name)
     if not path.is_file():
         raise RunError(f"{path}: no such file; was the run folder copied completely?")
     listed = record.get("files")
@@ -321,6 +321,17 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
             f"{path}: is not the file that the run wrote (damaged or changed); copy the folder "
             "again, or sample again"
         )
+    return path
+
+
+def _inside(folder: Path, name: str) -> Path:
+    path = folder / name
+    try:
+        outside = path.is_symlink() and not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # a loop of links
+        outside = True
+    if outside:
+        raise RunError(f"{path}: is a link that leads outside the run folder; copy the file there")
     return path
 
 
