@@ -1,7 +1,9 @@
 """The verbs as functions: plain objects, that show themselves in a notebook."""
 
+import inspect
 import io
 import json
+import re
 import shutil
 import sys
 import time
@@ -198,6 +200,16 @@ def test_bad_values_are_refused_both_ways(run, tmp_path, capsys, verb, name):
     assert code == 2 and "\n" not in str(refusal.value) and not out.exists()
     if name in ("ess", "seed", "max_steps", "workers", "mounting_force"):
         assert option in output and f"`{name}`" in str(refusal.value) and output.count("\n") == 1
+
+
+@pytest.mark.parametrize("verb", ["sample", "batch", "compare_laws", "population", "simulate"])
+def test_the_help_of_a_verb_lists_its_options(verb):
+    function = getattr(biaxbayes, verb)
+    words = inspect.getdoc(function)
+    assert "**options" not in words
+    for name, parameter in inspect.signature(function).parameters.items():
+        assert re.search(rf"^(?:\w+, )*{name}(?:, \w+)* : ", words, re.MULTILINE), name
+        assert parameter.kind is not parameter.VAR_KEYWORD
 
 
 def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):

@@ -8,16 +8,23 @@ its file in :mod:`biaxbayes.verbs`.
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import numbers
+import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple, Self
+from itertools import dropwhile
+from typing import Any, NamedTuple, Self, TypeVar
+
+import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
 from biaxbayes.laws.law import Law
-from biaxbayes.tasks import DEFAULT_WORKERS
+from biaxbayes.tasks import DEFAULT_WORKERS, usual_numpy_errors
 
 # --- an option, its help text and its check ------------------------------------------------------
 
@@ -133,6 +140,81 @@ class Options:
             raise InputError(where + problem, file=file)
 
 
+Verb = TypeVar("Verb", bound=Callable[..., Any])
+
+
+def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Verb], Verb]:
+    """Add the options of tables to signature and docstring of a function with ``**options``."""
+
+    def with_signature(verb: Verb) -> Verb:
+        own = inspect.signature(verb)
+        parameters = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        names = {p.name for p in parameters} | set(without)
+        entries = ""
+        for table in tables:
+            described = options_of(table)
+            for f in fields(table):
+                if f.name in names:
+                    continue
+                names.add(f.name)
+                default = getattr(table, f.name, None)
+                parameters.append(
+                    inspect.Parameter(
+                        f.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=f.type
+                    )
+                )
+                option = described.get(f.name) or Option(f.metadata.get("help", ""))
+                choices = ", ".join(map(repr, option.choices))
+                entries += f"{f.name} : {f'{{{choices}}}' if choices else f.type}, "
+                entries += f"default {default!r}\n"
+                entries += f"    {option.help}\n" if option.help else ""
+        verb.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+        # In place of the entry ``**options`` of the docstring and its indented lines.
+        before, _, after = (inspect.getdoc(verb) or "").partition("**options\n")
+        rest = dropwhile(lambda line: line.startswith(" "), after.splitlines())
+        verb.__doc__ = (before + entries + "\n".join(rest)).rstrip("\n")
+        return for_users(verb)
+
+    return with_signature
+
+
+KINDS: dict[str, tuple[tuple[type, ...], str]] = {
+    "bool": ((bool, np.bool_), "True or False"),
+    "str": ((str,), "a text"),
+    "PathLike": ((str, os.PathLike), "a path"),
+    "Path": ((str, os.PathLike), "a path"),
+    "Sequence": ((list, tuple, np.ndarray), "a list"),
+    "tuple": ((list, tuple, str), "a list"),
+    "Mapping": ((Mapping,), "a mapping"),
+}
+"""What arguments may be, by the names in annotations."""
+
+
+def for_users(verb: Verb) -> Verb:
+    """A function that users call: it refuses arguments that are not of the annotated kind."""
+    parameters = inspect.signature(verb).parameters
+    known: dict[str, list[tuple[tuple[type, ...], str]]] = {}
+    for name, p in parameters.items():
+        # a kind is what stands outside of brackets, where "|" may stand as well
+        parts = set(re.sub(r"\[.*\]", "", str(p.annotation)).split(" | ")) - {"None"}
+        if parts <= KINDS.keys():
+            known[name] = [KINDS[part] for part in sorted(parts)]
+
+    @functools.wraps(verb)
+    def checked(*arguments: Any, **options: Any) -> Any:
+        given = dict(zip(parameters, arguments, strict=False)) | options
+        for name in known.keys() & given.keys():
+            kinds, value, p = known[name], given[name], parameters[name]
+            if value is None and (p.default is None or "None" in str(p.annotation)):
+                continue
+            if not any(isinstance(value, types) for types, _ in kinds):
+                allowed = " or ".join(words for _, words in kinds)
+                raise InputError(f"`{name}` must be {allowed}, not {type(value).__name__}")
+        return verb(*arguments, **options)
+
+    return usual_numpy_errors(checked)  # type: ignore[return-value]
+
+
 # --- choices of options -----------------------------------------------------------------
 
 INFERRING_MODES = ("noisy", "exact", "free")
@@ -231,8 +313,10 @@ class Settings(Options):
         False,
         "Fibres carry no load in compression, as in Abaqus and FEBio; for laws with a choice.",
     )
-    priors: Mapping[str, Any] = field(default_factory=dict)
-    """In place of default priors: a Prior, a number (fixed) or a Tie."""
+    priors: Mapping[str, Any] = field(
+        default_factory=dict,
+        metadata={"help": "In place of default priors: a Prior, a number (fixed) or a Tie."},
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -331,14 +415,17 @@ class FitOptions(Options):
 
     starts: int = option(8, minimum=1, maximum=512)
     seed: int = option(0, minimum=0)
-    fixed: Mapping[str, float] | None = None
-    """Values of fixed parameters, in their own units."""
+    fixed: Mapping[str, float] | None = field(
+        default=None, metadata={"help": "Values of fixed parameters, in their own units."}
+    )
     mounting_stretch: str = option("shared", **MODEL_OPTIONS["mounting_stretch"]._asdict())
     law: str = option(DEFAULT_LAW, **MODEL_OPTIONS["law"]._asdict())
     fibre_switch: bool = option(False, **MODEL_OPTIONS["fibre_switch"]._asdict())
     piece_sd: float = option(0.1, **MODEL_OPTIONS["piece_sd"]._asdict())
-    initial: Any = None
-    """A Material as a further start; with it ``starts`` may be 0."""
+    initial: Any = field(
+        default=None,
+        metadata={"help": "A Material as a further start; with it ``starts`` may be 0."},
+    )
 
     def __post_init__(self) -> None:
         if self.starts == 0 and self.initial is not None:

@@ -35,13 +35,12 @@ from biaxbayes.model.misfit import SmoothMisfit
 from biaxbayes.model.piece import Piece
 from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
-from biaxbayes.options import ModelOptions, Settings
+from biaxbayes.options import ModelOptions, Settings, takes_options
 from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.averaging import rows_to_keep
 from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.tasks import usual_numpy_errors
 
 MAX_POINTS = 65_536
 """Points of a density that are evaluated together."""
@@ -74,7 +73,7 @@ class Posterior:
         force in a file without load noise.
     """
 
-    @usual_numpy_errors
+    @takes_options(Settings)
     def __init__(
         self,
         specimen: Specimen,

@@ -32,7 +32,7 @@ from biaxbayes.errors import (
     printable,
 )
 from biaxbayes.laws import DEFAULT_LAW
-from biaxbayes.options import ModelOptions, SamplingPlan
+from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, time_left, with_progress
 from biaxbayes.reports.study_page import closing_message, write_study
@@ -58,7 +58,7 @@ from biaxbayes.studies.study_file import (
     read_study,
     study_of_files,
 )
-from biaxbayes.tasks import Executor, usual_numpy_errors
+from biaxbayes.tasks import Executor
 from biaxbayes.text_files import os_error_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, no_progress, no_stop
@@ -66,7 +66,7 @@ from biaxbayes.verbs.sample import SampleJob
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(SamplingPlan, ModelOptions)
 def batch(
     study: PathLike | Sequence[PathLike],
     *,

@@ -32,12 +32,12 @@ from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.priors import prior_value
-from biaxbayes.options import CalibrationPlan, InferringOptions
+from biaxbayes.options import CalibrationPlan, InferringOptions, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
-from biaxbayes.tasks import Executor, usual_numpy_errors
+from biaxbayes.tasks import Executor
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -151,7 +151,7 @@ def _stored_rows(
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(CalibrationPlan, InferringOptions)
 def calibrate(
     specimen: SpecimenLike,
     *,

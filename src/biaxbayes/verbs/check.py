@@ -14,9 +14,9 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.mechanics.experiments import N_PER_KPA_MM2, Tube
+from biaxbayes.options import for_users
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
 from biaxbayes.verbs.options import argument, file_option, flag, json_option
@@ -60,7 +60,7 @@ class Checked:
         return f"<p>{escape(self.specimen.name)}</p><table>{rows}</table>"
 
 
-@usual_numpy_errors
+@for_users
 def check(
     specimen: SpecimenLike,
     *,

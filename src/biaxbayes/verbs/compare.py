@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import ModelOptions, SamplingPlan
+from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike, SpecimenLike, Stop
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(SamplingPlan, ModelOptions)
 def compare(
     runs: Sequence[RunLike | SpecimenLike],
     *,

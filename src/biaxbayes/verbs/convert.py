@@ -14,12 +14,12 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, Choice
+from biaxbayes.options import takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.units import likely_name
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import aligned, atomic_write_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, check_new
@@ -32,7 +32,7 @@ BESIDE = ("-record.png", "-recipe.toml")
 """Ends of the names of the picture and the recipe beside a specimen file."""
 
 
-@usual_numpy_errors
+@takes_options(Choice)
 def convert(
     raw: PathLike | Sequence[PathLike],
     choice: Choice | None = None,

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.options import DesignOptions
+from biaxbayes.options import DesignOptions, takes_options
 from biaxbayes.progress_bar import progress_line, with_progress
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import aligned, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(DesignOptions)
 def design(
     run: RunLike,
     *,

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
 from biaxbayes.reports.text import plural
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import as_path
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
 from biaxbayes.verbs.options import (
@@ -51,7 +50,7 @@ class CardOptions(Options):
     overwrite: bool = option(False, "Replace the cards of an earlier export.")
 
 
-@usual_numpy_errors
+@takes_options(CardOptions)
 def export(
     run: RunLike,
     to: str,

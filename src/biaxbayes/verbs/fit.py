@@ -21,8 +21,8 @@ from biaxbayes.options import (
     NO_INTERVAL,
     WHICH_FIT,
     FitOptions,
+    takes_options,
 )
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import aligned, write_csv
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, PiecesLike, make_folder, open_specimen
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from biaxbayes.specimens.specimen import Specimen
 
 
-@usual_numpy_errors
+@takes_options(FitOptions)
 def fit(
     specimen: PiecesLike,
     method: str = "constrained",
@@ -79,7 +79,7 @@ def fit(
     return results if method == ALL_FITS else results[0]
 
 
-@usual_numpy_errors
+@takes_options(FitOptions, without=("initial",))
 def fit_all(
     specimen: PiecesLike,
     *,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.options import for_users
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, make_folder
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, flag, json_option
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from biaxbayes.runs.result import RunResult
 
 
-@usual_numpy_errors
+@for_users
 def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) -> RunResult:
     """Compute the result of a run again: what to report of each parameter, with the evidence.
 

@@ -13,13 +13,12 @@ from biaxbayes.comparison.law_tasks import law_tasks, sample_parts
 from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.options import LawsPlan, ModelOptions
+from biaxbayes.options import LawsPlan, ModelOptions, takes_options
 from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -43,7 +42,7 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(LawsPlan, ModelOptions, without=SINGLE_LAW_OPTIONS)
 def compare_laws(
     specimen: SpecimenLike,
     *,

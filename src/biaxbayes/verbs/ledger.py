@@ -18,9 +18,9 @@ from biaxbayes.options import (
     InferringOptions,
     SamplingPlan,
     option,
+    takes_options,
 )
 from biaxbayes.progress_bar import Progress, progress_line, with_progress
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import aligned, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -38,7 +38,7 @@ class LedgerPlan(SamplingPlan):
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(LedgerPlan, InferringOptions)
 def ledger(
     source: RunLike | SpecimenLike,
     *,

@@ -26,10 +26,10 @@ from biaxbayes.figures.style import (
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profiles
-from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option
+from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option, for_users
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.truth import read_truth
-from biaxbayes.tasks import process_lock, usual_numpy_errors
+from biaxbayes.tasks import process_lock
 from biaxbayes.text_files import as_path, safe_file_name
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
@@ -83,7 +83,7 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
 # --- a figure in the style of a paper ------------------------------------------------------------
 
 
-@usual_numpy_errors
+@for_users
 def plot(
     run: RunLike,
     figure: str = "corner",

@@ -14,7 +14,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import InputError, Interrupted, printable
-from biaxbayes.options import PopulationOptions
+from biaxbayes.options import PopulationOptions, takes_options
 from biaxbayes.parameters import MATERIAL
 from biaxbayes.populations.archive import archive
 from biaxbayes.populations.grouping import group_sources, open_sources
@@ -60,7 +60,6 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.result import json_values
 from biaxbayes.studies.record import StudyRun, members_of_study
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, first_few, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -69,7 +68,7 @@ from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(PopulationOptions)
 def population(
     study: PathLike,
     *,

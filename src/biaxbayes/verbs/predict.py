@@ -12,10 +12,9 @@ import numpy as np
 from biaxbayes.errors import InputError, listed
 from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option
+from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.text_files import atomic_write_all, csv_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -69,7 +68,7 @@ class PathOptions(BandOptions):
     )
 
 
-@usual_numpy_errors
+@takes_options(PathOptions, without=("seed",))
 def predict(
     run: RunLike,
     path: Any = None,
@@ -213,7 +212,7 @@ class TubeOptions(BandOptions):
     around: str = option("x", "The axis of the test that runs around the tube.", choices=("x", "y"))
 
 
-@usual_numpy_errors
+@takes_options(TubeOptions)
 def inflate(
     run: RunLike,
     pressure_kPa: Any = None,

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.options import MOUNTING_MODES, ModelOptions, option
-from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.options import MOUNTING_MODES, ModelOptions, option, takes_options
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -35,7 +34,7 @@ class ProfileOptions(ModelOptions):
     )
 
 
-@usual_numpy_errors
+@takes_options(ProfileOptions)
 def profile(
     source: RunLike | SpecimenLike,
     parameters: Sequence[str] = (),

@@ -7,14 +7,13 @@ from pathlib import Path
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.options import REPORTS
-from biaxbayes.tasks import usual_numpy_errors
+from biaxbayes.options import REPORTS, for_users
 from biaxbayes.text_files import as_path, atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
 
 
-@usual_numpy_errors
+@for_users
 def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> Path:
     """Write the report of a run again, and return its path.
 

@@ -40,6 +40,7 @@ from biaxbayes.options import (
     INFERRING_MODES,
     ModelOptions,
     SamplingPlan,
+    takes_options,
 )
 from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import Progress, with_progress
@@ -59,7 +60,7 @@ from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.check import Finding, check_round_trip, refuse_no_loading_curve
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.tasks import process_lock, usual_numpy_errors
+from biaxbayes.tasks import process_lock
 from biaxbayes.text_files import as_path, atomic_write_text, safe_file_name, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -354,7 +355,7 @@ def _resolve_mounting(
 
 
 @with_progress
-@usual_numpy_errors
+@takes_options(SamplingPlan, ModelOptions)
 def sample(
     specimen: PiecesLike,
     *,

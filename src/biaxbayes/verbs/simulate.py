@@ -13,13 +13,12 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.mechanics.experiments import TESTS, Tube
-from biaxbayes.options import Options, Settings, option, options_of
+from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.tasks import usual_numpy_errors
 from biaxbayes.verbs.inputs import as_numbers, check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, named_number, options
 
@@ -108,7 +107,7 @@ class SimulateOptions(Options):
     name: str | None = option(None, "Name of the specimen  [default: that of the file]")
 
 
-@usual_numpy_errors
+@takes_options(SimulateOptions)
 def simulate(
     out: str | Path | None = None, *, overwrite: bool = False, **options: Any
 ) -> tuple[Specimen, Truth]:
