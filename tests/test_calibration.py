@@ -369,6 +369,14 @@ def test_command_line(tmp_path, capsys):
     assert "kappa" not in set(table["parameter"])
     assert json.loads((out / "calibration.json").read_text())["priors"]["kappa"] == 0.0
     assert read_priors(out / "priors.toml")["kappa"] == 0.0
+    ranks = (out / "ranks.csv").read_bytes()
+    for more in ((), ("--seed", 2)):
+        code, _, err = run(capsys, *study, *words, *more)
+        assert code == 2 and "already holds a calibration" in err
+    code, _, err = run(capsys, *study, *words, "--seed", 2, "--resume")
+    assert code == 2 and "holds another calibration" in err
+    assert (out / "ranks.csv").read_bytes() == ranks
+    assert run(capsys, *study, *words, "--resume")[0] == 0
 
 
 def test_the_folder_of_another_kind_of_work_is_refused_and_untouched(tmp_path, capsys):

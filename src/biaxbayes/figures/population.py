@@ -37,7 +37,7 @@ STUDY_NOTE = "90 %; filled: identified or bounded; open: neither; cross: fixed"
 
 @print_style()
 def study_figure(table: pd.DataFrame, group_of: Mapping[str, str]) -> Figure:
-    """Draw medians and 90 % intervals of every specimen; open symbols are not identified."""
+    """Draw medians and 90 % intervals of every specimen; open: neither identified nor bounded."""
     table = table.assign(group=table["specimen"].map(group_of))
     drawn = table[np.isfinite(table["q50"].astype(float))]
     groups = list(dict.fromkeys(table["group"]))
@@ -96,11 +96,11 @@ ALONE = "0.62"
 NOTE = "grey: alone; coloured: pooled; diamond: group's median; thin: a new specimen; 90 %"
 PAIRS = "new specimens: filled 50 %, outline 90 %; points: tested specimens, pooled"
 BAND_NOTE = (
-    "band: 90 % of new specimens, to the stretch that every specimen reached; thin lines: "
+    "band: 90 % of new specimens, to the largest stretch of any specimen; thin lines: "
     "equibiaxial records"
 )
 HIGHEST = 10.0
-"""Times the largest median at which a band that is higher than the records is cut."""
+"""The stress axis ends at most at this multiple of the largest median."""
 
 
 @print_style()

@@ -295,9 +295,10 @@ class Population:
         """Prior means of the groups, (p,), from which the stored values are measured."""
         return np.array([v.mean for v in self.values])
 
-    def rng(self, what: int) -> np.random.Generator:
-        """Random numbers of one table, whichever else were made."""
-        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1000 + what,)))
+    def rng(self, table: int, *index: int) -> np.random.Generator:
+        """Random numbers of one table, or one row of it, whichever else were made."""
+        key = (1000 + table, *index)
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
 
     def hyper(self, most: int | None = None) -> Hyper:
         """At most so many draws of means and spreads, in the order ensembles, sweeps, chains."""

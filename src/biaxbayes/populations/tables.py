@@ -106,7 +106,7 @@ def _pooled_rows(
 
 def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
     """Structure tensor, stiffness and stress of a group, draw by draw."""
-    hyper, rng = population.hyper(DERIVED_DRAWS), population.rng(1 + g)
+    hyper, rng = population.hyper(DERIVED_DRAWS), population.rng(1, g)
     typical, medians = _typical(population, hyper, g, rng)
     between, wide = hyper.repeat(DONORS_PER_DRAW), hyper.repeat(4)
     donors = derived_from_values(population, between.median(between.donors(g, rng), g))
@@ -114,7 +114,7 @@ def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
     new_specimens = derived_from_values(population, wide.specimens(location, g, rng))
     new_donors = derived_from_values(population, wide.median(location, g))
     prior = population.prior[0].at(evenly_chosen(PRIOR_DRAWS, DERIVED_DRAWS))
-    _, before = _typical(population, prior, g, population.rng(700 + g))
+    _, before = _typical(population, prior, g, population.rng(700, g))
     shrunk = contractions(before, medians)
     for q, median, contraction, donor, new_specimen, new_donor in zip(
         typical, medians, shrunk, donors, new_specimens, new_donors, strict=True
@@ -175,7 +175,7 @@ def specimens_table(population: Population) -> pd.DataFrame:
     grouping = population.grouping
     for i, source in enumerate(population.sources):
         g = grouping.groups.index(grouping.group[i])
-        joint, each = hyper.predictive_p(theta[:, i], g, population.rng(100 + i))
+        joint, each = hyper.predictive_p(theta[:, i], g, population.rng(100, i))
         single_p = dict(zip([v.name for v in population.values], each.tolist(), strict=True))
         pooled = population.natural(i)
         verdicts = specimen_verdicts(
@@ -232,6 +232,7 @@ def _difference(population: Population, values: np.ndarray) -> dict[str, Any]:
     """Quantiles of a difference, and whether its 90 % interval excludes zero."""
     if population.state == "unusable":
         return {}
+    values = values[~np.isnan(values)]  # of stresses beyond all numbers in both groups
     larger = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
     out: dict[str, Any] = quantile_columns("difference", values) | {"probability_positive": larger}
     if population.state == "converged":

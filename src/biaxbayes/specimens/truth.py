@@ -47,9 +47,7 @@ class Truth:
 
     def __repr__(self) -> str:
         values = ", ".join(
-            f"{k}={v if isinstance(v, str) else f'{v:.4g}'}"
-            for k, v in self.material.items()
-            if v is not True
+            f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}" for k, v in self.material.items()
         )
         stretch = f"{self.mounting_stretch_x:g}, {self.mounting_stretch_y:g}"
         return f"Truth({self.specimen!r}: {values}, mounting stretch {stretch})"

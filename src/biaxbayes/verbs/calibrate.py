@@ -59,7 +59,7 @@ class CalibrationResult:
         Replications by the state of their draws.
     calibrated : bool
     p : float
-        Of uniform ranks of all quantities together.
+        p-value of the test that the ranks of all quantities together are uniform.
     """
 
     table: pd.DataFrame
@@ -118,7 +118,7 @@ def run_calibration(
 def _stored_rows(
     calibration: Calibration, folder: Path, *, resume: bool
 ) -> dict[int, list[dict[str, Any]]]:
-    """Rows of the replications already done, by replication; the calibration is recorded."""
+    """Rows of the replications already done, by replication; records the calibration."""
     # numbers and the deliberate fault, if there is one
     others = {k: v for k, v in vars(calibration).items() if isinstance(v, int | float | str)}
     identity = {
@@ -131,15 +131,20 @@ def _stored_rows(
     }
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     rows: dict[int, list[dict[str, Any]]] = {}
-    if resume and (folder / RECORD).exists() and (folder / RANKS).exists():
+    if (folder / RECORD).exists() and (folder / RANKS).exists():
+        if not resume:
+            raise RunError(
+                f"{folder}: already holds a calibration; choose another `out`, or continue it with "
+                "`resume=True`"
+            )
         if stored_identity(folder / RECORD) != digest:
             raise RunError(
                 f"{folder}: holds another calibration (specimen, options, priors, seed or version "
-                "differ); choose another `out`, or leave out `resume`"
+                "differ); choose another `out`"
             )
         for row in read_ranks(folder / RANKS).to_dict("records"):
             rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
-    # First, since rows of another one must not belong to this record.
+    # the ranks first: after a crash the record never stands beside those of another calibration
     write_csv(folder / RANKS, rank_table(rows))
     atomic_write_text(folder / RECORD, record_text({**identity, "identity": digest}))
     priors = priors_toml(calibration.priors, calibration.specimen.unit, calibration.law)
@@ -159,7 +164,7 @@ def calibrate(
     mounting_force: Sequence[float] | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    resume: bool = True,
+    resume: bool = False,
     progress: OnProgress = inputs.no_progress,
     stop: Stop = inputs.no_stop,
     **options: Any,
@@ -202,10 +207,10 @@ def calibrate(
 def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     """Simulation-based calibration on the protocols, dimensions and load noise of SPECIMEN.
 
-    True values are drawn, readings simulated and sampled as a measured specimen's are, and
-    the true values ranked among the draws. A misfit of the law is drawn as well, relative to the
-    loads that fit SPECIMEN. Writes ranks.csv, calibration.csv, a figure and the priors used. Exit
-    code 3 when the ranks are not uniform.
+    True values are drawn, readings simulated, their posterior sampled as that of a measured
+    specimen, and the true values ranked among the draws. A misfit of the law is drawn as well,
+    relative to the loads that fit SPECIMEN. Writes ranks.csv, calibration.csv, a figure and the
+    priors used. Exit code 3 when the ranks are not uniform.
     """
     given = opt.with_priors(**given)
     folder = out or Path(f"{specimen.stem}-calibration")
@@ -231,7 +236,7 @@ def closing_message(folder: Path, outcome: CalibrationResult) -> str:
     lines.append(f"{total} replications, {others or 'all converged'}")
     if total < MIN_REPLICATIONS and outcome.calibrated:
         lines.append(
-            f"{total} replications are too few: wrong intervals would look the same; run "
+            f"{total} replications are too few to tell wrong intervals from right ones; run "
             f"{MIN_REPLICATIONS} or more (--replications, with --resume)"
         )
     else:
