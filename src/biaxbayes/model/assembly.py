@@ -1,10 +1,14 @@
 """From a specimen and settings to the arrays of the compiled density, and back from its draws.
 
-A slot is one number of the density, sampled, fixed or tied: the parameters of the law; of each
-piece the noise sd, the factors of measured dimensions, the offsets of the load cell and the
-stiffness over that of the first; and two per mounted state.
-Natural values are in the units of the parameter table; a slot holds the log of a positive scale,
-and angles in radians.
+A slot is one number of the density, sampled, fixed or tied. In their order:
+
+- the parameters of the law
+- of each piece the noise sd, the factors of measured dimensions, the offsets of the load cell, and
+  its stiffness relative to that of the first piece
+- of each mounted state the two forces or stretches
+
+Natural values are in the units of the parameter table. Slots of positive parameters hold logs,
+those of angles radians.
 """
 
 from __future__ import annotations

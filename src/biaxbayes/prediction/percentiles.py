@@ -13,8 +13,8 @@ from biaxbayes.normal_errors import standard_cdf, standard_quantile
 BANDS = ("median", "credible_low", "credible_high", "predictive_low", "predictive_high")
 """Endings of the columns of a predicted quantity."""
 
-MIXTURE_DRAWS = 4000  # draws that carry a predictive percentile
-MAX_BISECTIONS = 60
+MIXTURE_DRAWS = 4000  # most components of a mixture whose percentiles are computed
+MAX_ITERATIONS = 60
 
 
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
@@ -32,7 +32,7 @@ def quantile_columns(name: str, values: Any) -> dict[str, float]:
 
 
 def tails(probability: float) -> tuple[float, float]:
-    """Lower and upper percentile of a central band; InputError if not between 0 and 1."""
+    """Probabilities below the ends of a central band; InputError if not between 0 and 1."""
     if not 0.0 < probability < 1.0:
         raise InputError(f"a probability of {probability:g} is not between 0 and 1")
     return 0.5 * (1.0 - probability), 0.5 * (1.0 + probability)
@@ -86,7 +86,7 @@ def mixture_percentiles(
         # Start: the normal distribution of the same mean and variance.
         spread = np.sqrt(mean.var(axis=1) + (sd**2).mean(axis=1))
         q = np.clip(mean.mean(axis=1) + standard_quantile(level) * spread, low, high)
-        for _ in range(MAX_BISECTIONS):
+        for _ in range(MAX_ITERATIONS):
             # F(q) = mean over draws of Phi((q - m) / sd), by Newton's method within [low, high]
             z = (q[:, None] - mean) / sd
             excess = standard_cdf(z).mean(axis=1) - level

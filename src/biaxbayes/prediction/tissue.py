@@ -1,8 +1,9 @@
 """Loads of the tissue, draw by draw: those of the law, and its misfit given the readings.
 
-On the path of a protocol the readings there determine the misfit; on another path it is what those
-structures of the misfit carry there that reach beyond a path, else its prior. With independent
-errors the tissue follows the law exactly.
+On the path of a protocol the readings there determine the misfit. On another path they inform only
+those structures of the misfit that are functions of both stretches (see
+:mod:`biaxbayes.model.misfit`); the others have their prior there. With independent errors the
+tissue follows the law exactly.
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ class Tissue:
             return np.nan_to_num(self.posterior.residuals(self.draws, self.piece))
 
     @cached_property
-    def _chosen(self) -> np.ndarray:
+    def _structures(self) -> np.ndarray:
+        """Structure, noise and amplitude of the misfit of each draw."""
         rng = np.random.default_rng(self.seed)
         return self._smooth.choose(self._residual, rng)
 
@@ -82,7 +84,7 @@ class Tissue:
     def noise_sd(self) -> np.ndarray:
         """Noise of a reading, (draws, 1, 2)."""
         if self.posterior.settings.has_misfit:
-            factors = self._smooth.noise_factors(self._chosen)
+            factors = self._smooth.noise_factors(self._structures)
             return self._model.specimen.noise_sds * factors[:, None, None]
         name = name_of(NOISE_SD.name, self._model.labels.label)
         noise = self.draws[name].to_numpy(dtype=float)[:, None, None]
@@ -91,7 +93,7 @@ class Tissue:
     def tested(
         self, protocol: int, stretch: np.ndarray, rows: np.ndarray | None = None
     ) -> TissueLoads:
-        """At states of a protocol (its index): at some ``rows`` of its ``stretch`` (m, 2).
+        """Loads at ``rows`` (default all) of the stretches (m, 2) of a protocol, by its index.
 
         The offset of the load cell is included, as in readings.
         """
@@ -114,7 +116,7 @@ class Tissue:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd of the misfit on a path of measured stretches, (draws, m, 2).
 
-        The path is known to run along a ``protocol`` (its index), or may turn out to.
+        ``protocol`` is the index of the one that the path runs along; by default one is looked for.
         """
         if not self.posterior.settings.has_misfit:
             nothing = np.zeros((len(self.draws), len(stretch), 2))
@@ -134,7 +136,7 @@ class Tissue:
         units = [test.stresses(stretch, np.broadcast_to(e, stretch.shape)) for e in np.eye(2)]
         if units[0] is None:
             return mean / section, sd / section, self.noise_sd / section
-        # P_k = sum_i (dP_k / dq_i) q_i,  P = s / l
+        # P_k = sum_i (dP_k / dq_i) q_i,  P = s / l, of the mounted section
         by_reading = np.array(units, dtype=float) / stretch
         spread = [
             np.sqrt(np.einsum("imk,dmi->dmk", by_reading**2, np.broadcast_to(v, mean.shape) ** 2))
@@ -143,5 +145,5 @@ class Tissue:
         return np.einsum("imk,dmi->dmk", by_reading, mean), spread[0], spread[1]
 
     def _misfit(self, points: CurvePoints) -> tuple[np.ndarray, np.ndarray]:
-        mean, sd = self._smooth.given(self._residual, self._chosen, points)
+        mean, sd = self._smooth.given(self._residual, self._structures, points)
         return mean.reshape(len(mean), -1, 2), sd.reshape(len(sd), -1, 2)
