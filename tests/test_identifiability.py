@@ -367,6 +367,9 @@ def test_the_sloppy_direction_changes_the_curves_by_what_is_reported():
     ends = path.materials.iloc[[0, -1]]
     np.testing.assert_allclose(ends[path.moved], [low, high], atol=0.01 * (high - low))
     assert high - low > 0.15  # it is a long way
+    stretches = ["mounting_stretch_x", "mounting_stretch_y"]
+    assert list(path.to_frame()) == [*PARAMETERS, *stretches]
+    np.testing.assert_array_equal(path.to_frame()[stretches], path.mounting_stretch[:, 0])
     materials = [GOH(*map(float, row)) for row in path.materials[list(PARAMETERS)].to_numpy()]
     load, data = path.mounting_load[0], made.target.specimen
     curves = [loads_along(material, load, data) for material in materials]
