@@ -13,7 +13,7 @@ from biaxbayes.laws.published import MATERIALS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
 from biaxbayes.options import Settings
-from biaxbayes.prediction.bands import bands
+from biaxbayes.prediction.bands import bands, curves_of_draws
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.inflation import (
     ThinTube,
@@ -289,13 +289,21 @@ def test_on_a_tested_path_the_tissue_is_what_was_read(geometry, mounting_stretch
     made = missed().specimen
     made = replace(made, geometry=geometry, metadata={"load_offset_sd_N": 0.02})
     of = posterior(made, noise="misfit", mounting_stretch=mounting_stretch)
-    table = bands(of, near_the_fit(of, n=40).assign(load_offset_x=0.01, load_offset_y=-0.01))
+    drawn = near_the_fit(of, n=40).assign(load_offset_x=0.01, load_offset_y=-0.01)
+    table = bands(of, drawn)
     after, noise = table[table["stretch"] > 1.02], made.noise_sd
     assert (after["law"] - after["measured"]).abs().max() > 5.0 * noise
     assert (after["credible_q50"] - after["measured"]).abs().max() < 2.0 * noise
     width = after["predictive_q95"] - after["predictive_q05"]
     assert (width > 2 * 1.6 * noise).all()
     assert (after["credible_q95"] - after["credible_q05"] < width).all()
+    # the curves of single draws have the offsets of the load cell, as readings do
+    law, read = (
+        curves_of_draws(of, of_draws)[0].load
+        for of_draws in (drawn.assign(load_offset_x=0.0, load_offset_y=0.0), drawn)
+    )
+    offset = made.per_nominal(made.protocols[0].stretch) * [0.01, -0.01]
+    np.testing.assert_allclose(read - law, np.broadcast_to(offset, law.shape), atol=1e-12)
 
 
 def test_a_stress_along_a_tested_path_is_that_of_the_readings(smooth):
