@@ -78,6 +78,8 @@ def test_rake_distance_overstates_what_the_tissue_does_and_serves_without_points
     out = tmp_path / "specimen.csv"
     code, _, err = biotester(tmp_path / "raw.csv", out, capsys, "--stretch-from", "tracked")
     assert code == 2 and "no tracked points" in err
+    code, _, err = biotester(tmp_path / "raw.csv", out, capsys, "--gauge-x-mm", 8)
+    assert code == 2 and "needs no gauge length" in err
 
 
 @pytest.mark.parametrize("cycle", [1, 3])
