@@ -12,7 +12,6 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
-from biaxbayes.options import Settings
 from biaxbayes.prediction.bands import bands, curves_of_draws
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.inflation import (
@@ -390,12 +389,11 @@ def test_bands_hold_curves_of_the_very_model():
 
 def test_readings_are_those_of_the_protocols_along_the_path():
     tested, one = specimen(((1.0, 1.0), (1.0, 0.5))), draws(1, spread=0.0)
+    of = Posterior(tested, noise="independent")
     lm = one[["mounting_stretch_x", "mounting_stretch_y"]].to_numpy()[0]
     for p in tested.protocols:
         stretch = np.column_stack([p.stretch_x, p.stretch_y])
-        result = measured_stress(
-            one, tested, Settings(), stretch, reference="measured", stress="piola"
-        )
+        result = measured_stress(of, one, stretch, reference="measured", stress="piola")
         assert set(result["protocol"]) == {p.name}
         np.testing.assert_allclose(result[["stretch_x", "stretch_y"]], stretch)
         model = MEDIA.piola(*(stretch * lm).T)
@@ -405,7 +403,23 @@ def test_readings_are_those_of_the_protocols_along_the_path():
             missed = result[f"piola_{name}_kPa_residual"]
             np.testing.assert_allclose(missed, stress - model[axis], atol=1e-9)
     aside = 1.0 + np.linspace(0.0, 0.2, 9)[:, None] * np.array([-0.5, 1.0])
-    assert measured_stress(one, tested, Settings(), aside).empty
+    assert measured_stress(of, one, aside).empty
+
+
+def test_readings_along_a_tested_path_lie_on_the_tissue_where_the_law_misses(smooth):
+    """By the noise, as their band is that of the law and its misfit; the law misses by 3 %."""
+    of, frame = smooth
+    p = of.specimen.protocols[0]
+    result = measured_stress(of, frame, p.stretch, stress="piola")
+    law = predict_stress(
+        of.replaced(noise="independent"), frame.assign(noise_sd=1e-3), p.stretch, stress="piola"
+    )
+    for axis, name in enumerate("xy"):
+        noise = of.specimen.noise_sd / of.specimen.area[axis]
+        after = result["stretch_x"] > 1.02
+        assert result[f"piola_{name}_kPa_residual"][after].abs().max() < 4.0 * noise
+        missed = result[f"piola_{name}_kPa"] - law[f"piola_{name}_kPa_median"]
+        assert missed[after].abs().max() > 5.0 * noise
 
 
 # --- thin-walled inflation against energy, hand calculation and its own inverse ---

@@ -14,10 +14,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
-from biaxbayes.forward import ForwardModel
 from biaxbayes.mechanics.experiments import with_free_side
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.options import PredictionOptions, Settings
+from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.draws import (
     mounting_labels,
     mounting_stretch,
@@ -284,9 +283,8 @@ MEASURED_ROWS, MEASURED_DRAWS = 200, 200
 
 
 def measured_stress(
+    posterior: Posterior,
     draws: pd.DataFrame,
-    specimen: Specimen,
-    settings: Settings,
     path: np.ndarray,
     *,
     reference: str = "measured",
@@ -295,14 +293,7 @@ def measured_stress(
 ) -> pd.DataFrame:
     """Measured stresses along a path of stretches.
 
-    Parameters
-    ----------
-    specimen : Specimen
-        With the loads that the run compares.
-    settings : Settings
-        Those of the run.
-    draws, path, reference, protocol, stress
-        As in :func:`predict_stress`.
+    Arguments as in :func:`predict_stress`.
 
     Returns
     -------
@@ -310,9 +301,12 @@ def measured_stress(
         One row per reading of a protocol that runs along the path, at most 200 of each:
         ``protocol``, ``stretch_x`` and ``stretch_y`` in the chosen reference, and for each
         direction medians over the draws such as ``cauchy_x_kPa`` and ``cauchy_x_kPa_residual``,
-        the reading less the model at the state it was taken at. A file's sections and the mounting
-        stretch, which make a stress of a reading, are those of each draw.
+        the reading less that of the tissue, the law and its misfit, at the state it was taken at. A
+        file's sections and the mounting stretch, which make a stress of a reading, are those of
+        each draw.
     """
+    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
+    specimen = specimen.as_compared(posterior.settings.mounting)
     if not specimen.experiment.is_mounted:
         return pd.DataFrame()  # a pressure is no stress
     draws = draws.iloc[evenly_chosen(len(draws), MEASURED_DRAWS)]
@@ -320,9 +314,9 @@ def measured_stress(
     if reference == "measured":
         own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
     covered = prediction_range(draws, specimen, protocol, reference)
-    forward = ForwardModel.from_specimen(specimen, settings)
+    forward, tissue = posterior.forward, Tissue(posterior, draws)
     tables = []
-    for p in specimen.protocols:
+    for i, p in enumerate(specimen.protocols):
         rows = evenly_spaced(p.rows, MEASURED_ROWS)
         stretch = p.stretch[rows]
         lm = protocol_mounting(draws, p)
@@ -333,16 +327,16 @@ def measured_stress(
             continue  # all protocols begin near a path; one that runs along it ends there, too
         stretch, state, rows = stretch[near], state[near], rows[near]
         total = stretch[None] * lm[:, None, :]
-        model = settings.material_law.material(draws).piola(total[..., 0], total[..., 1])
-        piola = specimen.load(p)[rows] - forward.offset(draws)
-        piola = piola / forward.unloaded_section(draws, lm[:, None])
+        section, read = forward.unloaded_section(draws, lm[:, None]), specimen.load(p)[rows]
+        piola = (read - forward.offset(draws)) / section
+        of_tissue = tissue.tested(i, posterior.specimen.protocols[i].stretch, rows).mean
+        missed = (read - of_tissue) / section
         table = {"protocol": p.name, "stretch_x": state[:, 0], "stretch_y": state[:, 1]}
         for axis, name in enumerate("xy"):
             scale = total[..., axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
-            measured = piola[..., axis] * scale
-            table[f"{stress}_{name}_kPa"] = np.median(measured, axis=0)
-            missed = np.median(measured - model[axis] * scale, axis=0)
-            table[f"{stress}_{name}_kPa_residual"] = missed
+            table[f"{stress}_{name}_kPa"] = np.median(piola[..., axis] * scale, axis=0)
+            residual = np.median(missed[..., axis] * scale, axis=0)
+            table[f"{stress}_{name}_kPa_residual"] = residual
         tables.append(pd.DataFrame(table))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 

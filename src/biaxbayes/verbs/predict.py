@@ -121,8 +121,9 @@ def predict(
     else:
         states = inputs.as_numbers(path, "path")
     where = {name: getattr(chosen, name) for name in ("reference", "protocol", "stress")}
+    posterior = opened.posterior()
     table = predict_stress(
-        opened.posterior(),
+        posterior,
         opened.draws,
         states,
         **where,
@@ -130,9 +131,8 @@ def predict(
         probability=chosen.probability,
     )
     if out is not None:
-        recorded = specimen.as_compared(opened.settings.mounting)
         states = table[["stretch_x", "stretch_y"]].to_numpy()
-        measured = measured_stress(opened.draws, recorded, opened.settings, states, **where)
+        measured = measured_stress(posterior, opened.draws, states, **where)
         with print_style(chosen.style):
             figure = stress_figure(
                 table,
