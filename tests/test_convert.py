@@ -79,7 +79,7 @@ def test_rake_distance_overstates_what_the_tissue_does_and_serves_without_points
     code, _, err = biotester(tmp_path / "raw.csv", out, capsys, "--stretch-from", "tracked")
     assert code == 2 and "no tracked points" in err
     code, _, err = biotester(tmp_path / "raw.csv", out, capsys, "--gauge-x-mm", 8)
-    assert code == 2 and "needs no gauge length" in err
+    assert code == 2 and "is for --machine generic" in err
 
 
 @pytest.mark.parametrize("cycle", [1, 3])

@@ -32,12 +32,6 @@ def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
     rake (XSize_um, XDisplacement_um ...) or tracked points (X1, Y1 to X4, Y4); optionally SetName
     and Time_S. A branch is the Stretch phase, the reversed Recover phase, or both.
     """
-    if any(gauge.given_mm):
-        raise InputError(
-            "a BioTester export needs no gauge length",
-            file=table.path,
-            remedy="leave `gauge_x_mm` and `gauge_y_mm` out, or convert it with `machine=generic`",
-        )
     index = table.by_stem("setname")
     sets = np.full(table.rows, "") if index is None else np.array(table.text(index))
     counts = Counter(sets.tolist())

@@ -28,7 +28,9 @@ class Format:
 
 FORMATS = {
     "biotester": Format("exports of a CellScale BioTester", ("sets", "stretch_from")),
-    "generic": Format("any table, by a map of its columns", ("columns", "test")),
+    "generic": Format(
+        "any table, by a map of its columns", ("columns", "test", "gauge_x_mm", "gauge_y_mm")
+    ),
 }
 """Formats by the name that ``--machine`` takes, which is that of their module."""
 
@@ -69,7 +71,7 @@ class Choice(Options):
     )
     gauge_x_mm: float | None = option(
         None,
-        "Length between marks or grips in x where the displacement is zero.",
+        "generic: length between marks or grips in x where the displacement is zero.",
         kind=float,
         metavar="MM",
         **GAUGE_RANGE_MM,
