@@ -16,9 +16,10 @@ from pathlib import Path
 import click
 
 from biaxbayes.cli import VERBS, group
+from biaxbayes.experiments.experiment import Column, Key
 from biaxbayes.options import FIT_DESCRIPTIONS, NO_INTERVAL, WHICH_FIT
 from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY
-from biaxbayes.specimens.keys import COLUMNS, KEYS, FileColumn, Key
+from biaxbayes.specimens.keys import COLUMNS, KEYS
 from biaxbayes.text_files import atomic_write_text
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"
@@ -188,6 +189,37 @@ protocol,outer_diameter_mm,length_mm,pressure_mmHg,axial_force_N
 ```
 
 """
+ABOUT_BULGES = """## Bulge tests
+
+A sheet inflated through a circular clamp is stated by `test: bulge`. It is read at its pole:
+the pressure, the stretches of markers there (relative to the unloaded sheet) and the radius of
+curvature there, of images from the side or of a surface. With the unloaded thickness T,
+Laplace's law gives the tension that the model compares,
+
+```text
+p rho / (2 T) = (s_x + s_y) / (2 lx ly)
+```
+
+whatever the rest of the sheet and its clamp do. rho is one over the mean of the curvatures in x
+and y. Where both stresses and curvatures differ, the product of their half differences is
+missed: 1 % where the stress in x is 1.5 times that in y, 7 % where it is 3 times. Noise is that
+of the tension.
+
+```text
+# test: bulge
+# thickness_mm: 0.5
+stretch_x,stretch_y,pressure_mmHg,radius_mm
+1.05,1.05,30,22
+1.10,1.10,70,14
+```
+
+**A height is not enough**: the spherical cap of that height is 7 to 22 % more curved than the
+pole (membranes of neo-Hookean and exponential laws, to a stretch of 1.5; 11 % for GOH in finite
+elements), and the stretch from it, (1 + h^2 / a^2) or the length of the arc, is off by so much
+that the pressure of a stiffening tissue would be wrong by 10 % to several times. One bulge test
+separates few parameters; beside a square or strips it is a [further piece](pieces.md).
+
+"""
 ABOUT_REFERENCES = """## The reference of the stretches
 
 The model needs stretches relative to the mounted state, in which the mounting force is read.
@@ -210,11 +242,11 @@ def specimen_file() -> str:
     return (
         f"{ABOUT_SPECIMEN_FILES}\n## Columns\n\n{_meanings(COLUMNS)}\n"
         "One pair of forces or stresses is required, and no second one.\n\n"
-        f"## Header keys\n\n{_meanings(KEYS)}\n{ABOUT_TUBES}{ABOUT_REFERENCES}"
+        f"## Header keys\n\n{_meanings(KEYS)}\n{ABOUT_TUBES}{ABOUT_BULGES}{ABOUT_REFERENCES}"
     )
 
 
-def _meanings(names: Mapping[str, FileColumn | Key]) -> str:
+def _meanings(names: Mapping[str, Column | Key]) -> str:
     """A row a name; x and y together where they mean the same."""
     rows = ["| name | meaning | without it |", "|---|---|---|"]
     for name, entry in names.items():

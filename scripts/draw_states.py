@@ -202,8 +202,7 @@ def method_figure() -> Figure:
             ax,
             (2, 3, 56, 22),
             "Fits of other laws",
-            "least squares: does another law\ndescribe the record, and contradict?\n"
-            "It may take a verdict away",
+            "least squares, for information:\nno verdict depends on them",
         )
         box(
             ax,
@@ -228,7 +227,6 @@ def method_figure() -> Figure:
         ax.text(120.5, 37.3, "step", ha="center", va="top", fontsize=7)
         arrow(ax, (151, 31), (151, 22))
         arrow(ax, (124, 12.5), (117, 12.5))
-        arrow(ax, (56, 12.5), (63, 12.5))
         return figure
 
 

@@ -57,7 +57,7 @@ def workbook() -> bytes:
         ratios=tuple(RATIOS.values()),
         increments=ROWS - 1,
         dimensions=Dimensions(EDGE_MM, EDGE_MM, published.thickness_mm),
-        machine=Machine(noise_N=NOISE_N, stress_pair="piola"),
+        machine=Machine(noise_N=NOISE_N, loads="piola"),
         seed=NEXT_SEED + 4,
     )
     book = openpyxl.Workbook()

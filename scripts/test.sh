@@ -7,8 +7,8 @@ cd "$(dirname "$0")/.."
 
 source scripts/environment.sh .venv-test '.[dev]'
 
-ruff format --check src tests scripts
-ruff check src tests scripts
+ruff format --check src tests scripts benchmark
+ruff check src tests scripts benchmark
 mypy
 export OMP_NUM_THREADS=1 MPLBACKEND=Agg
 pytest -n "${BIAXBAYES_TEST_WORKERS:-2}" --dist loadfile --no-loadscope-reorder "$@"

@@ -14,7 +14,7 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.studies.result import STUDY_COLUMNS
+from biaxbayes.studies.study_result import STUDY_COLUMNS
 from quick_posteriors import specimen as specimen_of
 
 SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
@@ -64,19 +64,6 @@ def table(count: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(STUDY_COLUMNS))
 
 
-def distances(count: int) -> pd.DataFrame:
-    rows = []
-    for donor in range(count // 3):
-        for quantity, kind in (("C1", "parameter"), ("Hx", "structure tensor")):
-            rows.append(
-                {"donor": f"D{donor}", "layer_a": LAYERS[0], "layer_b": LAYERS[2], "kind": kind}
-                | {"quantity": quantity, "unit": "kPa", "total_stretch": np.nan}
-                | {"difference_q05": 1.0, "difference_q50": 2.0 + donor, "difference_q95": 9.0}
-                | {"identified_in_both": donor != 1}
-            )
-    return pd.DataFrame(rows)
-
-
 SD = 0.002
 
 
@@ -95,7 +82,9 @@ def predicted(geometry="unloaded", increments=8, **states):
         for part in (None, *left_out_parts(specimen)):
             shown = specimen if part is None else without(specimen, part)
             posterior = Posterior(shown, law=law, noise="independent")
-            readings = predicted_readings(posterior, table, specimen, part)
+            readings = (
+                None if part is None else predicted_readings(posterior, table, specimen, part)
+            )
             name = WHOLE if part is None else part.name
             result[law, name] = Prediction(state, reason, rmse_kPa, table, readings)
     return specimen, result

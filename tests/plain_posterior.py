@@ -7,7 +7,7 @@ here as well: the product is never asked.
 
 The errors of the readings are independent, or the noise of the load cell with a smooth misfit of
 the law. For the latter the covariance of all readings is written out for every structure,
-amplitude and toe, and the likelihood is the mean of as many multivariate normal densities.
+amplitude, noise and toe, and the likelihood is the mean of as many multivariate normal densities.
 """
 
 import hashlib
@@ -21,10 +21,10 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import root
 from scipy.special import logsumexp
 from scipy.stats import lognorm, norm, truncnorm, uniform
+from scipy.stats import t as student
 
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
@@ -174,6 +174,19 @@ def log_prior(stated, x, *, positive=False):
     if family == "lognormal":
         law = lognorm(stated["sd_log"], scale=stated["median"])
         return float(law.logpdf(x) - math.log(law.cdf(high) - law.cdf(max(low, 0.0))))
+    if family in ("student", "logstudent"):
+        logs = family == "logstudent"
+        centre, scale = (
+            stated["median" if logs else "centre"],
+            stated["scale_log" if logs else "scale"],
+        )
+        z, a, b = (
+            ((math.log(v) if v > 0 else -math.inf) - math.log(centre) if logs else v - centre)
+            / scale
+            for v in (x, max(low, 0.0) if logs else low, high)
+        )
+        inside = student(3).cdf(b) - student(3).cdf(a)
+        return float(student(3).logpdf(z) - math.log(scale * inside) - (math.log(x) if logs else 0))
     if family == "uniform":
         return float(uniform.logpdf(x, low, high - low))
     return -math.log(x * math.log(high / low))
@@ -209,8 +222,10 @@ def default_priors(specimen):
     known = specimen.metadata
     for axis in "xy":
         text = known.get(f"mounting_stretch_{axis}")
-        mean, sd = (1.0, 0.1) if text is None else map(float, str(text).split("+-"))
-        priors[f"mounting_stretch_{axis}"] = normal(mean, sd, 0.0)
+        stretch = {"distribution": "student", "centre": 1.0, "scale": 0.1, "low": 0.0}
+        if text is not None:
+            stretch = normal(*map(float, str(text).split("+-")), 0.0)
+        priors[f"mounting_stretch_{axis}"] = stretch
         if "edge_sd_mm" in known:
             edge = specimen.edge_x_mm if axis == "x" else specimen.edge_y_mm
             priors[f"edge_{axis}"] = normal(1.0, known["edge_sd_mm"] / edge, 0.0)
@@ -228,7 +243,7 @@ def default_priors(specimen):
 def readings(specimen: Specimen, p: Protocol):
     """Force, or first Piola-Kirchhoff stress of the file's own reference, shape (2, n)."""
     pair = np.array([p.load_x, p.load_y])
-    return pair / [p.stretch_x, p.stretch_y] if specimen.stress_pair == "cauchy" else pair
+    return pair / [p.stretch_x, p.stretch_y] if specimen.loads == "cauchy" else pair
 
 
 def mounting_reading(specimen: Specimen, p: Protocol):
@@ -274,10 +289,14 @@ def rows_of(load, stretch, rows):
 # --- the smooth misfit of the law ------------------------------------------------------------
 
 AMPLITUDES = [0.002 * 200 ** (i / 9) for i in range(10)]  # 0.002 to 0.4, evenly in logs
+TOES = [0.1 * 20 ** (i / 4) for i in range(5)]  # 0.1 to 2 times the sd of the prior
 TOE_LENGTH = 0.4
 NOISE = [(1.0, 0.85), (2.0, 0.1), (4.0, 0.04), (8.0, 0.01)]
 """Factors of the load cell's noise, and their weights."""
+FRICTIONS = [(0.0, 0.98), (0.03, 0.02)]
+"""Friction of a curve over its peak, and their weights."""
 LEAST_NOISE = 1e-4  # of a reading, of the largest load
+SHARED = 0.5  # of the noise of a row, that a mean of rows has at least
 
 
 def in_groups(values, most):
@@ -288,10 +307,34 @@ def in_groups(values, most):
     return np.stack([values[..., m].mean(axis=-1) for m in member], axis=-1), [*map(len, member)]
 
 
-def amplitude_weights():
-    """A half-normal density of sd 0.05 over even steps of ln a, made to sum to one."""
-    weight = np.array([a * math.exp(-0.5 * (a / 0.05) ** 2) for a in AMPLITUDES])
+def half_normal(steps, sd):
+    """A half-normal density over even steps of the log, made to sum to one."""
+    weight = np.array([a * math.exp(-0.5 * (a / sd) ** 2) for a in steps])
     return weight / weight.sum()
+
+
+def amplitude_weights():
+    """Of the amplitudes of the smooth misfit."""
+    return half_normal(AMPLITUDES, 0.05)
+
+
+def toes(sd):
+    """(amplitude, weight) of the toe, whose prior has this sd."""
+    if not sd:
+        return [(0.0, 1.0)]
+    steps = [sd * step for step in TOES]
+    return list(zip(steps, half_normal(steps, sd), strict=True))
+
+
+def errors(toe):
+    """(amplitude, factor of the noise, toe, friction, weight) of every normal of a structure."""
+    return [
+        (a, factor, t, u, of_a * of_factor * of_t * of_u)
+        for a, of_a in zip(AMPLITUDES, amplitude_weights(), strict=True)
+        for factor, of_factor in NOISE
+        for t, of_t in toes(toe)
+        for u, of_u in FRICTIONS
+    ]
 
 
 def correlations(protocols):
@@ -354,8 +397,19 @@ class Places:
         K = np.array([[correlation(a, b) for b in other.place] for a in self.place])
         return scale(self)[:, None] * K * scale(other)
 
-    def toe(self, size, other):
-        """Between these places and others: a bell of length 1 over the plane of each axis."""
+    def friction(self):
+        """Between these places: one error of a curve at rest, and another as soon as it moves."""
+
+        def product(i, j):
+            (p, q), (a, b) = self.peak[[i, j]], (math.exp(-self.place[k][2] / 0.05) for k in (i, j))
+            return p * q * (a * b + (1 - a) * (1 - b)) * (self.place[i][:2] == self.place[j][:2])
+
+        return np.array(
+            [[product(i, j) for j in range(len(self.place))] for i in range(len(self.place))]
+        )
+
+    def toe(self, other):
+        """V G V between these places and others: a bell of length 1 over the plane of each axis."""
 
         def shape(of):
             return of.load * np.exp(-np.array([p[2] for p in of.place]) / TOE_LENGTH)
@@ -364,7 +418,28 @@ class Places:
             [(a[1] == b[1]) * math.exp(-(math.dist(a[3:], b[3:]) ** 2) / 2) for b in other.place]
             for a in self.place
         ]
-        return size**2 * np.array(G) * np.outer(shape(self), shape(other))
+        return np.array(G) * np.outer(shape(self), shape(other))
+
+
+def some_terms(protocols, toe):
+    """Some of the normal distributions, every one of which a density may be asked for."""
+    count = len(correlations(protocols)) * len(errors(toe))
+    return tuple(sorted(np.random.default_rng(count).choice(count, 300, replace=False).tolist()))
+
+
+def roots(covariances):
+    """Inverses of the Cholesky factors, and log determinants, of covariances (m, n, n)."""
+    lower = np.linalg.cholesky(covariances)
+    log_det = 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+    return np.linalg.inv(lower), log_det
+
+
+def mixture(log_weight, inverse, r):
+    """Log density of r under normal distributions with these weights."""
+    lower, log_det = inverse
+    square = ((lower @ r) ** 2).sum(axis=1)
+    logs = log_weight - 0.5 * (square + log_det + len(r) * math.log(2 * math.pi))
+    return float(logsumexp(logs))
 
 
 # --- the posterior ---------------------------------------------------------------------------
@@ -376,7 +451,8 @@ class PlainPosterior:
 
     ``priors`` are those of a priors file: a number is fixed, text is a tie, a table is a
     distribution. ``smooth`` is what the smooth loads are those of, that a misfit is relative to: a
-    material, and mounting stretches where they are unknowns.
+    material, and mounting stretches where they are unknowns. Of the normal distributions of a
+    misfit those in ``terms`` are summed.
     """
 
     specimen: Specimen
@@ -385,9 +461,9 @@ class PlainPosterior:
     noise: str = "independent"
     toe: float = 0.2
     smooth: dict | None = None
+    terms: tuple[int, ...] = ()  # the normal distributions that are summed, in their order
     switch: bool = False
-    determinant: bool = True
-    thin: int = 0
+    max_rows: int = 0
     priors: dict = field(default_factory=dict)
 
     def __post_init__(self):
@@ -399,7 +475,7 @@ class PlainPosterior:
                 stated[name] = within(value, *RANGES.get(name, (-math.inf, math.inf)))
             else:
                 stated[name] = value
-        if self.noise == "misfit":
+        if self.noise == "correlated":
             del stated["noise_sd"]
         self.stated = stated
         self.remote = ""
@@ -498,7 +574,7 @@ class PlainPosterior:
             lm = stretches[i if self.per_protocol else 0]
             model = carried(theta, lm, stretch, section, mounted, self.switch)
             curves.append(load - model - offset[:, None])
-        if self.noise == "misfit":
+        if self.noise == "correlated":
             return total + self.log_misfit(missed, curves)
         for m, miss in enumerate(missed):
             total += norm.logpdf(miss, scale=self.reading(m)[1]).sum()
@@ -510,7 +586,7 @@ class PlainPosterior:
     @property
     def section(self):
         """Load per kPa by the dimensions of the file, shape (2,)."""
-        if self.specimen.stress_pair != "force":  # kPa mm^2 = 1e-3 N
+        if self.specimen.loads != "force":  # kPa mm^2 = 1e-3 N
             return np.ones(2)
         edges = np.array([self.specimen.edge_y_mm, self.specimen.edge_x_mm])
         return edges * self.specimen.thickness_mm / 1000
@@ -529,7 +605,7 @@ class PlainPosterior:
             if self.mounting == "zeroed":
                 load = load - load[:, : p.rest_rows].mean(axis=1)[:, None]
             stretch = np.array([p.stretch_x, p.stretch_y])[:, p.rest_rows :]
-            out.append(rows_of(load[:, p.rest_rows :], stretch, self.thin))
+            out.append(rows_of(load[:, p.rest_rows :], stretch, self.max_rows))
         return out
 
     # --- the smooth misfit ---
@@ -545,33 +621,26 @@ class PlainPosterior:
         r = np.concatenate([*missed, *means])
         if not np.all(np.isfinite(r)):
             return -math.inf
-        logs = []
-        for log_weight, root_of, log_det in self.normals:
-            z = solve_triangular(root_of, r, lower=True)
-            logs.append(log_weight - 0.5 * (z @ z + log_det + len(r) * math.log(2 * math.pi)))
-        return float(logsumexp(logs))
+        return mixture(*self.normals, r)
 
     @cached_property
     def normals(self):
-        """(log weight, Cholesky factor, log determinant) of each covariance of all readings."""
-        out = []
-        for weight, covariance in self.hypotheses():
-            root_of = np.linalg.cholesky(covariance)
-            out.append((math.log(weight), root_of, 2 * np.log(np.diag(root_of)).sum()))
-        return out
+        """Log weight and covariance of all readings of each normal distribution."""
+        weights, covariances = zip(*self.hypotheses(), strict=True)
+        return np.log(weights), roots(np.array(covariances))
 
     def hypotheses(self):
-        """(weight, covariance of all readings) of each structure, noise and amplitude."""
+        """(weight, covariance of all readings) of each term."""
         at, reading, sd = self.observed
+        number = itertools.count()
         known = correlations(len(self.specimen.protocols))
-        toe = reading @ at.toe(self.toe, at) @ reading.T
+        toe, friction = (reading @ shape @ reading.T for shape in (at.toe(at), at.friction()))
         for correlation in known:
             smooth = reading @ at.smooth(correlation, at) @ reading.T
-            for factor, share in NOISE:
-                noise = np.diag((factor * sd) ** 2)
-                weights = share * amplitude_weights() / len(known)
-                for weight, amplitude in zip(weights, AMPLITUDES, strict=True):
-                    yield weight, amplitude**2 * smooth + toe + noise
+            for a, factor, t, u, weight in errors(self.toe):
+                if next(number) in self.terms:
+                    covariance = a**2 * smooth + t**2 * toe + u**2 * friction
+                    yield weight / len(known), covariance + np.diag((factor * sd) ** 2)
 
     @cached_property
     def observed(self):
@@ -579,7 +648,8 @@ class PlainPosterior:
         starts = self.states if self.reads_force else []
         protocols = self.specimen.protocols
         least = LEAST_NOISE * max(np.abs(readings(self.specimen, p)).max() for p in protocols)
-        sd = [np.maximum(self.reading(m)[1], least) for m in range(len(starts))]
+        shared = max(SHARED * max(self.specimen.load_noise, least), least)
+        sd = [np.maximum(self.reading(m)[1], shared) for m in range(len(starts))]
         noise, n = max(self.specimen.load_noise, least), 2 * len(starts)
         rows, at = [], Places([], np.zeros(0), np.zeros(0))
         for i, (_, stretch, _, weight) in enumerate(self.curves):
@@ -593,7 +663,7 @@ class PlainPosterior:
             # the readings
             means = self.places(i, stretch, positions(stretch))
             _, size = in_groups(stretch, self.most)
-            sd.append(noise / np.sqrt(weight * np.array([*size, *size])))
+            sd.append(noise * np.maximum(SHARED, 1 / np.sqrt(weight * np.array([*size, *size]))))
             for k in range(2 * len(size)):
                 rows.append((n + k, len(at.place) + k, 1.0))
             n += 2 * len(size)
@@ -643,9 +713,8 @@ class PlainPosterior:
                 self.remote = "no load path"
             elif near_the_edge(lm):
                 self.remote = self.remote or "near the edge"
-            if self.determinant:
-                slope = load_slope(theta, lm, section, mounted, self.switch)
-                total -= math.log(np.linalg.det(slope))
+            slope = load_slope(theta, lm, section, mounted, self.switch)
+            total -= math.log(np.linalg.det(slope))
         for k, axis in enumerate("xy"):
             stated = self.stated[f"mounting_stretch_{axis}"]
             if isinstance(stated, dict):

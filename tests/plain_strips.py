@@ -5,31 +5,30 @@ stretch across a strip is a root that SciPy brackets, row by row; its mounting f
 of variables from it to the mounting stretch are those of the strip alone.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
-from scipy.special import logsumexp
 from scipy.stats import norm
 
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from plain_posterior import (
-    AMPLITUDES,
     LEAST_NOISE,
-    NOISE,
     Places,
     PlainPosterior,
-    amplitude_weights,
     correlations,
+    errors,
     log_prior,
     lognormal,
+    mixture,
     normal,
     piola,
     positions,
     readings,
+    roots,
     theta_of,
 )
 
@@ -87,6 +86,7 @@ class PlainStrip:
     noise: str
     toe: float
     smooth: dict = field(default_factory=dict)  # material, mounting_stretch, stiffness
+    terms: tuple[int, ...] = ()
 
     @property
     def axis(self):
@@ -105,7 +105,7 @@ class PlainStrip:
 
     @property
     def section(self):
-        if self.specimen.stress_pair != "force":
+        if self.specimen.loads != "force":
             return 1.0
         width = pair(self.axis, self.specimen.edge_y_mm, self.specimen.edge_x_mm)[0]
         return width * self.specimen.thickness_mm / 1000
@@ -114,7 +114,7 @@ class PlainStrip:
     def stated(self):
         """Priors of the unknowns of the strip, by name without the piece."""
         known, letter = self.specimen.metadata, "xy"[self.axis]
-        out = {"stiffness": lognormal(1.0, 0.1)}
+        out = {"stiffness": {"distribution": "logstudent", "median": 1.0, "scale_log": 0.1}}
         if self.noise == "independent":
             out["noise_sd"] = lognormal(0.005 * np.abs(self.protocol[0]).max(), 1.5)
         if "thickness_sd_mm" in known:
@@ -149,7 +149,9 @@ class PlainStrip:
             # p(p0) = p(lm) d lm / d p0
             total -= math.log((own(lm + 1e-5) - own(lm - 1e-5)) / 2e-5)
         if lm is not None:
-            total += log_prior(normal(1.0, 0.1, 0.0), lm)
+            total += log_prior(
+                {"distribution": "student", "centre": 1.0, "scale": 0.1, "low": 0.0}, lm
+            )
         carried = strip_force(
             theta, self.axis, lm, along[1:], None if across is None else across[1:], section,
             self.mounted,
@@ -157,7 +159,7 @@ class PlainStrip:
         missed = load[1:] - carried - offset
         if self.mounting in ("noisy", "free"):
             missed = np.concatenate([[load[0] - p0 - offset], missed])
-        if self.noise == "misfit":
+        if self.noise == "correlated":
             return total + self.log_misfit(missed)
         if self.mounting in ("noisy", "free"):
             total += norm.logpdf(missed[0], scale=self.specimen.load_noise)
@@ -169,15 +171,11 @@ class PlainStrip:
 
     def log_misfit(self, missed):
         """Log likelihood of what a law misses: the mean over all covariances."""
-        logs = []
-        for log_weight, root, log_det in self.normals:
-            z = solve_triangular(root, missed, lower=True)
-            logs.append(log_weight - 0.5 * (z @ z + log_det + len(z) * math.log(2 * math.pi)))
-        return float(logsumexp(logs))
+        return mixture(*self.normals, missed)
 
     @cached_property
     def normals(self):
-        """(log weight, Cholesky factor, log determinant) of each covariance of all readings."""
+        """Log weight and covariance of all readings of each normal distribution."""
         load, along, across = self.protocol
         first = 0 if self.mounting in ("noisy", "free") else 1
         lm = None if self.mounting == "ignored" else self.smooth["mounting_stretch"]
@@ -191,16 +189,17 @@ class PlainStrip:
         place = [(0, self.axis, s, *p) for s, *p in zip(path, *plane, strict=True)][first:]
         at = Places(place, smooth[first:], np.full(len(place), np.abs(smooth).max()))
         sd = max(self.specimen.load_noise, LEAST_NOISE * np.abs(load).max())
-        known, toe, out = correlations(1), at.toe(self.toe, at), []
+        known, toe, friction = correlations(1), at.toe(at), at.friction()
+        weights, covariances, number = [], [], itertools.count()
         for correlation in known:
             delta = at.smooth(correlation, at)
-            for factor, share in NOISE:
-                noise = (factor * sd) ** 2 * np.eye(len(place))
-                for weight, a in zip(amplitude_weights(), AMPLITUDES, strict=True):
-                    root = np.linalg.cholesky(a**2 * delta + toe + noise)
-                    log_weight = math.log(share * weight / len(known))
-                    out.append((log_weight, root, 2.0 * np.log(np.diag(root)).sum()))
-        return out
+            for a, factor, t, u, weight in errors(self.toe):
+                if next(number) not in self.terms:
+                    continue
+                weights.append(weight / len(known))
+                covariance = a**2 * delta + t**2 * toe + u**2 * friction
+                covariances.append(covariance + (factor * sd) ** 2 * np.eye(len(place)))
+        return np.log(weights), roots(np.array(covariances))
 
 
 @dataclass

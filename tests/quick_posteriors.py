@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.fitting.result import FitResult, fit_from_record
+from biaxbayes.fitting.fit_result import FitResult, fit_from_record
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
@@ -125,11 +125,13 @@ def runs_of_few_walkers() -> Iterator[None]:
 def without_figures() -> Iterator[None]:
     """Run folders without figures and fits of other laws, which other tests look at."""
     from biaxbayes.identifiability import identify
+    from biaxbayes.runs import run_result
     from biaxbayes.verbs import sample
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sample, "write_figures", lambda *arguments: None)
-        patched.setattr(identify, "run_law_fits", lambda posterior: None)
+        patched.setattr(identify, "fit_laws", lambda *specimen, **options: None)
+        patched.setattr(run_result, "simulation_table", lambda *run: pd.DataFrame())
         yield
 
 

@@ -16,8 +16,8 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.parallel import InThisProcess, Processes
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.studies.result import SpecimenOutcome
 from biaxbayes.studies.study_file import DEFAULT_OPTIONS, read_study
+from biaxbayes.studies.study_result import SpecimenOutcome
 from biaxbayes.tasks import Outcome
 from biaxbayes.verbs import batch as batch_module
 from biaxbayes.verbs.batch import SpecimenTask, run_study, sample_specimen
@@ -95,11 +95,18 @@ def test_the_table_says_what_the_runs_say(result):
     )
 
 
-def test_layers_of_a_donor_are_compared(result):
-    pair = result.distances[result.distances["quantity"] == "C1"].iloc[0]
-    assert (pair.donor, pair.layer_a, pair.layer_b) == ("D <i>1</i>", "media", "intima")
-    apart = pair.median_b - pair.median_a
-    assert apart == pytest.approx(16.0, abs=8.0)
+def test_specimens_are_compared_at_stretches_that_all_of_them_reached(result):
+    table = result.table
+    own = table[table["quantity"].str.startswith("stiffness_x at")]
+    stretches = sorted({float(q.split(" at ")[1]) for q in own["quantity"]})
+    assert len(stretches) == 3 and stretches[0] == 1.0
+    assert stretches[1] - 1.0 == pytest.approx((stretches[2] - 1.0) / 2.0, abs=1e-3)
+    converged = set(table.loc[table["state"] == "converged", "specimen"])
+    for q in (
+        f"{stem}_{axis} at {stretches[2]:g}" for stem in ("cauchy", "stiffness") for axis in "xy"
+    ):
+        part = table[table["quantity"] == q]
+        assert set(part["specimen"]) == converged and (part["q05"] < part["q95"]).all()
     assert set(result.groups["group"]) == {"media", "intima", "D <i>1</i>", "all"}
 
 
@@ -214,7 +221,7 @@ def test_a_folder_that_a_worker_does_not_see_is_named(study, tmp_path):
 
 def test_a_foreign_folder_is_left_alone(study, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(RunError, match="not a study's"):
+    with pytest.raises(RunError, match="is not a study folder"):
         run_study(study, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
 
@@ -222,7 +229,7 @@ def test_a_foreign_folder_is_left_alone(study, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["study.toml", "--noise", "misfit"], "--noise is for CSV files"),
+        (["study.toml", "--noise", "correlated"], "--noise is for CSV files"),
         (["study.toml", "--ess", "100"], "under ess"),
         (["study.toml", "media.csv"], "a study file cannot be combined"),
         (["none.toml"], "no such file"),
@@ -256,7 +263,7 @@ max_steps = 4000
 
 [options]
 noise = "independent"
-thin = 80
+max_rows = 80
 
 [priors]
 kappa = 0.2
@@ -299,7 +306,7 @@ def test_specimens_take_what_is_common_and_replace_what_is_their_own(folder):
     first, second = study.specimens
     assert first.file == folder / "a.csv"
     assert (first.label, first.donor, first.layer, first.seed) == ("a", None, None, 7)
-    own = {"noise": "independent", "thin": 80, "priors": {"kappa": 0.2}}
+    own = {"noise": "independent", "max_rows": 80, "priors": {"kappa": 0.2}}
     assert first.options == {**DEFAULT_OPTIONS, **own}
     told = (second.label, second.donor, second.layer, second.seed)
     assert told == ("second one", "D2", "media", 8)
@@ -320,8 +327,8 @@ BAD = {
     "seed = -1\n" + A: "seed must be a whole number from 0",
     "ess = true\n" + A: "ess must be a number",
     'options = "x"\n' + A: "options must be a table",
-    "[options]\nnoise = 'misfitt'\n" + A: "options: noise must be one of misfit,",
-    "[options]\nnois = 'misfit'\n" + A: "'nois' is not a key of options",
+    "[options]\nnoise = 'misfitt'\n" + A: "options: noise must be one of correlated,",
+    "[options]\nnois = 'correlated'\n" + A: "'nois' is not a key of options",
     "[options]\nfibre_switch = 1\n" + A: "options: fibre_switch must be true or false",
     "[priors]\nkapa = 0.1\n" + A: "priors: unknown parameter 'kapa'",
     "[[specimen]]\n": "specimen 1: file must be the path",

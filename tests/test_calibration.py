@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import ndtr
 from scipy.stats import binom, binomtest, kstest, norm
 
 from biaxbayes.calibration.calibration import Calibration, replicate
@@ -32,7 +33,7 @@ from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
-from biaxbayes.model.misfit import AMPLITUDES, NOISE_WEIGHTS, log_amplitude_weights, structures
+from biaxbayes.model.misfit import TOE_SHAPE
 from biaxbayes.model.priors import Prior, Tie, read_priors
 from biaxbayes.options import Settings
 from biaxbayes.parallel import Processes
@@ -42,6 +43,7 @@ from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.verbs.calibrate import CalibrationResult, closing_message, run_calibration
 from commands import run
 from goh_functions import GOH_LAW
+from studies.calibration import BROKEN, PosteriorWithoutDeterminant
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 OPTIONS = {"mounting": "noisy", "noise": "independent", "mounting_stretch": "shared"}
@@ -56,12 +58,14 @@ def media(rows: int = 101) -> Specimen:
     return replace(specimen, protocols=(replace(p, **columns),))
 
 
-def study(specimen: Specimen | None = None, broken: str = "", **options: object) -> Calibration:
+def study(
+    specimen: Specimen | None = None, kind: type[Calibration] = Calibration, **options: object
+) -> Calibration:
     specimen = specimen or media(21)
     given = {**OPTIONS, **options}
     amount = {"seed": 3, "ess": 200, "max_steps": 384, "population": 1024}
     priors = protocol_prior(specimen, Settings(**given))
-    return Calibration(specimen, given, priors, broken=broken, **amount)
+    return kind(specimen, given, priors, **amount)
 
 
 def test_two_thresholds_are_a_multinomial():
@@ -197,14 +201,14 @@ def test_local_prior_is_twice_as_wide_as_the_posterior_and_no_wider_than_its_pri
 
 
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
-@pytest.mark.parametrize("stress_pair", ["force", "cauchy"])
-def test_simulated_readings_are_the_virtual_tests(geometry, stress_pair):
+@pytest.mark.parametrize("loads", ["force", "cauchy"])
+def test_simulated_readings_are_the_virtual_tests(geometry, loads):
     # Without noise, against the closed form of the virtual laboratory.
-    specimen = replace(media(), geometry=geometry, stress_pair=stress_pair)
+    specimen = replace(media(), geometry=geometry, loads=loads)
     the_study = study(specimen, mounting="exact")
     model, rng = the_study.model(), np.random.default_rng(5)
     truth, _ = draw_truth(model, rng)
-    simulated = simulate_specimen(model, truth, rng, noise_factor=0.0)
+    simulated = simulate_specimen(model, truth | {"noise_sd": 0.0}, rng)
     lm = np.array([truth["mounting_stretch_x"], truth["mounting_stretch_y"]])
     edges = np.array([20.0, 20.0]) / (lm if geometry == "mounted" else 1.0)
     thickness = 0.88 * (lm.prod() if geometry == "mounted" else 1.0)
@@ -216,7 +220,7 @@ def test_simulated_readings_are_the_virtual_tests(geometry, stress_pair):
     force = test.force_N.T
     p = simulated.protocols[0]
     measured = np.array([p.load_x, p.load_y])
-    if stress_pair == "cauchy":
+    if loads == "cauchy":
         stretch = np.array([p.stretch_x, p.stretch_y])
         measured = measured / stretch * (20.0 * 0.88e-3)
     np.testing.assert_allclose(measured, force, rtol=1e-10)
@@ -263,7 +267,7 @@ def test_mounting_reading_scatters_by_the_load_noise_and_rows_by_the_true_sd():
     the_study = study(media())
     model, rng = the_study.model(), np.random.default_rng(7)
     truth, _ = draw_truth(model, rng)
-    still = simulate_specimen(model, truth, rng, noise_factor=0.0)
+    still = simulate_specimen(model, truth | {"noise_sd": 0.0}, rng)
     z, rows = [], []
     for _ in range(200):
         simulated = simulate_specimen(model, truth, rng)
@@ -284,7 +288,7 @@ def test_residuals_of_simulated_readings_have_the_covariance_of_the_likelihood(m
     p = one.protocols[0]
     second = replace(p, name="2", stretch_x=1.0 + 0.5 * (p.stretch_x - 1.0))
     specimen = replace(one, protocols=(p, second))
-    the_study = study(specimen, noise="misfit", mounting_stretch=mounting_stretch)
+    the_study = study(specimen, noise="correlated", mounting_stretch=mounting_stretch)
     model, rng = the_study.model(), np.random.default_rng(9)
     truth, _ = draw_truth(model, rng)
     table = pd.DataFrame([truth])
@@ -296,19 +300,25 @@ def test_residuals_of_simulated_readings_have_the_covariance_of_the_likelihood(m
         )
         residuals.append(posterior.residuals(table)[0])
     found = np.array(residuals)
-    misfit = model.misfit
-    points = misfit.points
-    weight = np.exp(log_amplitude_weights())
-    expected = np.average(misfit.toe_and_noise, axis=0, weights=NOISE_WEIGHTS)
-    for structure in structures(misfit.protocols):
-        between = structure.covariance(points, points) * (weight @ AMPLITUDES**2)
-        expected += misfit.reading @ between @ misfit.reading.T / len(structures(2))
-    # one sd of a variance of normal numbers whose scale varies is about 0.1
-    np.testing.assert_allclose((found**2).mean(axis=0) / np.diag(expected), 1.0, atol=0.4)
-    assert abs((found**2).mean(axis=0) / np.diag(expected) - 1.0).mean() < 0.2
-    correlation = (found.T @ found / 400) / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    exact = expected / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    assert np.abs(correlation - exact).mean() < 0.1
+    misfit, points = model.misfit, model.misfit.points
+    terms, weight = misfit.terms, np.exp(misfit.terms.log_weight)
+    # every reading, and sums of readings with random weights, in which the correlations count
+    sums = np.vstack([np.eye(found.shape[1]), rng.standard_normal((100, found.shape[1]))])
+
+    def variances(covariance: np.ndarray) -> np.ndarray:
+        of_readings = misfit.reading @ covariance @ misfit.reading.T
+        return np.einsum("di,ij,dj->d", sums, of_readings, sums)
+
+    of_structures = np.array([variances(h.covariance(points, points)) for h in misfit.structures])
+    toe = TOE_SHAPE.matrix(points, points) * np.outer(points.toe_scale, points.toe_scale)
+    variance = terms.amplitude[:, None] ** 2 * of_structures[terms.structure]
+    variance += terms.toe[:, None] ** 2 * variances(toe)
+    variance += terms.friction[:, None] ** 2 * variances(points.friction_covariance(points))
+    variance += terms.noise[:, None] ** 2 * (sums**2 @ misfit.noise_sd**2)
+    # each sum is normal in its term, so that its level in the mixture is uniform: the mean
+    # square of 400 levels about 1/2 is 1/12, with an sd of 0.0037. 184 of them lie within 4.6 sds
+    level = np.array([weight @ ndtr(sums @ r / np.sqrt(variance)) for r in found])
+    np.testing.assert_allclose(((level - 0.5) ** 2).mean(axis=0), 1 / 12, atol=0.017)
 
 
 # --- studies ---
@@ -384,7 +394,7 @@ def test_the_folder_of_another_kind_of_work_is_refused_and_untouched(tmp_path, c
     (tmp_path / "study.json").write_text('{"done": {}}')
     words = ("--noise", "independent", "--out", tmp_path, "--replications", 2)
     code, _, err = run(capsys, "calibrate", DATA / "donor2-media.csv", *words)
-    assert code == 2 and "not a calibration's" in err
+    assert code == 2 and "not a calibration folder" in err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["runs", "study.json"]
     assert (tmp_path / "study.json").read_text() == '{"done": {}}'
 
@@ -394,8 +404,6 @@ def test_the_folder_of_another_kind_of_work_is_refused_and_untouched(tmp_path, c
     [
         (["--mounting", "ignored"], "'ignored' is not one of 'noisy', 'exact', 'free'"),
         (["--replications", "0"], "at least 1"),
-        (["--mounting", "free", "--break", "determinant"], "no determinant"),
-        (["--break", "gravity"], "--break"),
     ],
 )
 def test_what_cannot_be_studied_is_refused(arguments, problem, capsys, tmp_path):
@@ -418,16 +426,34 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
 @pytest.mark.slow
 @pytest.mark.parametrize("broken", ["", "noise"])
 def test_a_wrong_noise_sd_is_caught_and_the_right_one_is_not(broken, tmp_path):
-    the_study = replace(study(broken=broken), max_steps=2000)
+    the_study = replace(study(kind=BROKEN[broken]), max_steps=2000)
     outcome = run_calibration(the_study, tmp_path / "s", 200, Processes(2))
     assert outcome.calibrated == (broken == "")
+
+
+def test_a_calibration_can_be_broken_on_purpose():
+    """Twenty per cent more noise in the readings, and a density that lacks the determinant."""
+    right, wrong = study(media(101)), study(media(101), BROKEN["noise"])
+    model = right.model()
+    truth, _ = draw_truth(model, np.random.default_rng(2))
+    still = right.simulated(model, truth | {"noise_sd": 0.0}, np.random.default_rng(3))
+    errors = [
+        made.simulated(model, truth, np.random.default_rng(3)).protocols[0].load_x[1:]
+        - still.protocols[0].load_x[1:]
+        for made in (right, wrong)
+    ]
+    np.testing.assert_allclose(errors[1], 1.2 * errors[0], rtol=1e-9)
+    specimen = right.simulated(model, truth, np.random.default_rng(3))
+    without = study(media(101), BROKEN["determinant"]).posterior(specimen)
+    assert isinstance(without, PosteriorWithoutDeterminant)
+    assert abs(without.log_density(truth) - right.posterior(specimen).log_density(truth)) > 0.1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("broken", ["", "determinant"])
 def test_a_missing_determinant_is_caught_where_the_readings_are_loose(broken, tmp_path):
     # With little noise the determinant hardly moves the posterior, and nothing could notice.
-    the_study = study(media(101), broken=broken)
+    the_study = study(media(101), BROKEN[broken])
     loose = {**the_study.priors, "noise_sd": Prior("lognormal", 0.3, 0.3)}
     the_study = replace(the_study, priors=loose, max_steps=2000)
     outcome = run_calibration(the_study, tmp_path / "s", 200, Processes(2))

@@ -8,24 +8,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.cards import export
-from biaxbayes.cards.abaqus import read_abaqus, write_abaqus
+from biaxbayes.cards.abaqus import write_abaqus
 from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable
-from biaxbayes.cards.check import biaxial_stress, relative_deviation
 from biaxbayes.cards.export import MANIFEST, export_cards
-from biaxbayes.cards.febio import read_febio, write_febio
-from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.cards.febio import write_febio
+from biaxbayes.errors import InputError
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.prediction.draws import chosen_draws, common_states, median_draw
 from biaxbayes.specimens.specimen import Specimen
+from card_readers import READ, biaxial_stress, read_abaqus, read_febio
 from goh_functions import GOH_LAW
 from quick_posteriors import exact_specimen
 
 MEDIA = MATERIALS["weisbecker-media"].material
 WRITE = {"abaqus": write_abaqus, "febio": write_febio}
-READ = {"abaqus": read_abaqus, "febio": read_febio}
 PER_KPA = {"kPa-mm": 1.0, "MPa-mm": 1e-3, "Pa-m": 1e3}
 
 
@@ -80,7 +78,6 @@ def mixtures(law: str, values: dict[str, float], out, units="kPa-mm"):
 @pytest.mark.parametrize(("law", "values"), MIXTURES)
 def test_mixtures_agree_with_the_law_at_twenty_states(law, values, units, tmp_path):
     manifest, text = mixtures(law, values, tmp_path, units)
-    assert manifest["check_relative_deviation"][0] < 1e-8
     for p in law_named(law).parameters:
         assert manifest[p.label][0] == pytest.approx(values[p.name], rel=1e-14)
     x, y = np.random.default_rng(3).uniform(0.9, 1.25, (2, 20))
@@ -245,50 +242,27 @@ def test_febio_c_is_twice_C1_and_gamma_is_in_degrees():
         exportable(GOH(0.0, 10.0, 1.0, 40.0, 0.1))
 
 
-# --- the check ---
+# --- every law and unit system ---
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("units", UNIT_SYSTEMS)
 @pytest.mark.parametrize("program", WRITE)
-def test_two_hundred_draws_agree_with_the_closed_form(program, units, tmp_path):
-    frame = draws(200)
+@pytest.mark.parametrize("law", ["goh", "hgo"])
+def test_cards_of_sixty_draws_agree_with_the_closed_form(law, program, units, tmp_path):
+    frame = draws(60).assign(**({} if law == "goh" else {"kappa": 0.0}))
     sample = specimen(ratios=((1.0, 1.0), (1.0, 0.4)))
     manifest = export_cards(
-        frame, sample, GOH_LAW, range(200), tmp_path, program=program, units=units
+        frame, sample, law_named(law), range(60), tmp_path, program=program, units=units
     )
-    assert len(manifest) == 200
-    assert manifest["check_relative_deviation"].max() < 1e-8
+    assert len(manifest) == 60
     assert manifest["weight"].sum() == pytest.approx(1.0)
-    # Not only by the module's own word: ten cards against the public stress.
-    path = np.linspace(1.02, 1.15, 7)
-    for row in range(0, 200, 20):
-        text = (tmp_path / manifest["file"][row]).read_text()
-        got = np.array(biaxial_stress(READ[program](text).energy, path, path[::-1]))
+    path = np.linspace(1.0, 1.2, 9)
+    for row, file in enumerate(manifest["file"]):
+        energy = READ[program]((tmp_path / file).read_text()).isochoric_energy
+        got = np.array(biaxial_stress(energy, path, path[::-1]))
         C1, k1, k2, alpha, kappa = frame.iloc[row, :5]
         expected = GOH(C1, k1, k2, alpha, kappa, fibre_switch=True).cauchy(path, path[::-1])
         np.testing.assert_allclose(got / PER_KPA[units], expected, rtol=1e-8, atol=1e-8)
-
-
-@pytest.mark.parametrize("program", WRITE)
-@pytest.mark.parametrize(
-    ("name", "change"), [("k1_kPa", 1.001), ("k2", 1.001), ("kappa", 0.999), ("alpha_deg", 1.001)]
-)
-def test_the_check_sees_a_wrong_number(program, name, change):
-    wrong = replace(MEDIA, **{name: getattr(MEDIA, name) * change})
-    result = READ[program](WRITE[program](card(wrong), "1.0"))
-    path = np.linspace(1.0, 1.2, 9)
-    assert relative_deviation(result.energy, 1.0, MEDIA, path, path) > 1e-5
-
-
-def test_a_card_that_fails_its_check_is_removed(tmp_path, monkeypatch):
-    def careless(made: Card, version: str) -> str:
-        return write_abaqus(replace(made, material=replace(MEDIA, k1_kPa=99.0)), version)
-
-    monkeypatch.setitem(export.PROGRAMS, "abaqus", (careless, read_abaqus, ".inp"))
-    with pytest.raises(BiaxbayesError, match="differs from the draw's"):
-        export_cards(draws(3), specimen(), GOH_LAW, [0], tmp_path, program="abaqus")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_orientation_of_the_geometry_is_honoured():
@@ -323,14 +297,17 @@ def test_bulk_modulus_limits_the_change_of_volume(tmp_path):
 
 @pytest.mark.parametrize("program", WRITE)
 @pytest.mark.parametrize("end", [{"k2": 0.0}, {"kappa": 0.0}, {"kappa": 1 / 3}, {"alpha": 90.0}])
-def test_ends_of_ranges_are_exported_and_pass_the_check(program, end, tmp_path):
-    frame = draws(1).assign(C1=5.0, k1=20.0, k2=2.0, alpha=40.0, kappa=0.1).assign(**end)
+def test_ends_of_ranges_are_exported(program, end, tmp_path):
+    values = {"C1": 5.0, "k1": 20.0, "k2": 2.0, "alpha": 40.0, "kappa": 0.1} | end
+    frame = draws(1).assign(**values)
     manifest = export_cards(frame, specimen(), GOH_LAW, [0], tmp_path, program=program)
-    assert manifest["check_relative_deviation"][0] < 1e-8
     text = (tmp_path / manifest["file"][0]).read_text()
     assert ("k2 = 0 is written as 1e-09" in text) == ("k2" in end)
     result = READ[program](text)
     assert result.solids[0].values["kappa"] <= 1.0 / 3.0
+    got = np.array(biaxial_stress(result.isochoric_energy, 1.2, 1.1))[:, 0]
+    expected = GOH(*values.values(), fibre_switch=True).cauchy(1.2, 1.1)
+    np.testing.assert_allclose(got, expected, rtol=1e-8)
 
 
 def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
@@ -346,7 +323,6 @@ def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
     assert plain["switch_changes_stress_kPa"][0] == pytest.approx(lost)
     text = (tmp_path / "a" / plain["file"][0]).read_text()
     assert "WARNING: E falls to -0.0975" in text
-    assert plain["check_relative_deviation"][0] < 1e-8
     switched = export_cards(frame, sample, GOHLaw(True), [0], tmp_path / "b", program="abaqus")
     assert switched["switch_changes_stress_kPa"][0] == 0.0
     assert "WARNING" not in (tmp_path / "b" / switched["file"][0]).read_text()
@@ -389,7 +365,7 @@ def test_hostile_names_stay_inside_a_comment(program, name, tmp_path):
 @pytest.mark.parametrize("reader", READ.values())
 @pytest.mark.parametrize("text", ["", "hello", "*MATERIAL, NAME=A\n*ELASTIC\n1.,.3", "<a/>"])
 def test_other_files_are_no_cards(reader, text):
-    with pytest.raises(InputError, match="not a material card"):
+    with pytest.raises(ValueError, match="not a material card"):
         reader(text)
 
 

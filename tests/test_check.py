@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from biaxbayes import GOH, Protocol, Specimen, write_specimen
-from biaxbayes.identifiability.fit_quality import misfit_finding, quick_fit
+from biaxbayes import GOH, Protocol, Specimen, check, write_specimen
+from biaxbayes.fitting.fit_quality import misfit_finding, quick_fit
 from biaxbayes.machines.cycles import cut
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.branches import path_progress, reversal
@@ -180,7 +180,7 @@ def test_json_is_the_same_as_data(tmp_path, capsys):
     assert code == 0  # a warning, no error
     record = json.loads(out)
     assert record["tared"] is True
-    assert [f["code"] for f in record["findings"]] == ["tared", "grips"]
+    assert [f["code"] for f in record["findings"]] == ["tared", "grips", "alignment"]
     assert [p["rows"] for p in record["protocols"]] == [101, 101]
     assert record["protocols"][0]["mounting_force_x"] == 0.0
 
@@ -193,3 +193,15 @@ def test_figure(tmp_path, capsys):
         path = tmp_path / f"b.{ending}"
         assert run(capsys, *words, path)[0] == 0 and path.read_bytes().startswith(head)
     assert "'.doc'" in refused(capsys, *words, "b.doc") and not Path("b.doc").exists()
+
+
+def test_axes_that_no_record_without_shear_can_show_are_said_to_be_assumed():
+    """Once, and not where tracked points give the shear, which is a finding beyond 3 degrees."""
+    subject = specimen(protocol())
+    (note,) = (f for f in check(subject, fit=False).findings if f.code == "alignment")
+    assert note.severity == "note" and "k1 1.2 (1.8) times" in note.message
+    for angle, severity in ((2.9, "note"), (3.1, "warning")):
+        known = {"largest_shear": 0.01, "largest_shear_angle_deg": angle}
+        turned = replace(subject, metadata=subject.metadata | known)
+        found = {f.code: f for f in check(turned, fit=False).findings}
+        assert "alignment" not in found and found["shear"].severity == severity

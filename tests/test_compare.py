@@ -7,13 +7,14 @@ from scipy.stats import ks_2samp, mannwhitneyu, norm
 
 from biaxbayes.comparison.compare import ComparedRun, compare, differing_settings
 from biaxbayes.comparison.distance import contractions, distance, prior_material
+from biaxbayes.derived.determined import Derived, derived_quantities
 from biaxbayes.errors import InputError
 from biaxbayes.figures.comparisons import forest_figure
-from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Tie
+from biaxbayes.reports.comparison import distance_tables
 from goh_functions import GOH_LAW
 from made_up import SOFT, STIFF
 from quick_posteriors import EQUIBIAXIAL, sampled, small_specimen, specimen
@@ -116,6 +117,23 @@ def test_a_stiffer_matrix_shows_in_what_is_determined(result):
     assert abs(same.standardised) < 4.0
 
 
+def test_ignoring_the_mounting_stretch_moves_the_stress_off_the_true_one():
+    """A mounted state taken as unloaded makes every total stretch too small."""
+    data = specimen(SOFT, increments=10)
+    runs = []
+    for label, mounting in (("inferred", "noisy"), ("ignored", "ignored")):
+        run = sampled(data, ess=60.0, mounting=mounting)
+        runs.append(ComparedRun(label, run.target, run.draws, run.state))
+    result = compare(runs)
+    assert any("noisy (inferred), ignored (ignored)" in note for note in result.notes)
+    for axis, true in zip(
+        "xy", SOFT.cauchy(result.stretches[-1], result.stretches[-1]), strict=True
+    ):
+        row = _row(result, "inferred", "ignored", f"cauchy_{axis}", result.stretches[-1])
+        assert row.median_a == pytest.approx(true, rel=0.05)
+        assert row.standardised > 5.0 and row.median_b > 1.1 * true
+
+
 def test_what_one_run_does_not_determine_is_no_difference(result, members):
     """Equibiaxial stretch alone trades kappa with alpha; its stress is known all the same."""
     strict = compare(members, thresholds=Thresholds(traded_width=1.0))
@@ -175,7 +193,9 @@ def test_runs_of_different_laws_are_compared_by_what_both_have():
         names = [n for n in values if n in posterior.law.names]
         draws = {n: values[n] * rng.uniform(0.9, 1.1, 50) for n in names}
         draws |= {f"mounting_stretch_{axis}": rng.uniform(1.01, 1.02, 50) for axis in "xy"}
-        row = Reported("C1", "kPa", 10.0, 9.0, 11.0, "identified", "the data determine it")
+        row = Reported(
+            posterior.quantities["C1"], 10.0, 9.0, 11.0, "identified", "the data determine it"
+        )
         members.append(ComparedRun(law, posterior, pd.DataFrame(draws), "converged", [row]))
     for pair in (members, members[::-1]):
         result = compare(pair)
@@ -183,3 +203,14 @@ def test_runs_of_different_laws_are_compared_by_what_both_have():
         forest_figure(result)
         assert {"C1", "alpha", "cauchy_x", "stiffness_y"} <= shared
         assert "kappa" not in shared
+
+
+def test_a_small_median_keeps_two_digits_beside_a_large_difference():
+    row = {"run_a": "media", "run_b": "intima", "quantity": "k2", "total_stretch": np.nan}
+    row |= {"unit": "1", "median_a": 1.63, "median_b": 84.31, "standardised": 2.0}
+    row |= {"difference_q05": 41.0, "difference_q50": 82.7, "difference_q95": 151.0}
+    row |= {"probability_b_greater": 0.99, "kolmogorov": 0.9}
+    row |= {"identified_in_a": True, "identified_in_b": True}
+    (table,) = distance_tables(pd.DataFrame([row]))
+    text = " ".join(table.lines())
+    assert " 1.6 " in text and " 84 " in text

@@ -10,10 +10,9 @@ import biaxbayes
 import commands
 from biaxbayes import GOH
 from biaxbayes.errors import InputError
-from biaxbayes.machines.account import account
+from biaxbayes.machines.outcome import OpenQuestions
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.check import check_specimen
-from biaxbayes.tables.question import Question
 from virtual_biotester import biotester_export
 from workbooks import xlsx
 
@@ -60,8 +59,8 @@ def read(path: Path | list[Path], columns: str | None = None, **options):
     )
 
 
-def asked(path: Path | list[Path], columns: str | None = None, **options) -> Question:
-    with pytest.raises(Question) as question:
+def asked(path: Path | list[Path], columns: str | None = None, **options) -> OpenQuestions:
+    with pytest.raises(OpenQuestions) as question:
         read(path, columns, **options)
     assert str(question.value).isprintable()
     assert question.value.choices
@@ -91,7 +90,7 @@ def cycled(folder: Path, name: str = "raw.csv") -> tuple[Path, np.ndarray]:
 def test_every_row_is_in_the_account(tmp_path):
     path, up = cycled(tmp_path)
     result = read(path, cycles="last", branch="loading")
-    told = "\n".join(account(result))
+    told = result.account
     assert "240 rows read" in told and "kept" in told and "cycle 2 of 2" in told
     counts = [int(line.split()[2]) for line in told.splitlines() if line.startswith("  left")]
     (record,) = result.records
@@ -135,7 +134,7 @@ def test_a_file_that_does_not_fit_a_recipe_is_refused(tmp_path):
     recipe = tmp_path / "specimen-recipe.toml"
     both = np.concatenate([made(), made()[::-1], made((1.0, 0.5)), made((1.0, 0.5))[::-1]])
     other = written(tmp_path, table_of(both), "other.csv")
-    with pytest.raises(Question, match="stretch ratios"):
+    with pytest.raises(OpenQuestions, match="stretch ratios"):
         biaxbayes.convert(other, recipe=recipe, header=SIZE)
     with pytest.raises(InputError, match="does not fit the recipe"):
         biaxbayes.convert(other, recipe=recipe, protocols_by="ratio", header=SIZE)
@@ -167,28 +166,18 @@ def test_both_of_two_opposite_actuators_count(form, tmp_path):
     sides = [sign * moved[:, 0], moved[:, 0], sign * moved[:, 1], moved[:, 1]]
     columns = dict(zip(names, sides, strict=True)) | {"Fx [N]": table[:, 2], "Fy [N]": table[:, 3]}
     path = written(tmp_path, columns)
-    gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
-    given = ":displacement_mm" if form == "positions" else ""
-    one = mapped((names[1] + given, names[3] + given, *NAMES[2:]))
-    if sign > 0:
-        question = asked(path, one, **gauge)
-        assert any(f"{names[1]}+{names[0]}" in answer for answer in question.choices)
-        lost = {
-            k: [*list(v)[:7], "", *list(v)[8:]] if "isp" in k else v for k, v in columns.items()
-        }
-        gaps = written(tmp_path, lost, "gaps.csv")
-        assert "other end" in str(asked(gaps, one, drop_missing=True, **gauge))
-        # the answers are added to the options that were given
-        answers = [next(a for a in question.choices if f"{names[1]}+{names[0]}" in a)]
-        answers += [answers[0].replace("stretch_x", "stretch_y").replace(names[1], names[3])]
-        answers[1] = answers[1].replace(names[0], names[2])
-        texts = (one, *(answer.removeprefix("columns=") for answer in answers))
-        assert is_made_of(read(path, texts, **gauge), table)
+    one = [f"1 + {{{names[k]}}} / {length}" for k, length in ((1, GAUGE[0]), (3, GAUGE[1]))]
+    question = asked(path, mapped((*one, *NAMES[2:])))
     both = "+" if sign > 0 else "-"
-    pairs = [f"{names[k]}{both}{names[k - 1]}{given}" for k in (1, 3)]
-    assert is_made_of(read(path, mapped((*pairs, *NAMES[2:])), **gauge), table)
-    with pytest.raises(InputError, match="no column"):  # opposite cells read the same force
-        read(path, mapped((*pairs, "Fx [N]+Fy [N]", "Fy [N]")), **gauge)
+    said = [
+        f"1 + ({{{names[k]}}} {both} {{{names[k - 1]}}}) / {length}"
+        for k, length in ((1, GAUGE[0]), (3, GAUGE[1]))
+    ]
+    assert f"columns=stretch_x={said[0]}" in question.choices
+    # the answers are added to the options that were given
+    answers = (mapped((*one, *NAMES[2:])), *(f"stretch_{a}={k}" for a, k in zip("xy", said)))
+    assert is_made_of(read(path, answers), table)
+    assert is_made_of(read(path, mapped((*said, *NAMES[2:]))), table)
 
 
 SPECIMENS = {
@@ -218,7 +207,7 @@ def test_specimens_of_one_table_are_never_mixed(form, tmp_path):
         result = read(path, specimen_by=column, header={"specimen": str(label)})
         assert is_made_of(result, *(tables[label, ratio] for ratio in RATIOS))
         assert [p.name for p in result.specimen.protocols] == list(RATIOS)
-        assert "120  another specimen:" in "\n".join(account(result))
+        assert "120  another specimen:" in result.account
 
 
 def test_merged_labels_of_specimens_are_asked_about(tmp_path):
@@ -226,7 +215,7 @@ def test_merged_labels_of_specimens_are_asked_about(tmp_path):
     labels = ["pig 1", *[""] * 59, "pig 2", *[""] * 59]
     path = written(tmp_path, {"Sample": labels} | table_of(np.concatenate(tables)))
     assert "specimen_by=Sample" in asked(path).choices
-    assert list(asked(path, specimen_by="Sample").choices) == ["fill_labels=True"]
+    assert next(iter(asked(path, specimen_by="Sample").choices)) == "fill_labels=True"
     answers = {"specimen_by": "Sample", "fill_labels": True}
     result = read(path, header={"specimen": "pig 2"}, **answers)
     assert is_made_of(result, tables[1]) and result.specimen.name == "pig 2"
@@ -301,7 +290,7 @@ ROWS_APART = {
 }
 
 
-def first_rows(question: Question) -> str:
+def first_rows(question: OpenQuestions) -> str:
     return next(a for a in question.choices if a.startswith("rows=")).removeprefix("rows=")
 
 
@@ -364,7 +353,7 @@ def test_a_stretch_that_stands_still_is_asked_about(name, tmp_path):
         load[0] = truth[0, 2]
     # a coarse stretch is off by half its last digit
     assert np.abs(p.load_x - load).max() < (0.08 if name == "coarse" else 5 * NOISE_N)
-    assert "repeats the stretch of another row" in "\n".join(account(result))
+    assert "repeats the stretch of another row" in result.account
 
 
 def saturated(columns, at: float, noise: float = 0.0):
@@ -479,7 +468,7 @@ def test_rows_before_the_rise_are_left_out(tmp_path):
     path = written(tmp_path, table_of(np.vstack([[table[25]] * 4, table])))
     result = read(path)
     assert is_made_of(result, table)
-    assert "4  in no cycle:" in "\n".join(account(result))
+    assert "4  rest or a smaller loop, in no cycle:" in result.account
 
 
 def test_a_loading_branch_below_its_start_is_refused(tmp_path):
@@ -515,3 +504,31 @@ def test_creep_between_rises_is_asked_about(tmp_path):
         parts += [rise, held]
     path = written(tmp_path, table_of(np.concatenate(parts)))
     assert "creep" in str(asked(path)) and "rows=all" in asked(path).choices
+
+
+# --- what 'check' finds ---------------------------------------------------------------------------
+
+
+def test_what_check_finds_is_said_before_a_file_is_written(tmp_path, capsys):
+    table = made()
+    table[:, 2] -= table[0, 2]  # tared in x
+    path, out = written(tmp_path, table_of(table)), tmp_path / "specimen.csv"
+    words = ["--machine", "generic", "--columns", mapped(), "--out", out]
+    words += [w for k, v in SIZE.items() for w in (f"--{k.replace('_', '-')}", v)]
+    code, told, err = commands.run(capsys, "convert", path, *words)
+    assert code == 0, err
+    found = [str(f) for f in check_specimen(out) if f.severity != "note"]
+    assert found and all(told.index(text) < told.index(f"specimen: {out}") for text in found)
+
+
+def test_an_error_of_check_is_asked_about_and_nothing_is_written(tmp_path):
+    """Forces below the preload of 0.1 N are lost."""
+    table = made()
+    table = np.vstack([table[:1]] * 6 + [table])
+    table[:, 2:] += 1e-3 * np.random.default_rng(1).standard_normal((len(table), 2))
+    table[:, 2:] = np.maximum(table[:, 2:] - table[3, 2:] - 0.1, 0.0)
+    path, out = written(tmp_path, table_of(table)), tmp_path / "specimen.csv"
+    question = asked(path, out=out)
+    assert "clipped before export" in str(question) and not out.exists()
+    assert list(question.choices) == ["rows=LINES", "rows=all"]
+    assert "clipped" in {f.code for f in read(path, rows="all").findings}

@@ -7,8 +7,8 @@ import biaxbayes
 import commands
 from biaxbayes import read_specimen
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import MMHG_PER_KPA
-from biaxbayes.tables.question import Question
+from biaxbayes.experiments.tube import MMHG_PER_KPA
+from biaxbayes.machines.outcome import OpenQuestions
 from plain_posterior import TRUTH, theta_of
 from plain_strips import strip
 from virtual_tubes import ARTERY, MATERIAL, readings
@@ -45,8 +45,8 @@ def test_a_strip_comes_back_from_displacement_and_force(tmp_path, capsys):
     (p,) = strip(0, theta_of(TRUTH)).protocols
     moved, force = there_and_back(20.0 * (p.stretch_x - 1.0)), there_and_back(1e3 * p.load_x)
     path = table(tmp_path, "Time [s],Disp [mm],Load [mN]", np.arange(moved.size), moved, force)
-    columns = "stretch_x=Disp [mm],force_x_N=Load [mN]"
-    answers = ("--gauge-x-mm", "20", "--branch", "loading", *STRIP)
+    columns = "stretch_x=1 + {Disp [mm]} / 20,force_x_N=Load [mN]"
+    answers = ("--branch", "loading", *STRIP)
     read, text, _ = convert(capsys, path, columns, "--test", "strip x", *answers)
     assert (read.test, read.edge_x_mm, read.edge_y_mm) == ("strip x", None, 3.0)
     np.testing.assert_allclose(read.protocols[0].stretch_x, p.stretch_x, rtol=1e-7)
@@ -57,7 +57,7 @@ def test_a_strip_comes_back_from_displacement_and_force(tmp_path, capsys):
     recipe = path.with_name("specimen-recipe.toml")
     assert 'test = "strip x"' in recipe.read_text()
     again = biaxbayes.convert(
-        path, recipe=recipe, gauge_x_mm=20.0, edge_y_mm=3.0, thickness_mm=1.2, branch="loading"
+        path, recipe=recipe, edge_y_mm=3.0, thickness_mm=1.2, branch="loading"
     )
     assert again.specimen == read
 
@@ -68,7 +68,8 @@ def test_a_strip_that_narrows_more_than_it_lengthens_has_its_loading_branch(tmp_
     length, width = 10.0 + 2.0 * up, 4.0 * (1.0 - 0.3 * up)
     cycles = [there_and_back(c, 3) for c in (length, width, 0.5 * np.expm1(2.0 * up))]
     path = table(tmp_path, "Length [mm],Width [mm],Force [N]", *cycles)
-    columns = "stretch_y=Length [mm],stretch_x=Width [mm],force_y_N=Force [N]"
+    columns = "stretch_y={Length [mm]} / 10,stretch_x={Width [mm]} / first({Width [mm]})"
+    columns += ",force_y_N=Force [N]"
     more = ("--edge-x-mm", "4", "--thickness-mm", "1.2", "--geometry", "unloaded")
     answers = ("--cycles", "last", "--branch", "loading", "--test", "strip y")
     read, text, _ = convert(capsys, path, columns, *more, *answers)
@@ -83,16 +84,15 @@ def test_columns_of_one_direction_may_be_a_strip(axis, tmp_path, capsys):
     other = "yx"["xy".index(axis)]
     names = f"stretch_{axis},force_{axis}_N"
     path = table(tmp_path, names, np.linspace(1.0, 1.2, 20), np.linspace(0.0, 1.0, 20))
-    with pytest.raises(Question) as question:
+    with pytest.raises(OpenQuestions) as question:
         biaxbayes.convert(path, machine="generic")
-    assert list(question.value.choices) == [
-        f"test=strip {axis}",
-        f"columns=stretch_{other}=COLUMN,force_{other}_N=COLUMN",
-    ]
+    first = question.value.questions[0]
+    assert first.text.startswith(f"no column for stretch_{other} and force_{other}_N")
+    assert next(iter(first.choices)) == f"test=strip {axis}"
     _, _, err = convert(capsys, path, names.replace("N", f"N=force_{axis}_N").replace(
         f"stretch_{axis},", f"stretch_{axis}=stretch_{axis},"))  # fmt: skip
     assert f"--test 'strip {axis}'" in err and "nothing is written" in err
-    with pytest.raises(Question, match=f"no column for force_{other}_N"):
+    with pytest.raises(InputError, match=f"stretch_{other}|no column for force_{other}_N"):
         wide = table(tmp_path, f"{names},stretch_{other}", *np.ones((2, 20)), np.ones(20))
         biaxbayes.convert(wide, machine="generic")
 
@@ -102,13 +102,23 @@ def test_a_strip_has_no_load_across_it(tmp_path, capsys):
     _, _, err = convert(capsys, path, "force_y_N=F2:N", "--test", "strip x")
     assert "force_y_N is not read from a strip x test" in err
     _, _, err = convert(capsys, path, "force_x_N=force_x_N", "--test", "strip x")
-    assert "forces need edge_y_mm, thickness_mm, geometry" in err
+    for option in ("--edge-y-mm MM", "--thickness-mm MM", "--geometry unloaded"):
+        assert option in err
 
 
-def test_kinds_of_test_are_of_generic_tables(tmp_path, capsys):
-    path = table(tmp_path, "stretch_x,force_x_N", *np.ones((2, 20)))
-    with pytest.raises(InputError, match="`test` is for"):
-        biaxbayes.convert(path, machine="biotester", test="strip x")
+def test_a_biotester_export_of_one_direction_is_a_strip(tmp_path):
+    up = there_and_back(np.linspace(0.0, 1.0, 30))
+    phases = ["1-Stretch"] * 30 + ["1-Recover"] * 29
+    rows = zip(phases, 8000 + 1600 * up, 10 + 200 * up**2, strict=True)
+    path = tmp_path / "raw.csv"
+    lines = [f"{phase},{size:.3f},{force:.4f}" for phase, size, force in rows]
+    path.write_text("\n".join(["Cycle,XSize_um,XForce_mN", *lines]))
+    more = {"edge_y_mm": 3.0, "thickness_mm": 1.2, "geometry": "unloaded", "branch": "loading"}
+    with pytest.raises(OpenQuestions) as asked:
+        biaxbayes.convert(path, machine="biotester", **more)
+    assert list(asked.value.choices) == ["test=strip x"]
+    (p,) = biaxbayes.convert(path, machine="biotester", test="strip x", **more).specimen.protocols
+    np.testing.assert_allclose(p.stretch_x, 1.0 + 0.2 * up[:30], atol=1e-6)
 
 
 # --- tubes ----------------------------------------------------------------------------------------
@@ -128,7 +138,7 @@ def test_a_tube_comes_back_from_a_table_of_other_units(tmp_path, capsys):
     _, _, err = convert(capsys, path, columns)
     assert "outer_diameter_mm is read from a tube" in err and "--test tube" in err
     _, _, err = convert(capsys, path, columns, "--test", "tube", *TUBE)
-    assert "'Length [cm]' needs the unloaded_length_mm" in err
+    assert "'Length [cm]' is a length and needs the unloaded_length_mm" in err
     assert "--unloaded-length-mm MM" in err
     more = ("--unloaded-length-mm", "30", "--opening-angle-fung-deg", "70")
     read, text, _ = convert(capsys, path, columns, "--test", "tube", *TUBE, *more)
@@ -139,10 +149,11 @@ def test_a_tube_comes_back_from_a_table_of_other_units(tmp_path, capsys):
     np.testing.assert_allclose(got, np.column_stack([stretch, load]), rtol=1e-7, atol=1e-8)
     assert f"load {load[:40, 0].max():.4g} kPa, {load[:40, 1].max():.4g} N" in text
     assert "reference" not in text and "mounting" not in text and "geometry" not in text
-    # a stretch may come from a column whose name is known as a length
-    columns = columns.replace("length_mm=", "stretch_y=")
+    # a stretch may be computed from a column whose name is known as a length
+    said = "stretch_y={Length [cm]} * 10 / unloaded_length_mm"
+    columns = columns.replace("length_mm=Length [cm]", said)
     again, _, _ = convert(capsys, path, columns, "--test", "tube", *TUBE, *more)
-    np.testing.assert_array_equal(again.protocols[1].stretch, read.protocols[1].stretch)
+    np.testing.assert_allclose(again.protocols[1].stretch, read.protocols[1].stretch, rtol=1e-14)
 
 
 def test_a_tube_is_cut_by_its_pressure(tmp_path, capsys):
@@ -153,7 +164,7 @@ def test_a_tube_is_cut_by_its_pressure(tmp_path, capsys):
     names = "outer_diameter_mm,stretch_z,pressure_kPa,axial_force_N"
     path = table(tmp_path, names, 8.0 * curves[0], *curves[1:])
     header = {"unloaded_outer_diameter_mm": 8.0, "thickness_mm": 0.9}
-    with pytest.raises(Question) as question:
+    with pytest.raises(OpenQuestions) as question:
         biaxbayes.convert(path, machine="generic")
     assert next(iter(question.value.choices)) == "test=tube"
     made = biaxbayes.convert(
@@ -185,10 +196,35 @@ def test_what_a_tube_does_not_have_is_refused(tmp_path):
     path = table(tmp_path, names, 8.0 * stretch[:, 0], stretch[:, 1], load[:, 0])
     for more, says in (
         ({}, "needs the unloaded_outer_diameter_mm"),
-        ({"unloaded_outer_diameter_mm": 8.0}, "a tube needs thickness_mm"),
-        ({"gauge_x_mm": 8.0}, "a tube has no gauge length"),
+        ({"unloaded_outer_diameter_mm": 8.0}, "pressures need thickness_mm"),
         ({"columns": "force_x_N=pressure_kPa:N"}, "force_x_N is not read from a tube test"),
         ({"columns": "stretch_x=stretch_z"}, "both give stretch_x"),
     ):
         with pytest.raises(InputError, match=says):
             biaxbayes.convert(path, machine="generic", test="tube", **more)
+
+
+def test_a_bulge_comes_back_from_pressure_and_radius(tmp_path, capsys):
+    rise = np.linspace(0.0, 1.0, 25)
+    stretch = 1.0 + np.outer(rise, [0.2, 0.18])
+    pressure, radius = 1.0 + 80.0 * rise**2, 30.0 - 18.0 * rise
+    path = table(tmp_path, "lambda_x,lambda_y,P (mmHg),R (mm)", *stretch.T, pressure, radius)
+    stretches = "stretch_x=lambda_x,stretch_y=lambda_y"
+    specimen, _, err = convert(capsys, path, stretches)
+    assert specimen is None and "--test bulge" in err
+    specimen, _, err = convert(capsys, path, stretches, "--test", "bulge")
+    assert specimen is None and "no column for pole_tension_kPa" in err
+    formula = "{P (mmHg)} * {R (mm)} / (2 * thickness_mm):mmHg"
+    columns = f"{stretches},pole_tension_kPa={formula}"
+    specimen, _, err = convert(capsys, path, columns)
+    assert specimen is None and "pole_tension_kPa is read from a bulge" in err
+    specimen, _, err = convert(capsys, path, columns, "--test", "bulge")
+    assert specimen is None and "needs thickness_mm" in err
+    wall = ("--test", "bulge", "--thickness-mm", 0.5)
+    specimen, _, err = convert(capsys, path, columns, *wall)
+    assert specimen is not None, err
+    assert specimen.test == "bulge"
+    (p,) = specimen.protocols
+    # Laplace: p rho / (2 T), 1 mmHg = 0.133322 kPa
+    np.testing.assert_allclose(p.load_x, 0.133322387 * pressure * radius, rtol=1e-7)
+    np.testing.assert_allclose(p.stretch, stretch, rtol=1e-8)

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from biaxbayes import GOH
-from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import convert
+from biaxbayes.machines.outcome import OpenQuestions
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.check import check_specimen
-from biaxbayes.tables.question import Question
 
 T = np.linspace(0.0, 1.0, 31)
 UP_DOWN = np.concatenate([T, T[-2:0:-1]])
@@ -31,8 +30,8 @@ def read(folder: Path, stretch: np.ndarray, load: np.ndarray, **choice):
     path = folder / "record.csv"
     table = np.hstack([stretch, load])
     np.savetxt(path, table, delimiter=",", header=NAMES, comments="", fmt="%.12g")
-    answers = {"cycles": "last", "branch": "loading"} | choice
-    return convert([path], Choice("generic", (COLUMNS,), **answers), header={})
+    answers = {"cycles": "last", "branch": "loading", "columns": (COLUMNS,)} | choice
+    return convert([path], Choice("generic", **answers), header={})
 
 
 def record(ratios, softening=None, noise=0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +55,7 @@ def record(ratios, softening=None, noise=0.0) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("interleaved", [False, True])
 def test_each_ratio_of_a_record_is_a_protocol(peaks, names, interleaved, tmp_path):
     order = [*peaks, *peaks] if interleaved else [p for p in peaks for _ in range(2)]
-    with pytest.raises(Question, match="stretch ratios") as question:
+    with pytest.raises(OpenQuestions, match="stretch ratios") as question:
         read(tmp_path, *record(order, noise=1e-4))
     assert all(name in question.value.choices["protocols_by=ratio"] for name in names)
     result = read(tmp_path, *record(order, noise=1e-4), protocols_by="ratio")
@@ -80,7 +79,7 @@ def test_a_load_controlled_record_is_split_by_its_loads(tmp_path):
         path = np.column_stack([0.12 * UP_DOWN, 0.12 * creep * UP_DOWN])
         paths.append((1.0 + path, 2.0 + np.outer(UP_DOWN, [25.0, 50.0])))
     stretch, load = (np.concatenate(part) for part in zip(*paths, strict=True))
-    with pytest.raises(Question) as question:
+    with pytest.raises(OpenQuestions) as question:
         read(tmp_path, stretch, load)
     told = question.value.choices["protocols_by=load-ratio"]
     assert "1:1: cycles 1 2 3; 0.5:1: cycles 4 5" in told
@@ -108,11 +107,14 @@ def test_whether_preconditioning_has_settled(softening, settled, tmp_path):
 def test_tension_that_counts_negative(axes, wrong, tmp_path):
     stretch, load = record([(0.2, 0.15)])
     signs = [-1.0 if axis in axes else 1.0 for axis in "xy"]
-    with pytest.raises(InputError, match=f"`tension_negative={wrong}`"):
+    with pytest.raises(OpenQuestions) as asked:
         read(tmp_path, stretch, load * signs)
-    result = read(tmp_path, stretch, load * signs, tension_negative=axes)
+    answers = tuple(q.default.value for q in asked.value.questions)
+    assert answers[0] == f"piola_{wrong}_kPa=-{{{'P' if wrong == 'x' else 'Q'}_kPa}}:kPa"
+    assert len(answers) == len(axes)
+    result = read(tmp_path, stretch, load * signs, columns=(COLUMNS, *answers))
     np.testing.assert_allclose(result.specimen.protocols[0].load_y, load[:31, 1], rtol=1e-9)
-    assert "is reversed" in str(result.specimen.metadata["conversion"])
+    assert f"piola_{wrong}_kPa = -{{" in str(result.specimen.metadata["conversion"])
 
 
 GAUGE_MM = (10.2, 10.15)
@@ -186,11 +188,12 @@ def test_a_cycled_export_is_cut_right(shape, noise, tmp_path):
     path = tmp_path / "cycled.csv"
     names = "Disp X [mm],Disp Y [mm],Load X [N],Load Y [N]"
     np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.9f")
-    columns = ",".join(f"{k}={v}" for k, v in zip(TARGETS, names.split(","), strict=True))
+    said = [f"1 + {{{n}}} / {g}" for n, g in zip(names.split(",")[:2], GAUGE_MM, strict=True)]
+    sources = [*said, *names.split(",")[2:]]
+    columns = ",".join(f"{k}={v}" for k, v in zip(TARGETS, sources, strict=True))
     answers = {"cycles": "last", "branch": "loading"}
     answers |= {"protocols_by": "ratio"} if len(ratios) > 1 else {}
-    gauge = dict(zip(("gauge_x_mm", "gauge_y_mm"), GAUGE_MM, strict=True))
-    choice = Choice("generic", (columns,), **gauge, **answers)
+    choice = Choice("generic", (columns,), **answers)
     size = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
     result = convert([path], choice, header=size)
     named = [p.name for p in result.specimen.protocols]

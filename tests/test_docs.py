@@ -14,9 +14,9 @@ import pytest
 import docs_verbs
 import study
 from biaxbayes.cli import VERBS, main
+from biaxbayes.experiments import BIAXIAL
 from biaxbayes.specimens.keys import KEYS
 from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA
-from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.specimens.table import STRETCHES
 from quick_posteriors import runs_of_few_walkers
 
@@ -54,7 +54,7 @@ def test_the_reference_of_the_command_line_is_current():
 
 def test_the_page_of_the_specimen_file_is_complete():
     columns, keys = text_of(docs_verbs.SPECIMEN_FILE).split("## Header keys")
-    pairs = [name for pair in STRESS_PAIRS.values() for name in pair]
+    pairs = [name for loads in BIAXIAL.loads.values() for name in loads.columns]
     assert {*STRETCHES, "protocol", "time_s", *pairs} <= set(first_cells(columns))
     assert set(first_cells(keys)) == set(KEYS)
     assert f"{STRESS_LIMIT_KPA:g}" in keys and "unloaded with stresses" in keys
@@ -105,7 +105,7 @@ def test_no_imports_go_round_in_a_circle():
 PAGES_TO_RUN = ("tutorial.md", "how-to.md", "studies.md", "python.md")
 FENCE = re.compile(r"(<!-- slow -->\n)?```(\w*)\n(.*?)\n```", re.DOTALL)
 FEWER = ("--ess", "100")
-SAMPLING = dict.fromkeys(("sample", "ledger", "compare", "batch"), FEWER)
+SAMPLING = dict.fromkeys(("sample", "compare", "batch"), FEWER)
 SAMPLING["calibrate"] = ("--ess", "200")
 TRIED = {0, 3}
 """With so few draws a run may end as not converged; the command is run, not the science."""

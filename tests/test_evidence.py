@@ -150,7 +150,7 @@ def test_a_likelihood_with_a_misfit_has_none():
         marginal_likelihood(posterior, None)
     record = marginal_likelihood_record(posterior, None, 1)
     assert record["log_evidence"] is None and "misfit" in record["reason"]
-    averaged = Posterior(media(), noise="independent", thin=20)
+    averaged = Posterior(media(), noise="independent", max_rows=20)
     assert "averaged" in marginal_likelihood_record(averaged, None, 1)["reason"]
 
 

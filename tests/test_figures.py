@@ -19,13 +19,13 @@ from biaxbayes.figures.mounting import mounting_figure
 from biaxbayes.figures.prediction import inflation_figure
 from biaxbayes.figures.style import figure_bytes, print_style, read_style, save_figure
 from biaxbayes.figures.trace import trace_figure
-from biaxbayes.identifiability.reported import quantile_texts
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import PieceLabels, Quantities
 from biaxbayes.prediction.bands import bands
 from biaxbayes.prediction.percentiles import BANDS
 from biaxbayes.prediction.stress import BEYOND, INSIDE
+from biaxbayes.report_table import interval_texts
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.truth import read_truth
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
@@ -164,7 +164,7 @@ def test_the_interval_of_a_panel_is_that_of_the_table_at_a_limit_too():
     written = [text for text, _ in in_view(corner_figure(draws, width_mm=180.0))]
     for name, start in (("kappa", r"$\kappa$"), ("k1", "$k_1$ (kPa)"), ("alpha", r"$\alpha$ (°)")):
         low, median, high = np.quantile(draws[name], [0.05, 0.5, 0.95])
-        texts = quantile_texts(median, low, high, GOH_LAW.parameter(name))
+        texts = interval_texts(median, low, high, GOH_LAW.parameter(name))
         (found,) = [text for text in written if text.startswith(f"{start}  ")]
         assert found.endswith(f"  {texts[0]} ({texts[1]}–{texts[2]})")
 
@@ -201,7 +201,7 @@ def test_zeroing_and_stress_pairs_in_bands():
     (p,) = specimen.protocols
     in_kPa = (replace(p, load_x=p.load_x * 1e3, load_y=p.load_y * 1e3),)
     a, b = (
-        bands(exact(replace(specimen, stress_pair=pair, protocols=in_kPa)), draws)
+        bands(exact(replace(specimen, loads=pair, protocols=in_kPa)), draws)
         for pair in ("cauchy", "piola")
     )
     np.testing.assert_allclose(a["measured"], b["measured"])
@@ -247,7 +247,7 @@ def test_true_loads_stand_on_the_bands():
                 wanted = force - force[0] if mounting == "zeroed" else force
                 np.testing.assert_allclose(line.get_ydata(), wanted, rtol=1e-12, atol=1e-15)
     assert "truth" in [text.get_text() for text in figure.legends[0].get_texts()]
-    with pytest.raises(InputError, match="names no alpha, mounting_stretch_x"):
+    with pytest.raises(InputError, match="the true values lack alpha, mounting_stretch_x"):
         part = {k: v for k, v in truth.items() if k not in ("alpha", "mounting_stretch_x")}
         bands_figure(exact(specimen), draws, truth=part)
 

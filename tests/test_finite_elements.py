@@ -5,13 +5,14 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.experiments import Strip
 from biaxbayes.fem import sheet as sheet_module
 from biaxbayes.fem.sheet import Sheet, membrane_stress_and_tangent
 from biaxbayes.fem.sheet_tester import Hooks, SheetTester
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
-from biaxbayes.mechanics.experiments import Strip, with_free_side
+from biaxbayes.mechanics.mounting import with_free_side
 from studies.hooks import uniform_edges
 
 MEDIA = GOH(2.98, 12.47, 1.88, 39.0, 0.0)

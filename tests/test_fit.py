@@ -517,7 +517,7 @@ TEST = ["--prestretch", "1.019", "1.02", "--total-stretch", "1.15", "--increment
     "arguments",
     [
         ("--goh", *STIFF, *TEST),
-        ("--goh", *STEEP, *TEST, "--stress-pair", "cauchy"),
+        ("--goh", *STEEP, *TEST, "--loads", "cauchy"),
         ("--material", "donor2-intima"),
     ],
 )

@@ -105,10 +105,10 @@ def specimen(path: Path) -> None:
     table = [x for x in lines if x.strip(" ,\t\x0b\x0c") and not x.lstrip('" ').startswith("#")]
     names, *rows = [[c.strip() for c in row] for row in csv.reader(table)]
     for axis in "xy":
-        at = next(i for i, n in enumerate(names) if n.startswith(f"{read.stress_pair}_{axis}"))
+        at = next(i for i, n in enumerate(names) if n.startswith(f"{read.loads}_{axis}"))
         loads = np.concatenate([getattr(p, f"load_{axis}") for p in read.protocols])
         written = np.array([float(row[at]) for row in rows])
-        if read.stress_pair == "cauchy":  # the nominal stress stays when the reference moves
+        if read.loads == "cauchy":  # the nominal stress stays when the reference moves
             np.testing.assert_allclose(np.sort(loads), np.sort(written), rtol=0.2, atol=1e-9)
         else:
             np.testing.assert_array_equal(loads, written)

@@ -8,10 +8,10 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from biaxbayes.populations.hierarchy import Common, Layout, correlation_factors
-from biaxbayes.populations.result import truncated_median
+from biaxbayes.populations.population_result import truncated_median
 from biaxbayes.populations.reweighting import MAX_K, RunDraws
 from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan, draw_population
-from biaxbayes.runs.checkpoint import pack_record, unpack_record
+from biaxbayes.stored_data import pack_record, unpack_record
 
 INF = math.inf
 GROUP = np.array([0, 0, 1, 1, 0, 1])
@@ -241,6 +241,7 @@ def test_runs_whose_draws_are_elsewhere_are_sampled_again():
     assert pooled({"rounds": 1}, cut_short=[4]).sampled_again == [4]
 
 
+@pytest.mark.long
 def test_one_seed_the_same_bytes_whatever_comes_between():
     quick = {"first_block": 24, "max_steps": 60, "chains": 8, "warm_up": 20, "ess": 1e9}
     elsewhere = {"prior_mean": 1.0, "prior_sd": 0.2}

@@ -34,7 +34,7 @@ CELLS = {  # in row 13, column force_x_N
     "=A1": "'=A1' is a formula", "=cmd|' /C calc'!A0": "is a formula",
     "1_000": "not a plain number",
     "inf": "'inf' is not a finite number", "1e400": "not a finite number", "1e308": "MPa",
-    "0x1F": "'0x1F'", "#DIV/0!": "'#DIV/0!' is not a number",
+    "0x1F": "'0x1F'", "#DIV/0!": "lack a reading: '#DIV/0!' in line 13",
     '"0,17"': "'0,17' has a decimal comma",
 }  # fmt: skip
 HEADERS = {  # what stands in the good file, what in its place, and what the message says
@@ -56,12 +56,13 @@ HEADERS = {  # what stands in the good file, what in its place, and what the mes
     ("# layer", "# rest_rows: 99\n# layer"): "no stretched row",
     ("# layer", "# rest_rows: 1, 2\n# layer"): "rest_rows has 2 values for 1 protocol",
     ("# layer", "# mounting_stretch_x: 1.03\n# layer"): "1.03 +- 0.01",
+    ("# layer", "# mounting_stretch_x: 1.02 +- 1e-300\n# layer"): "1.03 +- 0.01",
     ("# layer: media", "# layer: \x1b[31m"): "control character 0x1b",
 }
 NAME_LINES = {  # names of the columns
     "stretch_x,time_s,force_x_N,force_y_N": "column stretch_y: missing column",
     "stretch_x,stretch_y,force_x_N,time_s": "column force_y_N: missing column",
-    "stretch_x,stretch_y,force_x_N,piola_y_kPa": "more than one stress pair",
+    "stretch_x,stretch_y,force_x_N,piola_y_kPa": "more than one kind of loads",
     "stretch_x,stretch_x,force_x_N,force_y_N": "appears twice",
     "stretch_x,stretch_y,force_x_N,temperature_C": "unknown column",
     "stretch_x,stretch_y,force_x_mN,force_y_N": "column force_x_mN: unknown",

@@ -17,9 +17,9 @@ def run(small_copy):
     return small_copy.path
 
 
-def refused(run: Path, capsys, kind: str = "explore") -> str:
+def refused(run: Path, capsys, *words: object) -> str:
     """The one line of a refusal."""
-    err = commands.refused(capsys, "report", run, "--format", kind, "--out", "-")
+    err = commands.refused(capsys, *(words or ("identify", run)))
     assert str(run) in err
     return err
 
@@ -89,7 +89,9 @@ DAMAGES: list[tuple[Damage, str]] = [
     (provenance(b"[]"), "'the whole'"),
     (provenance(b'{"seed": 1}'), "is not the record of a run"),
     (entries(convergence={"state": "great"}), "convergence: state"),
-    (entries(noise={"misfit": "large"}), "noise: misfit"),
+    (entries(misfit={"toe": "large"}), "misfit: toe"),
+    (entries(misfit={"terms": [[10**9]]}), "misfit: terms"),
+    (entries(misfit={"terms": ["x"]}), "misfit: terms"),
     (entries(seed=10**400), "not JSON"),
     (entries(settings={"fibre_switch": "no"}), "settings"),
     (entries(settings={"mounting": "guessed"}), "mounting must be one of"),
@@ -116,7 +118,7 @@ NOT_THE_RESULT = "results.json: is not the result of this run"
 RESULTS = [
     (lambda r: r["reported"][0].update(verdict="great"), NOT_THE_RESULT),
     (lambda r: r["reported"][0].update(name="<b>"), NOT_THE_RESULT),
-    (lambda r: r.pop("evidence"), NOT_THE_RESULT),
+    (lambda r: r.pop("law_fits"), NOT_THE_RESULT),
     (lambda r: r["reported"][0].update(low="one"), NOT_THE_RESULT),
     (lambda r: r.update(law="fung"), NOT_THE_RESULT),
     (lambda r: r["reported"][0].update(low=10**400), "results.json"),
@@ -129,14 +131,15 @@ def test_a_result_of_another_kind(run, capsys, change, words):
     result = json.loads((run / "results.json").read_text())
     change(result)
     (run / "results.json").write_text(json.dumps(result))
-    assert "is not the file that the run wrote" in refused(run, capsys, "latex")
+    latex = ("report", run, "--format", "latex")
+    assert "is not the file that the run wrote" in refused(run, capsys, *latex)
     seal(run, "results.json")
-    assert words in refused(run, capsys, "latex")
+    assert words in refused(run, capsys, *latex)
     (run / "results.json").unlink()
-    assert "results.json: no such file" in refused(run, capsys, "latex")
+    assert "results.json: no such file" in refused(run, capsys, *latex)
 
 
-@pytest.mark.parametrize("stored", [{}, {"format": 1}, {"format": 3}])
+@pytest.mark.parametrize("stored", [{}, {"format": 1}, {"format": 2}])
 def test_a_run_of_an_earlier_version_is_refused_in_one_line(run, capsys, stored):
     record = json.loads((run / "provenance.json").read_text())
     del record["format"]
@@ -152,6 +155,27 @@ def test_links_lead_nowhere_outside(run, capsys, tmp_path, name):
     (run / name).unlink()
     (run / name).symlink_to(run / name)
     assert "link" in refused(run, capsys)
+
+
+def test_nothing_is_written_through_a_link(run, capsys, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    shutil.move(run / "evidence", elsewhere)
+    (elsewhere / "identifiability.csv").write_text("mine")
+    (run / "evidence").symlink_to(elsewhere)
+    (run / "cards-abaqus-kPa-mm").symlink_to(elsewhere)
+    before = {p.name: p.read_text() for p in elsewhere.iterdir()}
+    assert commands.exit_code("identify", run, "--no-figure") in (0, 3)
+    assert "leads outside" in commands.refused(capsys, "export", run, "--to", "abaqus", "--anyway")
+    assert {p.name: p.read_text() for p in elsewhere.iterdir()} == before
+    assert not (run / "evidence").is_symlink() and list((run / "evidence").iterdir())
+
+
+def test_a_changed_fit_changes_no_bands(run, capsys):
+    fit = json.loads((run / "fit.json").read_text())
+    fit[0]["mounting_stretch_x"] *= 1.01
+    (run / "fit.json").write_text(json.dumps(fit))
+    err = commands.refused(capsys, "predict", run, "--stretch", "1.1", "--anyway")
+    assert "fit.json: is not the file that the run wrote" in err
 
 
 def test_not_a_folder_of_a_run(tmp_path, capsys):

@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import root
 from scipy.stats import norm
 
+from biaxbayes.derived.determined import determined
 from biaxbayes.fitting.law_fits import CANDIDATE_LAWS
-from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
 from biaxbayes.identifiability.marginals import ComparisonScale, count_modes, density, range_ends
 from biaxbayes.identifiability.partners import Partners, find_partners
@@ -30,7 +30,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.parameters import Quantity
 from biaxbayes.prediction.predictive_checks import predictive_checks
-from biaxbayes.runs.result import run_result
+from biaxbayes.runs.run_result import run_result
 from biaxbayes.sampling.convergence import assess
 from goh_functions import GOH_LAW, PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, Sampled, sampled, specimen
@@ -125,11 +125,10 @@ def test_a_stuck_chain_gives_no_verdict():
 # --- draws made up, so that each rule is met alone ---
 
 
-def made_up(priors=None, **columns: np.ndarray) -> Sampled:
+def made_up(priors=None, n=8000, **columns: np.ndarray) -> Sampled:
     """Draws from the prior, but for the columns given."""
     target = Posterior(specimen(GOH(10, 20, 5, 40, 0.15)), noise="independent", priors=priors or {})
     rng = np.random.default_rng(1)
-    n = 8000
     draws = {}
     for name in (*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"):
         prior = target.priors[name]
@@ -143,7 +142,7 @@ def made_up(priors=None, **columns: np.ndarray) -> Sampled:
 
 
 def test_draws_from_the_prior_are_prior_dominated():
-    result = identify(made_up())
+    result = identify(made_up(n=16_000))
     assert {p.verdict for p in result.parameters} == {NOT_IDENTIFIED}
     for p in result.parameters:
         assert abs(p.diagnostics.contraction) < 0.06
@@ -237,6 +236,26 @@ def test_partners_that_tell_nothing_alone_are_named_together():
     result = find_partners(np.column_stack([total, a, b, c, free]), names)["y"]
     assert set(result.names) == {"a", "b", "c"}
     assert result.spread_given_partners == pytest.approx(0.17 / np.sqrt(3.03), rel=0.05)
+
+
+@pytest.mark.parametrize(("third", "partners"), [(0.60, "ab"), (0.78, "abc")])
+def test_partners_suffice_where_all_others_narrow_by_a_quarter_at_most(third, partners):
+    """Given a and b, the sd is 1.2 times that given all, or 1.32 times."""
+    rng = np.random.default_rng(8)
+    a, b, c, noise = rng.normal(size=(4, 12000))
+    y = 2.0 * a + 0.8 * b + third * c + 0.9 * noise
+    result = find_partners(np.column_stack([y, a, b, c]), ("y", "a", "b", "c"))["y"]
+    assert "".join(sorted(result.names)) == partners
+
+
+@pytest.mark.parametrize("half", [0, 1])
+def test_a_peak_that_one_half_of_the_draws_shows_is_no_mode(half):
+    draws = np.random.default_rng(3).normal(size=4000)
+    both = draws.copy()
+    both[::8], both[1::8] = both[::8] + 9.0, both[1::8] + 9.0
+    assert count_modes(both) == 2
+    draws[half::4] += 9.0
+    assert count_modes(draws) == 1
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -39,6 +39,10 @@ def energy(X, Y, Z, C1, k1, k2, cos2_alpha, kappa):
     E = strain(X, Y, Z, cos2_alpha, kappa)
     return C1 * (X + Y + Z - 3) + k1 / k2 * (np.exp(k2 * E**2) - 1)
 '''
+DOUBLING = "def f0(x):\n    return x\n\n" + "\n".join(
+    f"def f{i}(x):\n    return f{i - 1}(x) + f{i - 1}(x)\n" for i in range(1, 60)
+)
+"""Functions that call the one before twice."""
 VALUES = {"C1": 9.0, "k1": 20.0, "k2": 4.0, "alpha": 42.0, "kappa": 0.15}
 
 
@@ -136,22 +140,35 @@ def test_a_law_is_kept_by_its_text_without_the_file(own_goh):
         (("third = 1 / 3", "third = np.load('x')"), "line 4: `np.load`"),
         (("third = 1 / 3", "third = ().__class__"), "line 4: `().__class__`"),
         (("    spread", "    while 1: pass\n    spread"), "line 15: `while 1:`"),
-        (("1 / 3", "1 / / 3"), "line 4: no Python"),
+        (("1 / 3", "1 / / 3"), "line 4: not valid Python"),
         (("third = 1 / 3", "third = fourth"), "name 'fourth' is not defined"),
         (("third = 1 / 3", "third = 9**9**9**9"), "cannot be read"),
         (("parameters =", "numbers ="), "`energy` and a table `parameters`"),
         (("C1, k1, k2, cos2_alpha", "C1, k1, k2, alpha"), "X, Y, Z, C1, k1, k2, cos2"),
         (('("lognormal", 10, 2),\n    "k1', '10,\n    "k1'), "C1_kPa has no prior"),
-        (('"C1_kPa"', '"C 1"'), "'C 1' is no name of a parameter"),
-        (('"C1_kPa"', '"thickness"'), "'thickness' is no name of a parameter"),
-        (("np.exp(k2 * E**2) - 1", "np.exp(k2 * E**2)"), "kPa where unloaded, not 0"),
+        (('"C1_kPa"', '"C 1"'), "'C 1' is not a valid name of a parameter"),
+        (('"C1_kPa"', '"thickness"'), "'thickness' is not a valid name of a parameter"),
+        (("np.exp(k2 * E**2) - 1", "np.exp(k2 * E**2)"), "kPa in the unloaded state; it must be 0"),
         (("C1 * (X", "C1**2 * (X"), "the energy is not proportional to C1"),
-        (("k1 / k2 *", "-k1 / k2 *"), "the term of k1 has no tension under equal stretches"),
+        (("k1 / k2 *", "-k1 / k2 *"), "the term of k1 gives no tension under equal stretches"),
         (("E = strain(X, Y, Z, cos2_alpha, kappa)", "E = F"), "cannot be computed: name 'F'"),
         (("np.exp(k2 * E**2)", "np.exp(k2 * E**2, E)"), "an energy cannot use np.exp with"),
         (('{"k2": "k2 E^2"}', '{"k3": "k3 E^2"}'), "`exponents` has to be like"),
-        (('{"k2": "k2 E^2"}', '{"k2": "a", "kappa": "b"}'), "another number of formulas"),
-        (("return C1 * (X + Y + Z - 3)", "return C1 * (X > 1)"), "where unloaded|no tension"),
+        (('{"k2": "k2 E^2"}', '{"k2": "a", "kappa": "b"}'), "one formula for each exponential"),
+        (("return C1 * (X + Y + Z - 3)", "return C1 * (X > 1)"), "unloaded state|no tension"),
+        (("third = 1 / 3", 'third = "%1900000000f" % 1'), "line 4: `'%1900000000f'`"),
+        (("third = 1 / 3", 'third = b"%1900000000f" % 1'), "line 4: `b'%1900000000f'`"),
+        (("third = 1 / 3", "third = (1, 1)" + "\nthird = third + third" * 40), "line 4: `(1, 1)`"),
+        (("third = 1 / 3", "third = not 1"), "line 4: `not 1`"),
+        (
+            ("third = 1 / 3", "two = (1 < 2) + (1 < 2)\nthird = two**two**two**two**two**two"),
+            "read",
+        ),
+        (("def strain", f"{DOUBLING}\n\ndef strain"), "more than 1000 operations"),
+        (("E = strain(", "E = energy("), "a function calls itself"),
+        (("def strain(X, Y, Z", "def strain(energy, Y, Z"), "`energy` is not allowed"),
+        (("E = strain(", "f = strain\n    E = f("), "`strain` is not allowed"),
+        (("third = 1 / 3", "third = 1" + " + 1" * 6000), "more than 20,000 characters"),
     ],
 )
 def test_files_that_are_no_law_are_refused_in_one_line(own_goh, change, message):
@@ -214,3 +231,16 @@ def test_a_law_of_amplitudes_alone_is_fitted(tmp_path):
     found = biaxbayes.fit(specimen, law=str(path))
     np.testing.assert_allclose(found.material.values, [8.0, 25.0], rtol=0.01)
     np.testing.assert_allclose(found.mounting_stretch, [[1.03, 1.02]], atol=0.001)
+
+
+def test_a_single_amplitude_carries_the_whole_load_of_a_scaled_prior(tmp_path):
+    path = tmp_path / "neo.py"
+    path.write_text(
+        'parameters = {"mu_kPa": ("lognormal", 10, 2)}\n'
+        "def energy(X, Y, Z, mu):\n"
+        "    return mu / 2 * (X + Y + Z - 3)\n"
+    )
+    law = law_named(str(path))
+    family, median, _ = law.scaled_prior(1.2, 40.0)["mu"]
+    stress, _ = law.material_at([median]).cauchy(1.2, 1.2)
+    assert family == "lognormal" and stress / 1.2 == pytest.approx(40.0)

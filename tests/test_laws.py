@@ -205,7 +205,7 @@ def test_a_stress_that_overflows_is_refused():
     material = biaxbayes.law("fung", c0=1, c=1, b_x=50, b_y=50, b_xy=0)
     with pytest.raises(InputError, match="no finite stress at stretches 5, 4"):
         material.cauchy(5.0, 4.0)
-    with pytest.raises(InputError, match="`fibre_switch` belongs to goh"):
+    with pytest.raises(InputError, match="`fibre_switch` does not apply to the law hgo"):
         law_named("hgo", fibre_switch=True)
 
 

@@ -4,15 +4,16 @@ import contextlib
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.file_lock import folder_lock
 from biaxbayes.runs.folder import PROVENANCE, READY, finish_moving, manifest, staged
+from biaxbayes.text_files import WRITTEN, atomic_write_text
 
 OWNER = """
 import sys, time
@@ -73,7 +74,7 @@ def old_run(tmp_path):
 
 
 def content(folder):
-    return {p.name: p.read_text() for p in folder.iterdir() if p.is_file()}
+    return {p.name: p.read_text() for p in folder.glob("[!.]*") if p.is_file()}
 
 
 def write_new(aside):
@@ -113,35 +114,90 @@ def test_trouble_leaves_the_old_files(old_run, trouble):
         assert ".writing" not in str(output.value)
 
 
-@pytest.mark.parametrize("moved", [0, 1])
-def test_a_crash_between_two_renames_is_made_up_for(old_run, monkeypatch, moved):
-    real, count = Path.replace, []
+def whole_run(folder, seed, files):
+    """A run of some files, and one of the user's; what a verb wrote is listed."""
+    for name in files:
+        atomic_write_text(folder / name, f"{name} of {seed}")
+    record = {"biaxbayes": "1", "seed": seed, "files": manifest(folder)}
+    atomic_write_text(folder / PROVENANCE, json.dumps(record))
 
-    def dies(self, target):
-        if self.parent.name == READY:
-            if len(count) == moved:
-                raise KeyboardInterrupt
-            count.append(self)
-        return real(self, target)
 
-    monkeypatch.setattr(Path, "replace", dies)
-    with pytest.raises(KeyboardInterrupt), staged(old_run) as aside:
-        write_new(aside)
-    monkeypatch.undo()
-    finish_moving(old_run)
-    assert content(old_run)["posterior.nc"] == "new draws"
-    assert json.loads(content(old_run)[PROVENANCE])["biaxbayes"] == "1"
-    assert set(content(old_run)) == {"posterior.nc", PROVENANCE, "notes.txt"}
+def every_file(folder):
+    return {
+        p.relative_to(folder).as_posix(): p.read_text()
+        for p in folder.rglob("[!.]*")
+        if p.is_file() and READY not in p.parts
+    }
+
+
+def test_a_crash_at_any_call_of_the_system_is_made_up_for(tmp_path, monkeypatch):
+    calls = ("replace", "rename", "unlink", "rmdir", "mkdir")
+    real = {name: getattr(os, name) for name in calls}
+
+    def replaced(folder, last):
+        """Replace a run by another; the process ends before a call. The number of calls."""
+        (folder / "evidence").mkdir(parents=True)
+        (folder / "cards").mkdir()
+        whole_run(folder, 1, ("posterior.nc", "corner.pdf", "evidence/laws.csv"))
+        (folder / WRITTEN).touch()
+        for name in ("prediction.csv", "cards/a.inp"):
+            atomic_write_text(folder / name, "of 1")
+        (folder / "notes.txt").write_text("mine")
+        count = 0
+
+        def counted(name):
+            def call(*arguments, **options):
+                nonlocal count
+                count += 1
+                if count > last:
+                    raise KeyboardInterrupt
+                return real[name](*arguments, **options)
+
+            return call
+
+        with contextlib.suppress(KeyboardInterrupt), staged(folder) as aside:
+            (aside / "evidence").mkdir()
+            whole_run(aside, 2, ("posterior.nc", "report.html", "evidence/fits.csv"))
+            for name in calls:
+                monkeypatch.setattr(os, name, counted(name))
+        monkeypatch.undo()
+        return count
+
+    count = replaced(tmp_path / "whole", 10_000)
+    new, before = every_file(tmp_path / "whole"), None
+    assert set(new) == {
+        *("posterior.nc", "report.html", "evidence/fits.csv", "notes.txt", PROVENANCE)
+    }
+    assert count > 12
+    for last in range(count):
+        folder = tmp_path / str(last)
+        replaced(folder, last)
+        before = before or every_file(folder)
+        # as the next process does, which is killed once more
+        committed = (folder / READY).is_dir() or every_file(folder) == new
+        assert committed or every_file(folder) == before
+        with contextlib.suppress(KeyboardInterrupt), monkeypatch.context() as patch:
+            patch.setattr(
+                shutil, "rmtree", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt)
+            )
+            finish_moving(folder)
+        finish_moving(folder)
+        assert every_file(folder) == (new if committed else before)
+        assert not (folder / READY).exists()
 
 
 def test_a_list_of_files_leads_nowhere_outside(tmp_path, old_run):
     outside = tmp_path / "victim.txt"
     outside.write_text("keep")
     digest = manifest(tmp_path)["victim.txt"]
-    names = ["../victim.txt", str(outside), "a/../../victim.txt", ".hidden", ""]
+    names = ["../victim.txt", str(outside), "a/../../victim.txt", "link/victim.txt", ".hidden", ""]
     (old_run / ".hidden").write_text("keep")
-    (old_run / PROVENANCE).write_text(json.dumps({"files": dict.fromkeys(names, digest)}))
+    (old_run / "link").symlink_to(tmp_path)
+    (old_run / "listed.txt").write_text("keep")
+    record = {"biaxbayes": "0", "seed": 1, "files": dict.fromkeys(names, digest)}
+    (old_run / PROVENANCE).write_text(json.dumps(record))
+    (old_run / WRITTEN).write_text("".join(f"{digest}  {n}\n" for n in (*names, "listed.txt")))
     with staged(old_run) as aside:
         write_new(aside)
     assert outside.read_text() == "keep"
-    assert (old_run / ".hidden").exists()
+    assert (old_run / ".hidden").exists() and not (old_run / "listed.txt").exists()

@@ -115,6 +115,16 @@ def test_a_physical_end_has_the_mass_that_is_near_it():
     assert low.support > 0.97 and high.support < 1e-6
 
 
+def test_a_prior_that_excludes_an_end_of_the_law_ends_before_it():
+    scale = scale_of("kappa", distribution="normal", mean=0.14, sd=0.003)
+    # draws of the prior: the record says nothing, and nothing speaks for 0 or 1/3
+    low, high = ends_of(scale, norm.ppf(LEVELS, 0.14, 0.003))
+    assert [e.kind for e in (low, high)] == ["prior", "prior"]
+    assert [low.value, high.value] == pytest.approx(norm.ppf([0.025, 0.975], 0.14, 0.003), rel=1e-6)
+    wide = scale_of("kappa", distribution="normal", mean=0.14, sd=0.06)
+    assert [e.kind for e in ends_of(wide, LEVELS / 6.0)] == ["physical", "physical"]
+
+
 def test_an_end_without_physics_is_where_the_prior_thins_out_or_what_the_user_said():
     scale = scale_of("mounting_stretch_x", distribution="normal", mean=1.0, sd=0.05)
     # the same as the prior: as much mass beyond its ends as it has itself

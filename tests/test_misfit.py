@@ -10,7 +10,17 @@ from biaxbayes.model import misfit
 from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
-from plain_posterior import AMPLITUDES, Places, amplitude_weights, correlations
+from plain_posterior import (
+    AMPLITUDES,
+    FRICTIONS,
+    Places,
+    amplitude_weights,
+    correlations,
+    errors,
+    mixture,
+    roots,
+    toes,
+)
 from plain_posterior import NOISE as NOISE_FACTORS
 from quick_posteriors import exact_specimen
 
@@ -57,24 +67,27 @@ def made(protocols=2, count=5, toe=0.4) -> SmoothMisfit:
     return SmoothMisfit(points, reading, sd, toe, protocols)
 
 
-def hypotheses(model: SmoothMisfit, at: CurvePoints):
-    """(weight, covariance of readings, of readings with points, of points) of each."""
-    own, other = places(model.points), places(at)
-    known = correlations(model.protocols)
-    blocks = ((own, own), (own, other), (other, other))
-    toe = [one.toe(model.toe, two) for one, two in blocks]
-    for correlation in known:
-        smooth = [one.smooth(correlation, two) for one, two in blocks]
-        for factor, share in NOISE_FACTORS:
-            noise = np.diag((factor * model.noise_sd) ** 2)
-            for weight, a in zip(amplitude_weights(), AMPLITUDES, strict=True):
-                readings, cross, points = (a**2 * k + t for k, t in zip(smooth, toe, strict=True))
-                yield (
-                    weight * share / len(known),
-                    model.reading @ readings @ model.reading.T + noise,
-                    model.reading @ cross,
-                    points,
-                )
+def covariances(model: SmoothMisfit, one: CurvePoints, two: CurvePoints, only=None):
+    """Weight, covariance of misfit and toe at points, and that of the noise and friction.
+
+    (terms,), (terms, one, two), (terms, one, one), the last for readings.
+    """
+    own, a, b = places(model.points), places(one), places(two)
+    known, steps = correlations(model.protocols), np.array(errors(model.toe)).T
+    number = np.arange(len(known) * steps.shape[1])
+    number = number if only is None else np.array(only)
+    of, index = divmod(number, steps.shape[1])
+    amplitude, factor, t, u, weight = steps[:, index, None, None]
+    smooth = np.array([a.smooth(c, b) for c in known])[of]
+    friction = model.reading @ own.friction() @ model.reading.T
+    noise = factor**2 * np.diag(model.noise_sd**2) + u**2 * friction
+    return weight.ravel() / len(known), amplitude**2 * smooth + t**2 * a.toe(b), noise
+
+
+def of_readings(model: SmoothMisfit, only=None):
+    """Weights and covariances of the readings."""
+    weight, between, noise = covariances(model, model.points, model.points, only)
+    return weight, model.reading @ between @ model.reading.T + noise
 
 
 def residuals(model: SmoothMisfit, n: int, seed: int = 1) -> np.ndarray:
@@ -82,22 +95,21 @@ def residuals(model: SmoothMisfit, n: int, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
     out = []
     for _ in range(n):
-        drawn, factor = model.draw(model.points, rng)
+        drawn, friction, factor = model.draw(model.points, rng)
         noise = factor * model.noise_sd * rng.standard_normal(len(model.noise_sd))
-        out.append(model.reading @ drawn + noise)
+        out.append(model.reading @ (drawn + friction) + noise)
     return np.array(out)
 
 
 @pytest.mark.parametrize("toe", [0.4, 0.05, 0.0])
-@pytest.mark.parametrize("protocols", [1, 3])
+@pytest.mark.parametrize("protocols", [1, 2])
 def test_the_likelihood_is_a_mean_of_multivariate_normals(protocols, toe):
-    model = made(protocols, toe=toe)
+    model = made(protocols, 4, toe=toe)
     r = residuals(model, 6) * np.geomspace(0.01, 100, 6)[:, None]
-    logs = [
-        np.log(weight) + multivariate_normal(cov=covariance).logpdf(r)
-        for weight, covariance, *_ in hypotheses(model, model.points)
-    ]
-    np.testing.assert_allclose(model.log_likelihood(r), logsumexp(logs, axis=0), rtol=1e-8)
+    weight, covariance = of_readings(model)
+    inverse = roots(covariance)
+    exact = [mixture(np.log(weight), inverse, one) for one in r]
+    np.testing.assert_allclose(model.log_likelihood(r), exact, rtol=1e-8)
 
 
 def test_without_a_misfit_to_speak_of_the_readings_are_independent():
@@ -123,7 +135,7 @@ def test_eigenvectors_that_are_left_out_change_next_to_nothing(monkeypatch):
         monkeypatch.setattr(misfit, "LEAST_EIGENVALUE", least)
         model = made(3, 12)
         logs.append(model.log_likelihood(r))
-        columns.append(sum(c.columns.shape[1] for c in model.components))
+        columns.append(model.quadratics.vectors.shape[1])
     assert columns[1] < 0.8 * columns[0]
     difference = logs[1] - logs[0]
     # sd of (1 - z^2) / 2 times e over at most n vectors; amplitudes are below 0.1, two prior sd
@@ -133,12 +145,27 @@ def test_eigenvectors_that_are_left_out_change_next_to_nothing(monkeypatch):
 
 def test_the_amplitude_is_found_on_average():
     """The mean over data of the posterior mean is the prior mean, whatever the model says."""
-    model = made(2, 8)
-    r = residuals(model, 1500)
-    found = np.array([model.amplitude(one[None]) for one in r])
-    expected = amplitude_weights() @ AMPLITUDES
-    assert abs(found.mean() - expected) < 4.0 * found.std() / np.sqrt(len(r))
-    assert found.std() > 0.3 * expected  # and it is found, not the prior repeated
+    model = made(1, 8)
+    share = model.shares(residuals(model, 800))
+    steps, weights = zip(*toes(model.toe), strict=True)
+    expected = amplitude_weights() @ AMPLITUDES, np.dot(steps, weights)
+    for values, mean in zip((model.terms.amplitude, model.terms.toe), expected, strict=True):
+        found = share @ values
+        assert abs(found.mean() - mean) < 4.0 * found.std() / np.sqrt(len(found))
+        assert found.std() > 0.3 * mean  # and it is found, not the prior repeated
+
+
+@pytest.mark.parametrize("size", [0.02, 0.4])
+def test_a_record_tells_how_well_the_law_is_right_at_its_start(size):
+    """Of readings with a toe of 2 or 40 % the likelihood finds the amplitude to a step."""
+    model, rng = made(3, 12, toe=0.2), np.random.default_rng(5)
+    own = places(model.points)
+    covariance = size**2 * own.toe(own)
+    drawn = rng.multivariate_normal(np.zeros(len(covariance)), covariance, 40, method="eigh")
+    noise = 0.1 * model.noise_sd
+    quiet = SmoothMisfit(model.points, model.reading, noise, 0.2, 3)
+    r = drawn @ model.reading.T + noise * rng.standard_normal((40, len(noise)))
+    assert size / 2.2 < np.median(quiet.shares(r) @ quiet.terms.toe) < 2.2 * size
 
 
 @pytest.mark.parametrize("index", [1, 4, 7])
@@ -149,19 +176,19 @@ def test_a_known_amplitude_is_recovered(index):
     covariance = truth**2 * structure.covariance(model.points, model.points)
     drawn = rng.multivariate_normal(np.zeros(len(covariance)), covariance, 40, method="eigh")
     r = drawn @ model.reading.T + model.noise_sd * rng.standard_normal((40, len(model.noise_sd)))
-    found = np.array([model.amplitude(one[None]) for one in r])
+    found = model.shares(r) @ model.terms.amplitude
     assert AMPLITUDES[max(index - 1, 0)] < np.median(found) < 1.5 * truth + 0.01
 
 
 def test_what_is_chosen_given_readings_of_the_model_follows_the_prior():
-    model = made(2, 6)
-    r = residuals(model, 4000)
+    model = made(1, 5)
+    r = residuals(model, 800)
     chosen = model.choose(r, np.random.default_rng(3))
-    weight = np.array([w for w, *_ in hypotheses(model, model.points)])
+    weight, _ = of_readings(model)
     number = np.arange(len(weight))
-    amplitudes = len(AMPLITUDES)
-    noises = len(NOISE_FACTORS)
-    for key in (number % amplitudes, number // amplitudes % noises, number // amplitudes // noises):
+    steps = (misfit.structures(1), AMPLITUDES, NOISE_FACTORS, toes(model.toe), FRICTIONS)
+    shape = tuple(map(len, steps))
+    for key in np.unravel_index(number, shape):
         expected = np.bincount(key, weight)
         share = np.bincount(key[chosen], minlength=len(expected)) / len(r)
         error = np.sqrt(expected * (1.0 - expected) / len(r))
@@ -173,46 +200,69 @@ def test_what_is_chosen_given_readings_of_the_model_follows_the_prior():
 def test_the_misfit_given_readings_is_the_conditional_normal(protocols, others):
     model, at = made(protocols), curves(protocols, 4, first=0.1, others=others)
     r = residuals(model, 12)
-    joint = list(hypotheses(model, at))
-    chosen = np.random.default_rng(4).integers(0, len(joint), len(r))
+    chosen = np.random.default_rng(4).integers(0, len(model.terms.toe), len(r))
     chosen[-3:] = chosen[0]  # several draws of one hypothesis
+    _, whole = of_readings(model, chosen)
+    _, between, _ = covariances(model, model.points, at, chosen)
+    _, of_points, _ = covariances(model, at, at, chosen)
     mean, sd = model.given(r, chosen, at)
-    for i, index in enumerate(chosen):
-        _, of_readings, cross, of_points = joint[index]
-        gain = np.linalg.solve(of_readings, cross).T
+    for i in range(len(r)):
+        cross = model.reading @ between[i]
+        gain = np.linalg.solve(whole[i], cross).T
         np.testing.assert_allclose(mean[i], gain @ r[i], rtol=1e-7, atol=1e-9)
-        left = np.diag(of_points - gain @ cross)
+        left = np.diag(of_points[i] - gain @ cross)
         np.testing.assert_allclose(sd[i] ** 2, left, rtol=1e-6, atol=1e-10)
+
+
+@pytest.mark.parametrize("protocols", [1, 2])
+def test_misfit_and_friction_are_what_the_noise_leaves_of_a_reading(protocols):
+    model = made(protocols)
+    r = residuals(model, 12)
+    chosen = np.random.default_rng(4).integers(0, len(model.terms.toe), len(r))
+    _, whole = of_readings(model, chosen)
+    mean, _ = model.given(r, chosen, model.points, friction=True)
+    alone, _ = model.given(r, chosen, model.points)
+    for i, term in enumerate(chosen):
+        noise = (model.terms.noise[term] * model.noise_sd) ** 2
+        expected = r[i] - noise * np.linalg.solve(whole[i], r[i])
+        np.testing.assert_allclose(model.reading @ mean[i], expected, rtol=1e-6, atol=1e-9)
+    assert (np.abs(mean - alone).max(axis=1) > 0.0).tolist() == [
+        u > 0.0 for u in model.terms.friction[chosen]
+    ]
 
 
 def test_on_a_path_that_was_not_tested_one_protocol_tells_the_toe_alone():
     """Its structures end with the path: without a toe the prior remains."""
     model, at = made(1, toe=0.0), curves(1, 4, first=0.1, others=True)
-    joint = list(hypotheses(model, at))
     r = residuals(model, 5)
-    chosen = model.choose(r, np.random.default_rng(6))
-    mean, sd = model.given(r, chosen, at)
+
+    def found(model):
+        chosen = model.choose(r, np.random.default_rng(6))
+        _, of_points, _ = covariances(model, at, at, chosen)
+        return *model.given(r, chosen, at), np.diagonal(of_points, axis1=1, axis2=2)
+
+    mean, sd, prior = found(model)
     assert not mean.any()
-    np.testing.assert_allclose(sd**2, [np.diag(joint[c][3]) for c in chosen], rtol=1e-10)
-    model = made(1)
-    chosen = model.choose(r, np.random.default_rng(6))
-    mean, sd = model.given(r, chosen, at)
-    prior = [np.diag(list(hypotheses(model, at))[c][3]) for c in chosen]
-    assert mean.any() and (sd**2 < np.array(prior)).all()
+    np.testing.assert_allclose(sd**2, prior, rtol=1e-10)
+    mean, sd, prior = found(made(1))
+    assert mean.any() and (sd**2 < prior).all()
 
 
 def test_draws_have_the_covariance_of_the_prior():
     model = made(2, 4)
     rng = np.random.default_rng(7)
-    drawn, factors = zip(*(model.draw(model.points, rng) for _ in range(6000)), strict=True)
-    drawn = np.array(drawn)
+    parts = [model.draw(model.points, rng) for _ in range(6000)]
+    drawn, frictions, factors = (np.array(part) for part in zip(*parts, strict=True))
     for factor, share in NOISE_FACTORS:
         error = np.sqrt(share * (1.0 - share) / len(factors))
         assert abs(np.mean(np.array(factors) == factor) - share) < 4.0 * error
-    expected = sum(weight * block for weight, _, _, block in hypotheses(model, model.points))
-    products = drawn[:, :, None] * drawn[:, None, :]
-    error = products.std(axis=0) / np.sqrt(len(drawn))
-    assert np.abs((products.mean(axis=0) - expected) / error).max() < 5.0
+    weight, between, _ = covariances(model, model.points, model.points)
+    of_misfit = np.tensordot(weight, between, 1)
+    of_friction = np.dot(*np.array(FRICTIONS).T ** [[2], [1]]) * places(model.points).friction()
+    for values, expected in ((drawn, of_misfit), (frictions, of_friction)):
+        products = values[:, :, None] * values[:, None, :]
+        error = products.std(axis=0) / np.sqrt(len(values))
+        assert np.abs((products.mean(axis=0) - expected) / np.maximum(error, 1e-12)).max() < 5.0
     assert np.abs(drawn.mean(axis=0) / (drawn.std(axis=0) / np.sqrt(len(drawn)))).max() < 4.5
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
+from biaxbayes.identifiability.identify import Identifiability, identify_draws
 from biaxbayes.identifiability.verdict import ParameterVerdict
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.draw import draw_posterior
@@ -47,8 +47,7 @@ def judged(specimen: Specimen, seed: int = 4, **options: object) -> Identifiabil
     posterior = prepare(specimen, **options)
     drawn = draw_posterior(posterior, Plan(ess=ESS, seed=seed))
     draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
-    state = drawn.convergence.state
-    return identify_draws(posterior, draws, state, fits=run_law_fits(posterior))
+    return identify_draws(posterior, draws, drawn.convergence.state)
 
 
 def end_error(sd: float) -> float:

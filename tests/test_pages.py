@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import time
 from dataclasses import replace
 
 import pytest
@@ -12,13 +11,13 @@ from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.comparison.law_weights import weigh_laws
 from biaxbayes.figures.comparisons import law_misfit_figure, law_mounting_figure
 from biaxbayes.identifiability.reported import Reported
-from biaxbayes.reports.comparison import laws_page, write_comparison
-from biaxbayes.reports.page import write_report
+from biaxbayes.reports.comparison import write_comparison
+from biaxbayes.reports.laws import laws_page
+from biaxbayes.reports.run_page import write_report
 from biaxbayes.reports.study_page import write_study
 from biaxbayes.runs.run import open_run
-from biaxbayes.studies.result import StudyResult
-from biaxbayes.verbs.report import report
-from made_up import SOFT, STIFF, distances, predicted, table
+from biaxbayes.studies.study_result import StudyResult
+from made_up import SOFT, STIFF, predicted, table
 from quick_posteriors import sampled, specimen
 
 REASON = "laws that describe the record equally well differ above it: goh, fung"
@@ -29,14 +28,22 @@ def write_a_study(folder) -> None:
     stretches = rows["quantity"] == "mounting_stretch_x"
     rows["reported"] = rows["reported"].astype(object)
     rows.loc[stretches, "reported"] = "above 1.0123"
-    write_study(StudyResult("a study", folder, rows, distances(9), []))
+    write_study(StudyResult("a study", folder, rows))
 
 
 def write_a_comparison(folder) -> None:
     members = []
     for label, material in (("soft", SOFT), ("<b>media</b>", STIFF)):
         run = sampled(specimen(material, increments=10), ess=60.0)
-        row = Reported("mounting_stretch_x", "", 1.02, 1.0123, 1.03, "bounded", REASON, "low")
+        row = Reported(
+            run.target.quantities["mounting_stretch_x"],
+            1.02,
+            1.0123,
+            1.03,
+            "bounded",
+            REASON,
+            "low",
+        )
         members.append(ComparedRun(label, run.target, run.draws, "converged", (row,)))
     write_comparison(compare(members), folder)
 
@@ -49,14 +56,13 @@ def write_weighed_laws(folder) -> None:
         left_out={"fung": "1:1: <img src=x onerror=alert(1)>"},
     )
     misfit, mounting = law_misfit_figure(compared), law_mounting_figure(compared)
-    figures = {"law-misfit": misfit, "law-mounting": mounting, "stacked-bands": misfit}
+    figures = {"law-misfit": misfit, "law-mounting": mounting}
     (folder / "laws.html").write_text(laws_page(compared, figures), encoding="utf-8")
 
 
 def write_hostile_report(folder, run) -> None:
     shutil.copytree(run.path, folder, dirs_exist_ok=True)
     write_report(folder, open_run(folder))
-    report(folder, kind="explore")
 
 
 MADE_UP = {
@@ -66,7 +72,7 @@ MADE_UP = {
 }
 
 
-RUN_PAGES = ("report.html", "explore.html")
+RUN_PAGES = ("report.html",)
 
 
 @pytest.fixture(scope="module", params=[*MADE_UP, "population.html", *RUN_PAGES])
@@ -123,7 +129,7 @@ def test_opens_without_errors_and_without_the_network(shown, tab, page):
     images = shown.evaluate(
         "[...document.images].map(i => [i.complete, i.naturalWidth, i.clientWidth, i.alt.length])"
     )
-    assert images or page.name == "explore.html"
+    assert images
     for complete, natural, width, alt in images:
         assert complete and natural > 300 and width > 200 and alt > 20
 
@@ -141,8 +147,6 @@ def test_readable_at_any_width(shown, page):
     """Nothing sticks out; a wide table or figure is shaded, says so, and moves by the keyboard."""
     for width in (320, 390, 768, 1280):
         shown.set_viewport_size({"width": width, "height": 800})
-        if page.name == "explore.html":  # its figures follow by and by
-            time.sleep(0.3)
         assert shown.evaluate("document.documentElement.scrollWidth") <= width
         right = "Math.max(...[...document.querySelectorAll('h1, h2, h3, p, li, dt, dd, nav')]"
         assert shown.evaluate(f"{right}.map(e => e.getBoundingClientRect().right))") <= width
@@ -153,7 +157,7 @@ def test_readable_at_any_width(shown, page):
             "[f.querySelector('.scroll').scrollWidth > f.querySelector('.scroll').clientWidth, "
             "getComputedStyle(f.querySelector('figcaption'), '::before').content])"
         )
-        assert figures or page.name == "explore.html"
+        assert figures
         if width in (390, 1280):
             for goes_on, hint in figures:
                 assert goes_on == ("goes on to the right" in hint) == (width == 390)

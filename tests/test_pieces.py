@@ -9,17 +9,17 @@ import biaxbayes
 import quick_posteriors
 from biaxbayes import GOH, Specimen, read_specimen, write_specimen
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
+from biaxbayes.derived.piece_stiffness import PieceStiffness, differences
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
 from biaxbayes.forward import ForwardModel
-from biaxbayes.identifiability.piece_stiffness import PieceStiffness, disagreements
 from biaxbayes.laws import law_named
 from biaxbayes.model import misfit
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.specimens.check import check_specimen
-from plain_posterior import SMOOTH, TRUTH, PlainPosterior, specimen_of, theta_of
+from plain_posterior import SMOOTH, TRUTH, PlainPosterior, some_terms, specimen_of, theta_of
 from plain_strips import PlainStrip, PlainTissue, across_root, strip, strip_force
 from quick_posteriors import stated_fit
 from studies.pieces import stresses, virtual_tissue
@@ -213,15 +213,16 @@ def both(data: Specimen, mounting: str, noise: str) -> tuple[PlainTissue, Poster
         "mounting_stretch_x": 1.02, "mounting_stretch_y": 1.025,
         "mounting_stretch": 1.015, "stiffness": 0.97,
     } | SMOOTH  # fmt: skip
-    alone = replace(data, further=())
+    alone, some = replace(data, further=()), some_terms(1, 0.2)
     plain = PlainTissue(
-        PlainPosterior(alone, mounting, noise=noise, smooth=smooth),
-        [PlainStrip(piece, mounting, noise, 0.2, smooth) for piece in data.further],
+        PlainPosterior(alone, mounting, noise=noise, smooth=smooth, terms=some),
+        [PlainStrip(piece, mounting, noise, 0.2, smooth, some) for piece in data.further],
     )
     stated = stated_fit(SMOOTH, [(1.02, 1.025), *[(1.015, 1.015)] * len(data.further)])
     # across a strip the stretch follows; what a fit says of it has no influence
     fit = replace(stated, stiffness=np.array([1.0, *[0.97] * len(data.further)]))
-    options = {"mounting": mounting, "noise": noise, "toe": 0.2, "thin": "none"}
+    options = {"mounting": mounting, "noise": noise, "toe": 0.2, "max_rows": "none"}
+    options["terms"] = [np.array(some)] * len(data.pieces)
     return plain, Posterior(data, misfit_fit=fit, **options)
 
 
@@ -252,7 +253,12 @@ def points(posterior: Posterior, count: int, seed: int = 4) -> list[dict[str, fl
 @GEOMETRY
 @pytest.mark.parametrize(
     ("mounting", "noise"),
-    [("noisy", "misfit"), ("exact", "misfit"), ("free", "misfit"), ("ignored", "misfit")]
+    [
+        ("noisy", "correlated"),
+        ("exact", "correlated"),
+        ("free", "correlated"),
+        ("ignored", "correlated"),
+    ]
     + [("noisy", "independent"), ("free", "independent")],
 )
 def test_density_of_a_square_with_two_strips_is_the_plain_one(mounting, noise, geometry):
@@ -275,8 +281,8 @@ def test_a_strip_in_kpa_is_the_same_piece():
         load_noise=strip_x.load_noise / area, metadata={"load_offset_sd_kPa": 0.001 / area},
     )  # fmt: skip
     strip_x = replace(strip_x, metadata={"load_offset_sd_N": 0.001})
-    _, newton = both(replace(data, further=(strip_x, strip_y)), "noisy", "misfit")
-    _, kPa = both(replace(data, further=(in_kPa, strip_y)), "noisy", "misfit")
+    _, newton = both(replace(data, further=(strip_x, strip_y)), "noisy", "correlated")
+    _, kPa = both(replace(data, further=(in_kPa, strip_y)), "noisy", "correlated")
     apart = []
     for values in points(newton, 5):
         moved = dict(values)
@@ -364,23 +370,19 @@ def test_two_pieces_of_one_name_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("median", "low", "high", "disagrees"),
-    [
-        (1.28, 1.2, 1.35, True),
-        (1.2, 1.1, 1.3, False),
-        (1.28, 0.99, 1.6, False),
-        (0.8, 0.7, 0.9, True),
-    ],
+    ("median", "low", "high", "differs"),
+    [(1.28, 1.2, 1.35, True), (1.28, 0.99, 1.6, False), (0.8, 0.7, 0.9, True)],
 )
-def test_a_piece_disagrees_beyond_two_stated_sds(median, low, high, disagrees):
-    strip = PieceStiffness("strip-x", "square", median, low, high, sds=np.log(median) / 0.1)
-    assert strip.disagrees == disagrees
-    assert list(disagreements([strip])) == [str(strip)] * disagrees
+def test_a_piece_that_differs_is_named_with_its_factor(median, low, high, differs):
+    strip = PieceStiffness("strip-x", "square", median, low, high)
+    assert strip.differs == differs and f"{median:.2f}" in str(strip)
+    assert ("check its width" in str(strip)) == differs
+    assert list(differences([strip])) == [str(strip)] * differs
 
 
 def test_the_stiffness_is_of_its_own_piece():
     data = tissue()
-    _, posterior = both(data, "free", "misfit")
+    _, posterior = both(data, "free", "correlated")
     values = points(posterior, 1)[0]
     before = posterior.residuals({n: np.array([v]) for n, v in values.items()})[0]
     stiffer = values | {"stiffness[strip-x]": 2.0 * values["stiffness[strip-x]"]}

@@ -9,8 +9,8 @@ import pytest
 from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.figures.profile import profile_figure
-from biaxbayes.identifiability.profile import profiles
 from biaxbayes.options import PLOTS
+from biaxbayes.profiles.profile import profiles
 from biaxbayes.runs.run import open_run
 from commands import exit_code, refused
 from readable import assert_readable
@@ -36,7 +36,7 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
 @pytest.mark.parametrize("width", [85.0, 180.0])
 def test_verdicts_are_readable(run, width):
     opened = open_run(run)
-    figure = identifiability_figure(opened.analyse()[1], opened.result.rows, width_mm=width)
+    figure = identifiability_figure(opened.analyse()[1], opened.result.reported, width_mm=width)
     assert_readable(figure, width)
 
 

@@ -20,7 +20,7 @@ from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY, Layout
 from biaxbayes.populations.model import Grouping, PooledValue, make_layout, pooled_values
-from biaxbayes.populations.result import Hyper
+from biaxbayes.populations.population_result import Hyper
 from biaxbayes.populations.verdicts import in_words, mean_verdicts, reported_text, spread_verdicts
 from goh_functions import GOH_LAW
 from quick_posteriors import sampled, specimen
@@ -203,3 +203,19 @@ def test_spreads_of_which_only_the_sum_is_known_are_a_combination(values):
     assert total.verdict == IDENTIFIED
     # 1.5 times the scale 0.5 of a log
     assert total.diagnostics.median == pytest.approx(0.75, abs=0.01)
+
+
+def test_a_specimen_is_compared_with_specimens_of_new_donors(values):
+    """Donors differ by ten sds of their specimens in the first value: one that far is usual."""
+    two = values[:2]  # C1 and k1, without limits
+    scale = np.array([v.specimen_scale for v in two])
+    M = 40_000
+    mu = np.tile([v.mean for v in two], (M, 1))
+    eye = np.broadcast_to(np.eye(2), (M, 2, 2))
+    sd_donors, sd = (np.tile(factor * scale, (M, 1)) for factor in ((1.0, 0.1), (0.1, 1.0)))
+    hyper = Hyper(tuple(two), np.zeros(1, int), mu[:, None], sd_donors, sd[:, None], eye, eye)
+    total = np.sqrt(1.01) * scale
+    joint, each = hyper.predictive_p(mu + total * [1.5, 0.0], 0, np.random.default_rng(1))
+    # chi-squared of two values at 1.5^2; each alone normal; four Monte Carlo standard errors
+    assert joint == pytest.approx(np.exp(-0.5 * 1.5**2), abs=4.0 * 0.5 / np.sqrt(M))
+    assert each == pytest.approx([2.0 * norm.sf(1.5), 1.0], abs=4.0 * 0.5 / np.sqrt(M))

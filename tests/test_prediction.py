@@ -16,11 +16,9 @@ from biaxbayes.prediction.bands import bands, curves_of_draws
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.inflation import (
     ThinTube,
-    inflation_axial_force,
-    inflation_pressure,
-    inflation_stretch,
     predict_diameter,
     predict_pressure,
+    stretch_at_pressure,
 )
 from biaxbayes.prediction.percentiles import mixture_percentiles
 from biaxbayes.prediction.stress import (
@@ -79,7 +77,7 @@ def test_one_certain_draw_predicts_the_model():
     one = draws(1, spread=0.0)
     path = stretch_path(1.2, ratio=(1.0, 0.5), points=9)
     for stress, law in (("cauchy", MEDIA.cauchy), ("piola", MEDIA.piola)):
-        table = predict_stress(posterior(), one, path, reference="total", stress=stress)
+        table = predict_stress(posterior(), one, path, relative_to="unloaded", stress=stress)
         for name, expected in zip("xy", law(path[:, 0], path[:, 1]), strict=True):
             np.testing.assert_allclose(table[f"{stress}_{name}_kPa_median"], expected, rtol=1e-12)
 
@@ -87,7 +85,7 @@ def test_one_certain_draw_predicts_the_model():
 def test_a_strip_takes_the_width_that_carries_nothing():
     one = draws(1, spread=0.0)
     path = stretch_path(1.2, points=5)
-    table = predict_stress(posterior(), one, path, reference="total", strip="y")
+    table = predict_stress(posterior(), one, path, relative_to="unloaded", strip="y")
     for _, row in table.iterrows():
 
         def across(x, y=row["stretch_y"]):
@@ -103,7 +101,7 @@ def test_a_strip_takes_the_width_that_carries_nothing():
 def test_measured_stretches_are_multiplied_by_each_draws_mounting_stretch():
     one = draws(1, spread=0.0)
     path = stretch_path(1.2, points=5)
-    table = predict_stress(posterior(), one, path, reference="measured", stress="piola")
+    table = predict_stress(posterior(), one, path, relative_to="mounted", stress="piola")
     expected = MEDIA.piola(path[:, 0] * 1.01, path[:, 1] * 1.02)[0]
     np.testing.assert_allclose(table["piola_x_kPa_median"], expected, rtol=1e-12)
     np.testing.assert_allclose(table["total_stretch_y"], path[:, 1] * 1.02)
@@ -118,12 +116,12 @@ def test_predictive_band_is_the_reading_noise_over_the_section():
         table = predict_stress(posterior(tested), values, [[1.1, 1.1]], **options)
         return float((table[f"{column}_predictive_high"] - table[f"{column}_median"])[0])
 
-    plain = half("piola_x_kPa", stress="piola", reference="total")
+    plain = half("piola_x_kPa", stress="piola", relative_to="unloaded")
     assert plain == pytest.approx(1.6448536 * 1.1363636, rel=1e-6)
     # Cauchy stress is Piola stress times the total stretch, and so is its noise.
-    assert half("cauchy_x_kPa", reference="total") == pytest.approx(1.1 * plain, rel=1e-6)
+    assert half("cauchy_x_kPa", relative_to="unloaded") == pytest.approx(1.1 * plain, rel=1e-6)
     # Over the section of the unloaded specimen, whatever the file's dimensions are those of.
-    options = {"reference": "measured", "stress": "piola"}
+    options = {"relative_to": "mounted", "stress": "piola"}
     plain = half("piola_y_kPa", **options)
     mounted = half("piola_y_kPa", tested=specimen(geometry="mounted"), **options)
     assert mounted == pytest.approx(plain / 1.02, rel=1e-6)
@@ -141,11 +139,11 @@ def test_protocols_with_their_own_mounted_state_must_be_named():
     assert mounting_labels(frame, sample) == ("1:1", "1:0.5")
     path = stretch_path(1.15, points=4)
     with pytest.raises(InputError, match=r"name the protocol: 1:1, 1:0\.5"):
-        predict_stress(posterior(sample), frame, path, reference="measured")
+        predict_stress(posterior(sample), frame, path, relative_to="mounted")
     with pytest.raises(InputError, match="no protocol 'other'"):
-        predict_stress(posterior(sample), frame, path, reference="measured", protocol="other")
-    named = predict_stress(posterior(sample), frame, path, reference="measured", protocol="1:0.5")
-    shared = predict_stress(posterior(sample), draws(20), path, reference="measured")
+        predict_stress(posterior(sample), frame, path, relative_to="mounted", protocol="other")
+    named = predict_stress(posterior(sample), frame, path, relative_to="mounted", protocol="1:0.5")
+    shared = predict_stress(posterior(sample), draws(20), path, relative_to="mounted")
     pd.testing.assert_frame_equal(named, shared)
 
 
@@ -168,7 +166,7 @@ def test_wrong_questions_are_named(path, options, message):
 def test_a_ratio_leads_with_its_larger_share():
     path = stretch_path(1.3, ratio=(0.5, 1.0), points=3)
     np.testing.assert_allclose(path, [[1.0, 1.0], [1.075, 1.15], [1.15, 1.3]])
-    with pytest.raises(InputError, match="moves nothing"):
+    with pytest.raises(InputError, match="stretches nothing"):
         stretch_path(1.3, ratio=(0.0, 0.0))
 
 
@@ -192,7 +190,7 @@ def test_a_single_protocol_is_a_line_not_an_area():
 
 def test_total_stretches_below_the_mounted_state_are_marked():
     path = stretch_path(1.3, points=7)
-    table = predict_stress(posterior(), draws(50), path, reference="total")
+    table = predict_stress(posterior(), draws(50), path, relative_to="unloaded")
     assert table["extrapolation"].tolist() == [BELOW, *[INSIDE] * 4, *[BEYOND] * 2]
 
 
@@ -216,9 +214,7 @@ def test_pressure_bands_are_those_of_the_draws():
     tube = ThinTube(9.0, 1.2, 1.05, "y")
     frame = draws(300, noise=0.0)
     table = predict_pressure(posterior(), frame, tube, [1.1])
-    each = [
-        inflation_pressure(GOH_LAW.material(r._asdict()), tube, 1.1) for r in frame.itertuples()
-    ]
+    each = [tube.loads(GOH_LAW.material(r._asdict()), 1.1)[0] for r in frame.itertuples()]
     assert table["pressure_kPa_median"][0] == pytest.approx(np.median(each))
     assert table["pressure_kPa_credible_low"][0] == pytest.approx(np.quantile(each, 0.05))
 
@@ -228,9 +224,14 @@ def test_the_residual_of_the_stress_widens_pressure_and_diameter():
     sample = posterior()
     certain = draws(2000, spread=0.0)
     p = predict_pressure(sample, certain, tube, [1.15])
-    # p = P_t H / (R lt la), so sd_p = 1.13636 * 1.2 / (9 * 1.15) kPa
+    # p = P_t H / (R lt la), so sd_p = 1.13636 * 1.2 / (9 * 1.15) kPa; f = 2 pi R H P_a - pi r^2 p
+    sd_kPa, around = 1.1363636, tube.wall(1.15)[0][0]
+    sd_p = sd_kPa * 1.2 / (9.0 * around)
     half = p["pressure_kPa_predictive_high"] - p["pressure_kPa_median"]
-    assert half[0] == pytest.approx(1.6448536 * 1.1363636 * 1.2 / (9.0 * 1.15), rel=1e-6)
+    assert half[0] == pytest.approx(1.6448536 * sd_p, rel=0.01)
+    sd_f = np.hypot(2.0 * np.pi * 9.0 * 1.2 * sd_kPa, np.pi * (9.0 * around) ** 2 * sd_p)
+    half = p["axial_force_mN_predictive_high"] - p["axial_force_mN_median"]
+    assert half[0] == pytest.approx(1.6448536 * sd_f, rel=0.01)
     d = predict_diameter(sample, certain, tube, p["pressure_kPa_median"], seed=5)
     assert d["circumferential_stretch_median"][0] == pytest.approx(1.15, rel=1e-9)
     assert d["outer_diameter_mm_predictive_low"][0] < d["outer_diameter_mm_credible_low"][0]
@@ -265,7 +266,7 @@ def missed(share=0.03, ratios=((1.0, 1.0), (1.0, 0.5))) -> Posterior:
     for p in made.protocols:
         wave = 1.0 + share * np.sin(2.5 * np.pi * np.linspace(0.0, 1.0, p.rows))
         protocols.append(replace(p, load_x=p.load_x * wave, load_y=p.load_y * wave))
-    return posterior(replace(made, protocols=tuple(protocols)), noise="misfit")
+    return posterior(replace(made, protocols=tuple(protocols)), noise="correlated")
 
 
 def near_the_fit(of: Posterior, n=60, spread=1e-3) -> pd.DataFrame:
@@ -287,15 +288,21 @@ def test_on_a_tested_path_the_tissue_is_what_was_read(geometry, mounting_stretch
     """The law misses by 3 %, law and misfit given the readings by no more than their noise."""
     made = missed().specimen
     made = replace(made, geometry=geometry, metadata={"load_offset_sd_N": 0.02})
-    of = posterior(made, noise="misfit", mounting_stretch=mounting_stretch)
+    of = posterior(made, noise="correlated", mounting_stretch=mounting_stretch)
     drawn = near_the_fit(of, n=40).assign(load_offset_x=0.01, load_offset_y=-0.01)
     table = bands(of, drawn)
     after, noise = table[table["stretch"] > 1.02], made.noise_sd
     assert (after["law"] - after["measured"]).abs().max() > 5.0 * noise
-    assert (after["credible_q50"] - after["measured"]).abs().max() < 2.0 * noise
+    assert (after["predictive_q50"] - after["measured"]).abs().max() < 2.0 * noise
     width = after["predictive_q95"] - after["predictive_q05"]
     assert (width > 2 * 1.6 * noise).all()
-    assert (after["credible_q95"] - after["credible_q05"] < width).all()
+    # draws have an offset that the readings do not have: where each curve has its own mounted
+    # state friction explains it, which is in readings but not in the tissue
+    if mounting_stretch == "shared":
+        assert (after["credible_q50"] - after["measured"]).abs().max() < 2.0 * noise
+        assert (after["credible_q95"] - after["credible_q05"] < width).all()
+    else:
+        assert (after["credible_q50"] - after["measured"]).abs().max() > 5.0 * noise
     # the curves of single draws have the offsets of the load cell, as readings do
     law, read = (
         curves_of_draws(of, of_draws)[0].load
@@ -308,7 +315,7 @@ def test_on_a_tested_path_the_tissue_is_what_was_read(geometry, mounting_stretch
 def test_a_stress_along_a_tested_path_is_that_of_the_readings(smooth):
     of, frame = smooth
     p = of.specimen.protocols[1]
-    table = predict_stress(of, frame, p.stretch, reference="measured", stress="piola")
+    table = predict_stress(of, frame, p.stretch, relative_to="mounted", stress="piola")
     read = of.specimen.load(p) / of.specimen.area
     after = p.stretch[:, 0] > 1.02
     for axis, name in enumerate("xy"):
@@ -323,7 +330,7 @@ def test_between_the_paths_of_a_tissue_that_the_law_describes_it_is_known_well()
     """The tested curves have hardly any misfit, toe included: so has the one between them."""
     of = missed(0.0, THREE)
     path = stretch_path(1.19, ratio=(1.0, 0.75), points=7)[1:]
-    table = predict_stress(of, near_the_fit(of), path, reference="measured")
+    table = predict_stress(of, near_the_fit(of), path, relative_to="mounted")
     for axis in "xy":
         width = table[f"cauchy_{axis}_kPa_credible_high"] - table[f"cauchy_{axis}_kPa_credible_low"]
         assert (width < 0.05 * table[f"cauchy_{axis}_kPa_median"]).all()
@@ -348,6 +355,7 @@ def test_a_tube_carries_the_misfit_of_its_wall(smooth):
     pd.testing.assert_frame_equal(again, predict_diameter(of, frame, tube, p))
 
 
+@pytest.mark.long
 def test_bands_hold_curves_of_the_very_model():
     """Misfits drawn from the prior, the law known: 90 % of the tissue's loads, and of readings."""
     of = missed(0.0)
@@ -361,7 +369,7 @@ def test_bands_hold_curves_of_the_very_model():
         [of.paths.tested(i, p.stretch) for i, p in enumerate(of.specimen.protocols)]
     )
     for _ in range(seen):
-        delta, factor = of.misfit.draw(points, rng)
+        delta, _, factor = of.misfit.draw(points, rng)
         protocols, curves, first = [], [], 0
         for p, loads, n in zip(of.specimen.protocols, law, counts, strict=True):
             curve = loads + delta[first : first + 2 * n].reshape(n, 2)
@@ -393,7 +401,7 @@ def test_readings_are_those_of_the_protocols_along_the_path():
     lm = one[["mounting_stretch_x", "mounting_stretch_y"]].to_numpy()[0]
     for p in tested.protocols:
         stretch = np.column_stack([p.stretch_x, p.stretch_y])
-        result = measured_stress(of, one, stretch, reference="measured", stress="piola")
+        result = measured_stress(of, one, stretch, relative_to="mounted", stress="piola")
         assert set(result["protocol"]) == {p.name}
         np.testing.assert_allclose(result[["stretch_x", "stretch_y"]], stretch)
         model = MEDIA.piola(*(stretch * lm).T)
@@ -427,59 +435,64 @@ def test_readings_along_a_tested_path_lie_on_the_tissue_where_the_law_misses(smo
 
 @pytest.mark.parametrize("circumferential", ["x", "y"])
 @pytest.mark.parametrize("axial", [1.0, 1.15])
-def test_pressure_is_the_derivative_of_energy_by_enclosed_volume(circumferential, axial):
-    """Virtual work: p dV = dW, with V inside the mid surface, by complex step."""
-    tube = ThinTube(9.0, 1.2, axial, circumferential)
-    stretch, h = 1.13, 1e-30
-    state = complex(stretch, h)
-    x, y = (state, axial) if circumferential == "x" else (axial, state)
-    wall = 2.0 * np.pi * 9.0 * 1.2  # per unit of unloaded length
-    energy = wall * strain_energy(*MEDIA.theta, x, y)
-    volume = np.pi * (state * 9.0) ** 2 * axial
-    p = inflation_pressure(at(*MEDIA.theta), tube, stretch)
-    assert p == pytest.approx((energy.imag / h) / (volume.imag / h), rel=1e-12)
+def test_pressure_and_force_are_derivatives_of_the_energy(circumferential, axial):
+    """Virtual work of a thin wall, with V inside its middle: p dV = dW, f = d(W - p V) / dL."""
+    tube, h = ThinTube(9.0, 0.045, axial, circumferential), 1e-30
+    p, f = tube.loads(at(*MEDIA.theta), 1.13)
+    around = tube.wall(1.13)[0][0]
+    wall = 2.0 * np.pi * 9.0 * 0.045  # per unit of unloaded length
 
+    def energy(around, along):
+        x, y = (around, along) if circumferential == "x" else (along, around)
+        return wall * strain_energy(*MEDIA.theta, x, y)
 
-def test_axial_force_is_the_derivative_of_energy_by_length_at_constant_pressure():
-    """f = d(W - p V)/dL at fixed radius and pressure."""
-    stretch, axial, h = 1.1, 1.2, 1e-30
-    tube = ThinTube(9.0, 1.2, axial, "x")
-    p = inflation_pressure(at(*MEDIA.theta), tube, stretch)
-    state = complex(axial, h)
-    energy = 2.0 * np.pi * 9.0 * 1.2 * strain_energy(*MEDIA.theta, stretch, state)
-    volume = np.pi * (stretch * 9.0) ** 2 * state
-    expected = (energy - p * volume).imag / h
-    force = inflation_axial_force(at(*MEDIA.theta), tube, stretch)
-    assert force == pytest.approx(expected, rel=1e-12)
+    def volume(around, along):
+        return np.pi * (around * 9.0) ** 2 * along
+
+    wider = complex(around, h)
+    assert p == pytest.approx(energy(wider, axial).imag / volume(wider, axial).imag, rel=1e-4)
+    longer = complex(axial, h)
+    force_mN = (energy(around, longer) - p * volume(around, longer)).imag / h
+    assert 1e3 * f == pytest.approx(force_mN, rel=1e-3)
 
 
 def test_neo_hookean_tube_by_hand():
-    """s_t = 2 * 50 * (1.44 - 1/1.44) = 74.556 kPa; h = 1/1.2 mm; r = 12 mm; p = s_t h / r."""
+    """Outer radius 10.5 to 12 mm: the inner 9.5 to sqrt(144 - 110.25 + 90.25) = 11.1355 mm.
+
+    r = 11.56776, R^2 = 110.25 - (144 - r^2), lt = r / R, s_t = 100 (lt^2 - lt^-2), p = s_t h / r.
+    """
     tube = ThinTube(10.0, 1.0)
-    p = inflation_pressure(at(50.0, 0.0, 1.0, 0.5, 0.1), tube, 1.2)
-    assert p == pytest.approx(5.177469135802469, rel=1e-12)
-    assert tube.outer_diameter_mm(1.2) == pytest.approx(24.0 + 1.0 / 1.2)
+    p, _ = tube.loads(at(50.0, 0.0, 1.0, 0.5, 0.1), 12.0 / 10.5)
+    inner = np.sqrt(144.0 - 110.25 + 90.25)
+    r = 0.5 * (12.0 + inner)
+    around = r / np.sqrt(110.25 - (144.0 - r**2))
+    stress = 100.0 * (around**2 - around**-2)
+    assert p == pytest.approx(stress * (12.0 - inner) / r, rel=1e-12)
+    assert tube.outer_diameter_mm(12.0 / 10.5) == pytest.approx(24.0)
+    with pytest.raises(InputError, match="no lumen"):
+        predict_pressure(posterior(), draws(20), tube, [0.3])
 
 
 def test_stretch_inverts_pressure_for_many_draws():
     low, high = np.array([[2.0, 40.0, 0.5, 0.3, 0.0], [30.0, 150.0, 30.0, 1.2, 0.3]])
     theta = np.random.default_rng(3).uniform(low, high, (200, 5)).T[..., None]
     tube, wanted = ThinTube(8.0, 1.5, 1.1, "y"), np.array([0.0, 2.0, 10.7, 16.0])
-    stretch = inflation_stretch(at(*theta), tube, wanted)
+    stretch = stretch_at_pressure(at(*theta), tube, wanted)
     assert (np.diff(stretch, axis=1) > 0.0).all()
-    back = inflation_pressure(at(*theta), tube, stretch)
+    back = tube.loads(at(*theta), stretch)[..., 0]
     np.testing.assert_allclose(back, np.broadcast_to(wanted, back.shape), rtol=1e-7, atol=1e-8)
 
 
 def test_a_soft_tube_has_no_state_at_a_high_pressure():
-    # Neo-Hookean: p = 2 C1 H/R (1 - lt^-4) la^-1 never reaches 2 C1 H / R = 1 kPa
-    stretch = inflation_stretch(at(5.0, 0.0, 1.0, 0.5, 0.1), ThinTube(10.0, 1.0), [0.5, 1.1])
-    assert stretch[0, 0] == pytest.approx(0.5**-0.25, rel=1e-10)
-    assert np.isnan(stretch[0, 1])
+    # Neo-Hookean: p = 2 C1 H/R (1 - lt^-4) la^-1 never reaches 2 C1 H / R = 1 kPa of a thin wall
+    tube = ThinTube(10.0, 0.01)
+    around = stretch_at_pressure(at(500.0, 0.0, 1.0, 0.5, 0.1), tube, [0.5, 1.1])
+    assert around[0, 0] == pytest.approx(0.5**-0.25, rel=1e-3)
+    assert np.isnan(around[0, 1])
 
 
 def test_stiff_exponential_overflow_is_a_wall_not_a_warning():
-    stretch = inflation_stretch(at(2.0, 30.0, 4000.0, 0.7, 0.2), ThinTube(10.0, 1.0), [16.0])
+    stretch = stretch_at_pressure(at(2.0, 30.0, 4000.0, 0.7, 0.2), ThinTube(10.0, 1.0), [16.0])
     assert 1.0 < stretch[0, 0] < 1.2
 
 
@@ -489,7 +502,7 @@ def test_beside_the_tested_paths_the_tissue_is_known_less_well(smooth):
     p = of.specimen.protocols[0]
     along = p.stretch[[20, 40, 60, 80, 99]]
     wide, narrow = (
-        predict_stress(of, frame, path, reference="measured") for path in (beside, along)
+        predict_stress(of, frame, path, relative_to="mounted") for path in (beside, along)
     )
 
     def relative(table):
@@ -506,7 +519,7 @@ def test_all_paths_begin_at_one_mounted_state():
     tested = of.specimen.protocols[0].stretch
     beside = stretch_path(1.19, ratio=(1.0, 0.75), points=7)
     first = [
-        predict_stress(of, frame, path, reference="measured").iloc[0] for path in (tested, beside)
+        predict_stress(of, frame, path, relative_to="mounted").iloc[0] for path in (tested, beside)
     ]
     width = [t["cauchy_x_kPa_credible_high"] - t["cauchy_x_kPa_credible_low"] for t in first]
     assert width[1] < 2.0 * width[0]

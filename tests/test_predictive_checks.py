@@ -11,7 +11,7 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
 from biaxbayes.reports.methods import closing_message, latex_table
-from biaxbayes.reports.page import report_page
+from biaxbayes.reports.run_page import report_page
 from quick_posteriors import bent, runs_without_figures, specimen
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
@@ -68,8 +68,8 @@ def test_the_missed_protocol_is_named_with_its_number():
     table = checks(data, true_draws(0.002))
     message = path_warnings(table)
     assert len(message) == 1
-    assert message[0].startswith(f"GOH misses the {name} protocol by ")
-    assert path_warnings(table, "may-newman")[0].startswith(f"May-Newman misses the {name} ")
+    assert message[0].startswith(f"GOH misses protocol {name} by ")
+    assert path_warnings(table, "may-newman")[0].startswith(f"May-Newman misses protocol {name} ")
     row = table[(table.protocol == name) & (table.direction == "y")].iloc[0]
     peak = float(clean.protocols[1].load_y.max())
     assert row["largest"] == pytest.approx(0.15 * peak, abs=0.008)
@@ -98,11 +98,12 @@ def test_the_missed_path_is_named(write, missed):
     name, run = missed
     text = " ".join(write(run).split())
     plain = re.sub(r"<[^>]+>|\\(?=[^a-z])", "", text).replace("&#39;", "'")
-    message = re.findall(r"GOH misses the (\S+) protocol by [\d.]+ N root mean square", plain)
+    message = re.findall(r"GOH misses protocol (\S+) by [\d.]+ m?N root mean square", plain)
     assert name in message
     assert "do not use these parameters for that path" in plain
 
 
+@pytest.mark.long
 def test_a_described_specimen_is_not_warned_of(data, tmp_path):
     with runs_without_figures():
         run = biaxbayes.sample(data, out=tmp_path / "run", ess=60, workers=1)

@@ -40,7 +40,7 @@ def test_a_misfit_is_relative_to_the_loads_of_the_fit_unless_another_is_given():
     values = posterior.natural(posterior.coordinates(start_parameters(posterior)))
     assert given.log_density(values) != posterior.log_density(values)
     # and it stays what it is
-    assert given.replaced(thin=50).misfit_fit is other
+    assert given.replaced(max_rows=50).misfit_fit is other
 
 
 @pytest.mark.long
@@ -100,41 +100,48 @@ def test_scatter_is_that_of_the_noise(size):
 def test_independent_errors_of_averaged_rows_are_those_of_all_rows():
     """Over changes of the parameters that move the posterior by many units."""
     data = long_specimen(misfit=0.02)
-    full = Posterior(data, noise="independent", thin="none")
-    thin = Posterior(data, noise="independent", thin=100)
-    assert thin.rows.pieces[0].protocols[0].rows == 101
+    full = Posterior(data, noise="independent", max_rows="none")
+    max_rows = Posterior(data, noise="independent", max_rows=100)
+    assert max_rows.rows.pieces[0].protocols[0].rows == 101
     z = np.random.default_rng(2).standard_normal((6, 40))
     draws = {"C1": 9.0 * np.exp(0.05 * z[0]), "k1": 20.0 * np.exp(0.1 * z[1])}
     draws |= {"k2": 4.0 * np.exp(0.1 * z[2]), "alpha": 42.0 + z[3], "kappa": 0.15 + 0.01 * z[4]}
     for axis, force in zip("xy", data.mounting_readings(shared=True)[0][0], strict=True):
         draws[f"mounting_force_{axis}"] = np.full(40, force)
     draws["noise_sd"] = 0.01 * np.exp(0.3 * z[5])
-    of_all, of_means = full.log_density(draws), thin.log_density(draws)
+    of_all, of_means = full.log_density(draws), max_rows.log_density(draws)
     assert np.ptp(of_all) > 1000.0
     change = (of_means - of_all) - (of_means - of_all).mean()
     assert np.abs(change).max() < 0.002 * np.ptp(of_all)
 
 
 @pytest.mark.parametrize(
-    ("increments", "options", "thin"),
-    [(400, {}, 100), (400, {"noise": "independent"}, 0), (150, {}, 0), (400, {"thin": "none"}, 0)],
+    ("increments", "options", "max_rows"),
+    [
+        (400, {}, 100),
+        (400, {"noise": "independent"}, 0),
+        (150, {}, 0),
+        (400, {"max_rows": "none"}, 0),
+    ],
 )
-def test_automatic_only_where_it_is_long_and_the_law_misses_smoothly(increments, options, thin):
-    assert Posterior(long_specimen(increments), **options).settings.thin == thin
+def test_automatic_only_where_it_is_long_and_the_law_misses_smoothly(increments, options, max_rows):
+    assert Posterior(long_specimen(increments), **options).settings.max_rows == max_rows
 
 
 @pytest.mark.parametrize("load_noise", [0.004, None])
 def test_averaging_a_long_record_changes_no_reading_of_a_misfit(load_noise):
     """The same readings with the same noise, whether averaged once or twice."""
     data = replace(long_specimen(), load_noise=load_noise)
-    full, thin = (Posterior(data, thin=rows, misfit_fit=FIT(data)) for rows in ("none", 100))
-    assert len(full.misfit.noise_sd) == len(thin.misfit.noise_sd)
+    full, max_rows = (
+        Posterior(data, max_rows=rows, misfit_fit=FIT(data)) for rows in ("none", 100)
+    )
+    assert len(full.misfit.noise_sd) == len(max_rows.misfit.noise_sd)
     # groups of three and of four averages of four rows each, instead of 12 and 13 rows
-    np.testing.assert_allclose(thin.misfit.noise_sd, full.misfit.noise_sd, rtol=0.15)
-    np.testing.assert_allclose(thin.readings.weight, full.readings.weight, rtol=0.3)
+    np.testing.assert_allclose(max_rows.misfit.noise_sd, full.misfit.noise_sd, rtol=0.15)
+    np.testing.assert_allclose(max_rows.readings.weight, full.readings.weight, rtol=0.3)
     values = start_parameters(full)
     near = [values | {"k1": values["k1"] * f} for f in (0.99, 1.0, 1.01)]
-    a, b = (np.array([p.log_density(v) for v in near]) for p in (full, thin))
+    a, b = (np.array([p.log_density(v) for v in near]) for p in (full, max_rows))
     np.testing.assert_allclose(a - a[1], b - b[1], rtol=0.05, atol=0.05)
 
 

@@ -201,6 +201,41 @@ def test_compiled_code_is_cached_and_the_setting_of_numba_stays_the_users(tmp_pa
     assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "1"], "")
 
 
+DAMAGED = """
+from biaxbayes.compilation import compiled
+from biaxbayes.options import for_users
+
+@compiled()
+def doubled(x):
+    return 2.0 * x
+
+@for_users
+def verb():
+    return doubled(21.0)
+
+try:
+    print(verb())
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_damaged_compiled_code_is_said_in_one_line_and_made_again(tmp_path, kind):
+    program, cache = tmp_path / "program.py", tmp_path / "cache"
+    program.write_text(DAMAGED)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+    how = {"env": environment, "capture_output": True, "text": True, "check": True}
+    command = [sys.executable, str(program)]
+    assert subprocess.run(command, **how).stdout == "42.0\n"
+    for damage in (lambda raw: b"", lambda raw: raw[: len(raw) // 2], lambda raw: raw[:60] * 20):
+        (file,) = cache.rglob(f"*.{kind}")
+        file.write_bytes(damage(file.read_bytes()))
+        said = subprocess.run(command, **how).stdout
+        assert said.startswith("RunError") and str(cache) in said and said.count("\n") == 1
+        assert subprocess.run(command, **how).stdout == "42.0\n"
+
+
 def test_a_cache_that_cannot_be_written_is_left_aside_with_one_line(tmp_path):
     (tmp_path / "file").write_text("no folder")
     words, output = small_program(tmp_path, tmp_path / "file")

@@ -18,7 +18,7 @@ import biaxbayes
 import commands
 from biaxbayes.cli import VERBS
 from biaxbayes.errors import InputError
-from biaxbayes.progress_bar import Progress, minute_lines, with_progress
+from biaxbayes.progress_bar import Pace, Progress, minute_lines, with_progress
 from biaxbayes.specimens.specimen_file import write_specimen
 from commands import exit_code
 from quick_posteriors import runs_of_few_walkers
@@ -41,10 +41,10 @@ def shown(thing) -> str:
 
 
 def test_results_show_themselves(run, tmp_path):
-    assert run.state in shown(run) and "<td>C1</td>" in shown(run)
+    assert run.state in shown(run) and "<i>C</i><sub>1</sub>" in shown(run)
     result = biaxbayes.identify(run)
     assert result["C1"].verdict in result._repr_html_()
-    for row, line in zip(result.rows, repr(result).splitlines(), strict=False):
+    for row, line in zip(result.reported, repr(result).splitlines(), strict=False):
         assert line.split()[0] == row.name and row.interval in line and row.verdict in line
     assert "standard" in shown(biaxbayes.fit(run.specimen, "standard"))
     checked = biaxbayes.check(run.specimen, fit=False)
@@ -64,7 +64,7 @@ def test_predictions_and_cards_come_as_tables(run, tmp_path):
     tube = biaxbayes.inflate(run, [5.0, 10.0], radius_mm=8.0, wall_mm=1.0)
     assert tube["pressure_kPa"].tolist() == [5.0, 10.0]
     cards = biaxbayes.export(run, "febio", draws=3, out=tmp_path / "cards")
-    assert len(cards) == 3 and cards["check_relative_deviation"].max() < 1e-8
+    assert len(cards) == 3
 
 
 # --- both ways in: the command line and Python ---------------------------------------------------
@@ -101,11 +101,6 @@ BOTH = {
         ("--ratio", "1:0.75", "--rank-by", "C1"),
         {"ratios": ((1.0, 0.75),), "rank_by": "C1"},
         {"design.csv", "design.pdf", "design.png"},
-    ),
-    "ledger": (
-        ("--ess", "50", "--stretch", "1.1", "--seed", "2", "--quiet"),
-        {"ess": 50.0, "stretches": [1.1], "seed": 2},
-        {"ledger.csv", "ledger.pdf", "ledger.png"},
     ),
 }
 
@@ -180,23 +175,21 @@ def test_both_ways_simulate_check_and_fit_the_same(tissue, tmp_path, capsys):
 
 
 SAMPLED = {
-    "mounting": "guessed", "noise": "loud", "mounting_stretch": "both", "thin": 0, "ess": 3,
+    "mounting": "guessed", "noise": "loud", "mounting_stretch": "both", "max_rows": 0, "ess": 3,
     "seed": -1, "max_steps": 5, "workers": 0, "mounting_force": (float("nan"), 1.0),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("verb", "name"), [*(("sample", name) for name in SAMPLED), ("ledger", "noise")]
-)
-def test_bad_values_are_refused_both_ways(run, tmp_path, capsys, verb, name):
+@pytest.mark.parametrize("name", SAMPLED)
+def test_bad_values_are_refused_both_ways(run, tmp_path, capsys, name):
     """By the name of the option on the command line, of the argument in Python."""
     value, tared, out = SAMPLED[name], tmp_path / "tared.csv", tmp_path / "r"
     write_specimen(run.specimen.zeroed(), tared)
     words = value if isinstance(value, tuple) else (value,)
     option = f"--{name.replace('_', '-')}"
-    code, _, output = commands.run(capsys, verb, tared, option, *words, "--out", out)
+    code, _, output = commands.run(capsys, "sample", tared, option, *words, "--out", out)
     with pytest.raises(InputError) as refusal:
-        getattr(biaxbayes, verb)(tared, out=out, **{name: value})
+        biaxbayes.sample(tared, out=out, **{name: value})
     assert code == 2 and "\n" not in str(refusal.value) and not out.exists()
     if name in ("ess", "seed", "max_steps", "workers", "mounting_force"):
         assert option in output and f"`{name}`" in str(refusal.value) and output.count("\n") == 1
@@ -212,12 +205,11 @@ def test_the_help_of_a_verb_lists_its_options(verb):
         assert parameter.kind is not parameter.VAR_KEYWORD
 
 
-def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
-    for verb, option in (("ledger", "thin"), ("profile", "law")):
-        words = (f"--{option}", {"thin": "50", "law": "fung"}[option], "--out", tmp_path / "out")
-        assert f"--{option} does not go" in commands.refused(capsys, verb, run.path, *words)
-    with pytest.raises(InputError, match="`thin` does not go with a run"):
-        biaxbayes.ledger(run, thin=50)
+def test_a_run_has_its_own_model(run, tmp_path, capsys):
+    words = ("--law", "fung", "--out", tmp_path / "out")
+    assert "--law does not go" in commands.refused(capsys, "profile", run.path, *words)
+    with pytest.raises(InputError, match="`law` does not go with a run"):
+        biaxbayes.profile(run, law="fung")
     with pytest.raises(InputError, match="no option 'colour'"):
         biaxbayes.sample(run.specimen, out=tmp_path / "out", colour="red")
 
@@ -240,7 +232,7 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
         ("export", {"to": "ansys"}, "unknown program"),
         ("plot", {"figure": "pie"}, "unknown figure"),
         ("plot", {"figure": "trace", "truth": {"C1": 1.0}}, "does not go with"),
-        ("plot", {"figure": "bands", "truth": {"C1": 1.0}}, "the truth names no k1"),
+        ("plot", {"figure": "bands", "truth": {"C1": 1.0}}, "the true values lack k1"),
         ("report", {"kind": "doc"}, "unknown report"),
         # of a wrong kind
         ("report", {"run": 3}, "`run` must be a run or its folder, not int"),
@@ -257,6 +249,10 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
         ("simulate", {"material": [1]}, "unknown material"),
         ("sample", {"specimen": MEDIA, "resume": np.ones(3)}, "`resume` must be True or False"),
         ("sample", {"specimen": np.ones(3)}, "`specimen` must be a path, not ndarray"),
+        ("sample", {"specimen": MEDIA, "priors": {3: 4}}, "unknown parameter '3'"),
+        ("law", {"name": b"x"}, "a law is named by a text, not bytes"),
+        ("law", {"name": []}, "a law is named by a text, not list"),
+        ("law", {"name": "fung", "c0": b"1"}, "c0 = b'1' is out of range"),
     ],
 )
 def test_what_a_verb_cannot_do_is_named(run, verb, arguments, message):
@@ -309,8 +305,8 @@ def test_long_calls_show_their_progress_where_somebody_watches(monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
     monkeypatch.setitem(sys.modules, "IPython.display", lines)
     assert verb()
-    assert lines.texts == ["starting", "sampling 50 %", ""]
-    for name in ("sample", "batch", "compare", "ledger", "design", "calibrate"):
+    assert lines.texts == ["starting", "sampling, 50 %", ""]
+    for name in ("sample", "batch", "compare", "calibrate"):
         assert getattr(biaxbayes, name).__wrapped__, name
 
 
@@ -329,11 +325,25 @@ def test_a_terminal_without_a_live_line_gets_a_line_each_minute(capsys):
     assert err.count("sampled again") == 1 and err.count("sampling, 11 %") > 1
 
 
+def test_the_time_left_is_that_of_the_pace_since_work_could_be_measured(monkeypatch):
+    clock = iter([0.0, 60.0, 120.0, 130.0, 200.0])
+    monkeypatch.setattr("biaxbayes.progress_bar.time.monotonic", lambda: next(clock))
+    pace = Pace()
+    assert pace.line(Progress("searching")) == "searching"
+    # continued at 40 %: what was done before took none of this time
+    assert pace.line(Progress("sampling", 0.4)) == "sampling, 40 %"
+    assert pace.line(Progress("sampling", 0.6)) == "sampling, 60 %, about 2 min left"
+    assert pace.line(Progress("sampling", 0.9)) == "sampling, 90 %, about 24 s left"
+    # the next piece of work begins anew
+    assert pace.line(Progress("writing", 0.0)) == "writing, 0 %"
+
+
 def test_every_verb_is_a_function_and_every_name_is_there():
     for name in biaxbayes.__all__:
         assert getattr(biaxbayes, name) is not None
     for verb in VERBS:
         name = "compare_laws" if verb == "laws" else verb  # biaxbayes.laws is the room of the laws
-        assert callable(getattr(biaxbayes, name))
+        if verb != "app":  # a page, for its command alone
+            assert callable(getattr(biaxbayes, name))
     with pytest.raises(AttributeError):
         _ = biaxbayes.nothing

@@ -7,11 +7,11 @@ import pytest
 
 from biaxbayes import Protocol, Specimen, check_specimen, read_specimen, sample, write_specimen
 from biaxbayes.errors import InputError
+from biaxbayes.experiments import BIAXIAL
 from biaxbayes.fitting.fit import fit, fit_all
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.protocol import rest_rows
-from biaxbayes.specimens.specimen import STRESS_PAIRS
 
 MATERIAL = GOH(12.0, 60.0, 6.0, 41.0, 0.12)
 MOUNTING = np.array([1.03, 1.04])
@@ -50,7 +50,7 @@ def header(pair, geometry, **keys):
 
 def written(path, rows, pair, keys):
     lines = [f"# {key}: {value}" for key, value in keys.items()]
-    lines.append(",".join(("protocol", "stretch_x", "stretch_y", *STRESS_PAIRS[pair])))
+    lines.append(",".join(("protocol", "stretch_x", "stretch_y", *BIAXIAL.loads[pair].columns)))
     for name, (stretch, load) in rows.items():
         lines += [
             f"{name},{s[0]!r},{s[1]!r},{f[0]!r},{f[1]!r}"
@@ -281,7 +281,9 @@ def test_a_load_cell_that_counts_tension_negative_is_named_with_its_column(turne
     rows = {n: (s, f * turned) for n, (s, f) in noisy().items()}
     result = check_specimen(in_memory(rows, "force", header("force", "unloaded")))
     signs = [f for f in result if f.code == "sign"]
-    columns = [c for c, sign in zip(STRESS_PAIRS["force"], turned, strict=True) if sign < 0]
+    columns = [
+        c for c, sign in zip(BIAXIAL.loads["force"].columns, turned, strict=True) if sign < 0
+    ]
     assert len(signs) == len(columns)
     for finding, column in zip(signs, columns, strict=True):
         assert finding.severity == "error"

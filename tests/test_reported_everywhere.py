@@ -6,21 +6,29 @@ import json
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import biaxbayes
+from biaxbayes.derived.determined import determined
+from biaxbayes.derived.known import known_table
+from biaxbayes.errors import InputError
 from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.reported import DASH, quantile_texts
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import MOUNTING_PARAMETERS
+from biaxbayes.report_table import DASH, interval_texts
 from biaxbayes.reports.methods import closing_message, latex_table
-from biaxbayes.reports.page import report_page
-from biaxbayes.runs.result import as_record, result_from_record
+from biaxbayes.reports.run_page import REPORT_CAPTION, report_page
+from biaxbayes.runs.run_result import as_record, further_test, result_from_record
+from biaxbayes.specimens.specimen_file import read_specimen
+
+DATA = Path(__file__).parents[1] / "data"
 
 
 @pytest.fixture(params=["media_run", "small_run"])
@@ -38,7 +46,7 @@ def rows(run):
 def texts(run, row) -> tuple[str, str, str]:
     """Median and ends as every table and figure prints them."""
     parameter = run.quantities[row["parameter"]].parameter
-    return quantile_texts(*(float(row[k]) for k in ("q50", "q05", "q95")), parameter)
+    return interval_texts(*(float(row[k]) for k in ("q50", "q05", "q95")), parameter)
 
 
 def test_every_row_has_its_quantiles_a_verdict_and_a_reason(run, rows):
@@ -61,7 +69,8 @@ COLUMNS = ("interval", "unit", "verdict", "reason")
 
 def test_terminal(run, rows):
     lines = closing_message(run).splitlines()
-    table = [re.split(r" {2,}", line) for line in lines[1 : 1 + len(rows)]]
+    first = lines.index("Parameters") + 1
+    table = [re.split(r" {2,}", line) for line in lines[first : first + len(rows)]]
     for cells, row in zip(table, rows, strict=True):
         wanted = [row["parameter"], texts(run, row)[0], *(row[k] for k in COLUMNS if row[k])]
         assert cells == wanted
@@ -70,7 +79,8 @@ def test_terminal(run, rows):
 def test_page(run, rows):
     page = report_page(run)
     assert page.index("What to report") < page.index("<table")
-    first = page.partition("<tbody>")[2].partition("</tbody>")[0]
+    table = page.partition(REPORT_CAPTION)[2]
+    first = table.partition("<tbody>")[2].partition("</tbody>")[0]
     result = []
     for line in first.strip().splitlines():
         cells = [html.unescape(re.sub(r"<[^>]+>", "", c)) for c in line.split("</t")][1:6]
@@ -94,7 +104,7 @@ def test_a_predicted_stress_is_the_stress_to_report(run):
     assert len(nominal) >= 4
     p = run.specimen.protocols[0]
     ends = nominal[nominal["quantity"].str.contains(f"stretch of {p.name}$|stretch$")].iloc[-2:]
-    predicted = biaxbayes.predict(run, p.stretch, stress="piola", reference="measured").iloc[-1]
+    predicted = biaxbayes.predict(run, p.stretch, stress="piola", relative_to="mounted").iloc[-1]
     for axis, row in zip("xy", ends.to_dict("records"), strict=True):
         assert row["quantity"].startswith(f"nominal stress {axis}")
         width = row["high"] - row["low"]
@@ -102,15 +112,77 @@ def test_a_predicted_stress_is_the_stress_to_report(run):
             assert predicted[f"piola_{axis}_kPa_{name}"] == pytest.approx(row[end], abs=0.3 * width)
 
 
-def test_stresses_at_total_stretches_are_given_only_where_the_mounting_stretches_are(run):
-    stretches = [r for r in run.result.reported if r.name.startswith("mounting_stretch")]
-    known = all(r.verdict == "identified" for r in stretches)
+def test_what_is_known_comes_before_the_parameters(run):
+    """Stresses, tangent stiffnesses of the law and their ratio, as the draws have them."""
+    lines, page = closing_message(run).splitlines(), report_page(run)
+    known = [re.split(r" {2,}", line) for line in lines[: lines.index("Parameters")]]
+    cells = {row[0]: row[1:] for row in known if len(row) == 3}
+    assert list(cells)[1:] == [
+        "nominal stress x (kPa)", "nominal stress y (kPa)", "tangent stiffness x (kPa)",
+        "tangent stiffness y (kPa)", "stiffness x over y",
+    ]  # fmt: skip
+    assert page.index("tangent stiffness x (kPa)") < page.index(REPORT_CAPTION)
+    x, y = run.specimen.protocols[0].stretch.max(axis=0)
+    draws = run.draws.iloc[:: -(-len(run.draws) // 1000)]
+    lm = draws[["mounting_stretch_x", "mounting_stretch_y"]].to_numpy()
+    step, material = 1e-5, run.law.material(draws)
+
+    def stress(x, y):
+        return np.array(material.cauchy(x * lm[:, :1], y * lm[:, 1:]))[:, :, 0]
+
+    by_x = (stress(x * (1 + step), y) - stress(x * (1 - step), y))[0] / (2 * step)
+    by_y = (stress(x, y * (1 + step)) - stress(x, y * (1 - step)))[1] / (2 * step)
+    expected = {"stiffness x over y": by_x / by_y, "tangent stiffness x (kPa)": by_x}
+    for name, values in expected.items():
+        said = [float(v) for v in re.findall(r"[\d.]+", cells[name][-1])]
+        width = np.quantile(values, 0.95) - np.quantile(values, 0.05)
+        assert said == pytest.approx(np.quantile(values, [0.5, 0.05, 0.95]), abs=0.1 * width)
+
+
+def test_a_physiological_state_in_the_header_is_reported(media_run, tmp_path):
+    """Its stiffness is that of the draws."""
+    text = (DATA / "donor2-media.csv").read_text(encoding="utf-8")
+    stated = tmp_path / "stated.csv"
+    stated.write_text("# physiological_stretch_x: 1.15\n" + text, encoding="utf-8")
+    with pytest.raises(InputError, match="physiological_stretch_y"):
+        read_specimen(stated)
+    both = "# physiological_stretch_x: 1.15\n# physiological_stretch_y: 1.1\n"
+    stated.write_text(both + text, encoding="utf-8")
+    table = determined(Posterior(read_specimen(stated)), media_run.draws)
+    lines = [re.split(r" {2,}", line) for line in known_table(table).lines()]
+    assert lines[0][-1] == "in the body (total 1.15, 1.1)"
+    cells = {line[0]: line[-1] for line in lines}
+    assert cells["nominal stress x (kPa)"] == DASH
+    tangent = media_run.law.material(media_run.draws).cauchy_by_log_stretch(1.15, 1.1)[0, 0, :, 0]
+    said = [float(v) for v in re.findall(r"[\d.]+", cells["tangent stiffness x (kPa)"])]
+    width = np.quantile(tangent, 0.95) - np.quantile(tangent, 0.05)
+    assert said == pytest.approx(np.quantile(tangent, [0.5, 0.05, 0.95]), abs=0.1 * width)
+
+
+@pytest.mark.parametrize(
+    ("strips", "said"),
+    [
+        ((), "cut two strips, along x and y, beside the square"),
+        (("x",), "cut a strip along y beside the square"),
+        (("x", "y"), "`biaxbayes design RUN` ranks tests"),
+    ],
+)
+def test_advice_does_not_ask_for_strips_that_are_there(media_run, strips, said):
+    square = media_run.specimen
+    pieces = tuple(read_specimen(DATA / "pieces" / f"strip-{axis}.csv") for axis in strips)
+    posterior = Posterior(replace(square, further=pieces))
+    advice = further_test(posterior)
+    assert said in advice and "biaxbayes design RUN" in advice
+    assert ("strip" in advice) == (len(strips) < 2)
+
+
+def test_stresses_at_total_stretches_are_given_whatever_the_verdicts(run):
     for table in (run.result.determined, run.result.stresses):
-        assert table["quantity"].str.startswith("Cauchy stress").any() == known
+        assert table["quantity"].str.startswith("Cauchy stress").any()
 
 
 def test_a_test_that_determines_little_says_so(media_run):
-    """And what to do: the advice follows in the same line."""
+    """And what to do: one line of advice ends the message."""
     reported = [replace(r, verdict="not identified") for r in media_run.result.reported]
     reported[3] = replace(reported[3], verdict="identified")
     poor = replace(media_run.result, reported=tuple(reported), advice="to narrow C1: pull more")
@@ -121,7 +193,9 @@ def test_a_test_that_determines_little_says_so(media_run):
     poor_run = replace(media_run)
     poor_run.__dict__["result"] = poor
     message, page = closing_message(poor_run), report_page(poor_run)
-    assert f"{poor.low_information}; to narrow C1: pull more" in message
+    low = poor.low_information
+    assert message.index("T" + low[1:]) < message.index("To narrow C1: pull more")
+    assert message.splitlines()[-2] == "To narrow C1: pull more"
     assert "Most parameters are not determined." in page and "1 of 7 parameters" in page
 
 
@@ -133,14 +207,14 @@ def test_chains_that_have_not_converged_give_no_verdict_and_no_number_anywhere(m
     assert all(math.isnan(v) for r in judged.reported for v in (r.median, r.low, r.high))
     record = as_record(replace(media_run.result, state="tentative", reported=judged.reported))
     again = result_from_record(record, media_run.law, media_run.quantities, tmp_path)
-    assert {(row.median, row.interval) for row in again.rows} == {(DASH, DASH)}
+    assert {(row.text, row.interval) for row in again.reported} == {(DASH, DASH)}
     tentative = replace(media_run)
     tentative.__dict__["result"] = again
     assert "no verdict" in latex_table(tentative) and "not identified" not in latex_table(tentative)
     first = report_page(tentative).partition("<tbody>")[2].partition("</tbody>")[0]
     assert first.count("no verdict") == 7
     texts = [
-        t.get_text() for ax in identifiability_figure(judged, again.rows).axes for t in ax.texts
+        t.get_text() for ax in identifiability_figure(judged, again.reported).axes for t in ax.texts
     ]
     assert texts.count("no verdict") == 7
 
@@ -149,19 +223,19 @@ def test_digits():
     """Two of the width of the interval; of a range of decades two of each number."""
     C1, alpha, kappa = (law_named("goh").parameter(n) for n in ("C1", "alpha", "kappa"))
     stretch = MOUNTING_PARAMETERS[0]
-    assert quantile_texts(1.01802, 1.01493, 1.02118, stretch) == ("1.0180", "1.0149", "1.0212")
-    assert quantile_texts(38.44, 33.07, 41.02, alpha) == ("38.4", "33.1", "41.0")
-    assert quantile_texts(2.468, 0.1453, 27.11, C1) == ("2.5", "0.15", "27")
-    assert quantile_texts(1234.0, 1100.0, 1420.0, C1) == ("1230", "1100", "1420")
-    assert quantile_texts(0.2, 0.2, 0.2, kappa) == (kappa.number(0.2),) * 3
+    assert interval_texts(1.01802, 1.01493, 1.02118, stretch) == ("1.0180", "1.0149", "1.0212")
+    assert interval_texts(38.44, 33.07, 41.02, alpha) == ("38.4", "33.1", "41.0")
+    assert interval_texts(2.468, 0.1453, 27.11, C1) == ("2.5", "0.15", "27")
+    assert interval_texts(1234.0, 1100.0, 1420.0, C1) == ("1230", "1100", "1420")
+    assert interval_texts(0.2, 0.2, 0.2, kappa) == (kappa.number(0.2),) * 3
     # a range that is not of a scale has no decades
-    assert quantile_texts(0.0964, 0.0096, 0.2757, kappa) == ("0.10", "0.01", "0.28")
+    assert interval_texts(0.0964, 0.0096, 0.2757, kappa) == ("0.10", "0.01", "0.28")
     # the median never lies outside its interval, to the digit
     rng = np.random.default_rng(1)
     for _ in range(500):
         low, median, high = np.sort(rng.lognormal(0.0, 2.0, 3))
         for parameter in (C1, alpha, stretch):
-            middle, first, last = map(float, quantile_texts(median, low, high, parameter))
+            middle, first, last = map(float, interval_texts(median, low, high, parameter))
             assert first <= middle <= last
 
 

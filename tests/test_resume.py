@@ -20,9 +20,11 @@ import biaxbayes
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.progress_bar import StoppedAtOnce, graceful_stop, with_progress
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
+from biaxbayes.runs.checkpoint import NAME, PREVIOUS
 from biaxbayes.runs.folder import PROVENANCE
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.stored_data import DamagedArchive, unpack_record
+from biaxbayes.text_files import WRITTEN
 from biaxbayes.verbs import sample as sampling
 from commands import exit_code, refused
 from quick_posteriors import without_figures
@@ -42,7 +44,7 @@ def quick():
     """
     with without_figures(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(sampling, "Plan", partial(Plan, walkers=32, first_block=16))
-        patch.setattr("biaxbayes.reports.page.write_report", lambda *a: None)
+        patch.setattr("biaxbayes.reports.run_page.write_report", lambda *a: None)
         yield
 
 
@@ -71,11 +73,11 @@ def content(path):
 
 def compared(folder):
     """Every byte of a run, but for the provenance, which says how long it took."""
-    assert {p.name for p in folder.iterdir() if p.name.startswith(".")} <= {LOCK}
+    assert {p.name for p in folder.iterdir() if p.name.startswith(".")} <= {LOCK, WRITTEN}
     return {
         str(p.relative_to(folder)): hashlib.sha256(content(p)).hexdigest()
         for p in folder.rglob("*")
-        if p.is_file() and p.name not in (PROVENANCE, NAME, PREVIOUS, LOCK)
+        if p.is_file() and p.name not in (PROVENANCE, NAME, PREVIOUS, LOCK, WRITTEN)
     }
 
 
@@ -305,14 +307,14 @@ def test_with_none_readable_nothing_is_guessed(halfway, capsys):
 def test_cut_short_anywhere_or_with_any_bit_flipped(whole):
     raw = (whole / "after-0" / NAME).read_bytes()
     for size in range(0, len(raw), 600):
-        with pytest.raises(DamagedCheckpoint):
-            checkpoint.unpack(raw[:size])
+        with pytest.raises(DamagedArchive):
+            unpack_record(raw[:size])
     rng = np.random.default_rng(1)
     for position in range(0, len(raw), 599):
         flipped = bytearray(raw)
         flipped[position] ^= 1 << rng.integers(8)
-        with pytest.raises(DamagedCheckpoint):
-            checkpoint.unpack(bytes(flipped))
+        with pytest.raises(DamagedArchive):
+            unpack_record(bytes(flipped))
 
 
 def archive_of(arrays) -> bytes:
@@ -328,8 +330,8 @@ def test_nothing_is_unpickled(whole, tmp_path):
 
     trap = np.empty(1, dtype=object)
     trap[0] = Trap()
-    with pytest.raises(DamagedCheckpoint):
-        checkpoint.unpack(sealed(archive_of({"chain": trap})))
+    with pytest.raises(DamagedArchive):
+        unpack_record(sealed(archive_of({"chain": trap})))
     assert not (tmp_path / "owned").exists()
 
 

@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import ttest_ind
+from scipy.stats import norm
 
-from biaxbayes.figures.population import study_figure
+from biaxbayes.figures.groups import study_figure
+from biaxbayes.reports.answers import answers, sentence
 from biaxbayes.reports.study_page import closing_message, write_study
-from biaxbayes.studies.groups import group_contrasts, group_summaries, layer_contrasts
-from biaxbayes.studies.result import STUDY_COLUMNS, StudyResult
-from made_up import distances, table
+from biaxbayes.studies.groups import group_contrasts, group_means, group_summaries
+from biaxbayes.studies.study_result import STUDY_COLUMNS, StudyResult
+from made_up import table
 from readable import assert_readable
 
 
@@ -22,7 +23,6 @@ def result(request, tmp_path_factory):
         "Study <script>document.title='broken'</script>",
         folder,
         table(request.param),
-        distances(request.param),
         ["D1: different priors of kappa: <i>fixed</i>"],
     )
     write_study(outcome)
@@ -45,76 +45,73 @@ def test_the_page_counts_what_is_reliable(result):
 
 def rows(*cells):
     names = ("specimen", "donor", "layer", "state", "kind", "quantity", "unit", "verdict")
-    names += ("q50", "scale", "scale_sd")
+    names += ("q05", "q50", "q95", "scale")
     return pd.DataFrame(cells, columns=list(names))
 
 
 def specimen(label, donor, layer, C1, sd, *, state="converged", verdict="identified"):
-    return (label, donor, layer, state, "parameter", "C1", "kPa", verdict, C1, "log", sd)
+    low, high = (C1 * math.exp(z * 1.6449 * sd) for z in (-1.0, 1.0))
+    return (label, donor, layer, state, "parameter", "C1", "kPa", verdict, low, C1, high, "log")
 
 
 TABLE = rows(
     specimen("a", "D1", "media", 10.0, 0.1),
-    specimen("b", "D2", "media", 40.0, 0.2),
-    specimen("c", "D3", "media", 5000.0, 3.0, verdict="not identified"),
+    specimen("b", "D2", "media", 40.0, 0.1),
+    specimen("c", "D3", "media", 5000.0, 30.0, verdict="not identified"),
     specimen("d", "D4", "media", 9000.0, 0.1, state="tentative"),
     specimen("e", "D1", "intima", 3.0, 0.1, verdict="bounded"),
-    ("f", "D5", "", "failed", "parameter", "C1", None, None, math.nan, None, math.nan),
+    ("f", "D5", "", "failed", "parameter", "C1", None, None, *[math.nan] * 3, None),
 )
 
 
-def test_only_specimens_that_determine_a_quantity_give_numbers():
+def test_a_specimen_that_knows_little_weighs_little_and_no_verdict_decides():
     outcome = group_summaries(TABLE).set_index(["group_by", "group"])
     media = outcome.loc[("layer", "media")]
-    assert (media.specimens, media.converged, media.identified) == (4, 3, 2)
-    # geometric mean of 10 and 40
-    assert media.centre == pytest.approx(20.0)
-    assert (media.lowest, media.highest) == (10.0, 40.0)
-    # sd of ln 10 and ln 40 is ln(4) / sqrt(2)
-    assert media.sd_of_medians == pytest.approx(math.log(4.0) / math.sqrt(2.0))
-    assert media.sd_within == pytest.approx(math.sqrt((0.01 + 0.04) / 2.0))
-    assert media.sd_between == pytest.approx(math.sqrt(media.sd_of_medians**2 - 0.025))
+    assert (media.specimens, media.converged) == (4, 3)
+    # geometric mean of 10 and 40; the third has a sd of 30 of ln C1
+    assert media["mean"] == pytest.approx(20.0, rel=0.01)
+    assert media.mean_low < 11.0 and media.mean_high > 36.0
+    assert (media.lowest, media.highest) == (10.0, 5000.0)
+    # tau of two values 1.39 apart, under half-normal(0.5)
+    assert 0.5 < media.sd_between < 1.2
     intima = outcome.loc[("layer", "intima")]
-    assert intima.centre == pytest.approx(3.0) and math.isnan(intima.sd_between)
-    donor = outcome.loc[("donor", "D1")]
-    assert (donor.specimens, donor.identified) == (2, 2)
+    assert intima["mean"] == pytest.approx(3.0) and math.isnan(intima.sd_between)
+    assert outcome.loc[("donor", "D1")].specimens == 2
     assert outcome.loc[("all", "all")].specimens == 6
     assert ("layer", "") not in outcome.index
+    words = TABLE.assign(verdict="not identified")
+    pd.testing.assert_frame_equal(group_summaries(words), group_summaries(TABLE))
 
 
-def test_a_spread_that_the_posteriors_explain_is_none_between_specimens():
-    table = rows(specimen("a", "", "media", 10.0, 0.5), specimen("b", "", "media", 11.0, 0.5))
-    assert group_summaries(table).iloc[0].sd_between == 0.0
+def test_a_spread_that_the_posteriors_explain_is_hardly_any_between_specimens():
+    wide, sharp = (
+        group_summaries(
+            rows(specimen("a", "", "media", 10.0, sd), specimen("b", "", "media", 40.0, sd))
+        ).iloc[0]
+        for sd in (1.0, 0.001)
+    )
+    assert wide.sd_between < 0.4 and sharp.sd_between > 0.6
 
 
-def distance(donor, a, b, low, middle, high, *, known=True, kind="parameter", stretch=math.nan):
-    quantity = "C1" if kind == "parameter" else kind
-    values = (donor, a, b, kind, quantity, "kPa", stretch, low, middle, high, known)
-    names = "donor layer_a layer_b kind quantity unit total_stretch difference_q05 difference_q50 "
-    names += "difference_q95 identified_in_both"
-    return dict(zip(names.split(), values, strict=True))
-
-
-def test_layers_are_counted_pair_by_pair_in_one_order():
-    rows = [
-        distance("D1", "intima", "media", 1.0, 2.0, 3.0),
-        # the same the other way round: media listed first by this donor
-        distance("D2", "media", "intima", -6.0, -4.0, -2.0),
-        distance("D3", "intima", "media", -1.0, 0.5, 2.0),
-        distance("D4", "intima", "media", -9.0, -8.0, -7.0, known=False),
-        distance("D5", "media", "media", 5.0, 6.0, 7.0),
-        distance("D1", "intima", "media", 1.0, 2.0, 3.0, kind="stress", stretch=1.1),
-        distance("D1", "intima", "media", 1.0, 2.0, 3.0, kind="stiffness", stretch=1.1),
-        distance("D1", "intima", "media", -3.0, -2.0, -1.0, kind="stiffness", stretch=1.0),
+def test_means_are_those_of_the_model_integrated_by_brute_force():
+    """Two groups, on a grid over both means and tau."""
+    a, b = (
+        (np.array([0.0, 0.3, 0.1]), np.array([0.1, 0.2, 0.4])),
+        (np.array([0.6, 0.9]), np.ones(2) * 0.2),
+    )
+    mu, tau = np.linspace(-4.0, 5.0, 901), np.linspace(1e-4, 2.5, 500)
+    log = [
+        sum(norm.logpdf(y, mu[:, None], np.hypot(tau, s)) for y, s in zip(*group, strict=True))
+        for group in (a, b)
     ]
-    outcome = layer_contrasts(pd.DataFrame(rows)).set_index("quantity")
-    assert list(outcome.index) == ["C1", "stiffness"]
-    C1 = outcome.loc["C1"]
-    assert (C1.layer_a, C1.layer_b) == ("intima", "media")
-    assert (C1.pairs, C1.identified, C1.b_greater, C1.b_less) == (4, 3, 2, 0)
-    assert C1.mean_difference == pytest.approx((2.0 + 4.0 + 0.5) / 3.0)
-    assert (C1.lowest_difference, C1.highest_difference) == (0.5, 4.0)
-    assert outcome.loc["stiffness"].b_less == 1
+    own = [np.exp(part - part.max()) for part in log]
+    shared = norm.pdf(tau / 0.5)
+    # p(mu_b - mu_a): the product of both at each tau, summed over tau
+    apart = sum(shared[k] * np.convolve(own[1][:, k], own[0][::-1, k]) for k in range(len(tau)))
+    at = np.linspace(-9.0, 9.0, apart.size)
+    cumulative = apart.cumsum() / apart.sum()
+    found = group_means([a, b], 0.5).difference().quantiles()
+    np.testing.assert_allclose(found, np.interp((0.05, 0.5, 0.95), cumulative, at), atol=0.02)
 
 
 def grouped(*values, donors=None):
@@ -128,15 +125,58 @@ def grouped(*values, donors=None):
 
 
 def test_groups_are_those_of_the_stated_column_and_their_means_are_compared():
-    (row,) = group_contrasts(grouped(8.0, 32.0, 12.0, 48.0, 10.0, 40.0), ["disease"]).to_dict(
-        "records"
-    )
+    table = grouped(8.0, 32.0, 12.0, 48.0, 10.0, 40.0)
+    (row,) = group_contrasts(table, ["disease"]).to_dict("records")
     assert (row["group_a"], row["group_b"], row["donors_a"], row["donors_b"]) == ("A", "B", 3, 3)
-    a, b = np.log([8.0, 12.0, 10.0]), np.log([32.0, 48.0, 40.0])
-    test = ttest_ind(b, a, equal_var=False).confidence_interval(0.9)
-    assert row["difference"] == pytest.approx(4.0) and row["direction"] == "larger"
-    found = row["difference_low"], row["difference_high"]
-    np.testing.assert_allclose(np.log(found), [test.low, test.high])
+    assert row["difference"] == pytest.approx(4.0, rel=1e-3) and row["direction"] == "larger"
+    assert row["probability_larger"] > 0.99
+    assert 2.4 < row["difference_low"] < 3.4 and 4.7 < row["difference_high"] < 6.7
+    # as wide as it is, with 2.49 sds for 1.64
+    half = math.log(row["difference_high"] / row["difference_low"]) / 2.0
+    assert math.log(row["detectable"]) == pytest.approx(half * 2.4865 / 1.6449, rel=0.1)
+
+
+@pytest.mark.parametrize("contraction", [0.748, 0.760])
+def test_the_same_specimens_give_the_same_contrast_on_both_sides_of_a_threshold(contraction):
+    verdict = "identified" if contraction >= 0.75 else "not identified"
+    table = grouped(8.0, 32.0, 12.0, 48.0, 10.0, 40.0)
+    told = table.assign(verdict=[verdict] * 3 + ["identified"] * 3)
+    pd.testing.assert_frame_equal(
+        group_contrasts(told, ["disease"]), group_contrasts(table, ["disease"])
+    )
+
+
+def test_the_prior_of_a_run_is_divided_out_of_each_specimen():
+    """Normal posteriors: y_i and s_i are those of the likelihoods alone, whatever the prior."""
+    y, s = np.array([0.05, 0.22, 0.1, 0.28, 0.12, 0.3]), np.array([6, 5, 4, 6, 5, 4]) / 100
+    contrasts = []
+    for middle, sd in ((0.0, 1e6), (1.0 / 6.0, 0.08)):
+        d = 1.0 / np.sqrt(1.0 / s**2 + 1.0 / sd**2)
+        m = d**2 * (y / s**2 + middle / sd**2)
+        table = rows(*(specimen(f"s{i}", f"D{i}", "", 1.0, 0.1) for i in range(6)))
+        table = table.assign(quantity="kappa", unit="1", scale="linear", disease=list("ABABAB"))
+        table = table.assign(q05=m - 1.6448536 * d, q50=m, q95=m + 1.6448536 * d)
+        table["prior_q05"], table["prior_q95"] = middle - 1.6448536 * sd, middle + 1.6448536 * sd
+        contrasts.append(group_contrasts(table.assign(prior_q50=middle), ["disease"]))
+    pd.testing.assert_frame_equal(*contrasts, rtol=1e-5)
+    # with the prior of every specimen left in, a quarter of the difference is gone
+    (without,) = group_contrasts(table, ["disease"]).to_dict("records")
+    (told,) = contrasts[1].to_dict("records")
+    assert without["difference"] < 0.85 * told["difference"]
+
+
+def test_equal_groups_seldom_differ_and_different_ones_are_found():
+    """100 studies of 4 and 4 specimens with a scatter of 0.2, known to 0.05 to 0.4."""
+    rng, found = np.random.default_rng(4), {0.0: 0, math.log(1.75): 0}
+    for apart in found:
+        for _ in range(100):
+            s = np.exp(rng.uniform(np.log(0.05), np.log(0.4), (2, 4)))
+            y = rng.normal(np.array([[0.0], [apart]]), np.hypot(0.2, s))
+            low, _, high = group_means(list(zip(y, s, strict=True)), 0.5).difference().quantiles()
+            found[apart] += not low < 0.0 < high
+    # 10 % expected, its Monte Carlo error is 3 %
+    assert found[0.0] / 100 < 0.10 + 3 * 0.03
+    assert found[math.log(1.75)] / 100 > 0.8
 
 
 def test_donors_of_both_groups_are_compared_with_themselves():
@@ -157,25 +197,48 @@ def test_a_donor_counts_once():
     assert (row["donors_a"], row["donors_b"]) == (1, 2) and not isinstance(row["direction"], str)
 
 
+def test_sentences():
+    row = {"group_a": "A", "group_b": "B", "unit": "kPa", "scale": "log", "donors_a": 4}
+    row |= {"donors_b": 4, "difference": 1.5, "difference_low": 1.2, "difference_high": 1.9}
+    row |= {"probability_larger": 0.98, "detectable": 1.9, "direction": "larger"}
+    stiff = row | {"quantity": "stiffness_x at 1.1"}
+    found = "(1.2 to 1.9 times; probability 0.98)"
+    assert sentence(stiff) == f"B is 1.5 times as stiff in x at 1.1 {found}"
+    assert sentence(row | {"quantity": "k1"}) == f"k1 of B is 1.5 times as large {found}"
+    hardly = stiff | {"difference_low": 1.0014}
+    assert "(1.001 to 1.9 times; probability 0.98)" in sentence(hardly)
+    unclear = stiff | {"direction": "open", "difference_low": 0.7, "difference_high": 3.4}
+    shown = "no difference shown (0.7 to 3.4 times); 8 donors could show 1.9 times"
+    assert sentence(unclear) == f"stiffness in x at 1.1: {shown}"
+    angle = row | {"quantity": "alpha", "unit": "deg", "scale": "linear", "difference": -5.0}
+    angle |= {"difference_low": -8.0, "difference_high": -2.0, "probability_larger": 0.004}
+    said = "alpha of B is 5 degrees smaller (-8 to -2 degrees; probability above 0.99)"
+    assert sentence(angle | {"direction": "smaller"}) == said
+    others = [row | {"quantity": q} for q in ("stiffness_x at 1", "stiffness_x at 1.05", "k1")]
+    assert answers([*others, stiff]) == [sentence(stiff), sentence(others[2])]
+
+
 def test_the_study_answers_at_the_top(tmp_path):
     """Page and terminal say how the groups differ, what the law misses, and no file too many."""
     table = grouped(8.0, 32.0, 12.0, 48.0, 10.0, 40.0).assign(law_misses="")
-    table.loc[5, "law_misses"] = "GOH misses the 1:1 protocol by 4 % of its peak"
+    table.loc[5, "law_misses"] = "GOH misses protocol 1:1 by 4 % of its peak"
     others = [
-        table.assign(quantity=name, verdict="not identified")
-        for name in ("k1", "mounting_stretch_x[1:1]", "stiffness[s5-strip]")
+        table.assign(quantity=name) for name in ("mounting_stretch_x[1:1]", "stiffness[s5-strip]")
     ]
     table = pd.concat([table, *others]).reindex(columns=[*STUDY_COLUMNS, "disease"])
     table["folder"] = table["reason"] = table["file"] = ""
-    table["q05"], table["q95"] = table["q50"] * 0.9, table["q50"] * 1.1
-    outcome = StudyResult("two groups", tmp_path, table, pd.DataFrame())
+    outcome = StudyResult("two groups", tmp_path, table)
     written = {path.name for path in write_study(outcome)}
     page, terminal = (tmp_path / "study.html").read_text(), closing_message(outcome)
     for said in (page.partition("<img")[0], terminal):
         assert "B compared with A" in said.replace("<bdi>", "").replace("</bdi>", "")
-        assert "ratio 4" in said and "larger" in said
-        assert "Not identified in 2 donors of each group: k1." in said
-        assert "s5: GOH misses the 1:1 protocol" in said and "s4:" not in said
-    assert "study-group-contrasts.csv" in written and "study-distances.csv" not in written
-    for name in ("study-group-contrasts.csv", "study-distances.csv", "study-contrasts.csv"):
-        assert (name in page) == (name in written)
+        assert "C1 of B is 4 times as large" in said
+        assert "s5: GOH misses protocol 1:1" in said and "s4:" not in said
+    assert "study-group-contrasts.csv" in written and "study-group-contrasts.csv" in page
+
+
+def test_one_specimen_of_a_group_is_nothing_to_compare(tmp_path):
+    table = grouped(8.0, 32.0, 12.0).reindex(columns=[*STUDY_COLUMNS, "disease"])
+    table["folder"] = table["reason"] = table["file"] = ""
+    outcome = StudyResult("one", tmp_path, table)
+    assert "fewer than 2 converged specimens of a group" in closing_message(outcome)

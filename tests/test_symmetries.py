@@ -45,7 +45,7 @@ def cases(draw):
         "mounting": draw(st.sampled_from(["noisy", "exact", "free", "ignored", "zeroed"])),
         "mounting_stretch": draw(st.sampled_from(["shared", "per-protocol"])),
         "fibre_switch": draw(st.booleans()),
-        "noise": draw(st.sampled_from(["misfit", "independent"])),
+        "noise": draw(st.sampled_from(["correlated", "independent"])),
     }
     posterior = Posterior(specimen, misfit_fit=smooth(specimen, options), **options)
     values = {}

@@ -10,12 +10,12 @@ from scipy.integrate import quad
 import biaxbayes
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
 from biaxbayes.errors import InputError
+from biaxbayes.experiments.tube import MMHG_PER_KPA, Tube
 from biaxbayes.figures.bands import bands_figure
 from biaxbayes.figures.specimen import fits_figure, specimen_figure
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
 from biaxbayes.laws.goh import GOH
-from biaxbayes.mechanics.experiments import MMHG_PER_KPA, Tube
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.prediction.stress import predict_stress
@@ -145,10 +145,10 @@ def test_a_pressure_alone_is_enough():
     [
         ("9.2,36", "2.2,36", r"row 8.*outer_diameter_mm.*no lumen"),
         ("9.2,36", "92,36", r"row 8.*outer_diameter_mm.*11.5 is out of range"),
-        ("# thickness_mm: 0.9\n", "", "a tube needs thickness_mm"),
+        ("# thickness_mm: 0.9\n", "", "a pressure file must state thickness_mm"),
         ("0.9\n", "4.5\n", r"row 4.*leaves no lumen"),
         ("# unloaded_length_mm: 30\n", "", "length_mm.*needs the unloaded_length_mm"),
-        ("# test: tube\n", "", "missing column.*a tube by '# test: tube'"),
+        ("# test: tube\n", "", "missing column.*'# test: ...' .*tube"),
         ("length_mm,p", "stretch_q,p", "unknown column"),
         ("# unloaded_length", "# edge_x_mm: 3\n# unloaded_length", "edge_x_mm does not belong"),
         ("# unloaded_length", "# missing_sector_deg: 3\n# unloaded_length", "given twice"),
@@ -162,7 +162,7 @@ def test_what_is_no_tube_is_refused_by_its_row(old, new, message):
         parsed(FILE.replace(old, new, 1))
 
 
-@pytest.mark.parametrize("noise", ["misfit", "independent"])
+@pytest.mark.parametrize("noise", ["correlated", "independent"])
 def test_a_tube_beside_a_square_has_the_likelihood_of_its_readings(noise):
     """The compiled density against loads in NumPy, and each reading in its own unit."""
     square = specimen(GOH(*MATERIAL.values()), increments=8)
@@ -194,12 +194,25 @@ def test_the_unit_of_the_force_does_not_matter():
         metadata=HEADER | {"unloaded_outer_diameter_mm": 80.0, "axial_force_noise_N": 0.3},
         protocols=tuple(replace(p, load_y=100.0 * p.load_y) for p in small.protocols),
     )
-    for noise in ("misfit", "independent"):
+    for noise in ("correlated", "independent"):
         one, other = (Posterior(s, noise=noise) for s in (small, large))
         values = {**MATERIAL, "C1": np.array([14.0, 16.0, 18.0]), "noise_sd": 0.1}
         a, b = (p.natural(p.coordinates(values))["log_likelihood"] for p in (one, other))
         np.testing.assert_allclose(np.diff(a), np.diff(b), rtol=1e-6)
     assert one.fit.material.values == pytest.approx(other.fit.material.values, rel=1e-6)
+
+
+def test_stresses_of_a_thin_wall_are_those_of_the_law():
+    """Around and along, from pressure and the force on the closed end; by s_t / 2 without force."""
+    goh = GOH(*MATERIAL.values())
+    tube, (stretch,) = Tube(10.0, 0.01), states(1.15)
+    wall = tube.stresses(stretch, readings(tube, stretch, MATERIAL))
+    law = np.column_stack(goh.cauchy(*stretch.T))
+    assert np.ptp(law[:, 1]) > 10.0  # kPa
+    np.testing.assert_allclose(wall, law, rtol=5e-3, atol=0.05)
+    alone = replace(tube, reads_force=False)
+    wall = alone.stresses(stretch, readings(alone, stretch, MATERIAL))
+    np.testing.assert_allclose(wall, law[:, :1] * [[1.0, 0.5]], rtol=5e-3, atol=0.05)
 
 
 def test_stresses_of_the_wall_follow_the_pressure_that_was_read():
@@ -210,7 +223,13 @@ def test_stresses_of_the_wall_follow_the_pressure_that_was_read():
     protocol = Protocol("1", *stretch.T, *load.T)
     known = {"unloaded_outer_diameter_mm": 20.0}
     made = Specimen(
-        "thin", (protocol,), "tube", thickness_mm=0.01, load_noise=1e-4, metadata=known, test="tube"
+        "thin",
+        (protocol,),
+        "pressure",
+        thickness_mm=0.01,
+        load_noise=1e-4,
+        metadata=known,
+        test="tube",
     )
     draws = pd.DataFrame([MATERIAL] * 40)
     table = predict_stress(Posterior(made), draws, stretch[8:])
@@ -246,7 +265,7 @@ def test_a_fit_finds_the_material_of_a_tube():
 
 def test_intervals_of_a_virtual_tube_hold_its_material():
     """With a misfit of 2 %, at two axial stretches; wide 98 % intervals, one fixed seed."""
-    run = sampled(virtual_tube(1.1, 1.25, misfit=0.02), noise="misfit")
+    run = sampled(virtual_tube(1.1, 1.25, misfit=0.02), noise="correlated")
     assert run.state == "converged"
     assert not any(name.startswith("mounting") for name in run.draws)
     for name, true in MATERIAL.items():
@@ -267,11 +286,6 @@ def test_pressure_and_force_have_axes_of_their_own():
     figure = bands_figure(Posterior(data, noise="independent"), draws)
     under = {ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()}
     assert under == {"measured circumferential stretch"}
-
-
-def test_a_tube_has_no_mounting_stretch_whose_cost_could_be_shown():
-    with pytest.raises(InputError, match="stretches of a tube are total"):
-        biaxbayes.ledger(virtual_tube(1.2))
 
 
 def test_truths_of_a_tube_are_drawn_at_the_stress_of_its_wall():
@@ -295,7 +309,7 @@ def test_truths_of_a_tube_are_drawn_at_the_stress_of_its_wall():
 
 def test_a_square_has_no_opening_angle_and_no_pressure():
     square = "# test: biaxial\nstretch_x,stretch_y,piola_x_kPa,piola_y_kPa,pressure_kPa\n1,1,1,1,1"
-    with pytest.raises(InputError, match="column of tubes; state '# test: tube'"):
+    with pytest.raises(InputError, match="a biaxial test has no such column; state '# test: tube'"):
         parsed(f"{square}\n1.1,1.1,2,2,2\n")
     made = specimen(GOH(*MATERIAL.values()))
     with pytest.raises(InputError, match="missing_sector_deg does not belong to a biaxial test"):

@@ -11,6 +11,7 @@ from biaxbayes.identifiability.verdict import (
     COMBINATION,
     FIXED,
     IDENTIFIED,
+    MEASURED,
     NO_VERDICT,
     NOT_IDENTIFIED,
     Diagnostics,
@@ -141,19 +142,18 @@ MOUNTED = replace(LOOSE, parameter=STRETCH, median=1.02, low=1.01, high=1.03)
     ],
 )
 def test_a_mounting_stretch_may_hold_from_below(changes, verdict, bound):
-    found = assess_stretch(replace(MOUNTED, **changes), T, measured=False)
+    found = assess_stretch(replace(MOUNTED, **changes), T, None)
     assert (found.verdict, found.bound) == (verdict, bound)
 
 
 def test_a_mounting_stretch_that_was_measured_is_known_whatever_the_force_says():
     prior = replace(MOUNTED, by_prior=(True, True), posterior_sd=0.1)
-    found = assess_stretch(prior, T, measured=True)
-    assert found.verdict == IDENTIFIED and "measured" in found.reason
+    assert assess_stretch(prior, T, (prior.median, 0.1)).verdict == MEASURED
 
 
-def together(diagnostics, state="converged", **priors):
+def together(diagnostics, state="converged", given=(), **priors):
     scales = [ComparisonScale(Quantity(p), priors.get(p.name, FLAT)) for p in (K1, ALPHA, KAPPA)]
-    found = assess_parameters(scales, diagnostics, GOH_LAW, state, thresholds=T)
+    found = assess_parameters(scales, diagnostics, GOH_LAW, state, thresholds=T, given=given)
     return {p.name: p.assessment for p in found}
 
 
@@ -179,6 +179,17 @@ def test_a_partner_that_is_open_or_hardly_known_counts_as_weak(weak):
     assert together(ALL | {"k1": traded})["k1"].verdict == IDENTIFIED
     found = together(ALL | {"k1": traded, "kappa": replace(LOOSE, **weak)})
     assert found["k1"].verdict == COMBINATION
+
+
+def test_what_rests_on_a_prior_that_the_user_gave_says_so():
+    known = "the data determine it"
+    prior_decides = ALL | {"kappa": replace(LOOSE, posterior_sd=0.0999)}
+    assert together(prior_decides)["k1"].reason == known
+    found = together(prior_decides, given=["kappa"])
+    assert found["k1"].reason == f"given your prior of kappa, {known}"
+    assert (found["k1"].verdict, found["kappa"].verdict) == (IDENTIFIED, NOT_IDENTIFIED)
+    # a record that narrows the prior speaks for itself
+    assert together(ALL, given=["kappa"])["k1"].reason == known
 
 
 def test_what_is_fixed_or_tied_has_no_verdict_and_neither_have_chains_that_do_not_agree():

@@ -19,7 +19,7 @@ from biaxbayes.specimens.virtual_specimen import (
     Machine,
     virtual_specimen,
 )
-from biaxbayes.tables.table import ALL_SHEETS, read_tables
+from biaxbayes.tables.layout import ALL_SHEETS, read_tables
 from make_specimens import make
 
 TABLE2 = {
@@ -40,7 +40,7 @@ TEST = {"name": "t", "mounting_stretch": (1.02, 1.01), "measured_stretch": 1.2, 
 @pytest.mark.parametrize("pair", ["force", "piola", "cauchy"])
 def test_the_mounting_reading_leads_back_to_the_mounting_stretch(pair, geometry):
     # The root-finder knows nothing of how the record was made.
-    machine = Machine(stress_pair=pair, geometry=geometry)
+    machine = Machine(loads=pair, geometry=geometry)
     specimen, truth = virtual_specimen(MEDIA, **TEST, machine=machine, seed=1)
     reading = specimen.mounting_reading(specimen.protocols[0]) / specimen.area
     state = mounted_state(MEDIA, *reading, geometry=geometry)
@@ -49,7 +49,7 @@ def test_the_mounting_reading_leads_back_to_the_mounting_stretch(pair, geometry)
 
 
 def test_cauchy_and_piola_files_of_the_mounted_geometry_are_what_a_lab_computes():
-    machine = Machine(stress_pair="cauchy", geometry="mounted")
+    machine = Machine(loads="cauchy", geometry="mounted")
     specimen, _ = virtual_specimen(MEDIA, **TEST, machine=machine, seed=1)
     force, _ = virtual_specimen(MEDIA, **TEST, seed=1)
     p, f = specimen.protocols[0], force.protocols[0]

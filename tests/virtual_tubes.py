@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from biaxbayes.experiments import Tube
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import law_named
-from biaxbayes.mechanics.experiments import Tube
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
@@ -40,6 +40,6 @@ def virtual_tube(
         load = load + rng.normal(size=load.shape) * noise
         protocols.append(Protocol(f"at {stretch[0, 1]:g}", *stretch.T, *load.T))
     return Specimen(
-        "tube", tuple(protocols), "tube", thickness_mm=0.9, load_noise=noise[0], metadata=HEADER,
-        test="tube",
+        "tube", tuple(protocols), "pressure", thickness_mm=0.9, load_noise=noise[0],
+        metadata=HEADER, test="tube",
     )  # fmt: skip

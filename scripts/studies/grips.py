@@ -22,7 +22,7 @@ from biaxbayes import GOH, Dimensions, prepare, read_specimen
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.fem.sheet_tester import Hooks
 from biaxbayes.fitting.fit import fit
-from biaxbayes.fitting.result import FitResult
+from biaxbayes.fitting.fit_result import FitResult
 from biaxbayes.grips.correction import (
     COARSE_ELEMENTS,
     GripCorrection,
@@ -172,7 +172,7 @@ def following_r(specimen: Specimen, runs: int = RUNS, steps: int = STEPS) -> pd.
     to finite elements at draws of the posterior. Both posteriors are sampled by emcee.
     """
     correction = correct_for_grips(specimen, fitted)
-    posterior = prepare(correction.specimen, thin="none")
+    posterior = prepare(correction.specimen, max_rows="none")
     draws = draw_posterior(posterior, Plan(ess=500.0))
     columns = {name: np.ravel(values) for name, values in draws.quantities.items()}
     at_fit = log_ratios(correction.ratios)

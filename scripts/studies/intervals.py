@@ -40,7 +40,7 @@ from studies.common import (
 )
 
 HOOKED = ("hooked-media", "hooked-weisbecker")
-NOISES = ("misfit", "independent")
+NOISES = ("correlated", "independent")
 LABELS = {"C1": "C1_kPa", "k1": "k1_kPa", "k2": "k2", "alpha": "alpha_deg", "kappa": "kappa"}
 PARAMETERS = (*LABELS, "mounting_stretch_x", "mounting_stretch_y")
 FIRST_SEED = 1000  # far from the shipped ones

@@ -100,17 +100,10 @@ def summary(records: list[dict[str, Any]]) -> pd.DataFrame:
 
 
 def measured(folder: Path) -> pd.DataFrame:
-    """What ``biaxbayes laws`` found of a specimen: laws by the density of what was left out.
-
-    ``band_coverage`` is the share of all left-out readings inside the 90 % band.
-    """
-    laws, parts = (pd.read_csv(folder / name) for name in ("laws.csv", "left-out.csv"))
-    weighted = parts[["band_coverage", "band_width"]].mul(parts["readings"], axis=0)
-    sums = weighted.assign(law=parts["law"], readings=parts["readings"]).groupby("law").sum()
-    bands = sums[["band_coverage", "band_width"]].div(sums["readings"], axis=0)
+    """What ``biaxbayes laws`` found of a specimen: laws by the density of what was left out."""
     columns = ["law", "rms_kPa", "left_out_rms_kPa", "left_out_density_nats", "weight", "state"]
-    table = laws[columns].sort_values("left_out_density_nats", ascending=False)
-    return table.merge(bands, on="law", how="left")
+    laws = pd.read_csv(folder / "laws.csv")[columns]
+    return laws.sort_values("left_out_density_nats", ascending=False)
 
 
 def main() -> None:

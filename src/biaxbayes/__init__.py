@@ -34,7 +34,6 @@ _EXPORTS = {
     "profile": "biaxbayes.verbs.profile",
     "compare": "biaxbayes.verbs.compare",
     "compare_laws": "biaxbayes.verbs.laws",
-    "ledger": "biaxbayes.verbs.ledger",
     "design": "biaxbayes.verbs.design",
     "calibrate": "biaxbayes.verbs.calibrate",
     "predict": "biaxbayes.verbs.predict",

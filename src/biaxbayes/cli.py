@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import sys
+import threading
 import warnings
+from collections.abc import Iterator
 from importlib import import_module
+from types import FrameType
 from typing import Any
 
 import click
@@ -90,11 +94,32 @@ def main(arguments: list[str] | None = None) -> None:
     # ArviZ 0.23 announces ArviZ 1 once a day.
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     try:
-        sys.exit(_outcome(arguments))
+        with _ended_by_signals():
+            sys.exit(_outcome(arguments))
     except BrokenPipeError:
         # The reader of the output has closed it; nothing may be flushed into it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, with the processes that it started."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt(number)
+
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    usual = [n for n in numbers if signal.getsignal(n) is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        usual = []
+    for number in usual:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number in usual:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _outcome(arguments: list[str] | None) -> int:
@@ -123,7 +148,10 @@ def _outcome(arguments: list[str] | None) -> int:
             raise
         return _ended(f"{os_error_text(error)}; check space and permissions", 2)
     except MemoryError:
-        return _ended("not enough memory; thin the record or ask for fewer draws", 2)
+        return _ended(
+            "not enough memory; give a smaller --max-rows, or ask for fewer draws",
+            2,
+        )
     except Exception as error:
         return _internal(error)
     return outcome if isinstance(outcome, int) else 0

@@ -2,6 +2,7 @@
 
 BiaxbayesError
 |-- InputError        a file, an option or a prior that cannot be used (exit 2)
+|   |-- ReadingError  a value in the arrays or arguments of a specimen (exit 2)
 |   `-- TaredSpecimen the mounting force was zeroed; no mounting stretch can be inferred (exit 2)
 |-- RunError          a run folder that is damaged, locked or of another problem (exit 2)
 |   `-- CannotResume  a checkpoint that is damaged or of another problem (exit 2)
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 
 class BiaxbayesError(Exception):
@@ -52,6 +54,39 @@ class InputError(BiaxbayesError):
         super().__init__(printable(text))
 
 
+class ReadingError(InputError):
+    """A value of an argument of a protocol or a specimen that cannot be used.
+
+    ``index`` is that of the value in its array, from 0.
+    """
+
+    def __init__(
+        self,
+        fault: str,
+        *,
+        argument: str,
+        index: int | None = None,
+        protocol: str | None = None,
+        remedy: str | None = None,
+    ) -> None:
+        self.fault, self.argument, self.index, self.protocol = fault, argument, index, protocol
+        location = argument if index is None else f"{argument}[{index}] (row {index + 1})"
+        where = None if protocol is None else f"protocol {protocol[:40]!r}"
+        # a fault such as "rest_rows must be ..." already names its argument
+        text = fault if fault.startswith(argument) else f"{location}: {fault}"
+        super().__init__(text, file=where, remedy=remedy)
+
+    def at(self, file: object, lines: Any, columns: Mapping[str, str]) -> InputError:
+        """The same error in a file, by the lines of the array and the columns of the arguments."""
+        return InputError(
+            self.fault,
+            file=file,
+            row=None if self.index is None else int(lines[self.index]),
+            column=columns.get(self.argument),
+            remedy=self.remedy,
+        )
+
+
 class TaredSpecimen(InputError):
     """The force at the mounted state is zero: the load cell was tared after mounting."""
 
@@ -81,6 +116,7 @@ class Interrupted(BiaxbayesError):
     def __init__(
         self, problem: str, signal: int = 0, *, folder: object = None, resume: bool = True
     ) -> None:
+        self.done = problem  # without how to go on
         if folder is not None:
             option = " with `resume=True`" if resume else ""
             problem += f", all saved in {folder}; the same command{option} continues"
@@ -92,6 +128,12 @@ class Interrupted(BiaxbayesError):
 def two_digits(value: float) -> str:
     """A number with two significant digits, and not in powers of ten (120, not 1.2e+02)."""
     return f"{float(f'{value:.2g}'):g}"
+
+
+def load_text(load: float, unit: str) -> str:
+    """A load with two digits and its unit, below 0.1 N in mN."""
+    small = unit == "N" and abs(load) < 0.1
+    return f"{two_digits(1e3 * load)} mN" if small else f"{two_digits(load)} {unit}"
 
 
 def printable(text: str) -> str:

@@ -1,6 +1,6 @@
 r"""The forward model: from material, mounted state and dimensions to the readings of a piece.
 
-    q_i = sum_p sum_k  w_pik g_k s_k(theta, l_p lm)          (.mechanics.experiments)
+    q_i = sum_p sum_k  w_pik g_k s_k(theta, l_p lm)          (.experiments)
     g_k = c A_k / lm_k      dimensions of the unloaded state
     g_k = c A_k             dimensions of the mounted state
     f_i = q_i + z_i + error,  i = x, y
@@ -27,14 +27,15 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.experiments import BIAXIAL, Experiment
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import cauchy_stress, squared_stretches
-from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, with_free_side
 from biaxbayes.mechanics.mounting import (
     mounted_section,
     sections,
     solve_balance,
     unloaded_section,
+    with_free_side,
 )
 from biaxbayes.options import Settings
 from biaxbayes.parameters import DIMENSION_PARAMETERS, STIFFNESS, mounting_names, name_of

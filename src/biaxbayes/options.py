@@ -21,10 +21,11 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import BiaxbayesError, InputError, RunError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_key, law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.tasks import DEFAULT_WORKERS, usual_numpy_errors
+from biaxbayes.text_files import cache_problem
 
 # --- an option, its help text and its check ------------------------------------------------------
 
@@ -210,7 +211,14 @@ def for_users(verb: Verb) -> Verb:
             if not any(isinstance(value, types) for types, _ in kinds):
                 allowed = " or ".join(words for _, words in kinds)
                 raise InputError(f"`{name}` must be {allowed}, not {type(value).__name__}")
-        return verb(*arguments, **options)
+        try:
+            return verb(*arguments, **options)
+        except BiaxbayesError:
+            raise
+        except Exception as error:
+            if problem := cache_problem(error):
+                raise RunError(problem) from None
+            raise
 
     return usual_numpy_errors(checked)  # type: ignore[return-value]
 
@@ -220,8 +228,8 @@ def for_users(verb: Verb) -> Verb:
 INFERRING_MODES = ("noisy", "exact", "free")
 """Modes of the mounting force in which the mounting stretch is unknown."""
 MOUNTING_MODES = (*INFERRING_MODES, "ignored", "zeroed")
-MISFIT, INDEPENDENT = "misfit", "independent"
-ERRORS = (MISFIT, INDEPENDENT)
+CORRELATED, INDEPENDENT = "correlated", "independent"
+ERRORS = (CORRELATED, INDEPENDENT)
 """Errors of readings: a smooth misfit of the law and the noise of the load cell, or independent
 errors alone, for what follows the law exactly."""
 MOUNTING_STRETCH = ("shared", "per-protocol")
@@ -258,7 +266,7 @@ PLOTS = {
 }
 """Figures of a run and the stems of their files."""
 FIGURE_FORMATS = ("pdf", "svg", "png")
-REPORTS = {"html": "report.html", "latex": "report.tex", "explore": "explore.html"}
+REPORTS = {"html": "report.html", "latex": "report.tex"}
 """Kinds of report and their files in a run."""
 
 
@@ -277,14 +285,14 @@ class Settings(Options):
     )
     mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING_MODES)
     noise: str = option(
-        MISFIT,
+        CORRELATED,
         "Errors of the readings: a smooth misfit of the law and the load cell's noise, or "
         "independent errors alone.",
         choices=ERRORS,
     )
     toe: float = option(
         0.2,
-        "Relative error (sd) of the law at the mounted state, where tissue is softest.",
+        "Sd of the prior of the law's relative error near the mounted state, where tissue is soft.",
         minimum=0.0,
         maximum=2.0,
     )
@@ -295,19 +303,19 @@ class Settings(Options):
     )
     mounting_sd: float = option(
         0.1,
-        "Sd of the prior of the mounting stretches, about 1.",
+        "Scale of the prior of the mounting stretches, a Student t about 1.",
         minimum=0.0,
         maximum=10.0,
         open_ends=True,
     )
     piece_sd: float = option(
         0.1,
-        "Sd (of its log) of the stiffness of a further piece of the tissue over that of the first.",
+        "Scale (of its log) of a further piece's stiffness over that of the first, a Student t.",
         minimum=0.0,
         maximum=3.0,
         open_ends=True,
     )
-    thin: int = 0
+    max_rows: int = 0
     """Largest number of rows per protocol; longer ones are averaged down to it. 0 keeps all."""
     fibre_switch: bool = option(
         False,
@@ -333,7 +341,7 @@ class Settings(Options):
     @property
     def has_misfit(self) -> bool:
         """Whether the likelihood holds a smooth misfit of the law."""
-        return self.noise == MISFIT
+        return self.noise == CORRELATED
 
     @property
     def infers_mounting(self) -> bool:
@@ -372,9 +380,9 @@ class Settings(Options):
 
 @dataclass(frozen=True)
 class ModelOptions(Settings):
-    """The same as the user sets it: `thin` may also be ``none`` or ``auto``."""
+    """The same as the user sets it: `max_rows` may also be ``none`` or ``auto``."""
 
-    thin: int | str = option(  # type: ignore[assignment]
+    max_rows: int | str = option(  # type: ignore[assignment]
         AUTOMATIC,
         "Average longer protocols to N rows; auto: above 200 rows to 100, not with independent "
         "errors.",
@@ -385,12 +393,12 @@ class ModelOptions(Settings):
     def check(cls, name: str, value: Any, where: str = "", file: object = None) -> None:
         """As :meth:`Options.check`; the number of rows may be text from the command line."""
         super().check(name, value, where, file)
-        if name == "thin" and value not in (ALL_ROWS, AUTOMATIC):
+        if name == "max_rows" and value not in (ALL_ROWS, AUTOMATIC):
             text = str(value) if isinstance(value, str | numbers.Integral) else ""
             digits = text.lstrip("0")  # empty for zero
             if isinstance(value, bool) or not digits.isdecimal() or len(digits) > 15:
                 raise InputError(
-                    f"{where}thin must be a number of rows, {ALL_ROWS} or {AUTOMATIC}",
+                    f"{where}max_rows must be a number of rows, {ALL_ROWS} or {AUTOMATIC}",
                     file=file,
                     remedy=f"{ALL_ROWS} keeps all rows",
                 )
@@ -495,9 +503,6 @@ class CalibrationPlan(Options):
         "Effective draws of each replication, at least 200: true values are ranked among 127.",
         minimum=200,
     )
-    broken: str = option(
-        "", "Leave out the determinant, or the noise, to see that the test notices.", flag="break"
-    )
 
 
 @dataclass(frozen=True)
@@ -550,7 +555,6 @@ class DesignOptions(Options):
         "parameters",
         "Rank by the mean over the parameters, 'information', or one quantity, such as kappa.",
     )
-    seed: int = option(1, SEED_HELP, minimum=0)
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,27 @@ def no_progress(progress: Progress) -> None:
     """No progress is shown."""
 
 
-def time_left(start: float, done: float, missing: float) -> str:
-    """Time that the missing tasks will take, as text; `start` as of time.monotonic()."""
-    left = (time.monotonic() - start) * missing / done if done else 0.0
-    if left < 1.0:
-        return ""
-    return f", about {f'{left:.0f} s' if left < 90.0 else f'{left / 60:.0f} min'} left"
+class Pace:
+    """Progress as one line, with the time left at the pace since the work could be measured."""
+
+    def __init__(self) -> None:
+        self._since: tuple[float, float] | None = None  # clock and share
+
+    def line(self, progress: Progress) -> str:
+        """Phase, share and time left, as far as they are known."""
+        share = progress.share
+        if share is None:
+            self._since = None
+            return progress.phase
+        now = time.monotonic()
+        if self._since is None or share < self._since[1]:
+            self._since = now, share
+        begun, first = self._since
+        left = (now - begun) * (1.0 - share) / (share - first) if share > first else 0.0
+        text = f"{progress.phase}, {100 * share:.0f} %"
+        if left < 1.0:
+            return text
+        return f"{text}, about {f'{left:.0f} s' if left < 90.0 else f'{left / 60:.0f} min'} left"
 
 
 # --- how progress is shown: on a terminal, in a notebook, in a log file --------------------------
@@ -44,57 +59,34 @@ def time_left(start: float, done: float, missing: float) -> str:
 
 @contextlib.contextmanager
 def terminal_line() -> Iterator[OnProgress]:
-    """A live bar: phase, share, time spent and left."""
-    from rich import progress as columns
+    """A line that is replaced, with a spinner."""
     from rich.console import Console
-    from rich.text import Text
+    from rich.markup import escape
 
-    class TimeLeft(columns.TimeRemainingColumn):
-        """Time left; empty while it is unknown."""
-
-        def render(self, task: Any) -> Text:
-            left = super().render(task).plain
-            return Text(f"{left} left" if left.strip("-:") else "")
-
-    bar = columns.Progress(
-        columns.SpinnerColumn(),
-        columns.TextColumn("{task.description}"),
-        columns.BarColumn(),
-        columns.TaskProgressColumn(),
-        columns.TimeElapsedColumn(),
-        columns.TextColumn("elapsed"),
-        TimeLeft(),
-        console=Console(stderr=True),
-        transient=True,
-    )
-    with bar:
-        task = bar.add_task("starting", total=None)
+    console, pace = Console(stderr=True), Pace()
+    with console.status("starting") as status:
 
         def show(progress: Progress) -> None:
             if progress.note:
-                bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
-            # A task of rich that is complete once stays so, and its clock stops.
-            share = min(progress.share or 0.0, 0.999)
-            bar.tasks[0].total = None if progress.share is None else 1.0
-            bar.update(task, description=progress.phase, completed=share)
+                console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
+            status.update(escape(pace.line(progress)))
 
         yield show
 
 
 @contextlib.contextmanager
 def notebook_line() -> Iterator[OnProgress]:
-    """One line of text that a notebook replaces; a bar of rich would need ipywidgets."""
+    """One line of text that a notebook replaces; rich would need ipywidgets."""
     from IPython.display import display
 
-    shown = ""
+    shown, pace = "", Pace()
     line = display({"text/plain": "starting"}, raw=True, display_id=True)
 
     def show(progress: Progress) -> None:
         nonlocal shown
         if progress.note:
             print(f"biaxbayes: {progress.note}")
-        share = "" if progress.share is None else f" {100 * progress.share:.0f} %"
-        if (text := f"{progress.phase}{share}") != shown:
+        if (text := pace.line(progress)) != shown:
             shown = text
             line.update({"text/plain": text}, raw=True)
 
@@ -110,19 +102,18 @@ SECONDS_PER_MINUTE = 60.0
 @contextlib.contextmanager
 def minute_lines(every: float = SECONDS_PER_MINUTE) -> Iterator[OnProgress]:
     """Print notes at once and the progress each minute, by a thread: also during long steps."""
-    latest = Progress("starting")
+    latest, pace = "starting", Pace()
     begin, done = time.monotonic(), threading.Event()
 
     def show(progress: Progress) -> None:
         nonlocal latest
-        latest = progress
+        latest = pace.line(progress)
         _print_note(progress)
 
     def repeat() -> None:
         while not done.wait(every):
-            share = "" if latest.share is None else f", {100 * latest.share:.0f} %"
-            spent = f"{(time.monotonic() - begin) / SECONDS_PER_MINUTE:.0f} min"
-            print(f"biaxbayes: {latest.phase}{share}, {spent}", file=sys.stderr, flush=True)
+            spent = f"{(time.monotonic() - begin) / SECONDS_PER_MINUTE:.0f} min spent"
+            print(f"biaxbayes: {latest}; {spent}", file=sys.stderr, flush=True)
 
     thread = threading.Thread(target=repeat, daemon=True)
     thread.start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import math
 import os
 import re
@@ -60,7 +61,7 @@ def read_bytes(path: Path, *, limit: int = MAX_TEXT_BYTES) -> bytes:
             raise InputError("is not a regular file", file=path, remedy="name a file on disk")
         if status.st_size > limit:
             problem = f"is larger than {limit // 1_000_000} MB"
-            raise InputError(problem, file=path, remedy="thin or split the record")
+            raise InputError(problem, file=path, remedy="split the record, or leave out rows")
         raw = path.read_bytes()
     except FileNotFoundError:
         raise InputError("no such file", file=path, remedy="check the path") from None
@@ -110,7 +111,9 @@ def read_lines(path: Path) -> list[str]:
     lines = read_text(path).split("\n")
     if len(lines) > MAX_LINES + 1:
         raise InputError(
-            f"has more than {MAX_LINES:,} lines", file=path, remedy="thin or split the record"
+            f"has more than {MAX_LINES:,} lines",
+            file=path,
+            remedy="split the record, or leave out rows",
         )
     for row, line in enumerate(lines, 1):
         if len(line) > MAX_LINE:
@@ -245,6 +248,19 @@ def make_folder(path: Any) -> Path:
     return folder
 
 
+MADE_HERE = "made by biaxbayes"
+"""Pictures and pages of this program have it, as a comment."""
+
+
+def refuse_foreign(path: Path) -> None:
+    """Refuse to replace a file that is not empty and no picture or page of this program."""
+    if path.is_dir():
+        raise InputError("is a folder, not a file", file=path, remedy="give a file name")
+    if path.exists() and path.stat().st_size and MADE_HERE.encode() not in path.read_bytes():
+        remedy = "choose another name, or remove it"
+        raise InputError("exists, and biaxbayes did not make it", file=path, remedy=remedy)
+
+
 def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file whole or not at all, also on a power cut: temporary name, fsync, rename."""
     atomic_write_all({path: data})
@@ -278,11 +294,27 @@ def atomic_write_all(contents: Mapping[Path, bytes | memoryview]) -> None:
                 waiting.unlink(missing_ok=True)
     for folder in {path.parent for path in contents}:
         sync_folder(folder)
+    for path, data in contents.items():
+        _list_written(path, data)
+
+
+WRITTEN = ".written"
+"""List in a folder of what was written into it: lines of SHA-256 and name, as sha256sum has them.
+A folder that has one is of a run, say: these files go when its draws are replaced."""
+
+
+def _list_written(path: Path, data: bytes | memoryview) -> None:
+    """Add a file to the list of its folder, or of the two above, where there is one."""
+    for folder in list(path.parents)[:3]:
+        name, lists = path.relative_to(folder).as_posix(), folder / WRITTEN
+        if lists.is_file() and not lists.is_symlink() and "/." not in f"/{name}":
+            with contextlib.suppress(OSError), lists.open("a", encoding="utf-8") as lines:
+                lines.write(f"{hashlib.sha256(data).hexdigest()}  {name}\n")
 
 
 def atomic_write_text(path: Path, text: str) -> None:
-    """UTF-8 text through :func:`atomic_write_bytes`."""
-    atomic_write_bytes(path, text.encode("utf-8"))
+    """UTF-8 text through :func:`atomic_write_bytes`; of the name of a file it may not be UTF-8."""
+    atomic_write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
 def sync_folder(folder: Path) -> None:
@@ -356,11 +388,25 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
 
 def os_error_text(error: OSError) -> str:
     """An error of the operating system in one line with its path."""
-    where, remedy = error.filename, ""
-    frames = traceback.walk_tb(error.__traceback__)
-    if any(frame.f_globals.get("__name__") == "numba.core.caching" for frame, _ in frames):
-        from biaxbayes.compilation import CACHE  # loaded, as its functions are being compiled
+    return f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
 
-        where = where or CACHE
-        remedy = "; NUMBA_CACHE_DIR names another folder for compiled code"
-    return f"{f'{where}: ' if where else ''}{error.strerror or error}{remedy}"
+
+def cache_problem(error: Exception) -> str:
+    """What to do about an error in numba's cache of compiled code; empty for other errors.
+
+    Numba raises whatever reading a damaged file raises. Its files are removed then, as they can be
+    compiled again.
+    """
+    frames = traceback.walk_tb(error.__traceback__)
+    if not any(frame.f_globals.get("__name__") == "numba.core.caching" for frame, _ in frames):
+        return ""
+    from biaxbayes.compilation import CACHE  # loaded, as its functions are being compiled
+
+    if isinstance(error, OSError):
+        where = error.filename or CACHE
+        remedy = "NUMBA_CACHE_DIR names another folder for compiled code"
+        return f"{where}: {error.strerror or error}; check space and permissions; {remedy}"
+    for path in CACHE.rglob("*.nb[ic]") if CACHE else ():
+        with contextlib.suppress(OSError):
+            path.unlink()
+    return f"{CACHE}: compiled code was damaged and is removed; run the same command again"

@@ -37,7 +37,7 @@ from studies.common import (
     write_table,
 )
 
-NOISES = ("independent", "misfit")
+NOISES = ("independent", "correlated")
 TIMES_OURS, LEAST_LIMIT = 20.0, 20.0
 """Plain emcee may take so many times as long as ours to converge, and so many seconds at least."""
 FULL = {"steps": 384, "live": 3000, "limit": 300}

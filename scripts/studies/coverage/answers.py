@@ -1,7 +1,7 @@
 """What one version of the package reports of specimen files; run as a process of its own.
 
 Reads one line of JSON for each specimen, and answers it by another: ``file``, ``options`` of the
-posterior, ``withheld`` laws and a ``path`` to predict. It runs under any version that has
+posterior and a ``path`` to predict. It runs under any version that has
 ``prepare``, ``draw_posterior`` and ``identify_draws``, whichever the Python path leads to.
 """
 
@@ -11,7 +11,6 @@ import inspect
 import json
 import sys
 import time
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,9 @@ import pandas as pd
 
 from biaxbayes import prepare, read_specimen
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.identifiability.identify import identify_draws, run_law_fits
+from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.prediction.predictive_checks import predictive_checks
 from biaxbayes.prediction.stress import predict_stress
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
@@ -41,13 +39,7 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     seconds = {name: round(value, 2) for name, value in drawn.seconds.items()}
     seconds["processor, sampled"] = time.process_time() - processor
     state, draws = drawn.convergence.state, draw_table(drawn.quantities)
-    fits = None
-    if state == "converged":
-        asked = inspect.signature(run_law_fits).parameters["laws"].default
-        fits = run_law_fits(posterior, [n for n in asked if n not in request["withheld"]])
-    found = identify_draws(posterior, draws, state, fits=fits)
-    if hasattr(found, "checks"):  # a version that judges the law without its misfit
-        found = replace(found, checks=predictive_checks(posterior, draws))
+    found = identify_draws(posterior, draws, state)
     rows = []
     for row in found.reported:
         q05, q50, q95 = (float(v) for v in np.quantile(draws[row.name], [0.05, 0.5, 0.95]))
@@ -93,7 +85,7 @@ def bands(posterior: Posterior, draws: pd.DataFrame, path: np.ndarray) -> dict[s
         "settings": posterior.settings,
     }
     given = {name: value for name, value in known.items() if name in names}
-    table = predict(path=path, reference="measured", stress="piola", **given)
+    table = predict(path=path, relative_to="mounted", stress="piola", **given)
     kept = [name for name in table if name.startswith("piola")]
     return {name: table[name].round(6).tolist() for name in kept}
 

@@ -348,8 +348,6 @@ class Case:
     left_out : ndarray, shape (n, 6), or None
         A path that is not in the file: stretches, the tissue's nominal stresses, readings of them,
         kPa, x and y each. None where the misfit is not a function of the stretches.
-    withheld : tuple of str
-        Law of the truth, which nothing may ask.
     mounting_sd : float or None
         Sd of the prior of the mounting stretches, where a user would change it.
     """
@@ -358,7 +356,6 @@ class Case:
     text: str
     truth: dict[str, float]
     left_out: np.ndarray | None
-    withheld: tuple[str, ...] = ()
     mounting_sd: float | None = None
 
 
@@ -394,7 +391,6 @@ def make_case(family: str, protocols: int, seed: int) -> Case:
         _file(f"{family}-{protocols}-{seed}", paths, readings, (edge_x, edge_y, thickness, sd)),
         tissue.parameters | {name: float(value) for name, value in truth.items()},
         left_out if known_there and protocols > 1 else None,
-        (kind,) if kind in ("four-fibre", "fung") else (),
         0.3 if family in FAR and seed % 2 == 0 else None,
     )
 

@@ -73,7 +73,7 @@ def judge(
     with tempfile.NamedTemporaryFile("w", suffix=".csv", encoding="utf-8") as file:
         file.write(case.text)
         file.flush()
-        request = {"file": file.name, "options": options, "withheld": case.withheld, "path": path}
+        request = {"file": file.name, "options": options, "path": path}
         process.stdin.write(json.dumps(request) + "\n")
         process.stdin.flush()
         line = process.stdout.readline()

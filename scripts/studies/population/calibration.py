@@ -20,7 +20,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.populations.hierarchy import MIN_INSIDE_PROBABILITY
 from biaxbayes.populations.model import PooledValue, PopulationPriors, pooled_values
-from biaxbayes.populations.result import Population
+from biaxbayes.populations.population_result import Population
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 from studies.population.pooling import pool, sampled

@@ -16,7 +16,7 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations import sampler
 from biaxbayes.populations.model import Grouping, PopulationPriors, make_layout, pooled_values
-from biaxbayes.populations.result import Population, draw_sources
+from biaxbayes.populations.population_result import Population, draw_sources
 from biaxbayes.populations.specimens import Source, pooled_names
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Draws, Plan

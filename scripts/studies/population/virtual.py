@@ -59,8 +59,8 @@ class Plan:
 PLANS = {
     "ridge": Plan(12, three_protocols=(1, 5, 9), noise_N=0.01, increments=12),
     "alike": Plan(12, three_protocols=(), noise_N=0.01, increments=12),
-    "common-misfit": Plan(8, misfit="common", noise="misfit"),
-    "own-misfit": Plan(8, misfit="own", noise="misfit"),
+    "common-misfit": Plan(8, misfit="common", noise="correlated"),
+    "own-misfit": Plan(8, misfit="own", noise="correlated"),
     "no-misfit": Plan(8),
 }
 

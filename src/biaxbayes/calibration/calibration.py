@@ -24,7 +24,7 @@ from biaxbayes.calibration.simulated_specimen import (
     simulate_specimen,
 )
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.fitting.result import FitResult
+from biaxbayes.fitting.fit_result import FitResult
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.model.draw import draw_posterior
@@ -40,8 +40,6 @@ from biaxbayes.tasks import Executor, Stop, no_stop
 
 RANKED_DRAWS = 127
 """Number of draws among which a true value is ranked; 128 possible ranks."""
-BREAKS = ("determinant", "noise")
-WRONG_SD = 1.2
 
 MANY_PARAMETERS = 8
 """Number of parameters of a law from which replications use the ensembles of ``sample``. With the
@@ -70,7 +68,6 @@ class Calibration:
     walkers: int = 32
     population: int = 2048
     first_block: int = 64
-    broken: str = ""  # one of BREAKS to show that it is noticed, or empty
 
     @property
     def quantities(self) -> Quantities:
@@ -90,10 +87,12 @@ class Calibration:
                 "a calibration needs an inferred mounting stretch",
                 remedy="use `mounting` noisy, exact or free",
             )
-        if self.broken not in ("", *BREAKS):
-            raise InputError(f"`broken` must be one of {', '.join(BREAKS)}")
-        if self.broken == "determinant" and self.options.get("mounting") == "free":
-            raise InputError("`mounting=free` has no determinant to leave out")
+
+    def simulated(
+        self, model: Posterior, truth: Mapping[str, float], rng: np.random.Generator
+    ) -> Specimen:
+        """A specimen with these true values."""
+        return simulate_specimen(model, truth, rng)
 
     def posterior(self, specimen: Specimen, seed: int = 0) -> Posterior:
         """The posterior of a simulated specimen."""
@@ -103,7 +102,6 @@ class Calibration:
             priors=self.priors,
             seed=seed,
             misfit_fit=self.misfit_fit,
-            determinant=self.broken != "determinant",
         )
 
     @cached_property
@@ -138,7 +136,7 @@ def planned_calibration(
     else:
         priors = {**protocol_prior(specimen, settings), **given}
     many = len(settings.material_law.parameters) >= MANY_PARAMETERS
-    of_plan: dict[str, Any] = {"seed": plan.seed, "ess": plan.ess, "broken": plan.broken}
+    of_plan: dict[str, Any] = {"seed": plan.seed, "ess": plan.ess}
     return Calibration(specimen, model, priors, **of_plan | (SETTINGS_OF_SAMPLE if many else {}))
 
 
@@ -167,9 +165,7 @@ def replicate(calibration: Calibration, index: int) -> Replication:
     model = calibration.model()
     rng = np.random.default_rng([calibration.seed, index])
     truth, rejected = draw_truth(model, rng)
-    simulated = simulate_specimen(
-        model, truth, rng, noise_factor=WRONG_SD if calibration.broken == "noise" else 1.0
-    )
+    simulated = calibration.simulated(model, truth, rng)
     seed = int(rng.integers(2**62))
     try:
         posterior = calibration.posterior(simulated, seed)

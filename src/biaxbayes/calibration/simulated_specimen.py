@@ -26,7 +26,7 @@ from biaxbayes.model.assembly import peak_stress
 from biaxbayes.model.misfit import CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
-from biaxbayes.model.readings import LEAST_NOISE
+from biaxbayes.model.readings import LEAST_NOISE, SHARED_NOISE
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities, mounting_names, name_of
 from biaxbayes.specimens.specimen import Specimen
@@ -80,8 +80,6 @@ def simulate_specimen(
     model: Posterior,
     truth: Mapping[str, float],
     rng: np.random.Generator,
-    *,
-    noise_factor: float = 1.0,
 ) -> SimulatedSpecimen:
     """Simulate readings of a material on the protocols of a specimen.
 
@@ -91,13 +89,8 @@ def simulate_specimen(
         The statistical model, with the fit that its misfit is relative to.
     truth : mapping of str to float
         From :func:`draw_truth`.
-    noise_factor : float
-        Factor of the errors, misfit included, of all rows but those at rest; other than 1 only to
-        test that a calibration notices.
     """
-    pieces = [
-        _simulated_piece(model, i, truth, rng, noise_factor) for i in range(len(model.pieces))
-    ]
+    pieces = [_simulated_piece(model, i, truth, rng) for i in range(len(model.pieces))]
     return replace(pieces[0], further=tuple(pieces[1:]))
 
 
@@ -106,7 +99,6 @@ def _simulated_piece(
     index: int,
     truth: Mapping[str, float],
     rng: np.random.Generator,
-    noise_factor: float,
 ) -> SimulatedSpecimen:
     """Readings of one piece, with a misfit of its own."""
     piece, settings = model.pieces[index], model.settings
@@ -120,7 +112,8 @@ def _simulated_piece(
     # across a strip there is no load
     forces = [mounting_names("force", state) for state in piece.labels.states]
     reading = np.array([[truth.get(name, 0.0) for name in pair] for pair in forces])
-    sd = read * np.maximum(specimen.mounting_readings(shared=settings.shared)[1], least)
+    floor = np.maximum(SHARED_NOISE * noise * settings.has_misfit, least)
+    sd = read * np.maximum(specimen.mounting_readings(shared=settings.shared)[1], floor)
     if settings.mounting != "exact":
         starts = np.array([curve[0] for curve in misfit])
         of_states = starts.mean(axis=0, keepdims=True) if settings.shared else starts
@@ -128,22 +121,36 @@ def _simulated_piece(
         reading *= read
     protocols = []
     for i, p in enumerate(specimen.protocols):
-        errors = scatter * noise * rng.standard_normal((p.rows, 2))
+        errors = noise * rng.standard_normal((p.rows, 2))
+        if settings.has_misfit:
+            errors[p.rest_rows :] += noise * _shared(
+                piece.readings_of(i), p.rows - p.rest_rows, rng
+            )
+        errors *= scatter
         errors[p.rest_rows :] += misfit[i][1:]
-        load = read * (forward.load(truth, p.stretch, p.name)[0] + offset + noise_factor * errors)
+        load = read * (forward.load(truth, p.stretch, p.name)[0] + offset + errors)
         load[: p.rest_rows] = reading[0 if settings.shared else i]
         load = load * specimen.per_nominal(p.known_stretch)
         protocols.append(replace(p, load_x=load[:, 0], load_y=load[:, 1]))
     fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
     if settings.has_misfit:
         fields["load_noise"] = float(noise[0])
-        if specimen.experiment.force_unit and noise[1] > 0.0:  # the force was read
-            fields["metadata"] = {**specimen.metadata, "axial_force_noise_N": float(noise[1])}
+        if (key := specimen.kind_of_loads.noise_key_y) and noise[1] > 0.0:  # it was read
+            fields["metadata"] = {**specimen.metadata, key: float(noise[1])}
     return SimulatedSpecimen(
         **fields | {"protocols": tuple(protocols)},
         reading=tuple((float(x), float(y)) for x, y in reading),
         reading_sd=tuple((float(x), float(y)) for x, y in sd),
     )
+
+
+def _shared(readings: int, rows: int, rng: np.random.Generator) -> np.ndarray:
+    """What the rows of a reading share of their noise, over its sd, (rows, 2)."""
+    of_row = np.arange(rows) * readings // max(rows, 1)
+    size = np.bincount(of_row, minlength=readings)
+    # sd^2 of the mean: SHARED_NOISE^2 where 1 / size is less
+    missing = np.maximum(SHARED_NOISE**2 - 1.0 / np.maximum(size, 1), 0.0)
+    return (np.sqrt(missing)[:, None] * rng.standard_normal((readings, 2)))[of_row]
 
 
 def _misfits(
@@ -160,9 +167,9 @@ def _misfits(
     points, paths = [], model.paths_of_pieces[index]
     for i, stretch in enumerate(loaded):
         points += [paths.start(i), paths.tested(i, stretch)]
-    drawn, factor = model.misfits[index].draw(CurvePoints.joined(points), rng)
+    drawn, friction, factor = model.misfits[index].draw(CurvePoints.joined(points), rng)
     ends = np.cumsum([1 + len(stretch) for stretch in loaded])
-    return np.split(drawn.reshape(-1, 2), ends[:-1]), factor
+    return np.split((drawn + friction).reshape(-1, 2), ends[:-1]), factor
 
 
 def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:

@@ -14,8 +14,6 @@ from __future__ import annotations
 import numpy as np
 
 from biaxbayes.cards.card import Card, header_lines
-from biaxbayes.cards.check import HGO, Solid, WrittenCard
-from biaxbayes.errors import InputError
 
 SUFFIX = ".inp"
 
@@ -70,42 +68,3 @@ def write_abaqus(card: Card, version: str) -> str:
         ", ".join(constants),
     ]
     return "\n".join(lines) + "\n"
-
-
-def read_abaqus(text: str) -> WrittenCard:
-    """Read a card as Abaqus would, without comments; InputError if it is not of this kind."""
-    blocks: dict[str, tuple[dict[str, str], list[list[str]]]] = {}
-    rows: list[list[str]] = []
-    for line in text.splitlines():
-        if line.startswith("**") or not line.strip():
-            continue
-        cells = [cell.strip() for cell in line.split(",")]
-        if line.startswith("*"):
-            options = dict((cell.upper() + "=").split("=")[:2] for cell in cells[1:])
-            rows = []
-            blocks[cells[0].upper()] = (options, rows)
-        else:
-            rows.append(cells)
-    try:
-        orientation, axes = blocks["*ORIENTATION"]
-        law, constants = blocks["*ANISOTROPIC HYPERELASTIC"]
-        if "HOLZAPFEL" not in law or orientation["LOCAL DIRECTIONS"] != law["LOCAL DIRECTIONS"]:
-            raise ValueError("another law, or other directions")
-        first, second = np.array(axes[0], dtype=float).reshape(2, 3)
-        about, angle = int(axes[1][0]), float(axes[1][1])
-        if about != 3 or angle != 0.0:
-            raise ValueError("an additional rotation")
-        # Local axes: 1 along a, 3 normal to a and b, 2 completing them.
-        normal = np.cross(first, second)
-        base = np.array([first, np.cross(normal, first), normal])
-        base /= np.linalg.norm(base, axis=1, keepdims=True)
-        local = np.array(axes[2 : 2 + int(law["LOCAL DIRECTIONS"])], dtype=float)
-        C10, D, k1, k2, kappa = (float(cell) for cell in constants[0])
-        label = blocks["*MATERIAL"][0]["NAME"]
-    except (KeyError, ValueError, IndexError) as error:
-        raise InputError(f"not a material card of this kind ({error})") from None
-    families = local @ base
-    families /= np.linalg.norm(families, axis=1, keepdims=True)
-    # c = 2 C10 and K = 2 / D in FEBio's terms
-    values = {"c": 2.0 * C10, "k1": k1, "k2": k2, "kappa": kappa}
-    return WrittenCard(label, (Solid(HGO, values, families),), 2.0 / D if D else 0.0)

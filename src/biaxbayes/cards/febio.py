@@ -1,6 +1,6 @@
 """FEBio: its Holzapfel-Gasser-Ogden material, and other laws as a mixture of a matrix and more.
 
-FEBio User Manual, uncoupled materials; ``check.py`` has their strain energies. The two families of
+FEBio User Manual, uncoupled materials. The two families of
 Holzapfel-Gasser-Ogden lie at +gamma and -gamma (degrees) from the first axis of ``mat_axis``; c is
 2 C1 and each family counts once, as in our law. A fibre material has no ``mat_axis`` but a
 ``fiber`` vector, which FEBio reads in the axes of the mixture. The outermost material has the
@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from biaxbayes.cards.card import K2_FLOOR, Card, header_lines
-from biaxbayes.cards.check import FIBRE, FUNG, HGO, MATRIX, Solid, WrittenCard
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
 
 SUFFIX = ".feb"
-MIXTURE = "uncoupled solid mixture"
+HGO, MIXTURE = "Holzapfel-Gasser-Ogden", "uncoupled solid mixture"
+MATRIX, FIBRE, FUNG = "Mooney-Rivlin", "fiber-exp-pow-uncoupled", "Fung orthotropic"
 
 # --- how a law is written ------------------------------------------------------------------------
 
@@ -168,53 +168,3 @@ def _add_values(node: ElementTree.Element, card: Card, values: Mapping[str, floa
     for name, value in values.items():
         number = card.stress(value) if name in STRESS_PARAMETERS else value
         ElementTree.SubElement(node, name).text = repr(float(number))
-
-
-# --- the card as FEBio reads it ------------------------------------------------------------------
-
-
-def read_febio(text: str) -> WrittenCard:
-    """Read a card back; InputError if the text is not a card of this kind."""
-    try:
-        node = ElementTree.fromstring(text.encode()).find("Material/material")
-        if node is None or node.get("type") not in (HGO, MIXTURE):
-            raise ValueError("another material")
-        if node.get("type") == HGO:
-            solids = [_solid(node, np.eye(3))]
-        else:
-            solids = [_solid(part, _axes(node)) for part in node.findall("solid")]
-        bulk = float(node.findtext("k", ""))
-    except (ElementTree.ParseError, KeyError, ValueError) as error:
-        raise InputError(f"not a material card of this kind ({error})") from None
-    return WrittenCard(node.get("name", ""), tuple(solids), bulk)
-
-
-def _solid(node: ElementTree.Element, outer: np.ndarray) -> Solid:
-    """One material; its own axes are given in those of the mixture around it."""
-    kind = node.get("type", "")
-    if kind not in (HGO, MATRIX, FIBRE, FUNG):
-        raise ValueError(f"a part {kind[:40]!r}")
-    values = {c.tag: float(c.text or "") for c in node if c.tag not in ("mat_axis", "fiber")}
-    axes = _axes(node) @ outer
-    if kind == HGO:
-        gamma = np.radians(values["gamma"])
-        families = [np.cos(gamma), np.sin(gamma)] * np.array([[1.0, 1.0], [1.0, -1.0]])
-        axes = families @ axes[:2]
-    return Solid(kind, values, axes)
-
-
-def _axes(node: ElementTree.Element) -> np.ndarray:
-    """Material axes as rows: e1 along a, e3 along a x d, e2 = e3 x e1; for a fibre its vector."""
-
-    def vector(path: str) -> np.ndarray:
-        return np.array(node.findtext(path, "").split(","), dtype=float).reshape(3)
-
-    if node.find("fiber") is not None:
-        axes = vector("fiber")[None]
-    elif node.find("mat_axis") is not None:
-        a, d = vector("mat_axis/a"), vector("mat_axis/d")
-        e3 = np.cross(a, d)
-        axes = np.array([a, np.cross(e3, a), e3])
-    else:
-        return np.eye(3)
-    return axes / np.linalg.norm(axes, axis=1, keepdims=True)

@@ -1,6 +1,6 @@
 """Comparison of runs: quantities that each determines, and distances between them.
 
-A difference in a parameter that one of the runs does not determine is no difference between
+A difference in a parameter that one of the runs does not determine is not a difference between
 tissues: the same curves could have been described by other values of it. The stresses, the
 stiffness and the structure tensor are compared as well, each with how much the data determine it.
 """
@@ -16,16 +16,16 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.distance import contractions, distance, equibiaxial_steps, prior_material
-from biaxbayes.errors import InputError
-from biaxbayes.identifiability.determined import (
+from biaxbayes.derived.determined import (
     Derived,
     derived_quantities,
     largest_equibiaxial,
     thin_draws,
 )
+from biaxbayes.errors import InputError
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.marginals import parameter_scales
-from biaxbayes.identifiability.reported import Reported, report_frame
+from biaxbayes.identifiability.reported import Reported, report_frame, report_table
 from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED, Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import prior_text
@@ -154,7 +154,7 @@ class Comparison:
         """Reports of all runs, one row per run and parameter."""
         tables = []
         for member, rows in zip(self.members, self.reported, strict=True):
-            table = report_frame(rows, member.posterior.quantities)
+            table = report_frame(rows)
             table.insert(0, "run", member.label)
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
@@ -164,15 +164,9 @@ class Comparison:
         return f"Comparison({runs}; stresses at {len(self.stretches)} stretches)"
 
     def _repr_html_(self) -> str:
-        """Verdicts, and what differs among the quantities that both runs identify."""
-        verdicts = self.matrix().pivot(index="run", columns="parameter", values="verdict")
-        names = list(dict.fromkeys(self.matrix()["parameter"]))
-        known = self.distances[self.distances["identified_in_both"]]
-        columns = ["run_a", "run_b", "quantity", "unit", "total_stretch", "median_a", "median_b"]
-        columns += ["difference_q05", "difference_q95", "standardised"]
-        return verdicts.loc[self.labels, names].to_html(na_rep="–") + known[columns].to_html(
-            index=False, float_format=lambda v: f"{v:.4g}", na_rep="–"
-        )
+        """What each run reports, for notebooks."""
+        tables = zip(self.labels, self.reported, strict=True)
+        return "".join(report_table(rows, label).html() for label, rows in tables)
 
 
 def compare(members: Sequence[ComparedRun], *, thresholds: Thresholds | None = None) -> Comparison:

@@ -18,26 +18,22 @@ import pandas as pd
 from scipy.special import logsumexp
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.model.draw import draw_posterior
+from biaxbayes.evenly import evenly_chosen
+from biaxbayes.model.draw import as_sampled, draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.readings import ReadingVector
 from biaxbayes.normal_errors import log_likelihood
-from biaxbayes.prediction.percentiles import evenly_chosen, evenly_spaced
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.progress_bar import OnProgress, no_progress
 from biaxbayes.sampling.sampler import Plan
-from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
 
 WHOLE = "whole record"
 QUARTERS = 4
 MAX_LAW_DRAWS, MAX_PART_DRAWS = 2000, 500
-"""Draws used of the posterior of a whole record, and of one without a part; bands use the latter
-number, too."""
-MAX_BAND_ROWS = 100
-"""Rows of a protocol that bands over the record are given at."""
+"""Draws used of the posterior of a whole record, and of one without a part."""
 
 
 # --- what is left out ----------------------------------------------------------------------------
@@ -132,23 +128,22 @@ class PredictedReadings:
         # ln p(y_i | rest) = ln mean_s N(y_i | m_si, sd_si)
         return np.asarray(logsumexp(each, axis=0) - np.log(len(each))).ravel()
 
-    def curves(self, *, of_readings: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and sd (draws, 2 m), of readings or the tissue, without draws that overflow."""
-        sd = np.broadcast_to(self.reading_sd if of_readings else self.sd, self.mean.shape)
+    @property
+    def expected(self) -> np.ndarray:
+        """Mean of each reading over the draws, (2 m,), without draws that overflow."""
         finite = np.isfinite(self.mean).all(axis=(1, 2))
         finite |= not finite.any()  # unless there are no others
-        return tuple(v[finite].reshape(int(finite.sum()), -1) for v in (self.mean, sd))  # type: ignore[return-value]
+        return np.asarray(self.mean[finite].mean(axis=0)).ravel()
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Draws of one law on one record, and the readings that they predict."""
+    """Draws of one law on one record, and the readings of the left-out part that they predict."""
 
     state: str  # of the chains; `failed` if nothing could be drawn
     reason: str
     rmse_kPa: float  # of the least-squares fit
     draws: pd.DataFrame  # as in summary.csv
-    # of a left-out part averaged as in the likelihood; of the whole record row by row
     readings: PredictedReadings | None = None
 
 
@@ -161,13 +156,15 @@ def sample_part(task: Task, progress: OnProgress = no_progress) -> Prediction:
         rmse = posterior.fit.rmse_kPa
         plan = Plan(ess=task.ess, max_steps=task.max_steps, seed=task.seed, workers=1)
         drawn = draw_posterior(posterior, plan, progress=progress)
+        posterior = as_sampled(posterior, drawn.target.constants)
     except (NotConverged, np.linalg.LinAlgError) as error:
         return Prediction("failed", str(error), rmse, pd.DataFrame())
     count = MAX_LAW_DRAWS if task.part is None else MAX_PART_DRAWS
     table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
     table = table.iloc[evenly_chosen(len(table), count)].reset_index(drop=True)
-    few = table.iloc[evenly_chosen(len(table), MAX_PART_DRAWS)]
-    readings = predicted_readings(posterior, few, task.specimen, task.part)
+    readings = None
+    if task.part is not None:
+        readings = predicted_readings(posterior, table, task.specimen, task.part)
     convergence = drawn.convergence
     return Prediction(convergence.state, convergence.reason, rmse, table, readings)
 
@@ -176,33 +173,13 @@ def sample_part(task: Task, progress: OnProgress = no_progress) -> Prediction:
 
 
 def predicted_readings(
-    posterior: Posterior, draws: pd.DataFrame, specimen: Specimen, part: Part | None
+    posterior: Posterior, draws: pd.DataFrame, specimen: Specimen, part: Part
 ) -> PredictedReadings:
-    """Readings of the part of a specimen that the posterior has not seen, or of all it has."""
+    """Readings of a part that the posterior has not seen, averaged as the likelihood would."""
     tissue = Tissue(posterior, draws)
-    if part is not None:
-        return _of_part(tissue, specimen, part)
-    parts = []
-    for i, p in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
-        rows = band_rows(p)
-        loads, load_per_stress = (
-            tissue.tested(i, p.stretch, rows),
-            _load_per_stress(tissue, p.stretch[rows], p.name),
-        )
-        sd = np.broadcast_to(loads.sd, loads.mean.shape)
-        parts.append((specimen.load(p)[rows], load_per_stress, loads.mean, sd))
-    measured, load_per_stress, mean, sd = (
-        np.concatenate(v, axis=-2) for v in zip(*parts, strict=True)
-    )
-    return PredictedReadings(measured, load_per_stress, mean, sd, tissue.noise_sd)
-
-
-def _of_part(tissue: Tissue, specimen: Specimen, part: Part) -> PredictedReadings:
-    """Readings of a part that was left out, averaged as the likelihood would."""
-    posterior = tissue.posterior
     settings, single = posterior.settings, len(specimen.protocols) == 1
     left_out = restricted_to(specimen.as_compared(settings.mounting), part)
-    rows = MeasuredRows.from_specimen(left_out, shared=True, thin=settings.thin).loaded()
+    rows = MeasuredRows.from_specimen(left_out, shared=True, max_rows=settings.max_rows).loaded()
     readings = ReadingVector.from_rows(rows, states=0, average=settings.has_misfit)
     count = len(readings.weight) // 2
     average = np.zeros((count, len(rows.load)))
@@ -225,9 +202,3 @@ def _load_per_stress(tissue: Tissue, stretch: np.ndarray, protocol: str) -> np.n
     names = [q.name for q in tissue.posterior.quantities.mounting() if q.name in tissue.draws]
     medians = {name: tissue.draws[name].median() for name in names}
     return np.asarray(tissue.posterior.forward.load_per_stress(medians, stretch, protocol)[0])
-
-
-def band_rows(protocol: Protocol) -> np.ndarray:
-    """Rows of a protocol that the bands of a mixture are given at."""
-    loaded = np.arange(protocol.rest_rows, protocol.rows)
-    return loaded[evenly_spaced(len(loaded), MAX_BAND_ROWS)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -23,14 +22,14 @@ from biaxbayes.comparison.law_comparison import (
     left_out_parts,
     sample_part,
 )
-from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.options import LawsPlan
 from biaxbayes.parallel import InThisProcess
-from biaxbayes.progress_bar import OnProgress, Progress, time_left
-from biaxbayes.runs.checkpoint import DamagedCheckpoint, pack_record, unpack_record
+from biaxbayes.progress_bar import OnProgress, Progress
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.stored_data import DamagedArchive, pack_record, read_record
 from biaxbayes.tasks import Executor, Stop
-from biaxbayes.text_files import atomic_write_bytes, read_bytes
+from biaxbayes.text_files import atomic_write_bytes
 
 
 def law_tasks(
@@ -59,7 +58,6 @@ def sample_parts(
     files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]
     results = [None if file is None else _read(file) for file in files]
     missing = [i for i, result in enumerate(results) if result is None]
-    before, clock = len(tasks) - len(missing), time.monotonic()
     with tempfile.TemporaryDirectory() as place:
         told = {i: ProgressFile(Path(place) / str(i)) for i in missing}
 
@@ -68,11 +66,9 @@ def sample_parts(
             latest = {i: told[i].read() for i in missing if results[i] is None}
             running = [f"{tasks[i].name}: {p.phase}" for i, p in latest.items() if p]
             share = done + sum(p.share or 0.0 for p in latest.values() if p)
-            left = time_left(clock, share - before, len(tasks) - share)
             # one that does not converge takes many times the mean of the others: it is named
             named = f"; {running[0]}" if running else ""
-            text = f"{done} of {len(tasks)} posteriors{named}{left}"
-            progress(Progress(text, share / len(tasks)))
+            progress(Progress(f"{done} of {len(tasks)} posteriors{named}", share / len(tasks)))
 
         def show_and_stop() -> int:
             show()
@@ -138,9 +134,9 @@ def _write(path: Path, prediction: Prediction) -> None:
 def _read(path: Path) -> Prediction | None:
     """A stored prediction; None if it is missing or damaged and has to be made again."""
     try:
-        record = unpack_record(read_bytes(path))
+        record = read_record(path)
         draws = pd.DataFrame(record["draws"], columns=record.pop("columns"))
         readings = PredictedReadings(**record["readings"]) if record["readings"] else None
         return Prediction(**record | {"readings": readings, "draws": draws})
-    except (InputError, DamagedCheckpoint, ValueError, KeyError, TypeError):
+    except (DamagedArchive, ValueError, KeyError, TypeError):
         return None

@@ -6,8 +6,14 @@ likelihood, 20 to 32 a curve, and each counts once. Those of one curve miss toge
 weights are more decided than as many independent readings would leave them, which their range with
 a part dropped shows.
 
-The mixture by the stacking weights is a prediction of stresses in the tested range. Its mounting
-stretch, which lies where no reading does, is the mixture of the laws' own by the same weights.
+Stacking (Yao, Vehtari, Simpson, Gelman, Bayesian Anal. 13 (2018) 917) chooses the mixture of
+predictive densities that predicts left-out readings best. With p_ki the density that law k gives
+to reading i, and a Dirichlet prior (a, ..., a) towards equal weights,
+
+    maximise  sum_i ln sum_k w_k p_ki + (a - 1) sum_k ln w_k     over the simplex of w.
+
+The mixture predicts stresses in the tested range; it says nothing of the mounting stretch, which
+lies where no reading does.
 """
 
 from __future__ import annotations
@@ -18,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.special import logsumexp
 
 from biaxbayes.comparison.law_comparison import (
     WHOLE,
@@ -26,21 +33,53 @@ from biaxbayes.comparison.law_comparison import (
     Prediction,
     left_out_parts,
 )
-from biaxbayes.comparison.mixture import (
-    mixed_percentiles,
-    mixture_bands,
-    mixture_draws,
-    shared_stretches,
-    stacking_weights,
-    weighted_density,
-)
 from biaxbayes.errors import NotConverged
-from biaxbayes.options import CONTENT
-from biaxbayes.prediction.percentiles import quantile_columns, tails
+from biaxbayes.parameters import mounting_names
+from biaxbayes.prediction.percentiles import quantile_columns
 from biaxbayes.specimens.specimen import Specimen
 
 STACKED = "stacked"
 UNUSABLE = ("unusable", "failed")
+
+# --- stacking ------------------------------------------------------------------------------------
+
+PRIOR_READINGS = 1.0
+"""Readings in all that the Dirichlet prior is equivalent to, a = 1 + 1 / models."""
+_STEPS, _TOLERANCE = 20_000, 1e-10
+
+
+def stacking_weights(log_density: np.ndarray) -> np.ndarray:
+    """Weights (models,) of the mixture that predicts left-out readings best.
+
+    ``log_density`` (models, readings) is -inf where a model excludes a reading. ArviZ takes its
+    exponential without scaling, which leaves nothing of readings that all models miss by far.
+    """
+    models = len(log_density)
+    top = log_density.max(axis=0)
+    predicted = np.isfinite(top)  # readings that all models exclude do not inform weights
+    density = np.exp(log_density[:, predicted] - top[predicted])
+    weight = np.full(models, 1.0 / models)
+    prior = PRIOR_READINGS / models  # a - 1
+    total = predicted.sum() + PRIOR_READINGS
+    for _ in range(_STEPS):
+        # expectation maximisation: the fraction of every reading that each model explains
+        joint = weight[:, None] * density
+        explained = (joint / joint.sum(axis=0)).sum(axis=1) + prior
+        new = explained / total
+        if np.abs(new - weight).max() < _TOLERANCE:
+            return new
+        weight = new
+    return weight
+
+
+def weighted_density(log_density: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Log density (readings,) of a mixture, from log densities (models, readings)."""
+    with np.errstate(divide="ignore"):
+        mixed: np.ndarray = logsumexp(log_density + np.log(weight)[:, None], axis=0)
+    return mixed
+
+
+# --- laws ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -50,15 +89,10 @@ class LawComparison:
     Attributes
     ----------
     table : DataFrame
-        ``laws.csv``: one row per law, the last one ``stacked``; with quantiles of the mounting
-        stretches.
+        ``laws.csv``: one row per law, with quantiles of the mounting stretches; the last one is
+        ``stacked``, their mixture.
     parts : DataFrame
         ``left-out.csv``: one row per law and part.
-    draws : DataFrame
-        Draws of the mixture for what all laws share: mounting stretches, stresses, stiffnesses.
-    bands : DataFrame
-        Bands of the mixture over the record, columns as of
-        :func:`~biaxbayes.prediction.bands.bands`.
     left_out : dict of str to str
         Laws that are not part of the mixture, and why.
     """
@@ -66,8 +100,6 @@ class LawComparison:
     specimen: str
     table: pd.DataFrame
     parts: pd.DataFrame
-    draws: pd.DataFrame
-    bands: pd.DataFrame
     left_out: dict[str, str]
 
     @property
@@ -103,19 +135,8 @@ class _LeftOut:
         """Log density (nats) and mean square miss (kPa^2) of a mixture."""
         density = float(weighted_density(self.log_density, weight).sum())
         # the mean of a mixture is the mixture of the means
-        miss = []
-        for r in self.readings:
-            mean, _ = r.curves(of_readings=True)
-            miss.append((self.measured - mean.mean(axis=0)) / r.load_per_stress.ravel())
+        miss = [(self.measured - r.expected) / r.load_per_stress.ravel() for r in self.readings]
         return density, float(np.mean((weight @ np.array(miss)) ** 2))
-
-    def band(self, weight: np.ndarray) -> tuple[float, float]:
-        """Fraction of the readings inside the band of a mixture, and its mean width (kPa)."""
-        model, sd = zip(*(r.curves(of_readings=True) for r in self.readings), strict=True)
-        low, high = mixed_percentiles(model, sd, weight, tails(CONTENT))
-        scale = weight @ np.array([r.load_per_stress.ravel() for r in self.readings])
-        inside = (self.measured >= low) & (self.measured <= high)
-        return float(inside.mean()), float(np.mean((high - low) / scale))
 
 
 def weigh_laws(
@@ -139,16 +160,12 @@ def weigh_laws(
     readings = {key: p.readings for key, p in predictions.items() if p.readings is not None}
     left = [_LeftOut([readings[law, part.name] for law in used]) for part in parts]
     weight = _weights(left, len(used))
-    draws = mixture_draws(specimen, used, weight, predictions)
     # a part is predicted by a mixture that has not seen it
     blind = [_weights([*left[:i], *left[i + 1 :]], len(used)) for i in range(len(left))]
-    whole = [readings[law, WHOLE] for law in used]
     return LawComparison(
         specimen.name,
-        _law_table(specimen, laws, used, predictions, left, weight, np.array(blind), draws),
+        _law_table(specimen, laws, used, predictions, left, weight, np.array(blind)),
         _part_table(parts, used, left, weight, blind),
-        draws,
-        mixture_bands(specimen, whole, weight),
         bad,
     )
 
@@ -171,7 +188,6 @@ def _law_table(
     left: Sequence[_LeftOut],
     weight: np.ndarray,
     blind: np.ndarray,
-    draws: pd.DataFrame,
 ) -> pd.DataFrame:
     sizes = np.array([part.measured.size for part in left], dtype=float)
 
@@ -195,22 +211,18 @@ def _law_table(
                 "weight": float(weight[k]),
                 "weight_low": float(blind[:, k].min()),
                 "weight_high": float(blind[:, k].max()),
-                **_quantiles(whole.draws, shared_stretches(whole.draws, specimen)),
+                **_stretches(whole.draws, specimen),
             }
         rows.append(row)
-    rows.append(
-        {
-            "law": STACKED,
-            **scores(blind),
-            "weight": 1.0,
-            **_quantiles(draws, shared_stretches(draws, specimen)),
-        }
-    )
+    rows.append({"law": STACKED, **scores(blind), "weight": 1.0})
     return pd.DataFrame(rows).fillna({"state": ""})
 
 
-def _quantiles(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
-    return {k: v for name in names for k, v in quantile_columns(name, table[name]).items()}
+def _stretches(draws: pd.DataFrame, specimen: Specimen) -> dict[str, float]:
+    """Quantiles of the mounting stretches that a table of draws has."""
+    states = ("", *(p.name for p in specimen.protocols))
+    names = [n for s in states for n in mounting_names("stretch", s) if n in draws]
+    return {k: v for name in names for k, v in quantile_columns(name, draws[name]).items()}
 
 
 def _part_table(
@@ -232,7 +244,6 @@ def _part_table(
             (STACKED, blind[i], weight),
         ):
             (density, square), (seen, _) = own.score(w), own.score(final)
-            coverage, width = own.band(w)
             rows.append(
                 {
                     "part": part.name,
@@ -241,8 +252,6 @@ def _part_table(
                     "left_out_rms_kPa": float(np.sqrt(square)),
                     "left_out_density_nats": density,
                     "density_final_weights": seen,
-                    "band_coverage": coverage,
-                    "band_width": width,
                     "readings": int(own.measured.size),
                 }
             )

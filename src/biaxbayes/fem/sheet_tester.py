@@ -29,7 +29,7 @@ from scipy.sparse.linalg import splu
 from biaxbayes.errors import NotConverged
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.laws.goh import GOH
-from biaxbayes.mechanics.experiments import N_PER_KPA_MM2
+from biaxbayes.mechanics.mounting import N_PER_KPA_MM2
 
 # --- how a sheet is gripped ----------------------------------------------------------------------
 

@@ -19,7 +19,6 @@ from biaxbayes.figures.style import (
     BAND_OPACITY,
     DASHES,
     FINER_UNIT,
-    LOAD_LABELS,
     PAGE_MM,
     SIDE_BY_SIDE_MM,
     add_note,
@@ -43,7 +42,7 @@ MAX_PANEL_ROWS, MIN_PANEL_MM, LEFT_MM, RESIDUAL_MM = 3, 32.0, 16.0, 12.0
 TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": DASHES}
 """Line style of true loads."""
 LAW: dict[str, Any] = {"linewidth": 0.7, "linestyle": (0, (1.0, 1.5))}
-"""Line style of the loads of the law alone, without its misfit."""
+"""Line style of the loads of the law nearest to the tissue, without misfit."""
 OPEN_UP_TO = 150
 """Readings of a curve up to which markers are large and open."""
 BAND_COLUMNS = {
@@ -83,7 +82,7 @@ def figure_from_bands(
         str(axis): residual_unit(part, specimen.units["xy".index(str(axis))])
         for axis, part in table.groupby("direction")
     }
-    if not specimen.experiment.force_unit:
+    if len(load_panels(specimen)) == 1:
         scales = dict.fromkeys(scales, residual_unit(table, specimen.unit))
     figure, panels = _panels(specimen, width_mm)
     groups = table.groupby("protocol", sort=False)
@@ -126,10 +125,11 @@ def _most_columns(specimen: Specimen, width_mm: float) -> int:
 
 def load_panels(specimen: Specimen) -> list[tuple[str, list[int]]]:
     """Labels and directions of the panels of loads: one, or one per reading of another unit."""
-    test = specimen.experiment
-    if not test.force_unit:
-        return [(LOAD_LABELS[specimen.stress_pair], list(test.axes))]
-    return [(f"{test.curves[k]} ({specimen.units[k]})", [k]) for k in test.axes]
+    test, units = specimen.experiment, specimen.units
+    if units[0] == units[1]:
+        words = specimen.kind_of_loads.words.replace("Kirchhoff ", "Kirchhoff\n")
+        return [(f"{words} ({units[0]})", list(test.axes))]
+    return [(f"{test.curves[k]} ({units[k]})", [k]) for k in test.axes]
 
 
 def curve_names(specimen: Specimen, letters: int) -> list[str]:
@@ -241,5 +241,5 @@ def _handles(specimen: Specimen, table: pd.DataFrame) -> list[Any]:
             handles.append(Line2D([], [], label=label, **look))
     handles += band_handles(CONTENT, " band")
     if "law" in table:
-        handles.append(Line2D([], [], label="law alone", color="0.3", **LAW))
+        handles.append(Line2D([], [], label="nearest law", color="0.3", **LAW))
     return [*handles, Line2D([], [], label="truth", **TRUE)] if "truth" in table else handles

@@ -1,8 +1,7 @@
-"""Comparisons: of runs, of laws, and of three treatments of the mounting stretch."""
+"""Comparisons of runs, and of laws."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,10 @@ from matplotlib.figure import Figure
 
 from biaxbayes.comparison.compare import Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
-from biaxbayes.comparison.mounting_bias import MOUNTING_MODELS, Ledger
-from biaxbayes.figures.bands import figure_from_bands
+from biaxbayes.derived.determined import STRESS
 from biaxbayes.figures.identifiability import VERDICT_COLOURS
 from biaxbayes.figures.panels import draw_cells, row_panels, set_panel
-from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, number, plain, quantity
+from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, plain, quantity
 from biaxbayes.figures.style import (
     PAGE_MM,
     add_note,
@@ -25,12 +23,9 @@ from biaxbayes.figures.style import (
     limit_ticks,
     print_style,
 )
-from biaxbayes.identifiability.determined import STRESS
-from biaxbayes.identifiability.reported import report_rows
 from biaxbayes.identifiability.verdict import COMBINATION
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.percentiles import tails
-from biaxbayes.specimens.specimen import Specimen
 
 # --- runs: the matrix of verdicts and the forest of intervals ------------------------------------
 
@@ -44,10 +39,7 @@ FOREST_NOTE = (
 @print_style()
 def matrix_figure(comparison: Comparison) -> Figure:
     """Verdict and reported interval of every parameter of every run."""
-    runs = [
-        {row.name: row for row in report_rows(reported, member.posterior.quantities)}
-        for member, reported in zip(comparison.members, comparison.reported, strict=True)
-    ]
+    runs = [{row.name: row for row in reported} for reported in comparison.reported]
     quantities = _judged(comparison)
     names = [name for name in quantities if any(name in run for run in runs)]
     cells = [[run.get(name) for name in names] for run in runs]
@@ -116,7 +108,7 @@ def _forest_rows(
     return rows
 
 
-# --- laws: misfit and prediction, mounting stretches, the bands of their mixture -----------------
+# --- laws: misfit and prediction, mounting stretches ---------------------------------------------
 
 LAW_ROW_MM, HEAD_MM = 5.5, 14.0
 
@@ -137,7 +129,6 @@ def _label_laws(ax: Axes, rows: pd.DataFrame, positions: np.ndarray) -> None:
     ax.set_yticks(positions, rows["law"])
     ax.set_ylim(positions[-1] - 0.7, 0.7)
     ax.tick_params(axis="y", length=0)
-    ax.axhline(positions[-1] + 0.5, color="0.6", linewidth=0.5)
 
 
 @print_style()
@@ -156,6 +147,7 @@ def law_misfit_figure(compared: LawComparison) -> Figure:
     misfit.set_xlim(left=0.0)
     misfit.set_xlabel("rms misfit (kPa)")
     _label_laws(misfit, rows, positions)
+    misfit.axhline(positions[-1] + 0.5, color="0.6", linewidth=0.5)
     weights.barh(positions[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
     ends = rows["weight_low"][laws], rows["weight_high"][laws]
     weights.hlines(positions[laws], *ends, color="0.2")
@@ -171,6 +163,7 @@ def law_misfit_figure(compared: LawComparison) -> Figure:
 def law_mounting_figure(compared: LawComparison) -> Figure | None:
     """Draw the mounting stretches by law; None if none is inferred."""
     rows, positions = _weighted_rows(compared)
+    rows, positions = rows[:-1], positions[:-1]  # of the mixture there is none
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
@@ -188,89 +181,3 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
         limit_ticks(ax.xaxis)
     _label_laws(panels[0], rows, positions)
     return figure
-
-
-def law_bands_figure(compared: LawComparison, specimen: Specimen) -> Figure:
-    """Bands of the mixture over the record."""
-    return figure_from_bands(specimen, compared.bands)
-
-
-# --- the cost of ignoring the mounting stretch: three treatments of the same record --------------
-
-TREATMENTS = {
-    "mounting stretch inferred": ("o", -0.25),
-    "ignored": ("s", 0.0),
-    "ignored, forces zeroed (medians, 90 %)": ("^", 0.25),
-}
-"""Label, marker and offset of each treatment."""
-LEDGER_QUANTILES = ("q05", "median", "q95")
-LEDGER_ROW_MM = 8.5
-MAX_LINEAR_SHIFT, LINEAR_SHIFT = 15.0, 2.0
-"""Up to the first shift the axis is linear; beyond, it is logarithmic outside the second."""
-
-
-@print_style()
-def ledger_figure(ledger: Ledger) -> Figure:
-    """Draw parameters in sd of the inferred posterior, and stresses over the inferred median."""
-    rows = max(len(ledger.parameters), len(ledger.stresses))
-    labels = []
-    for row in ledger.stresses.to_dict("records"):
-        name = quantity(f"{row['quantity']} at {row['total_stretch']:.4g}").symbol
-        centre = number(*(row[f"inferred_{q}"] for q in ("median", "q05", "q95")))
-        labels.append(f"{name}\n({centre} kPa)")
-    stresses = _treatment_quantiles(ledger.stresses)
-    # per cent: 100 (s / median inferred - 1)
-    relative = 100.0 * (stresses / stresses[:, :1, 1:2] - 1.0)
-    figure = blank_figure(PAGE_MM, LEDGER_ROW_MM * rows + 20.0)
-    left, right = figure.subplots(1, 2, width_ratios=(0.46, 0.54))
-    _draw_shifts(left, ledger)
-    _draw_treatments(right, relative, labels)
-    right.set_xlabel("stress relative to the inferred median (%)")
-    handles, names = left.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=3, columnspacing=2.5)
-    return figure
-
-
-def _treatment_quantiles(table: pd.DataFrame) -> np.ndarray:
-    """Quantiles under each mounting model, shape (rows, treatments, 3)."""
-    columns = [f"{name}_{q}" for name in MOUNTING_MODELS for q in LEDGER_QUANTILES]
-    return table[columns].to_numpy(float).reshape(len(table), len(MOUNTING_MODELS), -1)
-
-
-def _draw_shifts(ax: Axes, ledger: Ledger) -> None:
-    """Quantiles under each mounting model, in standard deviations from the inferred median."""
-    table = ledger.parameters
-    log = table["scale"].str.startswith("ln ").to_numpy()[:, None, None]
-    quantiles = _treatment_quantiles(table)
-    quantiles = np.where(log, np.log(np.where(log, quantiles, 1.0)), quantiles)
-    # (q - median inferred) / sd inferred, on the scale of the comparison
-    sd = table["inferred_sd"].where(table["inferred_sd"] > 0.0).to_numpy()[:, None, None]
-    shifts = (quantiles - quantiles[:, :1, 1:2]) / sd
-    title = "shift (standard deviations of the inferred posterior"
-    limit = max(3.0, float(np.nanmax(np.abs(shifts))))
-    if limit > MAX_LINEAR_SHIFT:
-        ax.set_xscale("symlog", linthresh=LINEAR_SHIFT)
-        ax.minorticks_off()
-        for end in (-LINEAR_SHIFT, LINEAR_SHIFT):
-            ax.axvline(end, color="0.4", linewidth=0.6, linestyle=":", zorder=0.5)
-        title += f";\nlogarithmic beyond the dotted lines at \u00b1{LINEAR_SHIFT:g}"
-    limit *= 1.6 if limit > MAX_LINEAR_SHIFT else 1.1
-    labels = [axis_text(ledger.known[str(n)]).symbol for n in ledger.parameters["quantity"]]
-    _draw_treatments(ax, shifts, labels)
-    ax.set(xlim=(-limit, limit), xlabel=f"{title})")
-
-
-def _draw_treatments(ax: Axes, values: np.ndarray, labels: Sequence[str]) -> None:
-    """Draw intervals and medians, shape (rows, treatments, 3), in rows."""
-    rows = np.arange(len(labels))
-    for k, (label, (marker, offset)) in enumerate(TREATMENTS.items()):
-        low, median, high = values[:, k].T
-        ax.hlines(rows + offset, low, high, color=colour(k), linewidth=1.4)
-        ax.plot(median, rows + offset, marker, color=colour(k), markersize=3.2, label=label)
-    ax.axvline(0.0, color="0.6", linewidth=0.6, zorder=0)
-    for i in rows[1::2]:
-        ax.axhspan(i - 0.5, i + 0.5, color="0.95", linewidth=0.0, zorder=-1)
-    ax.set_ylim(len(labels) - 0.5, -0.5)
-    ax.set_yticks(rows, labels, linespacing=1.0)
-    ax.tick_params(axis="y", length=0.0)
-    ax.spines["left"].set_visible(False)

@@ -22,6 +22,7 @@ from scipy.integrate import trapezoid
 from scipy.ndimage import gaussian_filter
 
 from biaxbayes.errors import InputError
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.figures.quantities import MEAN, AxisText, axis_span, corner_columns, plain
 from biaxbayes.figures.style import (
     DASHES,
@@ -34,10 +35,12 @@ from biaxbayes.figures.style import (
     print_style,
 )
 from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
-from biaxbayes.identifiability.reported import quantile_texts
+from biaxbayes.identifiability.reported import Reported
+from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities
-from biaxbayes.prediction.percentiles import evenly_chosen, tails
+from biaxbayes.prediction.percentiles import tails
+from biaxbayes.report_table import interval_texts
 
 MAX_PANEL_MM, MIN_PANEL_MM, TURNED_MM = 46.0, 8.0, 20.0
 """Largest height and smallest width of a panel; width below which tick labels are turned."""
@@ -68,11 +71,12 @@ def corner_figure(
     width_mm: float = PAGE_MM,
     known: Quantities | None = None,
     law: str = "",
+    reported: Sequence[Reported] = (),
 ) -> Figure:
     """Draw the pairwise and marginal posterior of material parameters and mounting stretches.
 
-    `truth` is dashed, the draws `compare` of another run are outlined. The shaded
-    interval has a content of 90 %, and is central.
+    `truth` is dashed, the draws `compare` of another run are outlined. The shaded interval is the
+    central 90 %, or where `reported` has a 95 % bound what lies on its side.
     """
     runs = [draws] if compare is None else [draws, compare]
     truth = {k: float(v) for k, v in (truth or {}).items() if np.isfinite(v)}
@@ -87,7 +91,8 @@ def corner_figure(
     figure, grid = _panels(columns, width_mm)
     for run in range(len(runs)):
         _draw_pairs(grid, columns, run, filled=run == 0)
-    texts = [_draw_marginal(grid[i, i], column, fixed) for i, column in enumerate(columns)]
+    rows = {row.name: row for row in reported}
+    texts = [_draw_marginal(grid[i, i], column, fixed, rows) for i, column in enumerate(columns)]
     _set_axes(grid, columns, width_mm)
     line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": DASHES}
     known_truth = {i: truth[c.name] for i, c in enumerate(columns) if c.name in truth}
@@ -98,7 +103,8 @@ def corner_figure(
             ax.axhline(value, **line)
     contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
     title = f"posterior{f', {law}' if law else ''}\n"
-    title += f"median ({100 * CONTENT:g} %); regions: {contents} %"
+    bound = f" or {50 + 50 * CONTENT:g} % bound" if any(row.bound for row in reported) else ""
+    title += f"median ({100 * CONTENT:g} %{bound}); regions: {contents} %"
     if any(MEAN in c.quantity.symbol for c in columns):
         title += "\nbar: mean over protocols"
     handles: list[Any] = [Line2D([], [], alpha=0.0, label=row[0]) for row in texts]
@@ -219,7 +225,7 @@ def _set_axes(grid: np.ndarray, columns: list[CornerAxis], width_mm: float) -> N
             ax.set(**{f"{name}lim": (span_of.low, span_of.high)})
             limit_ticks(axis, 2)
             ticks = [t for t in axis.get_majorticklocs() if span_of.low <= t <= span_of.high]
-            if narrow or len(ticks) > 3:
+            if narrow or len(ticks) > 2:
                 axis.set_ticks(sorted({ticks[0], ticks[-1]}))  # a log axis may have but one
         ax.tick_params(axis="x", labelrotation=90.0 if narrow else 0.0)
 
@@ -236,7 +242,12 @@ def _draw_pairs(
             draw_regions(grid[i, j], pair, axes, hue, filled=filled)  # type: ignore[arg-type]
 
 
-def _draw_marginal(ax: Axes, column: CornerAxis, fixed: Sequence[Mapping[str, float]]) -> list[str]:
+def _draw_marginal(
+    ax: Axes,
+    column: CornerAxis,
+    fixed: Sequence[Mapping[str, float]],
+    reported: Mapping[str, Reported],
+) -> list[str]:
     """Draw the densities, the interval of the first run shaded; return the texts by run."""
     texts = []
     top, label = 0.0, column.quantity.label
@@ -252,14 +263,19 @@ def _draw_marginal(ax: Axes, column: CornerAxis, fixed: Sequence[Mapping[str, fl
         median, low, high = np.quantile(values, [0.5, *tails(CONTENT)])
         density = density / trapezoid(density, column.axis.forward(x))
         ax.plot(x, density, color=hue, linewidth=0.9)
+        top = max(top, float(density.max()))
+        middle, first, last = interval_texts(median, low, high, column.quantity.parameter)
+        text = f"{first}–{last}"
         if run == 0:
+            row = reported.get(column.name)
+            if row is not None and row.bound:
+                text = row.interval
+                low, high = (low, np.inf) if row.bound == "low" else (-np.inf, high)
+            elif row is not None and row.verdict == NOT_IDENTIFIED:
+                text += f"; {NOT_IDENTIFIED}"
             inside = list((x >= low) & (x <= high))
             ax.fill_between(x, density, where=inside, color=hue, alpha=0.3, linewidth=0.0)
-        top = max(top, float(density.max()))
-        parameter = column.quantity.parameter
-        assert parameter is not None  # corner_columns gives it
-        middle, first, last = quantile_texts(median, low, high, parameter)
-        texts.append(f"{label}  {middle} ({first}–{last})")
+        texts.append(f"{label}  {middle} ({text})")
     ax.set_ylim(0.0, 1.08 * top)
     return texts
 

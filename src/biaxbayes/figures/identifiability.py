@@ -20,12 +20,13 @@ from biaxbayes.figures.style import (
     text_colour,
 )
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.reported import ReportRow
+from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
+    MEASURED,
     NO_VERDICT,
     NOT_IDENTIFIED,
     ParameterVerdict,
@@ -35,6 +36,7 @@ from biaxbayes.model.priors import Prior
 # Okabe and Ito, from known to unknown; the verdict is also written in the box.
 VERDICT_COLOURS = {
     IDENTIFIED: "#009E73",
+    MEASURED: "#0072B2",
     BOUNDED: "#56B4E9",
     COMBINATION: "#E69F00",
     NOT_IDENTIFIED: "#CC79A7",
@@ -50,7 +52,7 @@ WIDE, NARROW = (12.5, 40, 2), (24.0, 24, 4)
 @print_style()
 def identifiability_figure(
     verdicts: Identifiability,
-    reported: Sequence[ReportRow],
+    reported: Sequence[Reported],
     *,
     width_mm: float = PAGE_MM,
 ) -> Figure:
@@ -123,7 +125,7 @@ def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:
     ax.text(1.06, 0.0, f"{percent:.{digits}f} %", va="center", **small_text())
 
 
-def _write_row(ax: Axes, row: ReportRow, reason: str, *, wide: bool) -> None:
+def _write_row(ax: Axes, row: Reported, reason: str, *, wide: bool) -> None:
     """The verdict in a box; beside it, or below, interval and reason."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
@@ -131,4 +133,4 @@ def _write_row(ax: Axes, row: ReportRow, reason: str, *, wide: bool) -> None:
     box = {"boxstyle": "round,pad=0.3", "facecolor": face, "edgecolor": "none"}
     in_box, beside = ((0.02, 0.5), (0.42, 0.5)) if wide else ((0.02, 0.9), (0.0, 0.3))
     ax.text(*in_box, row.verdict, color=text_colour(face), bbox=box, **look)
-    ax.text(*beside, f"{row.median} ({row.interval_with_unit})\n{reason}", **look)
+    ax.text(*beside, f"{row.text} ({row.interval_with_unit})\n{reason}", **look)

@@ -18,7 +18,7 @@ from scipy.stats import norm
 from biaxbayes.errors import InputError
 from biaxbayes.fem.sheet_tester import GAUGE
 from biaxbayes.figures.corner import CONTENTS, draw_regions
-from biaxbayes.figures.quantities import number, plain, quantity
+from biaxbayes.figures.quantities import plain, quantity
 from biaxbayes.figures.style import (
     BAND_OPACITY,
     COLUMN_MM,
@@ -32,12 +32,13 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
-from biaxbayes.grips.geometry import edges_mm, stated_hooks
+from biaxbayes.grips.hooks import edges_mm, stated_hooks
 from biaxbayes.identifiability.bounded_density import span
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.percentiles import tails
+from biaxbayes.report_table import MINUS, number
 from biaxbayes.specimens.specimen import Specimen
 
 # --- hooks ---------------------------------------------------------------------------------------
@@ -136,7 +137,7 @@ def mounting_figure(
     width_mm: float = PAGE_MM,
 ) -> Figure:
     """Draw the mounting stretches, and the posterior of the mounting force with its reading."""
-    if specimen.test != "biaxial":
+    if not specimen.experiment.is_biaxial:
         raise InputError(
             "the mounting figure is that of a biaxial test, x against y",
             remedy="draw the figure corner",
@@ -242,6 +243,7 @@ def _draw_forces(ax: Axes, states: list[DrawnState], unit: str) -> None:
         true = scale * (state.true_force[k] - state.reading[k])
         ax.plot(true, row - 0.17, marker="x", ms=4.5, color="black", zorder=4)
         value = number(state.reading[k], 0.0, max(2.0 * half[row], abs(state.reading[k]) / 50.0))
+        value = MINUS.sub("\N{MINUS SIGN}", value)
         names.append(f"{state.label} {'xy'[k]}\n{value} {unit}".strip())
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.5, -0.5)

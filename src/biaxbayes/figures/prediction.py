@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.spatial.distance import cdist
 
+from biaxbayes.experiments.tube import MMHG_PER_KPA
 from biaxbayes.figures.panels import band_handles, draw_bands
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
@@ -27,7 +28,6 @@ from biaxbayes.figures.style import (
     small_text,
 )
 from biaxbayes.options import CONTENT
-from biaxbayes.prediction.inflation import MMHG_PER_KPA
 from biaxbayes.prediction.stress import INSIDE
 
 STRESS_NAMES = {"cauchy": "Cauchy stress", "piola": "first Piola-Kirchhoff stress"}
@@ -41,7 +41,7 @@ READINGS: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyl
 def stress_figure(
     table: pd.DataFrame,
     *,
-    reference: str = "total",
+    relative_to: str = "unloaded",
     probability: float = CONTENT,
     directions: tuple[str, str] = ("x", "y"),
     measured: pd.DataFrame | None = None,
@@ -50,7 +50,7 @@ def stress_figure(
     """Draw stress against stretch with both bands, and below the bands less their median."""
     stress = "cauchy" if any(str(c).startswith("cauchy") for c in table) else "piola"
     axes = [axis for axis in "xy" if f"{stress}_{axis}_kPa_median" in table]  # of a strip one
-    along, label, name = _abscissa(table, reference)
+    along, label, name = _abscissa(table, relative_to)
     read = measured if measured is not None and len(measured) else None
     if read is not None:  # the state of the path that is nearest to each reading
         stretches = ["stretch_x", "stretch_y"]
@@ -93,7 +93,7 @@ def stress_figure(
     return figure
 
 
-def _abscissa(table: pd.DataFrame, reference: str) -> tuple[np.ndarray, str, str]:
+def _abscissa(table: pd.DataFrame, relative_to: str) -> tuple[np.ndarray, str, str]:
     """The stretch that varies most along the path, if it orders the rows; else their number."""
     x, y = table["stretch_x"].to_numpy(), table["stretch_y"].to_numpy()
     axis, leading = ("x", x) if np.ptp(x) >= np.ptp(y) else ("y", y)
@@ -101,7 +101,8 @@ def _abscissa(table: pd.DataFrame, reference: str) -> tuple[np.ndarray, str, str
     if len(leading) > 1 and not ((steps > 0).all() or (steps < 0).all()):
         return np.arange(1, len(leading) + 1, dtype=float), "state (row of the path)", ""
     direction = "" if np.allclose(x, y) else f" in {axis}"
-    return leading, f"{reference} stretch{direction}", f"stretch_{axis}"
+    kind = "measured" if relative_to == "mounted" else "total"
+    return leading, f"{kind} stretch{direction}", f"stretch_{axis}"
 
 
 @print_style()

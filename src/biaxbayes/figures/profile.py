@@ -21,10 +21,10 @@ from biaxbayes.figures.style import (
     print_style,
     small_text,
 )
-from biaxbayes.identifiability.profile import Profile
-from biaxbayes.identifiability.profile_curve import THRESHOLD
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
+from biaxbayes.profiles.profile import Profile
+from biaxbayes.profiles.profile_curve import THRESHOLD
 
 ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
 CEILING = THRESHOLD + 2.0

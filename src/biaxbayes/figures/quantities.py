@@ -1,11 +1,10 @@
-"""Quantities as figures and pages print them: symbol, unit, physical range, digits.
+"""Quantities as figures and pages print them: symbol, unit, physical range.
 
 Pages need them without drawing, so nothing of matplotlib is imported here.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -102,19 +101,3 @@ def corner_columns(
         if np.ptp(values) > 1e-12 * max(float(np.abs(values).max()), 1e-300):
             out[p.name] = (shown, values)
     return out
-
-
-# --- numbers with digits according to their interval ---------------------------------------------
-
-
-def number(value: float, low: float, high: float, *, log: bool = False) -> str:
-    """A value with two digits of the width of its interval; ``log``: two significant digits."""
-    width = abs(high - low)
-    if log or not (width > 0.0 and math.isfinite(width)):
-        text = f"{value:.{2 if log else 4}g}"
-        text = f"{float(text):g}" if 1e-3 <= abs(value) < 1e5 else text
-    else:
-        digits = 1 - math.floor(math.log10(width))
-        usual = -4 <= digits <= 8
-        text = f"{round(value, digits):.{max(digits, 0)}f}" if usual else f"{value:.4g}"
-    return text.replace("-", "\N{MINUS SIGN}")

@@ -10,14 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.figures.bands import load_panels
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import PAGE_MM, blank_figure, colour, print_style
-from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tables.table import in_lines
 
 if TYPE_CHECKING:
-    from biaxbayes.machines.conversion import Conversion
+    from biaxbayes.machines.outcome import Conversion
 
 POINTS = 4_000
 """Rows of a protocol, or of a reason, that are drawn."""
@@ -128,7 +129,8 @@ def _handles(rows: Rows, specimen: Specimen) -> list[Line2D]:
     if specimen.experiment.is_mounted:
         looks.append(("+", "black", 6.0, "reference (at rest)"))
     for k, (name, at) in enumerate(list(rows.kept.items())[:NAMED]):
-        looks.append(("o", colour(k), 3.0, f"{plain(name, 34)}: {at.size} rows"))
+        lines = "" if rows.lines is None else f", lines {in_lines(rows.lines[at], shown=2)}"
+        looks.append(("o", colour(k), 3.0, f"{plain(name, 34)}: {at.size} rows{lines}"))
     if len(rows.kept) > NAMED:
         looks.append(("", "0.2", 3.0, f"and {len(rows.kept) - NAMED} more"))
     for k, (reason, at) in enumerate(list(rows.left.items())[:NAMED]):

@@ -65,9 +65,7 @@ def design_figure(design: Design) -> Figure:
     shown = [i for i, name in enumerate(design.quantities) if name not in states]
     reduction = np.array([e.reduction[shown] for e in expected])
     faces = colormaps["Blues"](np.clip(reduction / DARKEST_REDUCTION, 0.0, 1.0) / 1.35)
-    notes = ["expected reduction of the sd, per cent; below a symbol: total stretch"]
-    if not all(e.trusted for e in expected):
-        notes.append("* too few effective draws: a rough number, see at_least in design.csv")
+    notes = ["expected reduction of the sd, per cent at least; below a symbol: total stretch"]
     for name, words in cautions.items():
         notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(PAGE_MM / LETTER_MM))
     figure = blank_figure(PAGE_MM, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
@@ -76,15 +74,10 @@ def design_figure(design: Design) -> Figure:
         cells,
         [[f"{100.0 * max(v, 0.0):.0f}" for v in row] for row in reduction],
         [[to_hex(face) for face in row] for row in faces],
-        rows=[
-            (f"{CAUTION} " if e.name in cautions else "") + e.name + ("" if e.trusted else " *")
-            for e in expected
-        ],
+        rows=[(f"{CAUTION} " if e.name in cautions else "") + e.name for e in expected],
         columns=[quantity(design.quantities[i]).symbol.replace(" at ", "\n") for i in shown],
     )
-    gains, errors = [max(e.gain, 0.0) for e in expected], [e.gain_error for e in expected]
-    look = {"height": 0.6, "color": colour(0), "error_kw": {"linewidth": 0.8}}
-    bars.barh(range(len(expected)), gains, xerr=errors, **look)
+    bars.barh(range(len(expected)), [e.gain for e in expected], height=0.6, color=colour(0))
     bars.tick_params(axis="y", labelleft=False, which="both", length=0.0)
     bars.set_xlim(left=0.0)
     bars.set_xlabel("information gain (nats)")

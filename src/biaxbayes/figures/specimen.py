@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.figures.bands import curve_names, load_panels
 from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
@@ -25,9 +26,8 @@ from biaxbayes.figures.style import (
     limit_ticks,
     print_style,
 )
-from biaxbayes.fitting.result import FitResult
+from biaxbayes.fitting.fit_result import FitResult
 from biaxbayes.options import FIT_METHODS
-from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 

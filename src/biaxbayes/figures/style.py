@@ -25,7 +25,7 @@ from matplotlib.ticker import (
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import FIGURE_FORMATS
-from biaxbayes.text_files import atomic_write_bytes
+from biaxbayes.text_files import MADE_HERE, atomic_write_bytes
 
 Style: TypeAlias = Mapping[str, Any] | None
 """Settings of matplotlib that override :data:`STYLE`."""
@@ -40,12 +40,6 @@ BAND_OPACITY = {"predictive": 0.18, "credible": 0.45}
 """Opacity of both bands, the wide one first."""
 AXIS_MARKERS = {"x": "o", "y": "s"}
 DASHES = (0, (3, 2))
-LOAD_LABELS = {
-    "force": "force (N)",
-    "piola": "first Piola-Kirchhoff\nstress (kPa)",
-    "cauchy": "Cauchy stress (kPa)",
-}
-"""Labels of the load axis by the kind of loads in a file."""
 FINER_UNIT = {"N": "mN", "kPa": "Pa"}
 PRINT_AND_SCREEN = ("pdf", "png")
 """Formats of a figure beside its tables."""
@@ -172,7 +166,11 @@ def add_note(figure: Figure, text: str) -> None:
 def figure_bytes(figure: Figure, suffix: str) -> bytes:
     """Figure as a reproducible pdf, svg or png, in the style in use."""
     out = io.BytesIO()
-    undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    about: dict[str, dict[str, Any]] = {
+        "pdf": {"Creator": MADE_HERE, "CreationDate": None},
+        "svg": {"Creator": MADE_HERE, "Date": None},
+        "png": {"Software": MADE_HERE},
+    }
     with print_style():
         # Characters that the font lacks are drawn as boxes.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
@@ -180,7 +178,7 @@ def figure_bytes(figure: Figure, suffix: str) -> bytes:
             # Repeating the layout would move panels by fractions of a dot.
             engine.execute(figure)
             figure.set_layout_engine("none")
-        figure.savefig(out, format=suffix, metadata=undated.get(suffix))
+        figure.savefig(out, format=suffix, metadata=about[suffix])
     return out.getvalue()
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from biaxbayes.errors import InputError
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.figures.quantities import LOG_AXIS_RATIO, AxisText, known_or_default, quantity
 from biaxbayes.figures.style import (
     PAGE_MM,
@@ -22,7 +23,7 @@ from biaxbayes.figures.style import (
     small_text,
 )
 from biaxbayes.parameters import MATERIAL, NOISE_SD, STRETCH, Parameter, Quantities
-from biaxbayes.prediction.percentiles import QUANTILES, evenly_chosen
+from biaxbayes.prediction.percentiles import QUANTILES
 
 WALKER_QUANTILES = tuple(QUANTILES.values())
 """Of the walkers of an ensemble, drawn at each step."""

@@ -1,10 +1,11 @@
 """Least-squares fit of theta with the mounting stretch implicit in the force balance.
 
 With z the mounting force less its reading in sds s0 of the load cell, r the residuals of the rows
-after those at rest, w their sd in each piece (profiled: their root mean square) and c the stiffness
-of a further piece over that of the first, with sd s, it minimises
+after those at rest, w their sd in each piece (profiled: their root mean square), c the stiffness
+of a further piece over that of the first, with sd s, and m +- v a mounting stretch that the header
+gives, it minimises
 
-    sum z^2 + sum r^2 / w^2 + sum (ln c)^2 / s^2
+    sum z^2 + sum r^2 / w^2 + sum (ln c)^2 / s^2 + sum (lm - m)^2 / v^2
 
 by reweighted least squares: the mode of independent errors, without other priors. Its minimum is
 what is reported as a fit, where a sampler starts, and how other laws are fitted.
@@ -20,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError, TaredSpecimen
+from biaxbayes.fitting.fit_result import FitResult, rounding_bound
 from biaxbayes.fitting.least_squares import (
     DESCENT_TOLERANCE,
     FINALISTS,
@@ -29,7 +31,6 @@ from biaxbayes.fitting.least_squares import (
     descend,
 )
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
-from biaxbayes.fitting.result import FitResult, rounding_bound
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
@@ -155,9 +156,13 @@ class FitSetup:
         initial: MaterialResponse | None = None,
         *,
         compiled: bool = True,
+        compared: FitSetup | None = None,
         **limits: Any,
     ) -> FitResult:
         """The least-squares fit from screened materials and the initial one.
+
+        ``compared``: the same setup of another record, to which residuals refer, such as all rows
+        of one that was averaged.
 
         ``compiled`` solves for the mounted state in compiled code; for a single fit, uncompiled
         code is faster than loading the cache. ``limits`` as in :func:`minimum`. It has not
@@ -166,7 +171,7 @@ class FitSetup:
         points, _ = self.starting_points(starts, seed, initial)
         problem, descent = minimum(self, points, compiled=compiled, **limits)
         method = "zeroed" if self.mounting == "zeroed" else "standard"
-        return self.result(
+        return (compared or self).result(
             "constrained" if self.balanced else method,
             problem.fit_coordinates(descent.unknowns),
             problem.mounting(descent.unknowns),
@@ -276,7 +281,10 @@ def minimum(
     floor = MIN_RELATIVE_SD * peaks
     least = floor[data.piece_of_state, None]
     exact = setup.mounting != "noisy" or (data.mounting_sd <= least).all()
-    if not (setup.balanced and np.isfinite(descent.cost)) or (exact and not setup.piece_sd):
+    known = np.isfinite(data.measured_mounting).any()
+    if not np.isfinite(descent.cost) or not setup.balanced:
+        return problem, descent
+    if exact and not setup.piece_sd and not known:
         return problem, descent
 
     sd = None if exact else np.where(data.is_mounted, np.maximum(data.mounting_sd, least), 0.0)

@@ -14,9 +14,9 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
+from biaxbayes.fitting.fit_result import FitResult
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
 from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, LoadResiduals
-from biaxbayes.fitting.result import FitResult
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIT_METHODS, FitOptions
@@ -178,7 +178,7 @@ def fit(
 
 def refuse_other_tests(specimen: Specimen, method: str) -> None:
     """Refuse a method that is for one planar biaxial test alone."""
-    if specimen.further or specimen.test != "biaxial":
+    if specimen.further or not specimen.experiment.is_biaxial:
         raise InputError(
             f"the fit {method} is for one planar biaxial test",
             file=specimen.name,
@@ -191,7 +191,7 @@ def fit_all(specimen: Specimen, **options: Any) -> list[FitResult]:
 
     Options as in :func:`fit`.
     """
-    if specimen.further or specimen.test != "biaxial":
+    if specimen.further or not specimen.experiment.is_biaxial:
         return [fit(specimen, "constrained", **options)]
     methods = [m for m in METHODS if not (specimen.is_tared and m in PRESTRETCH_METHODS)]
     return [fit(specimen, method, **options) for method in methods]

@@ -1,7 +1,7 @@
-"""Least-squares fits of several laws to one specimen, and which of them describe it.
+"""Least-squares fits of several laws to one specimen, as information beside a posterior.
 
-Only :data:`CANDIDATE_LAWS` are fitted beside the law of a run, so that a law that is added to the
-package does not change the verdicts of others unnoticed.
+Nothing of a run depends on them: the misfit of its law is part of its likelihood. Only
+:data:`CANDIDATE_LAWS` are fitted beside the law of a run.
 """
 
 from __future__ import annotations
@@ -12,15 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from biaxbayes.errors import two_digits
 from biaxbayes.fitting.constrained import FitSetup
+from biaxbayes.fitting.fit_result import FitResult, root_mean_square
+from biaxbayes.fitting.least_squares import Descent
 from biaxbayes.fitting.residuals import has_smooth_misfit
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.parameters import mounting_names
-from biaxbayes.specimens.averaging import averaged_specimen
+from biaxbayes.specimens.averaging import average_rows, averaged_specimen
 from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
     import pandas as pd
+
+LAW_FIT_ROWS = 60
+"""Rows of a protocol that the laws are fitted to, averaged."""
 
 # --- one law -------------------------------------------------------------------------------------
 
@@ -35,39 +41,48 @@ class LawFit:
     """Fit of a law to a specimen."""
 
     law: str
+    key: str  # name of a law of the program, or text of a user's own
     rms: float  # of the load residuals, unit of the specimen
     rmse_kPa: float  # of the Cauchy stress
     mounting_stretch: np.ndarray  # (m, 2): one row, or one per protocol
     smooth: bool  # signs of the residuals show a smooth misfit
     converged: bool
 
+    @classmethod
+    def of_fit(cls, fitted: FitResult, law: str) -> LawFit:
+        """A fit as it is compared with those of other laws."""
+        return cls(
+            law_named(law).name,
+            law,
+            fitted.rms,
+            fitted.rmse_kPa,
+            fitted.mounting_stretch,
+            has_smooth_misfit(fitted.residuals),
+            fitted.converged,
+        )
 
-def fit_law(specimen: Specimen, law: str, *, starts: int = 3, **options: Any) -> LawFit:
-    """Least-squares fit of a law to the load; options as in :meth:`.FitSetup.from_options`."""
-    setup = FitSetup.from_options(specimen, law=law, **options)
-    fitted = setup.fitted(starts, compiled=False, **LAW_FIT_LIMITS)
-    return LawFit(
-        law_named(law).name,
-        fitted.rms,
-        fitted.rmse_kPa,
-        fitted.mounting_stretch,
-        has_smooth_misfit(fitted.residuals),
-        fitted.converged,
-    )
+
+def fit_law(
+    specimen: Specimen, law: str, *, starts: int = 3, rows: int = LAW_FIT_ROWS, **options: Any
+) -> LawFit:
+    """Least-squares fit of a law to the load; options as in :meth:`.FitSetup.from_options`.
+
+    To averaged rows; residuals are those of all readings.
+    """
+    averaged = averaged_specimen(specimen, rows)
+    setup, of_all = (FitSetup.from_options(s, law=law, **options) for s in (averaged, specimen))
+    fitted = setup.fitted(starts, compiled=False, compared=of_all, **LAW_FIT_LIMITS)
+    return LawFit.of_fit(fitted, law)
 
 
 # --- several laws --------------------------------------------------------------------------------
 
 CANDIDATE_LAWS = ("goh", "four-fibre", "fung", "goh-exponential", "holzapfel-2005", "lee-sacks")
 """Laws that are fitted in every run, beside its own."""
-LAW_FIT_ROWS = 60
-"""Rows of a protocol that the laws are fitted to, averaged."""
-CLOSE_RMS = 1.15
-"""Laws whose rms is within this factor of that of the best, or of the noise, fit a specimen."""
 BETTER_RMS_RATIO = 0.75
 """Another law fits a specimen distinctly better where its rms is less than this fraction."""
-MIN_RELATIVE_DIFFERENCE = 2e-3
-"""Fraction of the largest load: about the error that the calibration of a load cell leaves."""
+MIN_RELATIVE_DIFFERENCE = 2e-4
+"""Fraction of the largest load below which a difference between laws does not count."""
 
 
 @dataclass(frozen=True)
@@ -75,19 +90,11 @@ class LawFits:
     """Fits of all laws to one specimen."""
 
     fits: tuple[LawFit, ...]  # the best first
-    noise: float  # sd of a reading by the load cell, unit of the specimen
+    noise: float  # sd of a mean of rows, as the laws were fitted to, unit of the specimen
     peak: float  # largest load
 
     def __getitem__(self, law: str) -> LawFit | None:
         return next((f for f in self.fits if f.law == law), None)
-
-    def as_good_as(self, law: str) -> tuple[LawFit, ...]:
-        """Other laws that describe the record about as well as a law, or better."""
-        given = self[law]
-        if given is None:
-            return ()
-        limit = CLOSE_RMS * max(given.rms, self.noise)
-        return tuple(f for f in self.fits if f.law != law and f.rms <= limit)
 
     @property
     def least_difference(self) -> float:
@@ -126,33 +133,85 @@ def fit_laws(
     rows: int = LAW_FIT_ROWS,
     starts: int = 3,
     options_by_law: Mapping[str, Mapping[str, Any]] | None = None,
+    known: Mapping[str, FitResult] | None = None,
 ) -> LawFits | None:
-    """Fit laws to an averaged record; `options_by_law` are further arguments of `fit_law`."""
-    data = averaged_specimen(specimen, rows)
+    """Fit laws to a record; `options_by_law` are further arguments of `fit_law`.
+
+    `known` are fits of laws that are there already, with the same mounting constraint.
+    """
     common: dict[str, Any] = {
         "mounting": mounting,
         "mounting_stretch": mounting_stretch,
         "starts": starts,
+        "rows": rows,
     }
-    fits = [fit_law(data, law, **common, **(options_by_law or {}).get(law, {})) for law in laws]
+    fits = [
+        LawFit.of_fit(known[law], law)
+        if known and law in known
+        else fit_law(specimen, law, **common, **(options_by_law or {}).get(law, {}))
+        for law in laws
+    ]
     usable = [f for f in fits if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
     ordered = tuple(sorted(usable, key=lambda f: f.rms))
-    return LawFits(ordered, specimen.noise_sd, specimen.peak_load) if usable else None
+    # a mean of k rows has noise s0 / sqrt(k)
+    noise = specimen.noise_sd / np.sqrt(np.mean(average_rows(specimen, rows).weight))
+    return LawFits(ordered, float(noise), specimen.peak_load) if usable else None
 
 
-def better_law_message(fits: LawFits, law: str) -> str:
-    """Text on a law that fits distinctly better, or without smooth misfit; else empty."""
+def better_law(
+    specimen: Specimen,
+    fits: LawFits,
+    law: str,
+    *,
+    mounting: str = "noisy",
+    mounting_stretch: str = "shared",
+    options_by_law: Mapping[str, Mapping[str, Any]] | None = None,
+) -> str:
+    """Text on a law that fits distinctly better and, with several protocols, predicts better.
+
+    A law with more parameters follows a misfit better, which is no reason to prefer it: each
+    protocol is left out once, and both laws have to predict it. Empty if no law is better.
+    """
     best, given = fits.fits[0], fits[law]
-    if given is None or best.law == law:
+    if given is None or best.rms >= BETTER_RMS_RATIO * given.rms:
         return ""
-    message = (
-        f"{best.law} describes the record better than {law}: sample again with --law {best.law}"
+    if given.rms - best.rms <= fits.least_difference:
+        return ""
+    peak = max(fits.peak, 1e-300)
+    rms, own_rms = (f"{two_digits(100.0 * f.rms / peak)} %" for f in (best, given))
+    other_name, own_name = (law_named(f.key).short_name for f in (best, given))
+    text = (
+        f"another law, {other_name}, misses the record by {rms} of the largest load, {own_name} "
+        f"by {own_rms}"
     )
-    if best.rms < BETTER_RMS_RATIO * given.rms and given.rms - best.rms > fits.least_difference:
-        return message
-    # a law without smooth misfit where this one has it
-    close = given.rms <= CLOSE_RMS * max(best.rms, fits.noise)
-    return message if not close and not best.smooth else ""
+    remedy = f"`biaxbayes sample --law {best.law}` says what it changes"
+    if len(specimen.protocols) == 1 or mounting_stretch != "shared":
+        return f"{text}; no further protocol shows which predicts better: {remedy}"
+    data = averaged_specimen(specimen, LAW_FIT_ROWS)
+    other, own = (
+        left_out_rms(data, f.key, mounting=mounting, **(options_by_law or {}).get(f.key, {})) / peak
+        for f in (best, given)
+    )
+    if not other < own:
+        return ""
+    left_out = " and ".join(f"{two_digits(100.0 * v)} %" for v in (other, own))
+    return f"{text}; they predict a protocol left out to {left_out}: {remedy}"
+
+
+def left_out_rms(specimen: Specimen, law: str, *, starts: int = 2, **options: Any) -> float:
+    """Root mean square load residual of each protocol at the fit to all others."""
+    residuals: list[np.ndarray] = []
+    for i in range(len(specimen.protocols)):
+        others = tuple(p for k, p in enumerate(specimen.protocols) if k != i)
+        fitted = FitSetup.from_options(
+            replace(specimen, protocols=others, further=()), law=law, **options
+        ).fitted(starts, compiled=False, **LAW_FIT_LIMITS)
+        alone = replace(specimen, protocols=(specimen.protocols[i],), further=())
+        setup = FitSetup.from_options(alone, law=law, **options)
+        point = setup.law.to_fit_coordinates(fitted.material.values)
+        nothing = Descent(point, 0.0, 0, True)
+        residuals += setup.result("", point, fitted.mounting_stretch, nothing).residuals
+    return root_mean_square(residuals)
 
 
 QUICK: dict[str, Any] = {"rows": 20, "starts": 2}
@@ -160,7 +219,7 @@ QUICK: dict[str, Any] = {"rows": 20, "starts": 2}
 
 
 def quick_better_law(specimen: Specimen) -> str:
-    """Text on a law that fits a specimen distinctly better, by quick fits; else empty."""
+    """Text on a law that describes a specimen distinctly better, by quick fits; else empty."""
     mounting = "ignored" if specimen.is_tared else "noisy"
     default = fit_laws(specimen, (DEFAULT_LAW,), mounting=mounting, **QUICK)
     # no law can fit better than the noise
@@ -174,4 +233,4 @@ def quick_better_law(specimen: Specimen) -> str:
     )
     fits = (*default.fits, *(others.fits if others else ()))
     ordered = tuple(sorted(fits, key=lambda f: f.rms))
-    return better_law_message(replace(default, fits=ordered), DEFAULT_LAW)
+    return better_law(specimen, replace(default, fits=ordered), DEFAULT_LAW, mounting=mounting)

@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from biaxbayes.experiments import BIAXIAL
 from biaxbayes.forward import ForwardModel, LoadResponse
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.experiments import BIAXIAL
 from biaxbayes.specimens.rows import MeasuredRows
 
 MAX_SIGN_CHANGE_Z = 3.0
@@ -163,7 +163,8 @@ class BalancedMounting(LoadResiduals):
 
     With ``reading_sd`` (m, 2) the mounting loads are unknowns too, as deviations z from
     their readings in units of the sd, which are residuals as well. With ``piece_sd`` so are the
-    logs of the stiffnesses of further pieces, in units of that sd.
+    logs of the stiffnesses of further pieces, in units of that sd. A mounting stretch that the
+    header gives is a reading as well.
     """
 
     reading_sd: np.ndarray | None = None
@@ -176,6 +177,13 @@ class BalancedMounting(LoadResiduals):
         if self.reading_sd is None:
             return np.empty(0, dtype=int)
         return np.flatnonzero(self.data.is_mounted & (self.reading_sd > 0.0))
+
+    @property
+    def known_stretches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mounting stretches of the headers: indices into the flat (m, 2), means and sds."""
+        mean, sd = self.data.measured_mounting.ravel(), self.data.measured_mounting_sd.ravel()
+        known = np.flatnonzero(np.isfinite(mean) & self.data.is_mounted.ravel())
+        return known, mean[known], sd[known]
 
     def mounting_load(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting loads, shape (m, 2), in the unit of the readings."""
@@ -233,14 +241,22 @@ class BalancedMounting(LoadResiduals):
         z = unknowns[self.free.size :]
         lm = self.mounting(unknowns)
         if not np.isfinite(lm).all():
-            rows = self.data.load.size + z.size
+            rows = self.data.load.size + z.size + self.known_stretches[0].size
             return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
         stiffness = self.stiffness(unknowns)
         r, by_point, by_lm, by_c = self._rows(self.fit_coordinates(unknowns), lm, stiffness)
-        jacobian = by_lm @ self.log_stretch_jacobian(unknowns, lm)
+        by_log_lm = self.log_stretch_jacobian(unknowns, lm)
+        jacobian = by_lm @ by_log_lm
         jacobian[:, : self.free.size] += by_point[:, self.free]
         if self.piece_sd:
             jacobian[:, self.free.size + self.read.size :] += self.piece_sd * by_c[:, 1:]
         # the residual of z, or of ln c, is z itself
         by_z = np.eye(z.size, unknowns.size, self.free.size)
-        return np.concatenate([r, z]), np.vstack([jacobian, by_z])
+        # that of a mounting stretch m +- v from the header is (lm - m) / v
+        known, mean, sd = self.known_stretches
+        stretch = lm.ravel()[known]
+        by_stretch = by_log_lm[known] * (stretch / sd)[:, None]
+        return (
+            np.concatenate([r, z, (stretch - mean) / sd]),
+            np.vstack([jacobian, by_z, by_stretch]),
+        )

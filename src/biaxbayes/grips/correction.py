@@ -29,11 +29,11 @@ from scipy.interpolate import PchipInterpolator
 from biaxbayes.errors import BiaxbayesError, InputError, NotConverged
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import SheetTester
-from biaxbayes.fitting.result import FitResult
+from biaxbayes.fitting.fit_result import FitResult
 from biaxbayes.forward import ForwardModel
-from biaxbayes.grips.geometry import describe_hooks, edges_mm, stated_hooks
+from biaxbayes.grips.hooks import describe_hooks, edges_mm, stated_hooks
 from biaxbayes.laws.goh import GOH
-from biaxbayes.mechanics.experiments import newtons_per_kPa
+from biaxbayes.mechanics.mounting import newtons_per_kPa
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen

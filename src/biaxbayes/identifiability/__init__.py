@@ -1,1 +1,1 @@
-"""Identifiability: verdicts, profiles, combinations."""
+"""Identifiability: verdicts, and the combinations that the data determine."""

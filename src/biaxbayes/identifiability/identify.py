@@ -1,7 +1,7 @@
 """Verdicts on the parameters of a run, with their diagnostics.
 
-The verdicts follow from the draws of a run and its priors; least-squares fits of other laws to its
-record may take one away. What they mean and every threshold are in ``docs/identifiability.md``.
+The verdicts follow from the draws of a run and its priors. What they mean and every threshold are
+in ``docs/identifiability.md``.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.errors import listed
-from biaxbayes.fitting.law_fits import CANDIDATE_LAWS, LawFits, better_law_message, fit_laws
+from biaxbayes.derived.determined import thin_draws
+from biaxbayes.fitting.law_fits import CANDIDATE_LAWS, LawFits, better_law, fit_laws
 from biaxbayes.identifiability import power_scaling
-from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
     LEVELS,
     ComparisonScale,
@@ -27,11 +26,8 @@ from biaxbayes.identifiability.marginals import (
     range_ends,
 )
 from biaxbayes.identifiability.partners import find_partners
-from biaxbayes.identifiability.reported import Reported, contradicted_stretches, reported
+from biaxbayes.identifiability.reported import Reported, reported
 from biaxbayes.identifiability.verdict import (
-    MEASURED,
-    NOT_IDENTIFIED,
-    Assessment,
     Diagnostics,
     ParameterVerdict,
     Thresholds,
@@ -44,7 +40,7 @@ from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH, mounting_names
 from biaxbayes.prediction.draws import protocol_mounting, with_free_sides
 from biaxbayes.prediction.percentiles import quantiles
-from biaxbayes.prediction.predictive_checks import law_misses, predictive_checks
+from biaxbayes.prediction.predictive_checks import predictive_checks
 
 MAX_DIAGNOSTIC_DRAWS = 20_000
 """Draws, evenly chosen, that the diagnostics are computed from; medians and intervals are those of
@@ -60,11 +56,12 @@ class Identifiability:
     state : str
         State of the run that the draws are from.
     fits : LawFits or None
-        Least-squares fits of other laws under the same mounting constraint, of converged draws.
+        Least-squares fits of other laws under the same mounting constraint, of converged draws:
+        information, on which no verdict depends.
+    better_law : str
+        Text on a law that describes and predicts the record distinctly better, or empty.
     contradicted_priors : tuple of str
         Parameters of the law whose prior, set by the user, contradicts the data.
-    places : mapping of str to (int, int)
-        Index of the mounted state, and axis, of the mounting stretches.
     checks : DataFrame
         From :func:`.predictive_checks`, of all pieces of a run.
     """
@@ -75,8 +72,8 @@ class Identifiability:
     thresholds: Thresholds
     law: Law
     fits: LawFits | None = None
+    better_law: str = ""
     contradicted_priors: tuple[str, ...] = ()
-    places: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     checks: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> ParameterVerdict:
@@ -88,32 +85,7 @@ class Identifiability:
     @cached_property
     def reported(self) -> tuple[Reported, ...]:
         """Rows of the inferred parameters."""
-        # "fung describes the record better"
-        override = self.better_law.partition(" than ")[0] or self.law_misses
-        if self.contradicted_priors:
-            override = f"the prior of {listed(list(self.contradicted_priors))} contradicts the data"
-        contradictions = {}
-        if self.fits is not None:
-            contradictions = contradicted_stretches(
-                self.parameters, self.fits, self.law.name, self.places
-            )
-        if self.law_misses:
-            contradictions |= {
-                p.name: Assessment(NOT_IDENTIFIED, self.law_misses)
-                for p in self.parameters
-                if p.name in self.places and p.assessment.reason != MEASURED
-            }
-        return reported(self.parameters, override=override, contradictions=contradictions)
-
-    @property
-    def law_misses(self) -> str:
-        """Phrase where the law with these parameters does not describe the record; else empty."""
-        return law_misses(self.checks, self.law.key) if self.state == "converged" else ""
-
-    @property
-    def better_law(self) -> str:
-        """Text on a law that fits the record distinctly better; empty if none does."""
-        return "" if self.fits is None else better_law_message(self.fits, self.law.name)
+        return reported(self.parameters, contradicted_priors=self.contradicted_priors)
 
     @property
     def all_thresholds(self) -> dict[str, float]:
@@ -162,8 +134,7 @@ class Identifiability:
 
 def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identifiability:
     """Assess the parameters of a run by its draws, with the fits of other laws."""
-    fits = run_law_fits(posterior) if state == "converged" else None
-    result = identify_draws(posterior, draws, state, fits=fits)
+    result = identify_draws(posterior, draws, state)
     if state == "unusable":
         return result
     pieces = range(len(posterior.pieces))
@@ -171,21 +142,24 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     result = replace(result, checks=pd.concat(checks, ignore_index=True))
     if state != "converged":
         return result
-    conflicts = [name for name in prior_conflicts(posterior) if name in posterior.law.names]
-    return replace(result, contradicted_priors=tuple(conflicts))
-
-
-def run_law_fits(posterior: Posterior, laws: Sequence[str] = CANDIDATE_LAWS) -> LawFits | None:
-    """Least-squares fits of laws to the data of a posterior; its own law has the run's options."""
     settings = posterior.settings
-    run = {"fixed": settings.fixed_material, "fibre_switch": settings.fibre_switch}
-    return fit_laws(
-        posterior.specimen,
-        tuple(dict.fromkeys((settings.law, *laws))),
-        mounting=settings.fit_mounting,
-        mounting_stretch=settings.mounting_stretch,
-        options_by_law={settings.law: run},
-    )
+    how: dict[str, Any] = {
+        "mounting": settings.fit_mounting,
+        "mounting_stretch": settings.mounting_stretch,
+        "options_by_law": {
+            settings.law: {
+                "fixed": settings.fixed_material,
+                "fibre_switch": settings.fibre_switch,
+            }
+        },
+    }
+    laws = tuple(dict.fromkeys((settings.law, *CANDIDATE_LAWS)))
+    # the fit of several pieces is that of all, with one material
+    known = {} if posterior.specimen.further else {settings.law: posterior.fit}
+    fits = fit_laws(posterior.specimen, laws, **how, known=known)
+    better = better_law(posterior.specimen, fits, posterior.law.name, **how) if fits else ""
+    conflicts = [name for name in prior_conflicts(posterior) if name in posterior.law.names]
+    return replace(result, fits=fits, better_law=better, contradicted_priors=tuple(conflicts))
 
 
 def identify_draws(
@@ -194,7 +168,6 @@ def identify_draws(
     state: str,
     *,
     thresholds: Thresholds | None = None,
-    fits: LawFits | None = None,
     priors: Mapping[str, Prior | DrawnPrior | Tie | float] | None = None,
 ) -> Identifiability:
     """Assess the parameters of a posterior by its draws.
@@ -208,8 +181,6 @@ def identify_draws(
     state : {"converged", "tentative", "unusable"}
         Anything but ``converged`` gives no verdict; parameters of tentative draws have diagnostics
         all the same, those of unusable ones have none.
-    fits : LawFits, optional
-        From :func:`run_law_fits`, which may take verdicts away.
     priors : mapping, optional
         In place of the posterior's own, for draws under other priors of the same likelihood.
     """
@@ -227,17 +198,29 @@ def identify_draws(
         distances = law.bound_tolerances(law.material(thinned), largest)
         diagnostics = diagnostics_from_draws(free, thinned, draws, logs, distances, chosen)
         _add_deciding_priors(diagnostics, posterior, draws, free)
-    measured = [s.name for s in free if posterior.specimen.metadata.get(s.name) is not None]
     parameters = assess_parameters(
-        scales, diagnostics, law, state, thresholds=chosen, measured=measured
+        scales,
+        diagnostics,
+        law,
+        state,
+        thresholds=chosen,
+        measured=measured_stretches(posterior),
+        given=[name for name in posterior.settings.priors if name in law.names],
     )
-    places = {
-        name: (i, axis)
-        for i, label in enumerate(posterior.mounts)
-        for axis, name in enumerate(mounting_names("stretch", label))
+    return Identifiability(parameters, state, len(draws), chosen, law)
+
+
+def measured_stretches(posterior: Posterior) -> dict[str, tuple[float, float]]:
+    """Mean and sd of the mounting stretches that the headers of all pieces give, by name."""
+    return {
+        name: (float(mean), float(sd))
+        for piece in posterior.pieces
+        for state in piece.labels.states
+        for name, (mean, sd) in zip(
+            mounting_names("stretch", state), piece.specimen.measured_mounting.T, strict=True
+        )
+        if np.isfinite(mean)
     }
-    known = fits if state == "converged" else None
-    return Identifiability(parameters, state, len(draws), chosen, law, known, places=places)
 
 
 def diagnostics_from_draws(
@@ -273,7 +256,7 @@ def diagnostics_from_draws(
             low=q05,
             high=q95,
             prior_sd=float(before.std()),
-            posterior_sd=float(x.std()),
+            posterior_sd=float(np.quantile(x, LEVELS).std()),
             prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
             ends=range_ends(scale, values, likelihood, distances.get(scale.parameter.name)),
             partners=partners[scale.name],
@@ -293,8 +276,9 @@ def _add_deciding_priors(
     free: Sequence[ComparisonScale],
 ) -> None:
     """Add to mounting stretches which ends their prior decides."""
+    measured = measured_stretches(posterior)
     for scale in free:
-        if scale.parameter.kind != STRETCH or posterior.specimen.metadata.get(scale.name):
+        if scale.parameter.kind != STRETCH or scale.name in measured:
             continue  # of the material, or a measurement
         values = draws[scale.name].to_numpy(dtype=float)
         by_prior = power_scaling.ends_by_prior(values, power_scaling.log_prior((scale,), draws))

@@ -184,6 +184,8 @@ def _peaks(shape: Density) -> int:
 
 PRIOR_TAIL = 0.025  # fraction of a prior without bounds that counts as its end
 BOUND_TAIL = 0.05  # fraction of a prior that counts as near a bound
+OUT_OF_REACH = 1e-3  # fraction of a prior near an end of the law: with less, the prior excludes it
+OUT_OF_REACH = 1e-3  # fraction of a prior near an end of the law below which the prior excludes it
 
 
 @dataclass(frozen=True)
@@ -205,6 +207,12 @@ class RangeEnd:
         return f"{value} ({meaning})" if meaning else value
 
 
+def _prior_mass(prior: Prior | DrawnPrior, side: int, threshold: float) -> float:
+    """Fraction of a prior beyond a threshold, on one side."""
+    below = float(prior.cdf(np.array([threshold]))[0])
+    return below if side == 0 else 1.0 - below
+
+
 def range_ends(
     scale: ComparisonScale, values: np.ndarray, likelihood: Density, distance: float | None
 ) -> tuple[RangeEnd, ...]:
@@ -222,16 +230,16 @@ def range_ends(
             continue
         tail = BOUND_TAIL if by_user else PRIOR_TAIL
         threshold = float(prior.ppf(np.array([tail if side == 0 else 1.0 - tail]))[0])
+        kind, value, near = "prior", threshold, 0.0  # in the tail of the prior
         if by_user:
             kind, value, near = "user", float(bound), abs(threshold - float(bound))
         elif physical:
             assert distance is not None
-            kind, value, near = "physical", end, distance
-            threshold = end + distance if side == 0 else end - distance
-        else:  # in the tail of the prior
-            kind, value, near = "prior", threshold, 0.0
-        below = float(prior.cdf(np.array([threshold]))[0])
-        prior_mass = below if side == 0 else 1.0 - below
+            inside = end + distance if side == 0 else end - distance
+            # a prior that excludes the end of the law, as one from imaging may, ends before it
+            if _prior_mass(prior, side, inside) > OUT_OF_REACH:
+                kind, value, near, threshold = "physical", end, distance, inside
+        prior_mass = _prior_mass(prior, side, threshold)
         mass = float((values <= threshold if side == 0 else values >= threshold).mean())
         if kind == "prior":
             support = min(mass / prior_mass / likelihood.peak, 1.0)

@@ -88,10 +88,6 @@ def log_prior(scales: tuple[ComparisonScale, ...], draws: pd.DataFrame) -> np.nd
             )
             total += np.log(np.maximum(at, 1e-12 * marginal.peak))
             continue
-        if not isinstance(prior, Prior) or prior.family in ("uniform", "loguniform"):
-            continue
-        x = draws[scale.name].to_numpy(dtype=float)
-        logs = prior.family == "lognormal"
-        z = ((np.log(x) - np.log(prior.location)) if logs else x - prior.location) / prior.scale
-        total -= 0.5 * z * z
+        if isinstance(prior, Prior):
+            total += prior.log_density(draws[scale.name].to_numpy(dtype=float))
     return total

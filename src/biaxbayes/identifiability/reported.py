@@ -1,35 +1,31 @@
 """The reported table: median, 90 % interval, verdict and reason of each parameter.
 
 Median and interval are the 50, 5 and 95 % quantiles of the draws, the numbers of every other table
-and figure of a run. A verdict says how the interval may be used (:mod:`.verdict`); another law that
-describes the record as well and contradicts it may take a verdict away, and so may a prior of the
-user's that contradicts the data. The rows as text are the same words and digits wherever they are
-printed.
+and figure of a run. A verdict says how the interval may be used (:mod:`.verdict`). The rows as text
+are the same words and digits wherever they are printed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
-from biaxbayes.errors import listed, printable, two_digits
-from biaxbayes.fitting.law_fits import LawFits
+from biaxbayes.errors import listed
 from biaxbayes.identifiability.verdict import (
-    BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
+    MEASURED,
     NO_VERDICT,
     NOT_IDENTIFIED,
     Assessment,
-    Diagnostics,
     ParameterVerdict,
 )
-from biaxbayes.parameters import MATERIAL, Parameter, Quantities, Quantity
-from biaxbayes.text_files import aligned
+from biaxbayes.parameters import MATERIAL, Quantity
+from biaxbayes.report_table import DASH, Column, Table, interval_texts
 
 NOTHING = float("nan")
 """In place of numbers where draws have not converged."""
@@ -41,11 +37,11 @@ class Reported:
 
     Attributes
     ----------
-    name, unit : str
-        Name as in ``summary.csv``; the unit is empty for pure numbers.
+    quantity : Quantity
     median, low, high : float
         50, 5 and 95 % quantiles of the draws; NaN of draws that have not converged.
-    verdict : {"identified", "bounded", "only in combination", "not identified", "no verdict"}
+    verdict : str
+        One of :data:`.VERDICTS`, or "no verdict".
     reason : str
         One short phrase.
     bound : {"", "low", "high"}
@@ -54,8 +50,7 @@ class Reported:
         Correlated parameters in combination with which it is known; empty for other verdicts.
     """
 
-    name: str
-    unit: str
+    quantity: Quantity
     median: float
     low: float
     high: float
@@ -65,10 +60,43 @@ class Reported:
     partners: tuple[str, ...] = ()
 
     @property
+    def name(self) -> str:
+        """As in ``summary.csv``."""
+        return self.quantity.name
+
+    @property
+    def unit(self) -> str:
+        """Empty for pure numbers."""
+        return "" if self.quantity.unit == "1" else self.quantity.unit
+
+    @property
+    def texts(self) -> tuple[str, str, str]:
+        """Median and ends of the interval in print."""
+        return interval_texts(self.median, self.low, self.high, self.quantity.parameter)
+
+    @property
+    def text(self) -> str:
+        """The median in print."""
+        return self.texts[0]
+
+    @property
+    def interval(self) -> str:
+        """`1.0149 to 1.0212`, `above 1.0071`, `below 0.21` or a dash."""
+        _, low, high = self.texts
+        if math.isnan(self.median):
+            return DASH
+        return {"low": f"above {low}", "high": f"below {high}"}.get(self.bound, f"{low} to {high}")
+
+    @property
+    def interval_with_unit(self) -> str:
+        """The interval with its unit behind it."""
+        return self.interval if self.interval == DASH else f"{self.interval} {self.unit}".strip()
+
+    @property
     def ends(self) -> tuple[float, float]:
         """Ends of the interval that hold, by the verdict; NaN for the others."""
-        low = self.low if self.verdict in (IDENTIFIED, COMBINATION) else NOTHING
-        high = self.high if self.verdict in (IDENTIFIED, COMBINATION) else NOTHING
+        known = self.verdict in (IDENTIFIED, MEASURED, COMBINATION)
+        low, high = (self.low, self.high) if known else (NOTHING, NOTHING)
         return (
             self.low if self.bound == "low" else low,
             self.high if self.bound == "high" else high,
@@ -76,15 +104,11 @@ class Reported:
 
 
 def reported(
-    parameters: Sequence[ParameterVerdict],
-    *,
-    override: str = "",
-    contradictions: Mapping[str, Assessment] | None = None,
+    parameters: Sequence[ParameterVerdict], *, contradicted_priors: Sequence[str] = ()
 ) -> tuple[Reported, ...]:
     """Rows of the inferred parameters, in their order, without fixed and tied ones.
 
-    ``override`` is why no parameter of the law is identified (a better law, a prior that
-    contradicts the data); ``contradictions`` replace the verdicts on mounting stretches.
+    Of a law with a prior of the user's that contradicts the data no parameter is identified.
     """
     out = []
     for p in parameters:
@@ -93,55 +117,15 @@ def reported(
         a, e = p.assessment, p.diagnostics
         if p.verdict == NO_VERDICT or e is None:
             nothing = (NOTHING, NOTHING, NOTHING)
-            out.append(Reported(p.name, p.scale.unit, *nothing, NO_VERDICT, a.reason))
+            out.append(Reported(p.scale.quantity, *nothing, NO_VERDICT, a.reason))
             continue
-        if override and p.scale.parameter.kind == MATERIAL:
-            a = Assessment(NOT_IDENTIFIED, override)
-        a = (contradictions or {}).get(p.name, a)
+        if contradicted_priors and p.scale.parameter.kind == MATERIAL:
+            reason = f"the prior of {listed(list(contradicted_priors))} contradicts the data"
+            a = Assessment(NOT_IDENTIFIED, reason)
         partners = e.partners.names if a.verdict == COMBINATION else ()
         values = (e.median, e.low, e.high)
-        out.append(Reported(p.name, p.scale.unit, *values, a.verdict, a.reason, a.bound, partners))
+        out.append(Reported(p.scale.quantity, *values, a.verdict, a.reason, a.bound, partners))
     return tuple(out)
-
-
-GAP, LEAST_GAP = 0.5, 0.1
-"""A law contradicts an interval where it lies beyond it by more than this fraction of its width,
-and by more than that fraction of the width of a sharp one."""
-
-
-def contradicted_stretches(
-    rows: Sequence[ParameterVerdict], fits: LawFits, law: str, places: Mapping[str, tuple[int, int]]
-) -> dict[str, Assessment]:
-    """Verdicts on mounting stretches that the fit of another law contradicts.
-
-    Of the laws that describe the record as well as that of the run, one whose mounting stretch lies
-    beyond the interval's upper end leaves it bounded from below, and one below the lower end leaves
-    it not identified.
-    ``places`` are the indices (mounted state, axis) of the stretches in the fits.
-    """
-    out = {}
-    others = fits.as_good_as(law)
-    for p in rows:
-        e = p.diagnostics
-        if p.name not in places or e is None or p.verdict not in (IDENTIFIED, BOUNDED):
-            continue
-        gap = max(GAP * (e.high - e.low), LEAST_GAP * e.parameter.sharp)
-        at = {f.law: float(f.mounting_stretch[places[p.name]]) for f in others}
-        below = [name for name, value in at.items() if value < e.low - gap]
-        above = [name for name, value in at.items() if value > e.high + gap]
-        if below:
-            out[p.name] = Assessment(NOT_IDENTIFIED, _disagree(below, at, e))
-        elif above and p.verdict == IDENTIFIED:
-            out[p.name] = Assessment(BOUNDED, _disagree(above, at, e), "low")
-    return out
-
-
-def _disagree(laws: Sequence[str], at: Mapping[str, float], e: Diagnostics) -> str:
-    texts = {law: quantile_texts(at[law], e.low, e.high, e.parameter)[0] for law in laws[:2]}
-    named = listed([f"{law} ({text})" for law, text in texts.items()])
-    if len(laws) == 1:
-        return f"{named} describes the record as well and contradicts it"
-    return f"{named} describe the record as well and contradict it"
 
 
 def measurement_advice(names: Sequence[str]) -> str:
@@ -153,95 +137,38 @@ def measurement_advice(names: Sequence[str]) -> str:
     )
 
 
-# --- the rows as text ----------------------------------------------------------------------------
-
-DASH = "–"
-"""Stands in place of numbers where there are none."""
-COARSE_RATIO = 8.0
-"""Ratio of the ends of an interval from which each has two significant digits."""
+# --- the table -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class ReportRow:
-    """One row of the reported table, as text."""
-
-    quantity: Quantity
-    median: str
-    interval: str  # `1.0149 to 1.0212`, `above 1.0071`, `below 0.21` or a dash
-    unit: str  # empty for pure numbers
-    verdict: str
-    reason: str
-    partners: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        return self.quantity.name
-
-    @property
-    def interval_with_unit(self) -> str:
-        """The interval with its unit behind it."""
-        unit = self.unit if self.interval != DASH else ""
-        return f"{self.interval} {unit}".strip()
-
-
-def report_rows(reported: Sequence[Reported], quantities: Quantities) -> list[ReportRow]:
-    """The rows as text, in their order."""
-    return [
-        ReportRow(
-            quantities[r.name],
-            *row_numbers(r, quantities[r.name].parameter),
-            r.unit,
-            r.verdict,
-            r.reason,
-            r.partners,
-        )
-        for r in reported
-    ]
-
-
-def report_frame(reported: Sequence[Reported], quantities: Quantities) -> pd.DataFrame:
+def report_frame(reported: Sequence[Reported]) -> pd.DataFrame:
     """The table of ``report.csv``: quantiles as numbers, and the interval as it is printed."""
-    rows = report_rows(reported, quantities)
     return pd.DataFrame(
         [
-            (r.name, row.unit, r.median, r.low, r.high, row.interval, row.verdict, row.reason)
-            for r, row in zip(reported, rows, strict=True)
+            (r.name, r.unit, r.median, r.low, r.high, r.interval, r.verdict, r.reason)
+            for r in reported
         ],
         columns=["parameter", "unit", "q50", "q05", "q95", "interval", "verdict", "reason"],
     )
 
 
-def row_numbers(r: Reported, parameter: Parameter) -> tuple[str, str]:
-    """Median and interval of a row as text; of a bounded parameter the bound."""
-    if math.isnan(r.median):
-        return DASH, DASH
-    median, low, high = quantile_texts(r.median, r.low, r.high, parameter)
-    interval = {"low": f"above {low}", "high": f"below {high}"}.get(r.bound, f"{low} to {high}")
-    return median, interval
-
-
-def quantile_texts(
-    median: float, low: float, high: float, parameter: Parameter
-) -> tuple[str, str, str]:
-    """Median and ends of an interval, with two digits of its width; the same wherever printed."""
-    values = (median, low, high)
-    width = high - low
-    if parameter.logarithmic and low > 0.0 and high > COARSE_RATIO * low:
-        return tuple(map(two_digits, values))  # type: ignore[return-value]
-    if not (width > 0.0 and math.isfinite(width)):
-        return tuple(parameter.number(v) for v in values)  # type: ignore[return-value]
-    digits = min(1 - math.floor(math.log10(width)), 8)
-    return tuple(  # type: ignore[return-value]
-        f"{round(v, digits) + 0.0:.{max(digits, 0)}f}" for v in values
-    )
-
-
-def row_lines(rows: Sequence[ReportRow]) -> list[str]:
-    """Aligned lines for a terminal."""
-    return aligned(
-        [
-            (printable(r.name), r.median, r.interval, r.unit, r.verdict, printable(r.reason))
-            for r in rows
-        ]
-    )
+def report_table(
+    reported: Sequence[Reported],
+    label: str = "What to report",
+    caption: str = "",
+    *,
+    meaning: bool = False,
+) -> Table:
+    """What to report of each parameter, at the end what it means."""
+    rows = {r.name: r for r in reported}
+    columns = [
+        Column("parameter", "Parameter", format=lambda row: rows[row["parameter"]].quantity),
+        Column("q50", "Median", format=lambda row: rows[row["parameter"]].text, number=True),
+        Column("interval", "Interval"),
+        Column("unit", "Unit"),
+        Column("verdict", "Verdict", term=True),
+        Column("reason", "Reason"),
+    ]
+    if meaning:
+        words = {r.name: r.quantity.parameter.words for r in reported}
+        columns.append(Column("", "Meaning", format=lambda row: words[row["parameter"]]))
+    return Table(columns, report_frame(reported), label, caption)

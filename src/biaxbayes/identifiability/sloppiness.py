@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from biaxbayes.derived.determined import thin_draws
 from biaxbayes.errors import two_digits
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
-from biaxbayes.identifiability.determined import thin_draws
 from biaxbayes.identifiability.marginals import (
     INTERVAL,
     LEVELS,

@@ -4,6 +4,7 @@
 - `bounded`: one end
 - `only in combination`: a two-sided interval, wide because the parameter is strongly correlated
   with those named
+- `measured`: a mounting stretch that the header gives; the interval is what the record made of it
 - `not identified`: the prior, or a choice of the law, decides
 - `no verdict`: the chains have not converged, so the run shows nothing about the tissue
 
@@ -14,7 +15,7 @@ quantiles of the draws.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from biaxbayes.errors import listed
 from biaxbayes.identifiability.marginals import ComparisonScale, Density, RangeEnd
@@ -27,13 +28,12 @@ IDENTIFIED = "identified"
 BOUNDED = "bounded"
 COMBINATION = "only in combination"
 NOT_IDENTIFIED = "not identified"
-VERDICTS = (IDENTIFIED, BOUNDED, COMBINATION, NOT_IDENTIFIED)
+MEASURED = "measured"
+VERDICTS = (IDENTIFIED, MEASURED, BOUNDED, COMBINATION, NOT_IDENTIFIED)
 """Reported verdicts; further ones are :data:`NO_VERDICT` of chains that have not converged, and
 :data:`FIXED`."""
 NO_VERDICT = "no verdict"
 FIXED = "fixed"
-MEASURED = "measured before and after mounting"
-"""Reason of a mounting stretch that the header of the specimen gives."""
 AXES: dict[int | None, str] = {0: "_x", 1: "_y"}
 
 
@@ -192,14 +192,28 @@ def assess_material(
     return Assessment(IDENTIFIED, "; ".join(filter(None, (DATA_DECIDE, trades))))
 
 
-def assess_stretch(e: Diagnostics, thresholds: Thresholds, *, measured: bool) -> Assessment:
+NARROWED, MOVED = 0.7, 2.0
+"""A record narrows a measured stretch where it leaves less than this fraction of its sd, and moves
+it where the median lies further from its mean than so many of its sds."""
+
+
+def assess_stretch(
+    e: Diagnostics, thresholds: Thresholds, measured: tuple[float, float] | None
+) -> Assessment:
     """Verdict on a mounting stretch: its lower end may hold where the upper one does not.
 
     Tissue stiffens as it is stretched, so a toe region that is softer than that of the laws only
-    moves the mounting stretch up.
+    moves the mounting stretch up. ``measured`` are mean and sd that the header gives.
     """
     if measured:
-        return Assessment(IDENTIFIED, MEASURED)
+        mean, sd = measured
+        moved = (e.median - mean) / sd
+        words = f"{mean:g} \u00b1 {sd:g} in the header"
+        if abs(moved) > MOVED:
+            words += f"; the record moves it by {abs(moved):.1f} sd"
+        elif e.posterior_sd < NARROWED * sd:
+            words += "; the record narrows it"
+        return Assessment(MEASURED, words)
     opened = {x.side for x in e.open_ends(thresholds)}
     opened |= {side for side, by_prior in enumerate(e.by_prior) if by_prior}
     if e.contraction < thresholds.contraction:
@@ -218,11 +232,13 @@ def assess_parameters(
     state: str,
     *,
     thresholds: Thresholds,
-    measured: Collection[str] = (),
+    measured: Mapping[str, tuple[float, float]] | None = None,
+    given: Collection[str] = (),
 ) -> tuple[ParameterVerdict, ...]:
     """Verdicts on parameters; `diagnostics` lacks fixed parameters and those of unusable draws.
 
-    ``measured`` are mounting stretches that the header of the specimen gives.
+    ``measured`` are mean and sd of the mounting stretches that the headers give, ``given`` the
+    parameters whose priors the user chose.
     """
     at_end = {  # parameters that may lie at an end of the law, with its sides
         name: sides
@@ -240,6 +256,7 @@ def assess_parameters(
             undefined[name] = (
                 f"{listed(possible)}, where no angle means anything, {verb} not excluded"
             )
+    by_prior = [n for n in given if n in diagnostics and n in weak - set(at_end)]
     out = []
     for scale in scales:
         e = diagnostics.get(scale.name)
@@ -248,8 +265,11 @@ def assess_parameters(
         elif e is None or state != "converged":
             assessment = Assessment(NO_VERDICT, UNCONVERGED)
         elif scale.parameter.kind == STRETCH:
-            assessment = assess_stretch(e, thresholds, measured=scale.name in measured)
+            assessment = assess_stretch(e, thresholds, (measured or {}).get(scale.name))
         else:
             assessment = assess_material(e, scale, thresholds, weak, undefined.get(scale.name, ""))
+            if by_prior and assessment.verdict == IDENTIFIED:
+                words = f"given your prior of {listed(by_prior)}, {assessment.reason}"
+                assessment = replace(assessment, reason=words)
         out.append(ParameterVerdict(scale, assessment, e))
     return tuple(out)

@@ -54,13 +54,15 @@ def law_named(name: str, *, fibre_switch: bool = False) -> Law:
     if fibre_switch and not known.has_switch:
         switched = [n for n in LAWS if _law_class(n).has_switch]
         raise InputError(
-            f"the law {known.name} leaves no choice of what its fibres do in compression",
-            remedy=f"`fibre_switch` belongs to {' and '.join(switched)}",
+            f"`fibre_switch` does not apply to the law {known.name}",
+            remedy=f"leave it out; it is an option of {' and '.join(switched)}",
         )
     return known(fibre_switch)
 
 
 def _law_class(name: str) -> type[Law]:
+    if not isinstance(name, str):
+        raise InputError(f"a law is named by a text, not {type(name).__name__}")
     if "\n" in name:
         from biaxbayes.laws.law_file import law_from_text
 

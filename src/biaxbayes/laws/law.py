@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -122,7 +123,7 @@ class Law:
     roots: ClassVar[bool] = False
     """Whether roots are sampled in place of logs, because terms can stand in for one another."""
     typical: ClassVar[Mapping[str, float]] = {}
-    """Medians of scaled priors of what is no amplitude or exponent and not mid-range."""
+    """Medians of scaled priors of parameters that are neither amplitudes nor exponents."""
     bound_by: ClassVar[tuple[str, ...]] = ()
     """A parameter b, and two others with b_x b_y > b^2."""
     compares_stiffness: ClassVar[bool] = False
@@ -234,9 +235,10 @@ class Law:
                     f"{given} {problem} of the law {self.name}", remedy=f"parameters are {labels}"
                 )
             p = self.parameter(name)
-            if not (math.isfinite(value) and p.low <= value <= p.high):
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not (number and math.isfinite(value) and p.low <= value <= p.high):
                 raise InputError(
-                    f"{given} = {value:g} is out of range",
+                    f"{given} = {value if number else repr(value)[:40]} is out of range",
                     remedy=f"it lies between {p.low:g} and {p.high:g}{p.unit_words()}",
                 )
             checked[name] = float(value)
@@ -254,7 +256,7 @@ class Law:
         """Raise InputError for given numbers that do not meet :attr:`condition`."""
         given = self.joint_parameters and set(self.joint_parameters) <= set(values)
         if given and not self.is_admissible(values):
-            raise InputError(f"no material of the law {self.name}: {self.condition}")
+            raise InputError(f"not a material of the law {self.name}: {self.condition}")
 
     def is_admissible(self, values: Mapping[str, Any]) -> Any:
         """True where parameters, numbers or arrays, meet :attr:`condition`."""
@@ -458,8 +460,9 @@ class Law:
         """Priors of tissue that reaches a nominal stress at a total equibiaxial stretch.
 
         At the medians (45 degrees, no dispersion) the exponents are one there, and matrix and
-        exponentials carry 30 and 70 % of the stress.
+        exponentials carry 30 and 70 % of the stress; a single amplitude carries all of it.
         """
+        of_matrix = MATRIX_STRESS_FRACTION if len(self.amplitudes) > 1 else 1.0
         medians = self.prior_medians(stretch)
         priors: dict[str, tuple[str, float, float]] = {}
         for p in self.parameters:
@@ -468,7 +471,7 @@ class Law:
                 alone = dict.fromkeys(self.amplitudes, 0.0) | medians | {p.name: 1.0}
                 per_unit = max(self.material(alone).piola(stretch, stretch))
                 matrix = p.name == self.amplitudes[0]
-                fraction = MATRIX_STRESS_FRACTION if matrix else self.exponential_stress_fraction
+                fraction = of_matrix if matrix else self.exponential_stress_fraction
                 priors[p.name] = ("lognormal", fraction * peak_kPa / float(per_unit), 0.8)
             elif p.bounded:
                 priors[p.name] = ("uniform", p.low, p.high)

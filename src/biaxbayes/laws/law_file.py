@@ -14,15 +14,15 @@
         E = X - 1
         return c / 2 * (X + Y + Z - 3) + k1 / k2 * (np.exp(k2 * E**2) - 1)
 
-Runs keep the text of the file, and a run may come from anywhere. So the text is no program: what is
-not arithmetic is refused before anything of it is run.
+Runs keep the text of the file, and a run may come from anywhere. So what is not arithmetic is
+refused before anything of the text is run.
 '''
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -42,7 +42,7 @@ from biaxbayes.parameters import (
     fibre_angle,
     positive_parameter,
 )
-from biaxbayes.text_files import read_text
+from biaxbayes.text_files import one_line, read_text
 
 FUNCTIONS = sorted(o.__name__ for o in (*COMPOSED, *OPERATIONS) if isinstance(o, np.ufunc))
 ARITHMETIC = (
@@ -51,6 +51,8 @@ ARITHMETIC = (
     *(ast.Dict, ast.operator, ast.unaryop, ast.cmpop, ast.expr_context),
 )
 """What a law can be written with, besides NumPy's functions of numbers."""
+MAX_LETTERS, MAX_OPERATIONS = 20_000, 1_000
+"""Of a law; one of ten exponentials has some 200 operations."""
 TAKEN = {"np", exponential.__name__, *Quantities(()), "lp", "log_likelihood"}
 """Names that a parameter cannot have: of other quantities, and of functions."""
 TEST_STRETCHES = np.array([1.02, 1.1, 1.2])
@@ -58,7 +60,7 @@ TEST_STRETCHES = np.array([1.02, 1.1, 1.2])
 
 def read_law(path: Path) -> str:
     """Text of the file of a law, after its name as a comment."""
-    return f"# {path.name}\n{read_text(path)}"
+    return f"# {one_line(path.name)}\n{read_text(path)}"
 
 
 class LawOfFile(Law):
@@ -108,7 +110,8 @@ def _law(text: str, name: str) -> type[LawOfFile]:
     table, energy = found.get("parameters"), found.get("energy")
     if not (isinstance(table, dict) and table and callable(energy)):
         raise InputError(
-            "a law is a function `energy` and a table `parameters`", remedy="see the page on laws"
+            "a law file has to define a function `energy` and a table `parameters`",
+            remedy="see the page on laws",
         )
     parameters = tuple(_parameter(label, prior) for label, prior in table.items())
     wanted = ["X", "Y", "Z", *(f"cos2_{p.name}" if p.mirror else p.name for p in parameters)]
@@ -145,43 +148,111 @@ def _law(text: str, name: str) -> type[LawOfFile]:
 
 def _evaluated(text: str) -> dict[str, Any]:
     """What a text defines."""
+    if len(text) > MAX_LETTERS:
+        raise InputError(f"has more than {MAX_LETTERS:,} characters", remedy="write it shorter")
     try:
         tree = ast.parse(text.partition("\n")[2])
-    except (SyntaxError, ValueError, RecursionError) as error:
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = f"line {error.lineno}: " if isinstance(error, SyntaxError) else ""
-        raise InputError(f"{line}no Python ({getattr(error, 'msg', error)})") from None
+        raise InputError(f"{line}not valid Python ({getattr(error, 'msg', error)})") from None
     tree.body = [s for s in tree.body if ast.unparse(s) != "import numpy as np"]
-    functions = {s.name for s in tree.body if isinstance(s, ast.FunctionDef)}
-    for node in ast.walk(tree):
-        _check_node(node, functions)
+    _refuse_more_than_arithmetic(tree)
+    numbers = ast.fix_missing_locations(Numbers().visit(tree))
     found: dict[str, Any] = {"__builtins__": {}, "np": np}
     try:
-        exec(compile(tree, "law", "exec"), found)
+        exec(compile(numbers, "law", "exec"), found)
     except Exception as error:
         raise InputError(f"the file cannot be read: {error}") from None
     return found | {"__doc__": ast.get_docstring(tree)}
 
 
-def _check_node(node: ast.AST, functions: set[str]) -> None:
-    """Refuse what is no arithmetic; whole numbers become floats, whose powers stay small."""
-    numpy = isinstance(node, ast.Attribute) and ast.unparse(node).startswith("np.")
-    if isinstance(node, ast.Attribute) and numpy and node.attr in (*FUNCTIONS, "pi"):
-        return
-    refused = not isinstance(node, ARITHMETIC)
-    if isinstance(node, ast.Call):
-        own = isinstance(node.func, ast.Attribute) or ast.unparse(node.func) in functions
-        refused = bool(node.keywords) or not own
-    elif isinstance(node, ast.FunctionDef):
-        refused = bool(node.decorator_list or node.args.defaults or node.args.kwonlyargs)
-    elif isinstance(node, ast.Constant) and isinstance(node.value, int):
-        node.value = float(node.value)
-    if refused:
-        line = getattr(node, "lineno", None)
-        shown = ast.unparse(node).splitlines()[0][:40]
+class Numbers(ast.NodeTransformer):
+    """Makes every number a float, also the truth of a comparison: powers of floats stay small."""
+
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        """A whole number as float."""
+        return ast.Constant(float(node.value)) if isinstance(node.value, int) else node
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        """A comparison as 0.0 or 1.0."""
+        self.generic_visit(node)
+        return ast.BinOp(node, ast.Mult(), ast.Constant(1.0))
+
+
+def _refuse_more_than_arithmetic(tree: ast.Module) -> None:
+    """Refuse what is not arithmetic of numbers, and more of it than a law needs.
+
+    Without loops, recursion and functions as values, the operations of a text can be counted
+    before anything of it is run. Texts and tuples, which could grow, are in tables alone.
+    """
+    functions = {s.name: s for s in tree.body if isinstance(s, ast.FunctionDef)}
+    kept: set[int] = {id(s) for s in functions.values()}  # of what is not allowed everywhere
+    for node in ast.walk(tree):
+        match node:
+            case ast.Expr(value=ast.Constant() as docstring):
+                kept.add(id(docstring))
+            case ast.Call(func=ast.Name() as called):
+                kept.add(id(called))
+            case ast.Assign(targets=[ast.Tuple() as names], value=ast.Tuple() as values):
+                kept |= {id(names), id(values)}
+            case ast.Dict():
+                rows = [v for v in node.values if isinstance(v, ast.Tuple)]
+                kept |= {id(n) for n in (*node.keys, *node.values)}
+                kept |= {id(n) for row in rows for n in row.elts if isinstance(n, ast.Constant)}
+    for node in ast.walk(tree):
+        if _is_refused(node, functions, kept):
+            shown = ast.unparse(node).splitlines()[0][:40]
+            raise InputError(
+                f"line {getattr(node, 'lineno', None)}: `{shown}` is not allowed: a law is "
+                "arithmetic",
+                remedy="of NumPy it may use np.exp, np.expm1, np.log, np.sqrt and np.maximum",
+            )
+    cost: dict[str, float] = {}
+
+    def operations(node: ast.AST) -> float:
+        """Operations of a part of the text, those of the functions that it calls included."""
+        total = 0.0
+        for part in ast.walk(node):
+            total += isinstance(part, ast.operator | ast.unaryop | ast.Call | ast.Compare)
+            if isinstance(part, ast.Call) and isinstance(part.func, ast.Name):
+                name = part.func.id
+                if name not in cost:
+                    cost[name] = float("inf")  # while it is counted: one that calls itself
+                    cost[name] = operations(functions[name])
+                total += cost[name]
+        return total
+
+    if max(map(operations, tree.body), default=0.0) > MAX_OPERATIONS:
         raise InputError(
-            f"line {line}: `{shown}` is not allowed: a law is arithmetic",
-            remedy="of NumPy it may use np.exp, np.expm1, np.log, np.sqrt and np.maximum",
+            f"a function calls itself, or there are more than {MAX_OPERATIONS} operations",
+            remedy="write the law in fewer",
         )
+
+
+def _is_refused(node: ast.AST, functions: Mapping[str, ast.AST], kept: set[int]) -> bool:
+    """True for a part of a text that is not arithmetic."""
+    match node:
+        case ast.Attribute():
+            of_numpy = ast.unparse(node.value) == "np"
+            return not (of_numpy and node.attr in (*FUNCTIONS, "pi"))
+        case ast.Call():
+            own = isinstance(node.func, ast.Name) and node.func.id in functions
+            return bool(node.keywords) or not (own or isinstance(node.func, ast.Attribute))
+        case ast.Name():
+            return node.id in functions and id(node) not in kept
+        case ast.arg():
+            return node.arg in functions
+        case ast.FunctionDef():
+            more = node.decorator_list or node.args.defaults or node.args.kwonlyargs
+            return bool(more) or id(node) not in kept
+        case ast.Tuple():
+            return id(node) not in kept
+        case ast.Constant():
+            number = isinstance(node.value, int | float)
+            return not (number or (isinstance(node.value, str) and id(node) in kept))
+        case ast.UnaryOp():
+            return not isinstance(node.op, ast.UAdd | ast.USub)
+    return not isinstance(node, ARITHMETIC)
 
 
 def _parameter(label: object, prior: object) -> Parameter:
@@ -192,8 +263,8 @@ def _parameter(label: object, prior: object) -> Parameter:
             name, unit = name.removesuffix(f"_{known}"), known
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name) or name in TAKEN:
         raise InputError(
-            f"{name[:40]!r} is no name of a parameter",
-            remedy="as k1_kPa, and not that of another quantity",
+            f"{name[:40]!r} is not a valid name of a parameter",
+            remedy="write a name such as k1_kPa that no other quantity has",
         )
     base, below = re.fullmatch("([A-Za-z]+)_?(.*)", name).groups()  # type: ignore[union-attr]
     symbol = f"\\{base}" if f"\\{base}" in GREEK else base
@@ -234,14 +305,16 @@ def _parameter(label: object, prior: object) -> Parameter:
 
 
 def _check(law: LawOfFile) -> None:
-    """Refuse an energy that is no law: at medians of the priors, under equal stretches."""
+    """Refuse what is not the energy of a material, at medians of the priors and equal stretches."""
     values = {p.name: 0.5 * (p.low + p.high) if p.bounded else p.prior[1] for p in law.parameters}  # type: ignore[index]
     with np.errstate(all="ignore"):
         at_rest = float(law.material(values).strain_energy(1.0, 1.0))
         if not abs(at_rest) < 1e-9 * sum(values[n] for n in law.amplitudes):
-            raise InputError(f"the energy is {at_rest:.3g} kPa where unloaded, not 0")
+            raise InputError(f"the energy is {at_rest:.3g} kPa in the unloaded state; it must be 0")
         if not law.amplitudes:
-            raise InputError("the law has no stiffness, a parameter in kPa", remedy="as c_kPa")
+            raise InputError(
+                "the law has no parameter in kPa", remedy="give a stiffness, such as c_kPa"
+            )
         for name in law.amplitudes:
             alone = values | dict.fromkeys(law.amplitudes, 0.0)
             one, two = (
@@ -249,15 +322,13 @@ def _check(law: LawOfFile) -> None:
                 for k in (1.0, 2.0)
             )
             if not np.all(one > 0.0):
-                raise InputError(f"the term of {name} has no tension under equal stretches")
+                raise InputError(f"the term of {name} gives no tension under equal stretches")
             if not np.allclose(two, 2.0 * one):
                 raise InputError(f"the energy is not proportional to {name}, a parameter in kPa")
         constants = law.material(values).constants
         squared = TEST_STRETCHES**2, TEST_STRETCHES**2, TEST_STRETCHES**-4
         if law.exponents and len(exponents(constants, *squared)) != len(law.formulas):
-            raise InputError(
-                "`exponents` has another number of formulas than the energy has exponentials"
-            )
+            raise InputError("`exponents` must have one formula for each exponential of the energy")
         for name in law.exponents:
             if not np.all(law.exponent_per_unit(name, constants, *squared) > 0.0):
-                raise InputError(f"{name} is in no exponent of the energy")
+                raise InputError(f"{name} is not in any exponent of the energy")

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.experiments import EXPERIMENTS
 from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.columns import Columns, Source, parse_columns
 from biaxbayes.machines.cycles import Cycle
-from biaxbayes.machines.gauge import Gauge
 from biaxbayes.machines.lines import outside
-from biaxbayes.machines.readings import ask_about_jumps, check_signs
+from biaxbayes.machines.readings import ask_about_jumps, ask_about_signs
 from biaxbayes.machines.record import Record
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.question import Question
@@ -25,7 +26,7 @@ LEAST_TRACKED = 5
 """Least number of rows in which all points are tracked."""
 
 
-def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
+def records(table: Table, choice: Choice, header: Mapping[str, object]) -> list[Record]:
     """The record of each selected set of a BioTester export, with its cycles.
 
     Columns: Cycle (1-Preload, 1-Stretch, 1-Hold, 1-Recover ...), XForce_mN, YForce_mN, and the
@@ -39,7 +40,7 @@ def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
     left = [f"{name} ({count} rows)" for name, count in counts.items() if name not in chosen]
     notes = [f"sets left out: {', '.join(left)}"] if left else []
     return [
-        _record(table.without(np.flatnonzero(sets != name), *notes), name, choice)
+        _record(table.without(np.flatnonzero(sets != name), *notes), name, choice, header)
         for name in chosen
     ]
 
@@ -100,13 +101,21 @@ def _cycles(
     def of_phase(label: str, phase: str) -> np.ndarray:
         return rows[(numbers[rows] == label) & (phases[rows] == phase)]
 
-    return [Cycle(label, *(of_phase(label, phase) for phase in PHASES)) for label in labels]
+    cycles = []
+    for label in labels:
+        stretch, hold, recover = (of_phase(label, phase) for phase in PHASES)
+        before = rows[rows < stretch[0]]
+        stretching = np.flatnonzero(phases[before] != "rest")
+        rest = before[stretching[-1] + 1 :] if stretching.size else before
+        # rest rows before a cycle are its mounted state
+        cycles.append(Cycle(label, np.concatenate([rest, stretch]), hold, recover))
+    return cycles
 
 
 # --- stretches and forces -------------------------------------------------------------------------
 
 
-def _record(table: Table, name: str, choice: Choice) -> Record:
+def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object]) -> Record:
     """Convert a set; stretches are those of tracked points if there are any."""
     numbers, phases = _phases(table)
     reasons = outside(table.lines, choice.rows, table.path)
@@ -116,43 +125,70 @@ def _record(table: Table, name: str, choice: Choice) -> Record:
     start = chosen.rows("unloading" if choice.branch == "unloading" else "loading")
     points = _tracked_points(table, start, required=choice.stretch_from == "tracked")
     gradient: np.ndarray | None = None
+    read = _directions(table, choice, rakes=points is None)
     if points is None or choice.stretch_from == "rake":
         source, note = "Size_um", "stretch from the rakes, not from the tissue"
-        stretch = _rake_stretch(table, rows, start)
+        stretch = _rake_stretch(table, rows, start, read)
     else:
         source, note = "tracked points", f"stretch from {points.shape[1]} tracked points"
         complete = np.isfinite(points).all(axis=(1, 2))
         reasons[rows[~complete[rows]]] = "points not tracked"
         gradient = _deformation_gradient(points, start[complete[start]], table)
         stretch = np.sqrt((gradient**2).sum(axis=1))  # |F e_x| and |F e_y|
-    for phase in set(phases[rows]) - set(PHASES):
+    for phase in set(phases[rows]) - {*PHASES, "rest"}:
         reasons[rows[phases[rows] == phase]] = f"phase {phase}"
-    forces = []
-    for axis in "XY":
-        force = _quantity(table, f"{axis.lower()}force", "force", rows)
-        if force is None:
+    wanted, sources = parse_columns(choice.columns), dict[str, Source]()
+    for target, axis in ((f"force_{axis}_N", axis.upper()) for axis in read):
+        index = table.by_stem(f"{axis.lower()}force")
+        if index is None:
             raise table.error(f"no column '{axis}Force_mN'", table.listing)
-        forces.append(force)
+        sources[target] = Columns(table, {target: table.names[index]} | wanted, header).said(target)
+    force = np.zeros((table.rows, 2))
+    for target, origin in sources.items():
+        force[:, "xy".index(target[6])] = origin.values(table, rows, header)
     record = Record(
         name=name,
         path=table.path,
         lines=table.lines,
         stretch=stretch,
-        load=np.column_stack(forces) * choice.signs,
+        load=force,
         time_s=_quantity(table, "time", "time", rows),
         gradient=gradient,
-        columns=(f"X {source}", f"Y {source}", "XForce", "YForce"),
+        columns=tuple(
+            f"{axis.upper()}{of}" if axis in read else ""
+            for of in (f" {source}", "Force")
+            for axis in "xy"
+        ),
         stress_pair="force",
         cycles={name: [cycle.only(reasons == "") for cycle in cycles]},
         reasons=reasons,
         notes=(*table.notes, note),
-        assumptions=choice.sign_notes,
+        assumptions=tuple(f"{t} = {s}" for t, s in sources.items() if s.computed),
+        axes=tuple("xy".index(axis) for axis in read),
     )
     taken = np.sort(np.concatenate([c.rows("both") for c in record.cycles[name]]))
     if choice.rows is None:
         ask_about_jumps(record, taken)
-    check_signs(record, taken)
+    ask_about_signs(record, taken, sources)
     return record
+
+
+def _directions(table: Table, choice: Choice, *, rakes: bool) -> str:
+    """Directions that are read; asks where the file has one only."""
+    if not EXPERIMENTS[choice.test or "biaxial"].is_mounted:
+        raise table.error(f"a BioTester tests no {choice.test}s", "leave out `test`")
+    having = [
+        axis
+        for axis in "xy"
+        if table.by_stem(f"{axis}force") is not None
+        and (not rakes or table.by_stem(f"{axis}size") is not None)
+    ]
+    if choice.test is None and len(having) == 1:
+        other = "XY"[having == ["x"]]
+        lacking = "Force_mN" if table.by_stem(f"{other.lower()}force") is None else "Size_um"
+        gives = {f"test=strip {having[0]}": f"a strip pulled along {having[0]}"}
+        raise Question(f"no column '{other}{lacking}'; {table.listing}", gives, file=table.path)
+    return "".join("xy"[k] for k in EXPERIMENTS[choice.test or "biaxial"].axes)
 
 
 def _tracked_points(table: Table, start: np.ndarray, *, required: bool) -> np.ndarray | None:
@@ -205,10 +241,13 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
     return table.values(index, rows) * unit.factor
 
 
-def _rake_stretch(table: Table, rows: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Stretches from the distance of the rakes."""
+def _rake_stretch(table: Table, rows: np.ndarray, start: np.ndarray, read: str) -> np.ndarray:
+    """Stretches from the distance of the rakes; one in a direction that is not read."""
     columns = []
     for axis in "xy":
+        if axis not in read:
+            columns.append(np.ones(table.rows))
+            continue
         size = _quantity(table, f"{axis}size", "length", rows)
         if size is None:
             problem = f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown"

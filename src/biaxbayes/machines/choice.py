@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import TESTS
+from biaxbayes.experiments import EXPERIMENTS
 from biaxbayes.options import Options, option
-from biaxbayes.tables.units import STRAINS, units_of
+from biaxbayes.tables.expressions import FIRST, FUNCTIONS
+from biaxbayes.tables.units import units_of
 
 BRANCHES = ("loading", "unloading", "both")
 STRETCH_SOURCES = ("auto", "tracked", "rake")
-PROTOCOLS_BY = ("ratio", "load-ratio", "none")
-GAUGE_AT = ("zero", "start")
-DIRECTIONS = ("x", "y", "xy")
-GAUGE_RANGE_MM: dict[str, float] = {"minimum": 0.01, "maximum": 1e4}
-"""Possible gauge lengths, mm."""
+JOINS = ("time", "stretch", "rows")
+PROTOCOLS_BY = ("ratio", "load-ratio", "level", "none")
 
 
 @dataclass(frozen=True)
@@ -28,22 +26,21 @@ class Format:
 
 FORMATS = {
     "biotester": Format("exports of a CellScale BioTester", ("sets", "stretch_from")),
-    "generic": Format(
-        "any table, by a map of its columns", ("columns", "test", "gauge_x_mm", "gauge_y_mm")
-    ),
+    "generic": Format("any table, by its columns", ("join", "blocks")),
 }
 """Formats by the name that ``--machine`` takes, which is that of their module."""
 
 
 def cycle_number(value: str | int | None) -> str | None:
-    """``last``, ``all`` or a number without zeros before it; InputError for anything else."""
+    """``last``, ``all``, or numbers as ``2,4,6``; InputError for anything else."""
     text = value if value is None else str(value)
     if text in (None, "last", "all"):
         return text
-    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) > 0):
+    numbers = [number.strip() for number in text.split(",")]
+    if not all(n.isascii() and n.isdigit() and len(n) < 10 and int(n) > 0 for n in numbers):
         problem = f"`cycles` {text[:20]!r} is not a cycle"
-        raise InputError(problem, remedy="give a number, 'last' or 'all'")
-    return str(int(text))
+        raise InputError(problem, remedy="give numbers such as 2,4,6, 'last' or 'all'")
+    return ",".join(dict.fromkeys(str(int(n)) for n in numbers))
 
 
 @dataclass(frozen=True)
@@ -53,37 +50,25 @@ class Choice(Options):
     machine: str
     columns: tuple[str, ...] = option(
         (),
-        "generic: stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,... Targets are stretch_x, _y, "
-        "force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, protocol, cycle, shear_xy, "
-        "shear_yx (F12, F21: then stretches are F11, F22), of a tube outer_diameter_mm, length_mm "
-        "or stretch_z, pressure_kPa, axial_force_N, and ignore for a column of labels that "
-        "separates nothing. A column may be given by its position, as #3; A+B adds the "
-        "displacements of opposite actuators. Units and kinds of strain are read from the column's "
-        "name where it is clear, or given behind a colon: "
-        f"{units_of('force', 'stress', 'length', 'displacement', *STRAINS, 'time')}.",
-        metavar="TARGET=COLUMN[:UNIT],...",
+        "What each target is read from: a column by its name, as force_x_N=Fx [mN], in the unit of "
+        "its name or of Fx:mN, or an expression with columns in braces, as stretch_x=1 + {Disp X "
+        f"(mm)}} / 20.6, with + - * / ** ( ), {', '.join([*FUNCTIONS, FIRST])} ({FIRST}: value in "
+        "the first row) and header keys such as edge_x_mm, which is in the target's unit. Targets: "
+        "stretch_x, force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, stretch_time_s, "
+        "protocol, cycle, shear_xy, shear_yx (F12, F21: then stretches are F11, F22), of a tube "
+        "outer_diameter_mm, length_mm or stretch_z, pressure_kPa, axial_force_N, of a bulge "
+        "pole_tension_kPa (pressure times radius of curvature over twice the thickness), and "
+        "ignore for a column of labels that separates nothing. {#3} and #3 are the third column; "
+        "in names of columns that stand side by side, * stands for the name of the protocol. "
+        "Units: "
+        f"{units_of('force', 'stress', 'length', 'time')}. Repeatable.",
+        metavar="TARGET=SOURCE,...",
     )
     test: str | None = option(
         None,
-        "generic: kind of test; a strip has columns of its direction alone (the other stretch "
-        "where its width was measured), a tube those named above.",
-        choices=TESTS,
-    )
-    gauge_x_mm: float | None = option(
-        None,
-        "generic: length between marks or grips in x where the displacement is zero.",
-        kind=float,
-        metavar="MM",
-        **GAUGE_RANGE_MM,
-    )
-    gauge_y_mm: float | None = option(
-        None, "The same in y.", kind=float, metavar="MM", **GAUGE_RANGE_MM
-    )
-    gauge_at: str | None = option(
-        None,
-        "Where the gauge length was measured if the displacement does not start at zero: at "
-        "displacement zero, or at the first row of the file.",
-        choices=GAUGE_AT,
+        "Kind of test; a strip has columns of its direction alone (the other stretch "
+        "where its width was measured), a tube or a bulge those named above.",
+        choices=tuple(EXPERIMENTS),
     )
     rows: str | None = option(
         None,
@@ -98,8 +83,22 @@ class Choice(Options):
     protocols_by: str | None = option(
         None,
         "What separates protocols: a column, the ratio of the stretches or of the loads at the "
-        "peak of each cycle, or nothing (none: all cycles are of one protocol).",
-        metavar="COLUMN|ratio|load-ratio|none",
+        "peak of each cycle, the level at which the other direction is held, or nothing (none: "
+        "all cycles are of one protocol).",
+        metavar="COLUMN|ratio|load-ratio|level|none",
+    )
+    join: str | None = option(
+        None,
+        "How columns of their own time or length belong together, in one table, two sheets or two "
+        "files: time (stretches, at stretch_time_s, are interpolated at the loads' time_s), "
+        "stretch (curves of one ratio: each load over the stretch of its direction), or rows.",
+        choices=JOINS,
+    )
+    blocks: str | None = option(
+        None,
+        "What lines that repeat the column names begin: a protocol, a cycle, or nothing (one "
+        "record).",
+        choices=("protocols", "cycles", "record"),
     )
     repeats: str | None = option(
         None,
@@ -108,8 +107,8 @@ class Choice(Options):
     )
     cycles: str | int | None = option(
         None,
-        "Cycle of each protocol to take; all: each a protocol of its own.",
-        metavar="last|all|N",
+        "Cycle of each protocol to take; several: each a protocol of its own.",
+        metavar="last|all|N,...",
         read=cycle_number,
     )
     branch: str | None = option(None, "Side of a cycle to take.", choices=BRANCHES)
@@ -137,11 +136,6 @@ class Choice(Options):
         metavar="NAME|all",
         flag="sheet",
     )
-    tension_negative: str | None = option(
-        None,
-        "Directions whose load cell counts tension negative: their sign is reversed.",
-        choices=DIRECTIONS,
-    )
     fill_labels: bool = option(
         False, "A label holds for the empty cells below it, as in merged cells."
     )
@@ -161,18 +155,6 @@ class Choice(Options):
     def separating_column(self) -> str | None:
         """The column that separates protocols, if one does."""
         return None if self.protocols_by in (None, *PROTOCOLS_BY) else self.protocols_by
-
-    @property
-    def signs(self) -> tuple[float, float]:
-        """Factors of the loads in x and y."""
-        x, y = (-1.0 if axis in (self.tension_negative or "") else 1.0 for axis in "xy")
-        return x, y
-
-    @property
-    def sign_notes(self) -> tuple[str, ...]:
-        """What was done to the signs of the loads."""
-        axes = " and ".join(self.tension_negative or "")
-        return (f"the sign of the load in {axes} is reversed",) if axes else ()
 
     def __post_init__(self) -> None:
         if self.machine not in FORMATS:

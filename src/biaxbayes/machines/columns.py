@@ -1,31 +1,32 @@
-"""Columns of a table by their target, with unit and kind of strain; nothing is guessed."""
+"""What each target of a conversion is read from: a column in its unit, or an expression."""
 
 from __future__ import annotations
 
 import contextlib
 import re
-import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NoReturn
 
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import TUBE_COLUMNS, directions_of
-from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.experiments import BIAXIAL, EXPERIMENTS
+from biaxbayes.specimens.keys import KEYS
+from biaxbayes.tables.expressions import COLUMN, columns_in, evaluated, is_expression, numbers_in
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import MISSING, Table
 from biaxbayes.tables.units import (
-    STRAIN_CHOICES,
-    STRAINS,
+    FACTORS,
     UNITS,
     Unit,
     is_scaled,
     likely_name,
+    names_stretch,
+    split_units,
     stem_of,
-    strain_kinds,
     unit_named,
     unit_of_column,
     units_of,
@@ -33,42 +34,41 @@ from biaxbayes.tables.units import (
 )
 from biaxbayes.text_files import cells_of, first_few, is_number
 
-SHEAR = {"shear_xy": ("f12", "fxy"), "shear_yx": ("f21", "fyx")}
-TARGETS = {
-    "stretch_x": "stretch",
-    "stretch_y": "stretch",
-    "force_x_N": "force",
-    "force_y_N": "force",
-    **dict.fromkeys((*STRESS_PAIRS["piola"], *STRESS_PAIRS["cauchy"]), "stress"),
-    "time_s": "time",
-    "protocol": "text",
-    "cycle": "text",
-    "specimen": "text",
-    **dict.fromkeys(SHEAR, "shear"),
-    "pressure_kPa": "stress",
-    "axial_force_N": "force",
-    "outer_diameter_mm": "stretch",
-    "length_mm": "stretch",
-    "stretch_z": "stretch",
+LOADS = {
+    name: kind.columns
+    for test in (BIAXIAL, EXPERIMENTS["tube"], EXPERIMENTS["bulge"])
+    for name, kind in test.loads.items()
 }
-"""Targets of a column, and their quantity."""
-OF_TUBES = STRESS_PAIRS["tube"]
-OF_ALL_TESTS = ("stretch_x", "stretch_y", "time_s", "protocol", "cycle", "specimen")
-PLAIN_UNITS = {"time": "s", "shear": "mm/mm"}
-"""Units of a name without one, by quantity."""
-LENGTHS = ("length", "displacement")
-PIXELS = "px"
+"""Load columns in x and y, by what the loads are."""
+OF_AXES = ("stretch_x", "outer_diameter_mm"), ("stretch_y", "length_mm", "stretch_z")
+"""Targets that the stretches in x and y follow from."""
+SHEAR = {"shear_xy": ("f12", "fxy"), "shear_yx": ("f21", "fyx")}
+OF_ALL_TESTS = {
+    "stretch_x": "stretch", "stretch_y": "stretch", "time_s": "time", "stretch_time_s": "time",
+    "protocol": "text", "cycle": "text", "specimen": "text",
+}  # fmt: skip
+OF_ONE_TEST = {
+    "force_x_N": "force", "force_y_N": "force",
+    **dict.fromkeys((*LOADS["piola"], *LOADS["cauchy"]), "stress"),
+    **dict.fromkeys(SHEAR, "fraction"),
+    "pressure_kPa": "stress", "axial_force_N": "force", "outer_diameter_mm": "length",
+    "length_mm": "length", "stretch_z": "stretch", "pole_tension_kPa": "stress",
+}  # fmt: skip
+TARGETS = OF_ALL_TESTS | OF_ONE_TEST
+"""Targets and their quantity."""
+OWN_UNITS = {
+    "force": "N", "stress": "kPa", "length": "mm", "time": "s", "stretch": "mm/mm",
+    "fraction": "mm/mm",
+}  # fmt: skip
+"""Units that the quantities of targets are in."""
+PLANAR_LOADS = {n: kind for kind in BIAXIAL.loads for n in LOADS[kind]}
+"""Kinds of planar loads by their columns."""
+TUBE_COLUMNS = {n: c.stands_for[0] for n, c in EXPERIMENTS["tube"].columns.items() if c.stands_for}
+"""Columns of a tube that stand for another one."""
 IGNORE = "ignore"
 """Target of columns that mean nothing here."""
 OPTIONAL = ("time_s", *SHEAR)
 """Targets that are mapped automatically if a single column of numbers has their name and a unit."""
-LENGTH_WORDS = (
-    r"distance|length|size|gap|separation|abstand|l[äa]nge|laenge|gauge|width|breite|diameter|od"
-    r"|durchmesser"
-)
-DISPLACEMENT_WORDS = (
-    r"disp(lacement)?s?|extension|elongation|travel|stroke|crosshead|weg|verschiebung|change|delta"
-)
 STRESSES = {
     "piola": (
         "a first Piola-Kirchhoff stress",
@@ -83,416 +83,707 @@ STRESSES = {
     "tension": ("a membrane tension", r"t[xy12]{1,2}"),
 }
 """Kinds of stress, and the words of a name that suggest one; T11 may be two kinds."""
+TO_PIOLA = {"pk2": "{} * ({})", "cauchy": "{} / ({})", "kirchhoff": "{} / ({})"}
+"""First Piola-Kirchhoff stress from others and the stretch of their direction, without shear."""
+INNER, RADIUS = r"inner|innen|inside|lumen|id", r"radius|rad|r|radii|half"
+MEASURES_AGAIN = r"extensomet\w*|clip|laser|video\w*|camera|optical|dic|marker\w*|lvdt"
+NEAR_ONE = (0.5, 1.7)
+"""Values that a stretch may begin with."""
+AXES = (
+    {"x": r"x+|circ\w*|horizontal|theta|θ", "y": r"y+|ax\w*|long\w*|vertical|z+"},
+    {"x": r"1+", "y": r"2+"},
+)
+"""Words, or ends of words, of a name that suggest a direction; numbers where no letter does."""
+OF_QUANTITY = {
+    "stretch": r"strain|dehnung|e|exx|eyy|e11|e22|disp\w*|extension|elongation|stroke|travel|weg",
+    "force": r"force|load|f|kraft|fx|fy|cell",
+    "stress": r"stress|spannung|p|p11|p22|s11|s22|sigma|pressure",
+    "length": r"diameter|od|length|l[äa]nge",
+}
+"""Words of a column's name that suggest a quantity."""
+AXIS_OF = {"stretch_z": "y", "length_mm": "y", "axial_force_N": "y"}
+"""Directions of targets of a tube that are not x."""
+EXAMPLES = {
+    "": "1 + {Disp X (mm)} / 20.6",
+    "pole_tension_kPa": "{P (kPa)} * {Radius of curvature (mm)} / (2 * thickness_mm)",
+}
+"""Expressions of a target."""
+LABELS, ROWS_OF_LABEL = (2, 60), 3
+"""Least and largest number of labels that a column of labels has, and the least rows of each."""
 
 
 @dataclass(frozen=True)
-class Column:
-    """A column of the table with its unit (None for text), or a sum of several."""
+class Source:
+    """What a target is read from: a column, or an expression over some."""
 
-    indices: tuple[int, ...]
-    name: str
-    unit: Unit | None
-    conflict: str = ""  # how the unit that the user gives differs from the column's
-    signs: tuple[int, ...] = (1,)  # of the columns in the sum
+    target: str
+    text: str  # name of the column, or the expression
+    indices: tuple[int, ...]  # of the columns
+    unit: Unit | None  # of the column or of the expression's result; None for labels
+    computed: bool = False
+    conflict: str = ""  # how the unit that the user gives differs from that of the column
 
     def __str__(self) -> str:
-        return self.name if self.unit is None else f"{self.name} ({self.unit.name})"
+        plain = self.unit is None or self.unit.name == "mm/mm"
+        plain = plain or (self.computed and self.unit.factor == 1.0)  # type: ignore[union-attr]
+        return self.text if plain else f"{self.text} ({self.unit.name})"  # type: ignore[union-attr]
+
+    @property
+    def formula(self) -> str:
+        """The source as a part of an expression."""
+        return self.text if self.computed else f"{{{self.text}}}"
+
+    def values(self, table: Table, rows: np.ndarray, header: Mapping[str, object]) -> np.ndarray:
+        """Values in the unit of the target; NaN where rows are left out and not readable."""
+        factor = 1.0 if self.unit is None else self.unit.factor
+        if not self.computed:
+            return table.values(self.indices[0], rows) * factor
+        columns = {name: table.values(table.column(name), rows) for name in columns_in(self.text)}
+        constants = {k: float(v) for k, v in header.items() if isinstance(v, int | float)}
+        for key in re.findall(r"\b[a-z_]+_mm\b", COLUMN.sub("", self.text)):
+            if key in KEYS and key not in header:
+                gives = {f"{key}=MM": KEYS[key].meaning}
+                problem = f"{self.target} = {self.text[:60]} needs {key}"
+                usual = 1 if key == "thickness_mm" else 20
+                raise Question(problem, gives, file=table.path, assumed=f"{key}={usual}")
+        try:
+            values = evaluated(self.text, columns, constants, rows) * factor
+        except InputError as error:
+            raise table.error(f"{self.target}: {error.problem}", str(error.remedy)) from None
+        values = np.broadcast_to(values, (table.rows,))
+        bad = rows[~np.isfinite(values[rows])]
+        if bad.size:
+            problem = f"{self.target} = {self.text[:80]} is not a finite number"
+            remedy = "correct the expression, or leave out such rows with `rows`"
+            raise table.error(problem, remedy, row=int(bad[0]))
+        return np.array(values)
+
+
+# --- what the user asked for ----------------------------------------------------------------------
 
 
 def parse_columns(texts: Sequence[str]) -> dict[str, str]:
-    """Columns by target from ``target=column[:unit],...``; a column name may contain commas.
+    """Sources by target from ``target=source,...``; a name of a column may contain commas.
 
-    A later text replaces the targets of an earlier one, as the answer to a question does.
+    A later text replaces the targets of an earlier one, as the answer to a question does; so do
+    loads of another kind.
     """
     wanted: dict[str, str] = {}
     for text in texts:
-        here: set[str] = set()
-        pairs = cells_of(text) if '"' in text else re.split(r",(?=\s*\w+\s*=)", text)
-        for pair in (pair for pair in pairs if '"' in text or pair.strip(" ,")):
-            target, sign, column = (piece.strip() for piece in pair.partition("="))
-            if not sign or not column:
-                raise InputError(
-                    f"`columns`: {pair[:60]!r} is not of the form stretch_x=F11",
-                    remedy="give target=column pairs, separated by commas",
-                )
-            if target not in (*TARGETS, IGNORE):
-                likely, hint = likely_name(target, TARGETS, cutoff=0.7)
-                unit = unit_of_column(target)
-                if likely and unit is not None and unit != unit_of_column(likely):
-                    hint = f"write {likely}={column}:{unit.name}; "
-                raise InputError(
-                    f"`columns`: unknown target {target[:60]!r}",
-                    remedy=f"{hint}targets are {', '.join(TARGETS)}",
-                )
+        here: dict[str, str] = {}
+        by_quotes = '"' in text and "{" not in text
+        pairs = cells_of(text) if by_quotes else re.split(r",(?=\s*\w+\s*=)(?![^{}]*\})", text)
+        for pair in (pair for pair in pairs if pair.strip(" ,")):
+            target, source = _target_and_source(pair)
             if target in here and target != IGNORE:
                 raise InputError(f"`columns`: {target} is given twice", remedy="keep one")
-            here.add(target)
-            more = f"{wanted[IGNORE]}\n" if target == IGNORE and IGNORE in wanted else ""
-            wanted[target] = more + column
+            here[target] = f"{here[target]}\n{source}" if target in here else source
+        kinds = {PLANAR_LOADS[target] for target in here if target in PLANAR_LOADS}
+        kept = {
+            k: v for k, v in wanted.items() if not kinds or PLANAR_LOADS.get(k) in (None, *kinds)
+        }
+        ignored = [each[IGNORE] for each in (kept, here) if IGNORE in each]
+        wanted = kept | here | ({IGNORE: "\n".join(ignored)} if ignored else {})
     return wanted
 
 
-def _targets_of(test: str | None) -> list[str]:
-    """Targets of the columns of a kind of test."""
-    if test == "tube":
-        return [*OF_ALL_TESTS, *OF_TUBES, *(name for name in TUBE_COLUMNS if name in TARGETS)]
-    directions = directions_of(test)
-    loads = [name for pair, names in STRESS_PAIRS.items() if pair != "tube" for name in names]
-    read = [name for name in loads if name.split("_")[1] in directions]
-    return [*OF_ALL_TESTS, *read, *(SHEAR if directions == "xy" else ())]
+def _target_and_source(pair: str) -> tuple[str, str]:
+    """The two sides of ``stretch_x=F11``."""
+    target, _, source = (piece.strip() for piece in pair.partition("="))
+    if not source:
+        problem = f"`columns`: {pair[:60]!r} is not of the form stretch_x=F11"
+        raise InputError(problem, remedy="give target=column pairs, separated by commas")
+    if target not in (*TARGETS, IGNORE):
+        likely, hint = likely_name(target, TARGETS, cutoff=0.7)
+        unit = unit_of_column(target)
+        if likely and unit is not None and unit != unit_of_column(likely):
+            hint = f"write {likely}={source}:{unit.name}; "
+        remedy = f"{hint}targets are {', '.join(TARGETS)}"
+        raise InputError(f"`columns`: unknown target {target[:60]!r}", remedy=remedy)
+    return target, source
 
 
-def column_map(
-    table: Table, wanted: Mapping[str, str], test: str | None = None
-) -> tuple[dict[str, Column], frozenset[int]]:
-    """The requested columns of a table and others named as a target, and those to ignore.
+def names_needed(sources: Iterable[str]) -> list[list[str]]:
+    """For each column of some sources the names that it may have, the longest first."""
+    needed = []
+    for source in sources:
+        if is_expression(_without_unit(source)[0]):
+            needed += [[name] for name in columns_in(source)]
+        else:
+            needed.append(list(dict.fromkeys((source, _without_unit(source)[0]))))
+    return needed
 
-    ``test`` is the kind of test as a specimen file names it; where it is not stated, a biaxial one,
-    and columns of another kind are asked about.
+
+def side_by_side(
+    table: Table, wanted: Mapping[str, str]
+) -> dict[str, tuple[dict[str, str], dict[str, str]]]:
+    """Sources by protocol, where an asterisk in the names of columns stands for its name.
+
+    Columns of the other protocols are ignored in each. Beside the sources, names with the asterisk
+    by those of the columns.
     """
-    targets = _targets_of(test)
-    for target in wanted:
-        if test is None and target in _targets_of("tube") and target not in targets:
-            raise Question(f"{target} is read from a tube", {"test=tube": ""}, file=table.path)
-        if target not in (*targets, IGNORE):
-            raise table.error(
-                f"`columns`: {target} is not read from a {test or 'biaxial'} test",
-                f"leave it out, or give another `test`; it reads {', '.join(targets)}",
+    starred = [n[-1] for n in names_needed(v for k, v in wanted.items() if k != IGNORE)]
+    starred = [name for name in starred if "*" in name and not table.has_column(name)]
+    found: list[dict[str, str]] = []
+    for name in starred:
+        pattern = re.escape(name).replace(r"\*", "(.+?)", 1).replace(r"\*", r"\1")
+        matches = [(re.fullmatch(pattern, n.strip()), n) for n in table.names]
+        found.append({match[1]: column for match, column in matches if match})
+    lacking = [name for name, names in zip(starred, found, strict=True) if not names]
+    if lacking and len(lacking) < len(starred):
+        raise table.error(f"no column {lacking[0][:60]!r} for any text at *", table.listing)
+    protocols = [p for p in (found[0] if found else ()) if all(p in names for names in found)]
+    sources = {}
+    for p in protocols:
+        others = [names[q] for names in found for q in protocols if q != p]
+        mine = dict(wanted)
+        for target in wanted:
+            for name, names in zip(starred, found, strict=True):
+                mine[target] = mine[target].replace(name, names[p])
+        mine[IGNORE] = "\n".join([*wanted.get(IGNORE, "").split("\n"), *others]).strip("\n")
+        sources[p] = mine, {names[p]: n for n, names in zip(starred, found, strict=True)}
+    return sources
+
+
+def _without_unit(source: str) -> tuple[str, Unit | None]:
+    """A source without the unit behind its last colon, and that unit."""
+    name, colon, ending = source.rpartition(":")
+    unit = unit_named(ending) if colon else None
+    return (source, None) if unit is None else (name.strip(), unit)
+
+
+def targets_of(test: str | None) -> list[str]:
+    """Targets of a kind of test as a specimen file names it; of a biaxial one without a name."""
+    kind = EXPERIMENTS[test or "biaxial"]
+    loads = [of.columns[k] for of in kind.loads.values() for k in kind.axes]
+    others = TUBE_COLUMNS if test == "tube" else SHEAR if kind.is_biaxial else ()
+    return [t for t in TARGETS if t in OF_ALL_TESTS or t in loads or t in others]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns of a table, and what a user said that they are."""
+
+    table: Table
+    wanted: Mapping[str, str]  # sources by target
+    header: Mapping[str, object]
+    test: str | None = None  # as a specimen file names it; a biaxial one if it is not stated
+
+    def sources(self) -> dict[str, Source]:
+        """The source of each target: as the user said, or a column that is named as the target."""
+        table, wanted, targets = self.table, self.wanted, targets_of(self.test)
+        for target in (t for t in wanted if t not in (*targets, IGNORE)):
+            others = [name for name in ("tube", "bulge") if target in targets_of(name)]
+            if self.test is None and others:
+                gives = {f"test={name}": EXPERIMENTS[name].words for name in others}
+                raise Question(f"{target} is read from a {others[0]}", gives, file=table.path)
+            problem = f"`columns`: {target} is not read from a {self.test or 'biaxial'} test"
+            remedy = f"leave it out, or give another `test`; it reads {', '.join(targets)}"
+            raise table.error(problem, remedy)
+        for text in (text for target, text in wanted.items() if target != IGNORE):
+            if not any(table.has_column(name) for name in (text, _without_unit(text)[0])):
+                self._check_braces(text)
+                for names in names_needed([text]):
+                    table.column(names[-1])  # says so if there is none
+        ignored = {table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name}
+        named = self.test != "tube" and any(TARGETS.get(t) in ("force", "stress") for t in wanted)
+        sources: dict[str, Source] = {}
+        for target in targets:
+            if target in wanted:
+                sources[target] = self.said(target)
+            elif not (named and TARGETS[target] in ("force", "stress")):
+                index = self._by_name(target)
+                if index is not None and index not in ignored:
+                    with contextlib.suppress(*[InputError] * (target in OPTIONAL)):
+                        sources[target] = self._column(target, index, None)
+        self._check_complete(sources)
+        used = {i for source in sources.values() for i in source.indices} | ignored
+        unused = [i for i in range(len(table.names)) if i not in used]
+        self._ask_about_labels(sources, unused)
+        self._ask_about_opposites(sources, unused)
+        return sources
+
+    def _check_braces(self, text: str) -> None:
+        """Refuse an expression whose columns stand without braces."""
+        inside = max((n for n in self.table.names if n and n in text), key=len, default="")
+        if inside and "{" not in text and re.search(r"[-+*/(]", text.replace(inside, "")):
+            plain = text.replace(f"[{inside}]", inside).replace(inside, f"{{{inside}}}")
+            remedy = f"columns of an expression stand in braces: {plain}"
+            raise self.table.error(f"no column {text[:60]!r}", remedy)
+
+    def said(self, target: str) -> Source:
+        """The source of a target as the user gave it: an expression, a column, or a column:unit."""
+        table, text = self.table, self.wanted[target]
+        source, unit = _without_unit(text)
+        if not table.has_column(text) and is_expression(source):
+            return self._expression(target, source, unit)
+        name, given = (text, None) if text in table.names or unit is None else (source, unit)
+        return self._column(target, table.column(name), given)
+
+    def _by_name(self, target: str) -> int | None:
+        """The column that is named as a target, in any unit."""
+        table = self.table
+        if target not in OPTIONAL:
+            return table.by_stem(stem_of(target))
+        stems = (stem_of(target), *SHEAR.get(target, ()))
+        same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
+        numeric = len(same) == 1 and table.finite(same[0]).size == table.rows
+        return same[0] if numeric else None
+
+    def _ask(
+        self,
+        target: str,
+        problem: str,
+        formulas: Mapping[str, str],
+        *,
+        likely: bool = True,
+        assumed: str = "",
+        other: bool = True,
+    ) -> NoReturn:
+        """Ask for the source of a target, another column among the answers."""
+        before = f"columns={target}="
+        whole = ("columns=", "test=")
+        gives = {k if k.startswith(whole) else before + k: v for k, v in formulas.items()}
+        if other:
+            gives[f"{before}COLUMN"] = f"another column; {self.table.listing}"
+        assumed = before + assumed if assumed else ""
+        raise Question(problem, gives, file=self.table.path, likely=likely, assumed=assumed)
+
+    # --- an expression ---
+
+    def _expression(self, target: str, text: str, given: Unit | None) -> Source:
+        """An expression; its result is in the target's unit, or in the one behind a colon."""
+        table, quantity = self.table, TARGETS[target]
+        if quantity == "text":
+            remedy = f"name a column of labels, as {target}=Name; {table.listing}"
+            raise table.error(f"{target} cannot be computed", remedy)
+        indices = tuple(table.column(name) for name in columns_in(text))
+        of_columns = {next((u.quantity for u in table.units(i)), "") for i in indices}
+        if quantity == "stretch" and of_columns and of_columns <= {"force", "stress"}:
+            remedy = f"a stretch follows from lengths, positions or strains; {table.listing}"
+            raise table.error(f"{target} = {text[:60]} is computed from a load alone", remedy)
+        own = UNITS[OWN_UNITS[quantity]]
+        fits = quantity if quantity in FACTORS else "fraction"
+        if given is not None and given.quantity != fits:
+            remedy = f"units are {units_of(fits)}; without a colon it is in {own.name}"
+            raise table.error(f"{target} is not in {given.name}", remedy)
+        if given is None and quantity in ("force", "stress", "length"):
+            for index in indices:
+                self._ask_about_unit_of_result(target, text, index)
+        return Source(target, text, indices, given or own, computed=True)
+
+    def _ask_about_unit_of_result(self, target: str, text: str, index: int) -> None:
+        """Ask where a column is in another unit than the result, and no number converts it."""
+        quantity, unit = TARGETS[target], self.table.unit(index)
+        if unit is None or unit.quantity not in (quantity, "force"):
+            return
+        # force over mm2: N gives MPa, mN gives kPa
+        over = "over mm2 " if unit.quantity != quantity else ""
+        factor = 1e3 * unit.factor if over else unit.factor
+        numbers = np.array([1.0, *filter(None, numbers_in(text))])
+        if np.isclose([numbers, 1.0 / numbers], factor, rtol=1e-2).any():
+            return
+        units = [name for name, size in FACTORS[quantity].items() if size == factor][:1]
+        own = OWN_UNITS[quantity]
+        gives = {f"{text}:{name}": f"the result is in {name}" for name in units}
+        gives[f"{text}:{own}"] = f"the result is in {own} as it stands"
+        problem = f"{self.table.names[index]!r} is in {unit.name}, {over}which gives no {own}, and "
+        self._ask(target, f"{problem}no number in {text[:60]!r} converts it", gives, other=False)
+
+    # --- a single column ---
+
+    def _column(self, target: str, index: int, given: Unit | None) -> Source:
+        """A column by its name, in the unit of its name or the given one; asks where it is open."""
+        table, quantity = self.table, TARGETS[target]
+        name, text = table.names[index], table.reference(index)
+        if quantity == "text":
+            return Source(target, text, (index,), None)
+        if quantity == "stretch":
+            return self._stretch(target, index, given)
+        if target in PLANAR_LOADS and quantity == "stress":
+            self._ask_about_kind_of_stress(target, index, given)
+        if quantity == "length":
+            self._ask_about_other_length(target, index)
+        if target == "pole_tension_kPa" and _is_pressure(name):
+            shown = given or table.unit(index) or UNITS["kPa"]
+            gives = {"EXPRESSION": f"such as {EXAMPLES[target]}:{shown.name}"}
+            gives[f"{{{text}}}:{shown.name}"] = "it is the tension of the pole"
+            problem = f"{name!r} is a pressure, and {target} is pressure times radius of curvature "
+            self._ask(
+                target, f"{problem}over twice the thickness", gives, likely=False, other=False
             )
-    loads_named = test != "tube" and any(TARGETS.get(t) in ("force", "stress") for t in wanted)
-    ignored = {table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name}
-    columns: dict[str, Column] = {}
-    for target in (target for target in TARGETS if target in targets):
-        if target in wanted:
-            columns[target] = _requested(table, target, wanted[target])
-        elif not (loads_named and TARGETS[target] in ("force", "stress")):
-            index = _by_name(table, target)
-            if index is not None and index not in ignored:
-                with contextlib.suppress(*[InputError] * (target in OPTIONAL)):
-                    columns[target] = _column(table, target, (index,))
-    for name, (standard, _) in TUBE_COLUMNS.items():
-        if name not in columns:
-            continue
-        own = columns.pop(name)
-        # a column that was requested for the standard one may be found by its name as well
-        if standard in columns and (name in wanted or own.indices != columns[standard].indices):
-            remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
-            names = f"{columns[standard].name!r} and {own.name!r}"
-            raise table.error(f"{names} both give {standard}", remedy)
-        columns.setdefault(standard, own)
-    _check_complete(table, columns, test)
-    return columns, frozenset(ignored)
+        unit, unknown = given or table.unit(index), table.unknown_unit(index)
+        if unit is None and not unknown and quantity in ("time", "fraction"):
+            unit = UNITS[OWN_UNITS[quantity]]
+        if unit is None or unit.quantity != quantity or unit.name == "px":
+            problem = f"the unit of {name!r} is not known"
+            if unit is not None:
+                problem = f"{name!r} is in {unit.name}, a unit of {unit.quantity}, and {target} is "
+                problem += f"a {quantity}"
+            elif unknown:
+                problem = f"{unknown!r} of {name!r} is not a known unit"
+            self._ask_for_unit(target, index, problem)
+        if is_scaled(name) and given is None:
+            gives = {f"{text}:{unit.name}": f"they are plain values in {unit.name}"}
+            gives[f"{{{text}}} * FACTOR"] = "they are converted by a factor"
+            problem = f"the name {name!r} suggests a multiple, a power, an inverse or a rate"
+            self._ask(target, problem, gives, other=False)
+        others = {u.name for u in table.units(index) if u.quantity == quantity} - {unit.name}
+        conflict = f"{target} is read in {unit.name}, as given; {name!r} says {', '.join(others)}"
+        return Source(target, text, (index,), unit, conflict=conflict if others else "")
 
+    def _ask_for_unit(self, target: str, index: int, problem: str) -> NoReturn:
+        """Ask for the unit of a column, with the largest value in each."""
+        quantity, name = TARGETS[target], self.table.reference(index)
+        largest = np.abs(self.table.finite(index)).max(initial=0.0)
+        usual = {"force": ("N", "mN", "gf"), "stress": ("kPa", "MPa", "Pa", "mmHg")}
+        units = usual.get(quantity, tuple(FACTORS[quantity])[:4])
+        low, high = (1e-3, 50.0) if quantity == "force" else (0.1, 2000.0)
+        values = {unit: largest * UNITS[unit].factor for unit in units}
+        gives = {
+            f"{name}:{unit}": f"its largest value is {value:.4g} {OWN_UNITS[quantity]}"
+            for unit, value in values.items()
+        }
+        gives[f"{name}:UNIT"] = f"one of {units_of(quantity)}"
+        likely = next((unit for unit, value in values.items() if low <= value <= high), units[0])
+        self._ask(target, problem, gives, likely=False, assumed=f"{name}:{likely}")
 
-def _requested(table: Table, target: str, text: str) -> Column:
-    """The column of ``column``, ``column:unit``, ``#3``, ``A+B`` or, confirmed, ``S11:piola``."""
-    pair = target.partition("_")[0]
-    confirmed = TARGETS[target] == "stress" and text.endswith(f":{pair}")
-    text = text.removesuffix(f":{pair}") if confirmed else text
-    name, colon, ending = text.rpartition(":")
-    given = None if text in table.names or not colon else unit_named(ending)
-    name = text if given is None else name
-    parts, signs = [name], [1]
-    if TARGETS[target] == "stretch" and not table.has_column(name):
-        ends = re.split(r"([+-])", name)
-        if all(map(table.has_column, ends[::2])):
-            parts, signs = ends[::2], [1, *(1 if sign == "+" else -1 for sign in ends[1::2])]
-    indices = tuple(map(table.column, parts))
-    if TARGETS[target] == "stress" and target not in OF_TUBES and not confirmed:
-        _check_kind_of_stress(table, table.names[indices[0]], target)
-    return _column(table, target, indices, tuple(signs), given)
+    def _ask_about_other_length(self, target: str, index: int) -> None:
+        """Ask where the name of a diameter or length suggests an inner one, a radius or a wall."""
+        name, outer, wall = self.table.names[index], "unloaded_outer_diameter_mm", "thickness_mm"
+        found = _words(name, rf"{INNER}|{RADIUS}|wall|thickness")
+        if not found:
+            return
+        unit = next((u for u in self.table.units(index) if u.quantity == "length"), UNITS["mm"])
+        column = f"{{{self.table.reference(index)}}}"
+        column += f" * {unit.factor:g}" if unit.factor != 1.0 else ""
+        doubled = f"2 * {column}" if _words(name, RADIUS) else column
+        gives = {doubled: "twice the radius"} if doubled != column else {}
+        if _words(name, INNER) and target == "outer_diameter_mm":
+            # the wall keeps its volume: (do^2 - di^2) lz = Do^2 - (Do - 2 H)^2
+            section = f"4 * {wall} * ({outer} - {wall})"
+            label = "the outer diameter of a wall that keeps its volume, at an axial stretch such "
+            label += "as ({Length (mm)} / unloaded_length_mm)"
+            gives = {f"sqrt(({doubled})**2 + {section} / AXIAL_STRETCH)": label}
+        gives[column] = f"it is the {target.rpartition('_')[0].replace('_', ' ')}"
+        problem = f"{name!r} says {found}, and {target} is read from it"
+        self._ask(target, problem, gives, likely=False)
 
+    def _ask_about_kind_of_stress(self, target: str, index: int, given: Unit | None) -> None:
+        """Ask where the name of a stress suggests another kind than its target."""
+        name, (pair, axis, _) = self.table.names[index], target.split("_")
+        words = words_of(name)
+        words += [first + second for first, second in pairwise(words)]
+        kinds = {
+            k: kind
+            for k, (kind, pattern) in STRESSES.items()
+            if any(re.fullmatch(pattern, word) for word in words)
+        }
+        own, unit = STRESSES[pair][0], given or self.table.unit(index)
+        text = self.table.reference(index)
+        if unit is not None and unit.quantity == "membrane tension":
+            kinds = {k: kind for k, kind in kinds.items() if k == "tension"}
+        if not kinds or [*kinds] == [pair]:
+            return
+        factor = f":{unit.name}" if unit is not None and unit.quantity == "stress" else ":kPa"
+        said = self.wanted.get(f"stretch_{axis}", f"stretch_{axis}")
+        stretch = said if is_expression(_without_unit(said)[0]) else f"{{{said}}}"
+        gives = {}
+        for k, kind in kinds.items():
+            if k in TO_PIOLA and pair == "piola":
+                formula = TO_PIOLA[k].format(f"{{{text}}}", stretch)
+                gives[formula + factor] = f"first Piola-Kirchhoff from {kind}"
+            if k == "tension":
+                gives[f"{{{text}}} / thickness_mm"] = f"{kind} in N/m over the thickness"
+        gives[f"{{{text}}}{factor}"] = f"it is {own}"
+        both = {t: s for t, s in self.wanted.items() if PLANAR_LOADS.get(t) == pair}
+        for k in (k for k in kinds if k in BIAXIAL.loads and k != pair):
+            # both loads are of the other kind
+            moved = (f"{t.replace(pair, k)}={s}" for t, s in (both or {target: text}).items())
+            gives[f"columns={','.join(moved)}"] = f"it is {kinds[k]}"
+        problem = f"the name {name!r} suggests {' or '.join(kinds.values())}, and {target} is {own}"
+        self._ask(target, problem, gives, likely=False)
 
-def _by_name(table: Table, target: str) -> int | None:
-    """The column that is named as a target, in any unit."""
-    if target not in OPTIONAL:
-        return table.by_stem(stem_of(target))
-    stems = (stem_of(target), *SHEAR.get(target, ()))
-    same = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
-    numeric = len(same) == 1 and np.isfinite(table.sparse_numbers(same[0], texts=True)).all()
-    return same[0] if numeric else None
-
-
-def _column(
-    table: Table,
-    target: str,
-    indices: tuple[int, ...],
-    signs: tuple[int, ...] = (1,),
-    given: Unit | None = None,
-) -> Column:
-    """A column, or the sum of several, with its unit."""
-    named = zip(signs, indices, strict=True)
-    name = "".join(f"{' + ' if k > 0 else ' - '}{table.names[i]}" for k, i in named)[3:]
-    if TARGETS[target] == "text":
-        return Column(indices, name, None)
-    find = _stretch_unit if TARGETS[target] == "stretch" else _unit
-    unit, *others = {find(table, index, target, given) for index in indices}
-    if others or (len(indices) > 1 and unit.quantity not in LENGTHS):
-        remedy = "only displacements or positions of opposite ends, in one unit, are added"
-        raise table.error(f"{name!r} cannot be added for {target}", remedy)
-    conflicts = [_conflict(table, index, target, given) for index in indices if given]
-    return Column(indices, name, unit, next(filter(None, conflicts), ""), signs)
-
-
-def _conflict(table: Table, index: int, target: str, given: Unit) -> str:
-    """How the unit that the user gives differs from that of the column."""
-    written = [u for u in table.units(index) if u.quantity == given.quantity]
-    suggested = [u.name for u in written] if any(u.factor != given.factor for u in written) else []
-    if given.quantity in STRAINS and not suggested:
-        suggested = sorted(_kinds(table, index) - {given.quantity})
-    name = table.names[index]
-    text = f"{target} is read as {given.name}, as given; {name!r} suggests "
-    return text + " and ".join(suggested) if suggested else ""
-
-
-def _as(table: Table, index: int, target: str, unit: str) -> str:
-    """A column with a unit, as the user would give it."""
-    return shlex.quote(f"{target}={table.names[index]}:{unit}")
-
-
-def _unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
-    """The unit of a force, stress, time or shear."""
-    name, quantity = table.names[index], TARGETS[target]
-    unit, unknown = given or table.unit(index), table.unknown_unit(index)
-    if unit is None and not unknown and quantity in PLAIN_UNITS:
-        return UNITS[PLAIN_UNITS[quantity]]
-    needed = "fraction" if quantity == "shear" else quantity
-    if unit is None or unit.quantity != needed:
-        problem = f"{unknown!r} of {name!r} is not a known unit"
-        problem = problem if unknown else f"the unit of {name!r} is not known"
-        if unit is not None:
-            problem = f"{name!r} is in {unit.name}, a unit of {unit.quantity}"
-        remedy = f"write {_as(table, index, target, 'UNIT')} with the unit it is in, one of "
-        remedy += f"{units_of(needed)}; or choose another column; {table.listing}"
-        raise table.error(f"{problem}, but {target} is a {quantity}", remedy, column=index)
-    if given is None:
-        _check_not_scaled(table, index, target, unit.name)
-    return unit
-
-
-def _check_not_scaled(table: Table, index: int, target: str, unit: str) -> None:
-    name = table.names[index]
-    if is_scaled(name):
-        problem = f"the name {name!r} suggests a multiple, a power, an inverse or a rate"
-        remedy = f"write {_as(table, index, target, unit)} if the values are plain ones; otherwise "
-        raise table.error(problem, f"{remedy}compute plain values in the table", column=index)
-
-
-def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
-    """Refuse a stress whose name suggests another kind than its target."""
-    words = words_of(name)
-    words += [first + second for first, second in pairwise(words)]
-    kinds = {
-        k: kind
-        for k, (kind, pattern) in STRESSES.items()
-        if any(re.fullmatch(pattern, word) for word in words)
-    }
-    pair, axis, _ = target.split("_")
-    own = STRESSES[pair][0]
-    if not kinds or [*kinds] == [pair]:
-        return
-    gives = {f"columns={target}={name}:{pair}": f"it is {own}"}
-    for k in (k for k in kinds if k in STRESS_PAIRS and k != pair):
-        gives[f"columns={k}_{axis}_kPa={name}"] = f"it is {kinds[k]}"
-    gives[f"columns={target}=COLUMN"] = (
-        "another column; a second Piola-Kirchhoff stress times the stretch is a first one"
-    )
-    problem = f"the name {name!r} suggests {' or '.join(kinds.values())}, and {target} is {own}"
-    raise Question(problem, gives, file=table.path)
-
-
-def _kinds(table: Table, index: int) -> set[str]:
-    """Kinds of strain that the name of a column and the row of units give."""
-    return strain_kinds(table.names[index]) | strain_kinds(table.below(index))
-
-
-def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
-    """The kind of stretch, strain, length or displacement of a column; refuses an open one."""
-    name, kinds, units = table.names[index], _kinds(table, index), table.units(index)
-    per_cent = next((u for u in units if u.quantity == "fraction" and u.factor < 1.0), None)
-    if given is not None:
-        if given.name == "percent" and kinds <= {"engineering"}:
-            return UNITS["engineering_percent"]
-        if given.quantity in STRAINS:
-            # ':green' is the kind; per cent in the name is its scale.
-            factor = per_cent.factor if per_cent else 1.0
-            return Unit(given.name, given.quantity, min(given.factor, factor))
-        if given.quantity in LENGTHS:
-            return given
-        problem = f"{name!r} is given as {given.name}, which leaves its kind open"
-        problem += f" (its name suggests {' and '.join(sorted(kinds))})" if kinds else ""
-    else:
-        table.unit(index)  # refuses two units
-        length = next((u for u in units if u.quantity in LENGTHS), None)
-        if length is not None:
-            _check_not_scaled(table, index, target, length.name)
-            return _length_unit(table, index, target, length)
-        plain = all(u.quantity == "fraction" or u.quantity in STRAINS for u in units)
-        if plain and not table.unknown_unit(index) and len(kinds) == 1:
-            (kind,) = kinds
-            _check_not_scaled(table, index, target, kind)
-            if per_cent is None:
-                return UNITS[kind]
-            if kind != "stretch":
-                return Unit(f"{kind}, {per_cent.name}", kind, per_cent.factor)
-        problem = f"it is not clear what kind of stretch or strain {name!r} is"
-    remedy = f"write {_as(table, index, target, 'KIND')} with its kind, one of {STRAIN_CHOICES} "
-    remedy += f"(Green-Lagrange is green; true and Hencky are log), {units_of(*LENGTHS)}"
-    raise table.error(problem, remedy, column=index)
-
-
-def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
-    """Unit of a column in mm: distance of grips or marks, or their displacement."""
-    if unit.quantity == "displacement":
-        return unit
-    words = words_of(table.names[index])
-    words += [re.sub(r"^[xy12]|[xy12]$", "", word) for word in words]
-    moved, apart = (
-        any(re.fullmatch(pattern, word) for word in words)
-        for pattern in (DISPLACEMENT_WORDS, LENGTH_WORDS)
-    )
-    if moved and not apart and unit.name != PIXELS:
-        return UNITS[f"displacement_{unit.name}"]
-    if apart and not moved:
-        return unit
-    distance = f"{_as(table, index, target, unit.name)} for the distance between"
-    remedy = f"write {_as(table, index, target, f'displacement_{unit.name}')} for how far grips or "
-    remedy += f"marks have moved, {distance} them"
-    if unit.name == PIXELS:
-        remedy = f"write {distance} marks; a displacement needs the distance in pixels, too: "
-        remedy += "compute the stretch in the table"
-    problem = f"{table.names[index]!r} may be a displacement or a length"
-    raise table.error(problem, remedy, column=index)
-
-
-def _check_complete(table: Table, columns: Mapping[str, Column], test: str | None) -> None:
-    """Refuse a map without the stretches and one pair of loads; ask where another test fits."""
-    pairs = [p for p, names in STRESS_PAIRS.items() if any(name in columns for name in names)]
-    if len(pairs) > 1:
-        raise table.error("more than one stress pair", f"map one of them; {table.listing}")
-    pair = pairs[0] if pairs else "tube" if test == "tube" else "force"
-    needed = ["stretch_x", "stretch_y", "pressure_kPa"]
-    if pair != "tube":
-        both = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
-        needed = [name for name in both if name.split("_")[1] in directions_of(test)]
-    missing = [target for target in needed if target not in columns]
-    if missing:
-        _ask_about_test(table, columns, missing, test)
-        load = not pairs and not missing[0].startswith("stretch")
-        problem = f"no column for {'a force or stress' if load else missing[0]}"
-        raise table.error(problem, f"{table.listing}; {_example(table, needed)}")
-    used: dict[int, str] = {}
-    for target, column in columns.items():
-        for index in column.indices:
-            if (first := used.setdefault(index, target)) != target:
-                problem = f"{column.name!r} is used for both {first} and {target}"
-                raise table.error(problem, table.listing)
-
-
-def _ask_about_test(
-    table: Table, columns: Mapping[str, Column], missing: Sequence[str], test: str | None
-) -> None:
-    """Ask whether a table without a direction is of a strip, and one with a pressure of a tube."""
-    others = {f"columns={','.join(f'{target}=COLUMN' for target in missing)}": "other columns"}
-    for axis, across in ("xy", "yx"):
-        along = [target for target in columns if f"_{axis}" in target and target not in SHEAR]
-        lost = [target for target in missing if f"_{across}" in target]
-        if test is None and len(along) == 2 and lost == list(missing):
-            gives = {f"test=strip {axis}": f"a strip pulled along {axis}, whose sides are free"}
-            problem = f"no column for {' and '.join(missing)}"
-            raise Question(problem, gives | others, file=table.path)
-    if test is None and any(stem_of(name) == "pressure" for name in table.names):
-        gives = {"test=tube": "a tube under pressure"}
-        raise Question("there is a pressure, as of a tube", gives | others, file=table.path)
-
-
-def _example(table: Table, needed: Sequence[str]) -> str:
-    """A --columns option with likely columns of the file."""
-    likely: dict[str, list[str]] = {}
-    for index, name in enumerate(table.names):
-        quantity = next((u.quantity for u in table.units(index)), "")
-        if quantity in (*LENGTHS, *STRAINS) or strain_kinds(name):
-            quantity = "stretch"
-        likely.setdefault(quantity, []).append(name)
-    if "force" not in likely and "stress" in likely:
-        needed = [target.replace("force", "piola").replace("_N", "_kPa") for target in needed]
-    names = [(likely.get(TARGETS[target]) or ["COLUMN"]).pop(0) for target in needed]
-    pairs = ",".join(f"{target}={name}" for target, name in zip(needed, names, strict=True))
-    return f"for example --columns {shlex.quote(pairs)}"
-
-
-# --- columns that nobody mapped -------------------------------------------------------------------
-
-LEAST_LABELS = 2
-MAX_LABELS = 60
-LEAST_ROWS_OF_LABEL = 3
-
-
-def _unused(table: Table, columns: Mapping[str, Column], ignored: frozenset[int]) -> list[int]:
-    """Columns of the table that were neither mapped nor to be ignored."""
-    used = {i for column in columns.values() for i in column.indices} | ignored
-    return [i for i in range(len(table.names)) if i not in used]
-
-
-def ask_about_labels(table: Table, columns: Mapping[str, Column], ignored: frozenset[int]) -> None:
-    """Ask what a column separates that has the same few labels in many rows."""
-    for index in _unused(table, columns, ignored):
-        name, cells = table.names[index], table.text(index)
-        labels = [cell for cell in cells if cell.lower() not in MISSING]
-        counts = Counter(labels)
-        numbers = all(map(is_number, counts))
-        whole = all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts)
-        reading = any(u.quantity not in ("fraction", *STRAINS) for u in table.units(index))
-        few = LEAST_LABELS <= len(counts) <= MAX_LABELS
-        merged = 2 * len(labels) < table.rows
-        # numbers may be readings, such as a coarse temperature; words may alternate
-        changes = sum(a != b for a, b in pairwise(labels)) + 1 if numbers else len(counts)
-        often = changes * LEAST_ROWS_OF_LABEL > (table.rows if merged else len(labels))
-        if not few or (numbers and not whole) or reading or often or (merged and not cells[0]):
-            continue
-        shown = first_few([f"{label}: {count} rows" for label, count in counts.items()], 6)
-        gives = {f"specimen_by={name}": "each a specimen"} if "specimen" not in columns else {}
-        for target in ("protocol", "cycle"):
-            if target not in columns:
-                gives[f"columns={target}={name}"] = f"each a {target}"
-        raise Question(
-            f"column {name!r} has {len(counts)} labels ({shown}), and nothing says what they "
-            "separate",
-            gives | {f"columns={IGNORE}={name}": "nothing"},
-            file=table.path,
-        )
-
-
-def ask_about_opposites(
-    table: Table, columns: Mapping[str, Column], ignored: frozenset[int]
-) -> None:
-    """Ask for the other actuator of a direction where further lengths move with a displacement."""
-    lengths = {
-        table.names[i]: table.sparse_numbers(i, texts=True)
-        for i in _unused(table, columns, ignored)
-        if any(u.quantity in LENGTHS for u in table.units(i))
-    }
-    for target, column in columns.items():
-        kind = column.unit
-        if kind is None or kind.quantity != "displacement" or len(column.indices) > 1:
-            continue
-        moved, others = table.sparse_numbers(column.indices[0], texts=True), {}
-        for name, values in lengths.items():
-            both = np.isfinite(moved) & np.isfinite(values)
-            extent = np.ptp(moved[both]) if both.sum() > 2 else 0.0
-            if extent and 0.5 * extent < np.ptp(values[both]) < 2.0 * extent:
-                sign = np.corrcoef(moved[both], values[both])[0, 1]
-                others[name] = "+" if sign > 0.0 else "-"
-        if others:
-            gives = {
-                f"columns={target}={column.name}{sign}{name}:{kind.name}": "both ends move"
-                for name, sign in others.items()
+    def _stretch(self, target: str, index: int, given: Unit | None) -> Source:
+        """A column of stretches; asks how the stretch follows from any other."""
+        table, name, values = self.table, self.table.names[index], self.table.finite(index)
+        units = [u for u in table.units(index) if u.quantity != "fraction" or u.factor != 1.0]
+        start, extent = (float(values[0]), float(np.ptp(values))) if values.size else (np.nan, 1.0)
+        plain = not units and given is None and not table.unknown_unit(index)
+        low, high = NEAR_ONE
+        is_stretch = names_stretch(name, table.below(index)) and not is_scaled(name)
+        if plain and is_stretch and low < start < high:
+            return Source(target, table.reference(index), (index,), UNITS["mm/mm"])
+        column, stated = f"{{{table.reference(index)}}}", [given] if given else units
+        length = next((u for u in stated if u.quantity == "length"), None)
+        turned = values.size and abs(values.min() - start) > abs(values.max() - start)
+        sign = "-" if turned else "+"
+        lengths = formulas = self._of_a_length(target, column, sign, start, extent, length)
+        if length is None:
+            share = next((u.factor for u in stated if u.quantity == "fraction"), 1.0)
+            e = column if share == 1.0 else f"{column} * {share:g}"
+            strains = {
+                f"1 + {e}": "engineering strain",
+                f"sqrt(1 + 2 * {e})": "Green-Lagrange strain",
+                f"exp({e})": "logarithmic (true, Hencky) strain",
+                f"1 / sqrt(1 - 2 * {e})": "Almansi strain",
             }
-            ignore = ",".join(f"{IGNORE}={name}" for name in others)
-            gives[f"columns={ignore}"] = "the other end is fixed, or they are of other parts"
-            raise Question(
-                f"{' and '.join(map(repr, others))} may be the displacement of the other end of "
-                f"{column.name!r}; where both ends move, one of them is half of the stretch",
-                gives,
-                file=table.path,
+            moves = _words(name, r"disp(lacement)?s?|extension|elongation|travel|stroke")
+            formulas = strains | lengths if not moves else lengths | strains
+            if low < share * start < high:
+                formulas = {e: "stretch"} | lengths
+        what = f"is in {length.name}" if length is not None else f"starts at {start:g}"
+        certain = length is None or start > 2.0 * extent
+        # so that what else is open can be asked
+        near = f"1 {sign} {column} / {max(4.0 * extent, 1e-12):.6g}"
+        of = "" if column == f"{{{name}}}" else f" ({table.reference(index)})"
+        problem = f"{name!r}{of} {what}: how does {target} follow from it?"
+        self._ask(target, problem, formulas, likely=certain, assumed="" if certain else near)
+
+    def _of_a_length(
+        self, target: str, column: str, sign: str, start: float, extent: float, unit: Unit | None
+    ) -> dict[str, str]:
+        """Stretches from a displacement, or from the distance of marks or grips."""
+        of, moved = "the length between marks or grips", column
+        displaced = {}
+        if abs(start) > 0.01 * extent:
+            moved = f"({column} - first({column}))"
+            displaced = {
+                f"1 {sign} {column} / LENGTH_MM": f"a displacement, over {of} where it is zero"
+            }
+        displaced = {
+            f"1 {sign} {moved} / LENGTH_MM": f"a displacement, over {of} in the first row"
+        } | displaced
+        edge = "unloaded_length_mm" if target == "stretch_z" else f"edge_{target[-1]}_mm"
+        if edge in self.header and unit is not None and unit.name != "px":
+            scale = "" if unit.factor == 1.0 else f" * {unit.factor:g}"
+            displaced[f"1 {sign} {moved}{scale} / {edge}"] = f"a displacement over {edge}"
+        distance = {f"{column} / LENGTH_MM": f"a distance, over {of}, unloaded or mounted"}
+        if start > 0.0:
+            over = f"a distance, over its first value {start:g}"
+            distance = {f"{column} / first({column})": over} | distance
+        # a distance is longer than it changes
+        return (distance | displaced) if start > 2.0 * extent else (displaced | distance)
+
+    # --- targets without a column ---
+
+    def _check_complete(self, sources: dict[str, Source]) -> None:
+        """Ask for missing stretches and loads; refuse two of one, and two kinds of loads."""
+        table, wanted = self.table, self.wanted
+        for name, standard in TUBE_COLUMNS.items():
+            if name not in sources or standard not in sources:
+                continue
+            if standard not in wanted and name in wanted:
+                del sources[standard]
+            elif name not in wanted and sources[name].indices == sources[standard].indices:
+                del sources[name]
+            else:
+                names = f"{sources[name].text!r} and {sources[standard].text!r}"
+                remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
+                raise table.error(f"{names} both give {standard}", remedy)
+        kinds = EXPERIMENTS[self.test or "biaxial"].loads
+        pairs = [p for p in kinds if any(name in sources for name in LOADS[p])]
+        if len(pairs) > 1:
+            raise table.error("more than one stress pair", f"map one of them; {table.listing}")
+        if missing := self._missing(sources, pairs):
+            self._ask_for_columns(missing, sources, bool(pairs))
+        used: dict[int, str] = {}
+        for target, source in sources.items():
+            if source.computed or (first := used.setdefault(source.indices[0], target)) == target:
+                continue
+            problem = f"{source.text!r} is used for both {first} and {target}"
+            if TARGETS[target] == "text" or TARGETS[first] != TARGETS[target]:
+                raise table.error(problem, table.listing)
+            self._ask(target, problem, {source.formula: f"it serves {first} as well"})
+        for pair in pairs if PLANAR_LOADS.keys() & sources.keys() else ():
+            self._ask_about_swapped(*(sources[t] for t in ("stretch_x", "stretch_y", *LOADS[pair])
+                                      if t in sources))  # fmt: skip
+
+    def _ask_about_swapped(self, *columns: Source) -> None:
+        """Ask where the names of both loads suggest the direction of the other stretch."""
+        if len(columns) < 4 or any(c.computed for c in columns):
+            return
+        x, y, of_x, of_y = (_directions(self.table.names[c.indices[0]]) for c in columns)
+        if x == of_y != y == of_x and len(x) == len(y) == 1:
+            (_, _, first, second), unit = columns, columns[2].unit
+            swapped = f"columns={first.target}={second.text},{second.target}={first.text}"
+            kept = ",".join(f"{c.target}={c.formula}:{unit.name}" for c in (first, second))  # type: ignore[union-attr]
+            gives = {swapped: "the other way round", f"columns={kept}": "as it is said"}
+            problem = (
+                f"{columns[0].text!r} and {second.text!r} are of one direction by their names, "
             )
+            self._ask(
+                first.target, f"{problem}and {first.text!r} is said to be", gives, likely=False
+            )
+
+    def _missing(self, sources: Mapping[str, Source], pairs: Sequence[str]) -> list[str]:
+        """Targets that the test needs, of the likely loads, and that have no source."""
+        kind = EXPERIMENTS[self.test or "biaxial"]
+        likely = [
+            p for p in kind.loads
+            if any(self.likely_columns(t, sources) for t in LOADS[p] if t)
+        ]  # fmt: skip
+        loads = kind.loads[[*pairs, *likely, *kind.loads][0]]
+        given = {TUBE_COLUMNS.get(name, name) for name in sources}
+        needed = [f"stretch_{axis}" for k, axis in enumerate("xy") if k != kind.free_side]
+        needed += [loads.columns[k] for k in kind.axes if k not in loads.optional]
+        missing = [target for target in needed if target not in given]
+        lengths = {"stretch_x": "outer_diameter_mm", "stretch_y": "length_mm"}
+        if self.test == "tube":
+            missing = [
+                lengths[t] if t in lengths and self.likely_columns(lengths[t], sources) else t
+                for t in missing
+            ]
+        return missing
+
+    def likely_columns(self, target: str, sources: Mapping[str, Source]) -> list[int]:
+        """Columns that may be read for a target by unit and name, the likeliest first."""
+        quantity, used = TARGETS[target], {i for s in sources.values() for i in s.indices}
+        own = {"length", "fraction"} if quantity == "stretch" else {quantity}
+        scored = []
+        for index, name in enumerate(self.table.names):
+            values = self.table.finite(index)
+            no_tension = target == "pole_tension_kPa" and _is_pressure(name)
+            if index in used or no_tension or values.size < 2 or np.ptp(values) == 0.0:
+                continue
+            units = {u.quantity for u in self.table.units(index)}
+            fits = bool(units & own) or (quantity == "stretch" and names_stretch(name, ""))
+            fits = fits or (not units and bool(_words(name, OF_QUANTITY.get(quantity, "-"))))
+            if fits and not units - own:
+                directions = _directions(name)
+                scored.append((_axis_of(target) not in directions, len(directions) == 1, index))
+        return [index for *_, index in sorted(scored)]
+
+    def _ask_for_columns(
+        self, missing: Sequence[str], sources: Mapping[str, Source], has_loads: bool
+    ) -> NoReturn:
+        """Ask what the first missing target is read from, or whether the test is another one."""
+        table, target = self.table, missing[0]
+        likely = self.likely_columns(target, sources)[:8]
+        ranges = ((table.reference(i), table.finite(i)) for i in likely)
+        columns = {name: f"from {v.min():.4g} to {v.max():.4g}" for name, v in ranges}
+        others = {}
+        for axis, across in ("xy", "yx") if self.test is None else ():
+            along = [t for t in sources if f"_{axis}" in t and t not in SHEAR]
+            if len(along) == len(missing) == 2 and all(f"_{across}" in t for t in missing):
+                others[f"test=strip {axis}"] = f"a strip pulled along {axis}, whose sides are free"
+        planar = has_loads or any(key.startswith("edge") for key in self.header)
+        if self.test is None and not planar and any(map(_is_pressure, table.names)):
+            others |= {f"test={name}": EXPERIMENTS[name].words for name in ("tube", "bulge")}
+        same = next((s for t, s in sources.items() if TARGETS[t] == TARGETS[target]), None)
+        both = {}
+        if same is not None and TARGETS[target] == "stretch":
+            both = {same.formula: "the same for both directions"}
+        certain = any(_axis_of(target) in _directions(table.names[i]) for i in likely)
+        gives = columns | others | both if certain or not others else others | columns | both
+        gives["EXPRESSION"] = f"such as {EXAMPLES.get(target, EXAMPLES[''])}"
+        problem = f"no column for {' and '.join(missing) if others else target}; {table.listing}"
+        self._ask(target, problem, gives, likely=bool(likely or others), other=False)
+
+    # --- columns that nobody mapped ---
+
+    def _ask_about_labels(self, sources: Mapping[str, Source], unused: Sequence[int]) -> None:
+        """Ask what a column separates that has the same few labels in many rows."""
+        table = self.table
+        for index in unused:
+            cells = table.text(index)
+            labels = [cell for cell in cells if cell.lower() not in MISSING]
+            counts = Counter(labels)
+            numbers = all(map(is_number, counts))
+            whole = all(re.fullmatch(r"\d+(\.0*)?", label) for label in counts)
+            reading = any(u.quantity != "fraction" for u in table.units(index))
+            merged = 2 * len(labels) < table.rows
+            # numbers may be readings, such as a coarse temperature; words may alternate
+            changes = sum(a != b for a, b in pairwise(labels)) + 1 if numbers else len(counts)
+            often = changes * ROWS_OF_LABEL > (table.rows if merged else len(labels))
+            few = LABELS[0] <= len(counts) <= LABELS[1]
+            if not few or (numbers and not whole) or reading or often or (merged and not cells[0]):
+                continue
+            shown = first_few([f"{label}: {count} rows" for label, count in counts.items()], 6)
+            kinds = [target for target in ("protocol", "cycle") if target not in sources]
+            text = table.reference(index)
+            gives = {f"columns={target}={text}": f"each a {target}" for target in kinds}
+            if "specimen" not in sources:
+                gives[f"specimen_by={text}"] = "each a specimen"
+            ignored = f"columns={IGNORE}={text}"
+            problem = f"column {text!r} has {len(counts)} labels ({shown}), and nothing says what "
+            problem += "they separate"
+            gives[ignored] = "nothing"
+            raise Question(problem, gives, file=table.path, likely=False, assumed=ignored)
+
+    def _ask_about_opposites(self, sources: Mapping[str, Source], unused: Sequence[int]) -> None:
+        """Ask for the other actuator or cell of a direction, where unused columns move alike."""
+        table = self.table
+        for target, source in sources.items():
+            quantity = {"stretch": "length", "force": "force"}.get(TARGETS[target])
+            own = [i for i in source.indices if quantity in [u.quantity for u in table.units(i)]]
+            if len(own) != 1 or target in ("stretch_z", "axial_force_N"):
+                continue
+            alike = {i: r for i in unused if (r := _moves_alike(table, own[0], i, str(quantity)))}
+            if not alike:
+                continue
+            name, others = table.reference(own[0]), [table.reference(i) for i in alike]
+            column, gives = f"{{{name}}}", {}
+            unit = "" if source.computed else f":{source.unit.name}"  # type: ignore[union-attr]
+            for other, correlation in zip(others, alike.values(), strict=True):
+                total = f"({column} {'+' if correlation > 0.0 else '-'} {{{other}}})"
+                ways = {f"({total} / 2)": "cells at both ends: their mean"}
+                ways[total] = "cells side by side: their sum"
+                if quantity == "length":
+                    ways = {total: "both ends move"}
+                for both, label in ways.items():
+                    gives[source.formula.replace(column, both) + unit] = label
+            ignore = ",".join(f"{IGNORE}={other}" for other in others)
+            gives[f"columns={ignore}"] = "they are of other parts or protocols, or of a fixed end"
+            what = "displacement of" if quantity == "length" else "cell at"
+            listed = first_few([repr(k) for k in others], 4)
+            problem = f"{listed} may be the {what} the other end of {name!r}"
+            self._ask(target, problem, gives, likely=False, other=False)
+
+
+# --- words of names -------------------------------------------------------------------------------
+
+
+def _words(name: str, pattern: str) -> str:
+    """The words of a name that match a pattern."""
+    words = words_of(name)
+    words += [re.sub(r"[xy12]$", "", word) for word in words]
+    return " ".join(dict.fromkeys(word for word in words if re.fullmatch(pattern, word)))
+
+
+def _directions(name: str, axes: Sequence[Mapping[str, str]] = AXES) -> set[str]:
+    """Directions that the words of a name suggest."""
+    parts = words_of(split_units(name)[0])
+    words = [w for part in parts for w in (part, part[-1:], part[-2:], part[:1])]
+    for of in axes:
+        if found := {a for a in "xy" if any(re.fullmatch(of[a], word) for word in words)}:
+            return found
+    return set()
+
+
+def _axis_of(target: str) -> str:
+    return AXIS_OF.get(target) or "xy"["_y" in target]
+
+
+def _is_pressure(name: str) -> bool:
+    unit = unit_of_column(name)
+    return "pressure" in words_of(name) or (unit is not None and unit.name in ("mmHg", "cmH2O"))
+
+
+def _moves_alike(table: Table, own: int, other: int, quantity: str) -> float:
+    """Correlation of a column with one that may be of the other end; zero for any other."""
+    # numbers alone may count the cells
+    here, there = (_directions(table.names[k], AXES[:1]) for k in (own, other))
+    # an extensometer or a camera measures the same move in another way
+    again = _words(f"{table.names[own]} {table.names[other]}", MEASURES_AGAIN)
+    apart = again or (here and there and not here & there)
+    if apart or quantity not in [u.quantity for u in table.units(other)]:
+        return 0.0
+    curves = np.array([table.sparse_numbers(k, texts=True) for k in (own, other)])
+    curves = curves[:, np.isfinite(curves).all(axis=0)]
+    extent, moved = np.ptp(curves, axis=1) if curves.shape[1] > 2 else (0.0, 0.0)
+    # a distance has no other end, and a position no displacement
+    away = extent and bool(curves[0, 0] > 2.0 * extent or np.abs(curves[1, 0]) > moved)
+    if (away and quantity == "length") or not 0.5 * extent < moved < 2.0 * extent:
+        return 0.0
+    return float(np.corrcoef(curves)[0, 1])

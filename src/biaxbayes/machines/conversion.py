@@ -3,57 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, ReadingError
+from biaxbayes.experiments import EXPERIMENTS, Experiment
+from biaxbayes.machines import generic
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.gauge import Gauge
+from biaxbayes.machines.columns import names_needed
+from biaxbayes.machines.outcome import Conversion, OpenQuestions
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.machines.selection import select, without_repeats
-from biaxbayes.specimens.check import LARGE_DRIFT
-from biaxbayes.specimens.keys import ARGUMENT_KEYS, needed_with_forces
-from biaxbayes.specimens.plausibility import check_readings, check_varies
-from biaxbayes.specimens.protocol import (
-    CURVES,
-    LOAD_ROWS,
-    Protocol,
-    ReadingError,
-    second_difference_scatter,
-)
+from biaxbayes.specimens.check import LARGE_DRIFT, check_specimen
+from biaxbayes.specimens.keys import ARGUMENT_KEYS, KEYS, checked_value
+from biaxbayes.specimens.protocol import CURVES, Protocol, second_difference_scatter
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.tables.question import Question
-from biaxbayes.tables.table import read_tables
+from biaxbayes.specimens.specimen_file import MOUNTED_STATE
+from biaxbayes.tables.layout import ALL_SHEETS, tables_in
+from biaxbayes.tables.question import Proposal, Question
+from biaxbayes.tables.sheets import read_sheets
+from biaxbayes.tables.table import Table
+from biaxbayes.tables.worksheet import Worksheet
 
 BELOW_START = 0.02
 """Fall of a loading branch below its start, over its range, that cannot be loading."""
 Header = Mapping[str, float | str]
 """Values by their key in a specimen file."""
-
-
-@dataclass(frozen=True)
-class Conversion:
-    """A specimen, its recordings, and its protocols with the stretches as measured."""
-
-    specimen: Specimen
-    recordings: tuple[Recording, ...]
-    protocols_as_measured: tuple[Protocol, ...]
-    geometry_given: bool  # by the user
-    records: tuple[Record, ...] = ()  # all rows of the tables, with the reason of each left out
-
-    @property
-    def account(self) -> str:
-        """What became of every row, as the command prints it."""
-        from biaxbayes.machines.account import account
-
-        return "\n".join(account(self))
-
-    def __repr__(self) -> str:
-        sources = ", ".join(r.record.source for r in self.recordings)
-        return f"Conversion({self.specimen!r} from {sources})"
 
 
 def convert(
@@ -63,78 +41,163 @@ def convert(
     header: Header,
     protocol_names: Sequence[str] = (),
 ) -> Conversion:
-    """Read machine exports as one specimen, as :func:`biaxbayes.convert` does."""
+    """Read machine exports as one specimen, as :func:`biaxbayes.convert` does.
+
+    Where an answer is missing, the conversion goes on with one that is assumed, so that all that is
+    open is asked at once.
+    """
+    files = {path: read_sheets(path) for path in paths}
+    open_ones: dict[tuple[str, str, str], Question] = {}
+    seen, obstacle = set[tuple[str, str]](), ""
+    # sources with a number that nobody gave, and the proposals that they stand for
+    invented, certain = dict[str, str](), True
+    result: Conversion | None = None
+    while result is None:
+        try:
+            result = _converted(files, choice, header, protocol_names)
+        except Question as question:
+            asked = (question.target, question.text)
+            if asked in seen:
+                break  # what was assumed answers nothing
+            seen.add(asked)
+            of_sources = {k.partition("=")[2]: v.partition("=")[2] for k, v in invented.items()}
+            question.rename(of_sources, assumed=False)
+            _merge(question, open_ones)
+            if question.assumed is None:
+                break
+            if question.assumed.value not in {p.value for p in question.proposals}:
+                certain = False
+                if question.option == "columns":
+                    invented[question.assumed.value] = question.proposals[0].value
+            choice, header = _answered(choice, header, question.assumed)
+        except InputError as error:
+            if not open_ones:
+                raise
+            obstacle = str(error) if certain else ""
+            break  # what was assumed does not fit: the questions come first
+    if open_ones:
+        raise OpenQuestions(list(open_ones.values()), result, obstacle)
+    assert result is not None
+    return result
+
+
+def _merge(question: Question, others: dict[tuple[str, str, str], Question]) -> None:
+    """Add a question; a later one on the same column has the answers of the earlier as well."""
+    of_column = question.target not in ("", "ignore", "protocol", "cycle")
+    key = (question.option, question.target, "" if of_column else question.text)
+    before = others.get(key)
+    if before is not None:
+        known = {p.value for p in question.proposals}
+        question.proposals += tuple(p for p in before.proposals if p.value not in known)
+        if not before.text.startswith("no column"):
+            question.text = f"{before.text}; {question.text}"
+    others[key] = question
+
+
+def _answered(choice: Choice, header: Header, answer: Proposal) -> tuple[Choice, Header]:
+    """The options and header values with an answer."""
+    name, value = answer.option, answer.value
+    if name not in {f.name for f in fields(Choice)} or name == "specimen":
+        return choice, {**header, name: checked_value(name, value)}
+    before = getattr(choice, name)
+    new: object = value
+    if isinstance(before, tuple):
+        new = (*before, value) if name == "columns" else (value,)
+    elif isinstance(before, bool):
+        new = value == "True"
+    return replace(choice, **{name: new}), header  # type: ignore[arg-type]
+
+
+def _converted(
+    files: Mapping[Path, dict[str, Worksheet]],
+    choice: Choice,
+    header: Header,
+    protocol_names: Sequence[str],
+) -> Conversion:
+    """The specimen of some files whose sheets are read."""
+    paths, given = list(files), (choice, header)
     name = choice.specimen or (str(header["specimen"]) if "specimen" in header else None)
     choice = replace(choice, specimen=name)
-    records, recordings = _named_recordings(paths, choice, header, protocol_names)
+    mounted = [float(header.get(key, 1.0)) for key in MOUNTED_STATE]
+    if set(MOUNTED_STATE) & set(header):
+        header = {k: v for k, v in header.items() if k not in MOUNTED_STATE}
+        header["reference"] = "common"
+    records, recordings = _named_recordings(files, choice, header, protocol_names)
     stress_pair = recordings[0].record.stress_pair
-    _check_header(header, stress_pair, choice.test)
-    noise = _number(header, "load_noise_N" if stress_pair == "force" else "load_noise_kPa")
+    experiment = EXPERIMENTS[choice.test or "biaxial"]
+    _check_header(header, stress_pair, experiment, paths[0])
+    noise = header.get("load_noise_N" if stress_pair == "force" else "load_noise_kPa")
+    in_doubt = experiment.is_mounted and "reference" not in header
     try:
-        protocols = _protocols(recordings)
-        if choice.test != "tube":
-            _check_references(protocols, header, paths[0])
+        protocols = _protocols(recordings, mounted)
+        if in_doubt:
+            _ask_for_reference(protocols, list(experiment.axes), paths[0])
         specimen = Specimen(
             name=name or paths[0].stem,
             protocols=tuple(protocols),
-            stress_pair=stress_pair,
-            test=choice.test or "biaxial",
+            loads=stress_pair,
+            test=experiment.name,
             geometry=str(header.get("geometry", "unloaded")),
-            load_noise=noise,
+            load_noise=None if noise is None else float(noise),
             metadata=_metadata(recordings, paths, choice, header),
             **{key: header[key] for key in ARGUMENT_KEYS if key in header},  # type: ignore[arg-type]
         )
-        check_readings(specimen)
+        findings = check_specimen(specimen)
     except ReadingError as error:
         r = next((r for r in recordings if r.name == error.protocol), None)
         if r is None:
             raise
         columns = dict(zip(CURVES, r.record.columns, strict=True))
         raise error.at(r.record.path, r.lines, columns) from None
-    for p, r in zip(specimen.protocols, recordings, strict=True):
-        _check_start(p, r)
-    given = "geometry" in header
-    return Conversion(specimen, tuple(recordings), tuple(protocols), given, tuple(records))
+    for protocol, recording in zip(specimen.protocols, recordings, strict=True):
+        _check_start(protocol, recording)
+        if in_doubt:
+            _ask_about_far_start(recording, paths[0])
+    errors = [str(f) for f in findings if f.severity == "error"]
+    if errors and choice.rows is None and choice.branch in (None, "loading"):
+        gives = {"rows=LINES": "lines of a loading branch", "rows=all": "as it is"}
+        raise Question(errors[0], gives, file=paths[0])
+    return Conversion(
+        specimen, tuple(recordings), tuple(protocols), tuple(records), findings, *given
+    )
 
 
-def _protocols(recordings: Sequence[Recording]) -> list[Protocol]:
-    """Protocols with stretches as measured, each with a load in the directions that were read."""
+def _protocols(recordings: Sequence[Recording], mounted: Sequence[float]) -> list[Protocol]:
+    """Protocols with stretches as measured, over those of the mounted state where it is given."""
     timed = all(r.time_s is not None for r in recordings)
     protocols = []
     for r in recordings:
         # across a strip the width may not be measured
         measured = [bool(name) for name in r.record.columns[:2]]
-        (x, y), (load_x, load_y) = np.where(measured, r.stretch, np.nan).T, r.load.T
+        (x, y), (load_x, load_y) = np.where(measured, r.stretch / mounted, np.nan).T, r.load.T
         protocols.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
-        for k in r.record.read:
-            check_varies(r.load[:, k], argument=LOAD_ROWS[k], protocol=r.name)
     return protocols
 
 
-def _check_header(header: Header, stress_pair: str, test: str | None) -> None:
-    """Refuse a header that lacks dimensions of the test, or has the noise of other loads."""
+def _check_header(header: Header, stress_pair: str, test: Experiment, file: Path) -> None:
+    """Ask for the dimensions that loads of the test need; refuse the noise of other loads."""
     unit, other = ("N", "kPa") if stress_pair == "force" else ("kPa", "N")
     if f"load_noise_{other}" in header:
-        raise InputError(
-            f"`load_noise_{other}` does not fit: the columns are in {unit}",
-            remedy=f"give `load_noise_{unit}`",
-        )
-    missing = [key for key in needed_with_forces(test) if key not in header]
-    if missing and stress_pair == "force":
-        remedy = "give " + ", ".join(f"`{key}`" for key in missing)
-        if "geometry" in missing:
-            remedy += " (unloaded or mounted: the state in which they were measured)"
-        raise InputError(f"forces need {', '.join(missing)}", remedy=remedy)
+        problem = f"`load_noise_{other}` does not fit: the columns are in {unit}"
+        raise InputError(problem, remedy=f"give `load_noise_{unit}`")
+    words = {"force": "forces", "pressure": "pressures", "tension": "tensions"}
+    for key in (key for key in test.needed(stress_pair) if key not in header):
+        gives, likely = {f"{key}=MM": KEYS[key].meaning}, True
+        assumed, of = f"{key}={1.0 if key == 'thickness_mm' else 10.0:g}", ""
+        if key == "geometry":
+            gives = {
+                "geometry=unloaded": "dimensions were measured on the unloaded tissue",
+                "geometry=mounted": "they were measured after mounting",
+            }
+            assumed, of, likely = "", f": {KEYS[key].meaning}", False
+        problem = f"{words.get(stress_pair, 'stresses')} need {key}{of}"
+        raise Question(problem, gives, file=file, assumed=assumed, likely=likely)
 
 
-def _number(header: Header, key: str) -> float | None:
-    return float(header[key]) if key in header else None
-
-
-def _check_references(protocols: Sequence[Protocol], header: Header, file: Path) -> None:
+def _ask_for_reference(protocols: Sequence[Protocol], axes: Sequence[int], file: Path) -> None:
     """Ask for the reference of protocols that start at different stretches."""
     starts = np.array([p.known_stretch[: max(p.rest_rows, 1)].mean(axis=0) for p in protocols])
-    if "reference" in header or np.ptp(starts, axis=0).max() <= LARGE_DRIFT:
+    if np.ptp(starts, axis=0).max() <= LARGE_DRIFT:
         return
     shown = "; ".join(
         f"{p.name}: {x:.4f}, {y:.4f}" for p, (x, y) in zip(protocols, starts, strict=True)
@@ -143,7 +206,37 @@ def _check_references(protocols: Sequence[Protocol], header: Header, file: Path)
         "reference=each protocol": "each starts at the mounted state, by which it is divided",
         "reference=common": "one reference for all; those that start elsewhere have no rest",
     }
+    own = [p.known_stretch / start for p, start in zip(protocols, starts, strict=True)]
+    if not np.ptp(np.concatenate(own), axis=0)[axes].all():
+        del gives["reference=each protocol"]  # a direction is held at levels
     raise Question(f"its protocols start at different stretches ({shown[:300]})", gives, file=file)
+
+
+def _ask_about_far_start(r: Recording, file: Path) -> None:
+    """Ask for the reference where a chosen cycle starts far from the first rows of its record."""
+    of_protocol = [
+        cycles for cycles in r.record.cycles.values()
+        if any(np.isin(r.rows, cycle.loading).any() for cycle in cycles)
+    ]  # fmt: skip
+    if r.branch != "loading" or not of_protocol or len(of_protocol[0]) < 2:
+        return
+    first, axes = int(of_protocol[0][0].loading[0]), list(r.axes)
+    at_first = r.record.stretch[first, axes]
+    if np.abs(r.stretch[0, axes] - at_first).max() <= LARGE_DRIFT:
+        return
+    of_record, own = (
+        r.record.stretches_text(r.record.stretch[k], ".4f") for k in (first, r.rows[0])
+    )
+    gives = {
+        "reference=each protocol": f"its own start, {own}, is the mounted state",
+        "reference=common": "the mounted state is where the columns are one",
+        f"mounted_state_x={at_first[0]:.5g}": "the first rows are (and mounted_state_y)",
+    }
+    problem = (
+        f"the cycle in lines {r.lines[0]} to {r.lines[-1]} starts at {own}, and its record in "
+    )
+    problem += f"line {r.record.lines[first]} at {of_record}"
+    raise Question(problem, gives, file=file)
 
 
 def _check_start(p: Protocol, r: Recording) -> None:
@@ -151,15 +244,15 @@ def _check_start(p: Protocol, r: Recording) -> None:
     if r.branch != "loading" or p.rest_rows == 0:
         return
     stretch = p.known_stretch
-    start = stretch[: p.rest_rows].mean(axis=0)
     total = p.recorded_load.sum(axis=1)
     rise = stretch[np.argmax(total)] - stretch[np.argmin(total)]
-    along = (stretch - start) @ rise / max(float(np.linalg.norm(rise)), 1e-300)
+    along = (stretch - stretch[: p.rest_rows].mean(axis=0)) @ rise
+    along /= max(float(np.linalg.norm(rise)), 1e-300)
     low, scatter = int(along.argmin()), second_difference_scatter(along)
     if along[low] < -max(BELOW_START * float(np.ptp(along)), 6.0 * scatter):
+        at = r.record.stretches_text(p.stretch[low], ".4f")
         raise InputError(
-            f"the loading branch {r.name!r} falls to "
-            f"{r.record.stretches_text(p.stretch[low], '.4f')} of the state that it starts from",
+            f"the loading branch {r.name!r} falls to {at} of the state that it starts from",
             file=r.record.path,
             row=int(r.lines[low]),
             remedy="give the lines of the loading side with `rows`",
@@ -167,64 +260,91 @@ def _check_start(p: Protocol, r: Recording) -> None:
 
 
 def _named_recordings(
-    paths: Sequence[Path], choice: Choice, header: Header, protocol_names: Sequence[str]
+    files: Mapping[Path, dict[str, Worksheet]],
+    choice: Choice,
+    header: Header,
+    protocol_names: Sequence[str],
 ) -> tuple[list[Record], list[Recording]]:
     """Records of all files, and their recordings with the given names or those in the files."""
     records: list[Record] = []
     recordings: list[Recording] = []
-    for path in paths:
-        of_file = _records(path, choice, header)
+    if choice.join is None and (len(files) > 1 or len(next(iter(files.values()))) > 1):
+        _ask_for_join(files, choice)
+    if choice.join in ("time", "stretch"):
+        tables = [t for path, s in files.items() for t in _tables(path, s, choice)[0].values()]
+        of_files = {next(iter(files)): generic.joined(tables, choice, header)}
+    else:
+        of_files = {path: _records(path, s, choice, header) for path, s in files.items()}
+    for path, of_file in of_files.items():
         in_file = [r for record in of_file for r in select(record, choice)]
         for r in in_file:
             name = f"{r.record.name} {r.name}".strip() if r.record.name != r.name else r.name
-            name = name if len(paths) == 1 else f"{path.stem} {name}"
+            name = name if len(of_files) == 1 else f"{path.stem} {name}"
             recordings.append(replace(r, name=path.stem if len(in_file) == 1 else name))
         records += of_file
     recordings = without_repeats(recordings, choice)
     pairs = {r.record.stress_pair for r in recordings}
     if len(pairs) > 1:
-        raise InputError(
-            f"the files hold different stress pairs ({', '.join(sorted(pairs))})",
-            remedy="convert them with the same columns",
-        )
-    if protocol_names and len(protocol_names) != len(recordings):
-        of = ", ".join(f"{r.name} from {r.record.source}" for r in recordings)
-        raise InputError(
-            f"{len(protocol_names)} protocol names for {len(recordings)} protocols",
-            remedy=f"the protocols are {of[:300]}",
-        )
+        problem = f"the files hold different stress pairs ({', '.join(sorted(pairs))})"
+        raise InputError(problem, remedy="convert them with the same columns")
     names = list(protocol_names) or [r.name for r in recordings]
-    for name in names:
-        if not name.strip() or names.count(name) > 1:
-            raise InputError(
-                f"protocol name {name[:40]!r} is empty or duplicated",
-                remedy="give `protocol_names`, one per protocol",
-            )
-    recordings = [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
-    return records, recordings
+    if len(names) != len(recordings):
+        of = ", ".join(f"{r.name} from {r.record.source}" for r in recordings)
+        problem = f"{len(names)} protocol names for {len(recordings)} protocols"
+        raise InputError(problem, remedy=f"the protocols are {of[:300]}")
+    bad = next((name for name in names if not name.strip() or names.count(name) > 1), None)
+    if bad is not None:
+        problem = f"protocol name {bad[:40]!r} is empty or duplicated"
+        raise InputError(problem, remedy="give `protocol_names`, one per protocol")
+    named = zip(recordings, names, strict=True)
+    return records, [replace(r, name=name) for r, name in named]
 
 
-def _records(path: Path, choice: Choice, header: Header) -> list[Record]:
+def _ask_for_join(files: Mapping[Path, dict[str, Worksheet]], choice: Choice) -> None:
+    """Ask how tables belong together that have the named columns only together."""
+    columns = [v for k, v in generic.wanted_of(choice).items() if k != "ignore"]
+    names, tables = names_needed(columns), list[Table]()
+    for path, sheets in files.items():
+        chosen = choice.sheets or ((ALL_SHEETS,) if "" not in sheets else ())
+        tables += tables_in(sheets, path, chosen, choice.hidden or "keep", names)[0].values()
+    found = [
+        [any(map(t.has_column, each)) for each in names if "*" not in each[-1]] for t in tables
+    ]
+    if len(tables) > 1 and not any(map(all, found)) and all(map(any, zip(*found, strict=True))):
+        gives = {
+            "join=time": "stretches are interpolated at the times of the loads",
+            "join=stretch": "curves of one ratio, each load over the stretch of its direction",
+        }
+        problem = f"of {len(tables)} tables none has all of the columns, and all together have them"
+        raise Question(problem, gives, file=next(iter(files)))
+
+
+def _tables(
+    path: Path, sheets: dict[str, Worksheet], choice: Choice
+) -> tuple[dict[str, Table], dict[str, str]]:
+    """Tables of a file by sheet, below the columns that are named; and why others hold none."""
+    named = []
+    if choice.machine == "generic":
+        wanted = {k: v for k, v in generic.wanted_of(choice).items() if k != "ignore"}
+        named = names_needed(wanted.values())
+    wanted_sheets = choice.sheets
+    if choice.join in ("time", "stretch") and not wanted_sheets and "" not in sheets:
+        wanted_sheets = (ALL_SHEETS,)
+    return tables_in(sheets, path, wanted_sheets, choice.hidden, named)
+
+
+def _records(
+    path: Path, sheets: dict[str, Worksheet], choice: Choice, header: Header
+) -> list[Record]:
     """Records of all tables of a file; sheets without the columns are left out."""
-    tables, skipped = read_tables(path, choice.sheets, choice.hidden)
-    is_tube = choice.test == "tube"
-    lengths = [choice.gauge_x_mm, choice.gauge_y_mm]
-    if is_tube:
-        if any(lengths):
-            raise InputError(
-                "a tube has no gauge length",
-                remedy="give `unloaded_outer_diameter_mm` and `unloaded_length_mm`",
-            )
-        lengths = [_number(header, k) for k in ("unloaded_outer_diameter_mm", "unloaded_length_mm")]
-    edges = _number(header, "edge_x_mm"), _number(header, "edge_y_mm")
-    gauge = Gauge((lengths[0], lengths[1]), edges, choice.gauge_at or "", is_tube)
+    tables, skipped = _tables(path, sheets, choice)
     reader = import_module(f"biaxbayes.machines.{choice.machine}")
     records: list[Record] = []
     for sheet, table in tables.items():
         if len(tables) > 1 and not reader.recognises(table, choice):
             skipped[sheet] = "has none of the columns"
             continue
-        for record in reader.records(table, choice, gauge):
+        for record in reader.records(table, choice, header):
             name = f"{sheet} {record.name}".strip() if len(tables) > 1 else record.name
             records.append(replace(record, name=name))
     if not records:
@@ -247,11 +367,9 @@ def _metadata(
     if any(cycles):
         metadata["cycle"] = ", ".join(dict.fromkeys(c or "the only one" for c in cycles))
     metadata["branch"] = recordings[0].branch
-    assumptions = dict.fromkeys(
-        note for r in recordings for note in (*r.record.assumptions, *r.assumptions)
-    )
-    if assumptions:
-        metadata["conversion"] = "; ".join(assumptions)
+    assumed = [note for r in recordings for note in (*r.record.assumptions, *r.assumptions)]
+    if assumed:
+        metadata["conversion"] = "; ".join(dict.fromkeys(assumed))
     gradients = [r.record.gradient[r.rows] for r in recordings if r.record.gradient is not None]
     if gradients:
         # rounded, as it is a caution and not a measurement

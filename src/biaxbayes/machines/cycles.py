@@ -1,12 +1,12 @@
-"""Cycles of a record, cut at the turning points of the quieter of displacement and load."""
+"""Cycles of a record, cut at the turning points of stretch or load, whichever turns less."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from biaxbayes.specimens.protocol import second_difference_scatter
 
@@ -15,13 +15,19 @@ AMPLITUDE = 0.2
 LEAST_ROWS = 5
 """Least number of rows of a loading side, and of a hold at its peak."""
 TOLERATED_FALL = 0.05
-"""Largest fall behind the peak, as a fraction of the rise, that is no unloading."""
+"""Largest fall behind the peak, as a fraction of the rise, that does not count as unloading."""
+SMALL_LOOP = 0.03
+"""Fraction of the whole range that a loop must have to cut the record."""
 DIP = 0.02
 """Largest fall before the first rise, as a fraction of it, that is drift of the rest."""
 LEVEL = 0.25
 """Rows within this fraction of the mean step of a rise are at the level of its end."""
 SAME_RATIO_DEG = 2.5
 """Largest angle between peaks of the same ratio; 1:1 and 1:0.9 differ by 3 degrees."""
+HELD = 0.1
+"""Change of a direction over that of the other, up to which it is held at a level."""
+SAME_LEVEL = 0.01
+"""Difference of stretches of the same level."""
 SETTLED_CHANGE = 0.03
 """Relative change of peak load or curve up to which the last cycles repeat (a convention)."""
 SAME_REACH = 0.05
@@ -50,10 +56,10 @@ class Cycle:
 
 
 def quieter_path(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Progress of a record, shape (n,), in stretch or load, whichever has less noise.
+    """Progress of a record, shape (n,), in stretch or load: the one that turns less often.
 
     Stretches are added with the sign with which they follow the loads: a contracting direction
-    counts as progress.
+    counts as progress. Of paths that turn as often the one with less noise decides.
     """
     total = sum((curve - curve[0]) / max(float(np.ptp(load)), 1e-300) for curve in load.T)
     path = np.zeros(len(stretch))
@@ -62,69 +68,120 @@ def quieter_path(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
         scale = float(np.linalg.norm(centred) * np.linalg.norm(rising))
         falls = scale > 0.0 and float(centred @ rising) < -0.5 * scale
         path += (curve - curve[0]) * (-1.0 if falls else 1.0)
-    noise = [second_difference_scatter(p) / max(float(np.ptp(p)), 1e-300) for p in (path, total)]
-    return path if noise[0] <= noise[1] or np.ptp(total) == 0.0 else np.asarray(total)
+    if np.ptp(total) == 0.0 or np.ptp(path) == 0.0:
+        return path if np.ptp(total) == 0.0 else np.asarray(total)
+    turns = [len(_turning_points(p, SMALL_LOOP * float(np.ptp(p)))) for p in (path, total)]
+    noise = [scatter_of(p) / float(np.ptp(p)) for p in (path, total)]
+    return path if (turns[0], noise[0]) <= (turns[1], noise[1]) else np.asarray(total)
 
 
-def cut(path: np.ndarray, label: str = "") -> list[Cycle]:
+def scatter_of(path: np.ndarray) -> float:
+    """Standard deviation of one row, from fourth differences, in which a sine of 12 rows fades."""
+    if path.size < 7:
+        return 0.0
+    # var(fourth difference of white noise) = (1 + 16 + 36 + 16 + 1) sd^2
+    fourth = 1.4826 * float(np.median(np.abs(np.diff(path, 4)))) / np.sqrt(70.0)
+    return min(fourth, second_difference_scatter(path))
+
+
+def cut(path: np.ndarray, label: str = "", breaks: np.ndarray | None = None) -> list[Cycle]:
     """Cycles of a record from its path: rises of enough rows with what follows them.
 
-    Turning points are those of a running median, so that no single row makes one. A rise begins
-    with the rows at the level of its valley that lead to it, and ends where its peak is reached.
+    A cycle begins at its valley, with the rows at rest before it, and its rise ends where the peak
+    is reached. No cycle goes beyond `breaks`, the first rows of parts. Loops of less than
+    ``AMPLITUDE`` of the range cut the record, but are no cycles.
     """
-    smooth = median_filter(path, 5, mode="nearest") if path.size > 2 * LEAST_ROWS else path
-    turns = _turning_points(smooth, AMPLITUDE * float(np.ptp(smooth)))
-    near = [(_nearest(path, low, -1.0), _nearest(path, high, 1.0)) for low, high in turns]
-    rises = [(low, high) for low, high in near if high - low >= LEAST_ROWS - 1]
-    rows = np.arange(path.size)
-    # steps against the rises are noise; second differences would count uneven sampling, too
-    against = [np.minimum(np.diff(path[low : high + 1]), 0.0) for low, high in rises]
-    scatter = float(np.sqrt(np.mean(np.concatenate([*against, [0.0]]) ** 2)))
-    before = [0, *(high + 1 for _, high in rises)][: len(rises)]
-    starts = [_rest(path, smooth, *rise, b, scatter) for rise, b in zip(rises, before, strict=True)]
-    cycles = []
-    for number, ((low, high), start) in enumerate(zip(rises, starts, strict=True)):
-        end = starts[number + 1] if number + 1 < len(rises) else path.size
-        top, after = _hold(path, smooth, low, high, end, scatter)
-        falling = rows[after - 1 : end] if after < end else rows[:0]
-        parts = rows[start : top + 1], rows[top + 1 : after], falling
-        cycles.append(Cycle(label or str(number + 1), *parts))
+    cycles: list[Cycle] = []
+    span = float(np.ptp(path))
+    edges = [0, *(breaks if breaks is not None else ()), path.size]
+    for first, last in pairwise(edges):
+        part = path[first:last]
+        for c in _cut_part(part, span) if part.size >= LEAST_ROWS else ():
+            number = label or str(len(cycles) + 1)
+            cycles.append(Cycle(number, c.loading + first, c.hold + first, c.unloading + first))
     return cycles
 
 
-def _rest(
-    path: np.ndarray, smooth: np.ndarray, low: int, high: int, before: int, scatter: float
-) -> int:
-    """First of the rows at the level of a valley that lead to its rise."""
+def _cut_part(path: np.ndarray, span: float) -> list[Cycle]:
+    """Cycles of a part, of at least a fraction of the range of the whole record."""
+    scatter = scatter_of(path)
+    loop = min(max(SMALL_LOOP * span, 6.0 * scatter), AMPLITUDE * span)
+    least = AMPLITUDE * span
+    rises: list[tuple[int, int]] = []
+    for low, high in _turning_points(path, loop):
+        before = rises[-1] if rises else None
+        begun = before is not None and path[before[1]] - path[before[0]] >= least
+        fall = path[before[1]] - path[low] if before is not None else 0.0
+        if before is not None and begun and fall < least:
+            # a dip of a rise, or a small loop behind its peak
+            rises[-1] = (before[0], high if path[high] > path[before[1]] else before[1])
+        elif before is not None and not begun and path[low] - path[before[0]] > 0.5 * loop:
+            rises[-1] = (before[0], high)
+        elif before is not None and not begun:
+            rises[-1] = (low, high)
+        else:
+            rises.append((low, high))
+    rises = [
+        (low, high)
+        for low, high in rises
+        if path[high] - path[low] >= least and high - low >= LEAST_ROWS - 1
+    ]
+    rows = np.arange(path.size)
+    ends = [0, *(high + 1 for _, high in rises)][: len(rises)]
+    starts = [_rest(path, *rise, b, scatter) for rise, b in zip(rises, ends, strict=True)]
+    cycles = []
+    for number, ((low, high), start) in enumerate(zip(rises, starts, strict=True)):
+        end = starts[number + 1] if number + 1 < len(rises) else path.size
+        top, after = _hold(path, low, high, end, scatter)
+        # the valley belongs to both cycles
+        falling = rows[after - 1 : end + 1] if after < end else rows[:0]
+        cycles.append(Cycle("", rows[start : top + 1], rows[top + 1 : after], falling))
+    return cycles
+
+
+def what_it_does(path: np.ndarray) -> str:
+    """What a path without a loading branch does, in words."""
+    if path.size < LEAST_ROWS:
+        return f"it has {path.size} rows"
+    turns = _turning_points(path, AMPLITUDE * float(np.ptp(path)))
+    if not turns:
+        return "nothing changes" if np.ptp(path) == 0.0 else "stretch and load fall only"
+    longest = max(high - low for low, high in turns) + 1
+    return f"{len(turns)} rises of at most {longest} rows"
+
+
+def _rest(path: np.ndarray, low: int, high: int, before: int, scatter: float) -> int:
+    """First of the rows at rest that lead to the rise from a valley; never one that still falls."""
     rise = path[high] - path[low]
     if before == 0 and path[:low].max(initial=path[low]) - path[low] <= DIP * rise + 4.0 * scatter:
         return 0  # the record begins with its rest
     level = LEVEL * rise / (high - low) + 4.0 * scatter
-    above = np.flatnonzero(np.minimum(path, smooth)[before:low] > path[low] + level)
-    return before + int(above[-1]) + 1 if above.size else before
+    above = np.flatnonzero(path[before:low] > path[low] + level)
+    first = before + int(above[-1]) + 1 if above.size else before
+    # a fall ends within that level, too, and a sine comes to its valley slowly
+    slow = 0.3 * LEVEL * rise / (high - low) + 2.0 * scatter
+    still = path[first:low] <= np.median(path[first : low + 1]) + slow
+    first += int(np.argmax(still)) if still.any() else low - first
+    third = (low - first) // 3
+    if third == 0:
+        return low
+    falls = path[first : first + third].mean() - path[low - third : low].mean()
+    return first if falls <= slow else low
 
 
-def _hold(
-    path: np.ndarray, smooth: np.ndarray, low: int, high: int, end: int, scatter: float
-) -> tuple[int, int]:
+def _hold(path: np.ndarray, low: int, high: int, end: int, scatter: float) -> tuple[int, int]:
     """Row that reaches the peak, and the first row after the hold there."""
-    rise, upper = path[high] - path[low], np.maximum(path, smooth)
+    rise = path[high] - path[low]
     step = rise / (high - low)
     level = LEVEL * step + 2.0 * scatter
-    fell = np.flatnonzero(upper[high:end] < path[high] - 2.0 * level)
+    fell = np.flatnonzero(path[high:end] < path[high] - 2.0 * level - 2.0 * scatter)
     after = high + int(fell[0]) if fell.size else end
-    if path[high] - smooth[high:end].min() <= TOLERATED_FALL * rise + 5.0 * scatter:
+    if path[high] - path[high:end].min() <= TOLERATED_FALL * rise + 5.0 * scatter:
         after = end  # what follows is no unloading
     reached = low + int(np.argmax(path[low : high + 1] >= path[high] - level))
     # noise alone lets a few rows before and after the peak lie at its level
     held = after - 1 - reached >= LEAST_ROWS + 2.0 * level / step
     return (reached, after) if held else (max(high, after - 1) if after == end else high, after)
-
-
-def _nearest(path: np.ndarray, row: int, sign: float) -> int:
-    """Row of the extremum of the path within two rows of that of its running median."""
-    first = max(row - 2, 0)
-    return first + int(np.argmax(sign * path[first : row + 3]))
 
 
 def _turning_points(path: np.ndarray, amplitude: float) -> list[tuple[int, int]]:
@@ -174,6 +231,35 @@ def by_ratio(curves: np.ndarray, cycles: Sequence[Cycle]) -> dict[str, list[int]
         while name in named:
             name += "'"
         named[name] = group
+    return named
+
+
+def at_level(stretch: np.ndarray, cycle: Cycle) -> Cycle:
+    """A cycle without the rows in which the direction that is held goes to its level."""
+    change = np.abs(np.ptp(stretch[cycle.loading[cycle.loading.size // 2 :]], axis=0))
+    held = int(change.argmin())
+    level = float(np.median(stretch[cycle.loading[cycle.loading.size // 2 :], held]))
+    parts = (cycle.loading, cycle.hold, cycle.unloading)
+    off = [np.flatnonzero(np.abs(stretch[part, held] - level) > 0.5 * SAME_LEVEL) for part in parts]
+    loading = cycle.loading[off[0][-1] + 1 if off[0].size else 0 :]
+    unloading = cycle.unloading[: off[2][0] if off[2].size else None]
+    return Cycle(cycle.label, loading if loading.size >= LEAST_ROWS else cycle.loading, cycle.hold,
+                 unloading)  # fmt: skip
+
+
+def by_level(stretch: np.ndarray, cycles: Sequence[Cycle]) -> dict[str, list[int]]:
+    """Cycle numbers by the direction that moves and the level at which the other is held."""
+    named: dict[str, list[int]] = {}
+    levels: list[tuple[int, float, str]] = []
+    for n, cycle in enumerate(cycles):
+        change = np.abs(peak_change(stretch, cycle.loading))
+        held = int(change.argmin())
+        level = float(np.median(stretch[cycle.loading, held]))
+        moves = change.min() > HELD * change.max()
+        same = next((k for h, v, k in levels if h == held and abs(v - level) < SAME_LEVEL), None)
+        name = "both" if moves else same or f"{'yx'[held]} at {'xy'[held]} {level:.3g}"
+        levels.append((held, level, name))
+        named.setdefault(name, []).append(n)
     return named
 
 

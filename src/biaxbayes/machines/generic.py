@@ -2,79 +2,128 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from biaxbayes.errors import InputError
+from biaxbayes.experiments import EXPERIMENTS
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import (
+    IGNORE,
+    LOADS,
+    OF_AXES,
     SHEAR,
-    Column,
-    ask_about_labels,
-    ask_about_opposites,
-    column_map,
+    TARGETS,
+    Columns,
+    Source,
+    names_needed,
     parse_columns,
+    side_by_side,
 )
-from biaxbayes.machines.cycles import Cycle, cut, quieter_path
-from biaxbayes.machines.gauge import Gauge
+from biaxbayes.machines.cycles import (
+    TOLERATED_FALL,
+    Cycle,
+    cut,
+    quieter_path,
+    scatter_of,
+    what_it_does,
+)
 from biaxbayes.machines.lines import outside
 from biaxbayes.machines.readings import (
     ask_about_falls_of_one,
     ask_about_jumps,
+    ask_about_signs,
     ask_about_steps,
-    check_signs,
 )
 from biaxbayes.machines.record import Record
-from biaxbayes.specimens.keys import directions_of
-from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
-from biaxbayes.tables.units import STRAINS, Unit
+from biaxbayes.text_files import first_few
 
-INFLATES = 0.5
-"""Change of a pressure over its largest value, from which a tube is inflated."""
-PER_CENT_RANGE = 0.01
-"""Strains in a column of per cent within this range are fractions, as spreadsheets store them."""
+LEAST_JOINED = 5
+"""Rows of a part that is joined to another."""
+LEAST_OVERLAP = 0.3
+"""Duration of a part over that of the other, below which their units are asked about."""
+ENDS_EARLY = 2
+"""Rows by which a column may end before the others."""
+SMALL_TEST = 0.01
+"""Change of the stretches that no test is made for."""
+SHOWN_ROWS = 3
+"""Rows that the account shows before and after a source."""
+STARTS = {True: (0.4, 2.5), False: (0.4, 1.8)}
+"""Stretches that a test starts at, by whether they are of a tube: an artery in place is up to twice
+as long as one cut out."""
 
 
-def records(table: Table, choice: Choice, gauge: Gauge) -> list[Record]:
+def records(table: Table, choice: Choice, header: Mapping[str, object]) -> list[Record]:
     """The record of a table, with the cycles of each of its protocols."""
-    wanted = parse_columns(choice.columns)
-    by = {"specimen": choice.specimen_by, "protocol": choice.separating_column}
-    wanted |= {target: column for target, column in by.items() if column is not None}
-    columns, ignored = column_map(table, wanted, choice.test)
-    ask_about_labels(table, columns, ignored)
-    ask_about_opposites(table, columns, ignored)
-    reasons = _left_out(table, columns, choice)
+    wanted = wanted_of(choice)
+    protocols = side_by_side(table, wanted)
+    found = []
+    for protocol, (mine, starred) in protocols.items():
+        try:
+            found.append(replace(_record(table, mine, choice, header), name=protocol))
+        except Question as question:
+            question.rename(starred, assumed=True)  # an answer holds for all protocols
+            raise
+    return found if protocols else [_record(table, wanted, choice, header)]
+
+
+def _record(
+    table: Table, wanted: Mapping[str, str], choice: Choice, header: Mapping[str, object]
+) -> Record:
+    """The record of the columns of one protocol, or of all."""
+    sources = Columns(table, wanted, header, choice.test).sources()
+    ignored = [table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name]
+    ask_about_times(table, sources, choice, ignored)
+    reasons = _left_out(table, sources, choice)
     rows = np.flatnonzero(reasons == "")
-    record = _converted(table, columns, rows, reasons, choice, gauge)
-    labels = {
-        target: np.array(table.labels(columns[target].indices[0], choice.fill_labels))
-        for target in ("protocol", "cycle")
-        if target in columns
-    }
-    protocols = labels.get("protocol", np.full(table.rows, ""))
-    for name in dict.fromkeys(protocols[rows].tolist()):
-        of_protocol = rows[protocols[rows] == name]
-        if choice.rows is None:
-            ask_about_jumps(record, of_protocol)
-            ask_about_steps(record, of_protocol)
-        check_signs(record, of_protocol)
-        record.cycles[name] = _cycles(record, of_protocol, labels.get("cycle"), table)
-        if choice.rows is None:
-            ask_about_falls_of_one(record, of_protocol, record.cycles[name])
-    return [record]
+    values = {t: s.values(table, rows, header) for t, s in sources.items() if s.unit is not None}
+    before = {target: _first_cells(table, source, rows) for target, source in sources.items()}
+    record = _of_values(table, sources, values, reasons, choice, header, before)
+    return _with_cycles(record, _labels(table, sources, choice), sources, choice)
+
+
+def wanted_of(choice: Choice) -> dict[str, str]:
+    """Sources by target, with columns that separate specimens and protocols."""
+    by = {"specimen": choice.specimen_by, "protocol": choice.separating_column}
+    named = {target: column for target, column in by.items() if column is not None}
+    return parse_columns(choice.columns) | named
 
 
 def recognises(table: Table, choice: Choice) -> bool:
     """True if a sheet has any column of the map."""
-    wanted = parse_columns(choice.columns).values()
-    names = [name for text in wanted for name in (text, text.rpartition(":")[0])]
-    return not choice.columns or any(table.has_column(name) for name in names)
+    wanted = wanted_of(choice)
+    names = [name for names in names_needed(wanted.values()) for name in names]
+    has_some = any(map(table.has_column, names)) or bool(side_by_side(table, wanted))
+    return not choice.columns or has_some
 
 
-def _left_out(table: Table, columns: Mapping[str, Column], choice: Choice) -> np.ndarray:
+def _labels(table: Table, sources: Mapping[str, Source], choice: Choice) -> dict[str, np.ndarray]:
+    """Protocol and cycle of each row, from columns of labels, or from lines that repeat names."""
+    labels = {
+        target: np.array(table.labels(sources[target].indices[0], choice.fill_labels))
+        for target in ("protocol", "cycle")
+        if target in sources
+    }
+    if table.blocks and choice.blocks is None:
+        counts = Counter(table.blocks)
+        shown = first_few([f"{n}: {count} rows" for n, count in counts.items()], 6)
+        gives = {"blocks=protocols": "each a protocol", "blocks=cycles": "cycles of one"}
+        gives["blocks=record"] = "one record that goes on"
+        problem = f"the names are repeated, which begins {len(counts)} blocks ({shown})"
+        raise Question(problem, gives, file=table.path)
+    if table.blocks and choice.blocks != "record":
+        labels[str(choice.blocks).removesuffix("s")] = np.array([str(n) for n in table.blocks])
+    return labels
+
+
+def _left_out(table: Table, columns: Mapping[str, Source], choice: Choice) -> np.ndarray:
     """Why each row is left out before anything is converted: specimen, lines, missing readings."""
     reasons = outside(table.lines, choice.rows, table.path)
     reasons[table.hidden] = "hidden"
@@ -83,161 +132,386 @@ def _left_out(table: Table, columns: Mapping[str, Column], choice: Choice) -> np
         counts = Counter(labels.tolist())
         if choice.specimen not in counts and len(counts) > 1:
             gives = {f"specimen={name}": f"{count} rows" for name, count in counts.items()}
-            raise Question("holds several specimens", gives, file=table.path)
+            problem = "holds several specimens"
+            if choice.specimen:
+                problem += f", and none is named {choice.specimen[:40]!r}"
+            raise Question(problem, gives, file=table.path)
         if len(counts) > 1:
             reasons[(labels != choice.specimen) & (reasons == "")] = "another specimen"
-    lacking = table.lacking(
-        [
-            index
-            for column in columns.values()
-            if column.unit is not None
-            for index in column.indices
-        ],
-        np.flatnonzero(reasons == ""),
-        drop=choice.drop_missing,
-        remedy="leave such rows out with `drop_missing=True`",
-    )
+    indices = [i for s in columns.values() if s.unit is not None for i in s.indices]
+    filled = [np.array([*map(bool, table.text(i))]) for i in indices]
+    reasons[~np.any(filled, axis=0) & (reasons == "")] = "no reading"
+    lacking = table.lacking(indices, np.flatnonzero(reasons == ""), drop=choice.drop_missing)
     reasons[lacking] = "a reading is missing"
     return reasons
 
 
-def _cycles(
-    record: Record, rows: np.ndarray, labels: np.ndarray | None, table: Table
-) -> list[Cycle]:
+def _with_cycles(
+    record: Record,
+    labels: Mapping[str, np.ndarray],
+    sources: Mapping[str, Source],
+    choice: Choice,
+) -> Record:
+    """A record with the cycles of its protocols; asks about readings that may not be of it."""
+    rows = np.flatnonzero(record.reasons == "")
+    protocols = labels.get("protocol", np.full(record.lines.size, ""))
+    of_each = {name: rows[protocols[rows] == name] for name in dict.fromkeys(protocols[rows])}
+    for of_protocol in of_each.values() if choice.rows is None else ():
+        ask_about_jumps(record, of_protocol)
+        ask_about_steps(record, of_protocol)
+    ask_about_signs(record, rows, sources)
+    for name, of_protocol in of_each.items():
+        cycles = _cycles(record, of_protocol, labels.get("cycle"))
+        if not cycles:
+            record.leave_out(of_protocol, f"protocol {name} without a loading branch")
+            continue
+        record.cycles[name] = cycles
+        if choice.rows is None:
+            ask_about_falls_of_one(record, of_protocol, cycles)
+    if not record.cycles:
+        stretch, load = record.pulled(rows)
+        does = what_it_does(quieter_path(stretch, load))
+        back = 0 if record.time_s is None else int((np.diff(record.time_s[rows]) < 0.0).sum())
+        if back > 2:
+            does = f"the time runs backwards in {back} of {rows.size} rows"
+        raise InputError(
+            f"no loading branch of five rows: {does}",
+            file=record.path,
+            row=int(record.lines[rows[0]]),
+            remedy="check the columns and their signs, or name the rows with `rows`",
+        )
+    return record
+
+
+def _cycles(record: Record, rows: np.ndarray, labels: np.ndarray | None) -> list[Cycle]:
     """Cycles of a protocol, by the labels of a column, otherwise from the curves."""
-    path = np.full(table.rows, np.nan)
-    path[rows] = quieter_path(*(curves[rows] for curves in record.pulled))
+    path = np.full(record.lines.size, np.nan)
+    path[rows] = quieter_path(*record.pulled(rows))
     groups = {"": rows}
     if labels is not None:
         groups = {str(k): rows[labels[rows] == k] for k in dict.fromkeys(labels[rows].tolist())}
     cycles = []
     for label, of_label in groups.items():
-        found = cut(path[of_label], label)[-1 if labels is not None else 0 :]
-        cycles += [
-            Cycle(c.label, of_label[c.loading], of_label[c.hold], of_label[c.unloading])
-            for c in found
-        ]
-    if not cycles:
-        problem = "the record never rises over five rows: no loading branch"
-        raise table.error(problem, f"check the columns; {table.listing}")
+        back = np.zeros(1) if record.time_s is None else np.diff(record.time_s[of_label])
+        found = cut(path[of_label], label, np.flatnonzero(back < 0.0) + 1)
+        for c in found[-1 if labels is not None else 0 :]:
+            loading, hold, unloading = (of_label[p] for p in (c.loading, c.hold, c.unloading))
+            load = record.pulled(loading)[1].sum(axis=1)
+            tolerated = TOLERATED_FALL * np.ptp(load) + 6.0 * scatter_of(load)
+            if unloading.size and load[-2] - load[-1] > tolerated:
+                # at the peak the load has fallen already, by hysteresis
+                fall = np.union1d(np.append(hold, loading[-1:]), unloading)
+                loading, hold, unloading = loading[:-1], hold[:0], fall
+            cycles.append(Cycle(c.label, loading, hold, unloading))
     return cycles
 
 
-def _converted(
+def _of_values(
     table: Table,
-    columns: Mapping[str, Column],
-    rows: np.ndarray,
+    sources: Mapping[str, Source],
+    values: Mapping[str, np.ndarray],
     reasons: np.ndarray,
     choice: Choice,
-    gauge: Gauge,
+    header: Mapping[str, object],
+    before: Mapping[str, str],
+    *notes: str,
 ) -> Record:
-    """The table with stretches and loads from their columns; rows left out as far as they can."""
-    values = {
-        target: np.dot(column.signs, [table.values(i, rows) for i in column.indices])
-        * column.unit.factor
-        for target, column in columns.items()
-        if column.unit is not None
-    }
-    pair = next(p for p, names in STRESS_PAIRS.items() if set(names) & set(columns))
-    nothing = np.zeros(table.rows)
-    load = np.column_stack([values.get(target, nothing) for target in STRESS_PAIRS[pair]])
-    stretch, notes = _stretches(table, columns, values, rows, gauge)
+    """The record of the values of each target, whose first cells are `before`."""
+    rows = np.flatnonzero(reasons == "")
+    pair = next(p for p, names in LOADS.items() if set(names) & set(sources))
+    load = np.column_stack([values.get(t, np.zeros(table.rows)) for t in LOADS[pair]])
+    stretch = np.ones((table.rows, 2))
+    for k, names in enumerate(OF_AXES):
+        for target in (target for target in names if target in values):
+            stretch[:, k] = _stretch(table, sources[target], values[target], rows, header)
+    _check_per_cent(table, sources, float(np.ptp(stretch[rows], axis=0).max()))
     gradient = None
-    if any(target in columns for target in SHEAR):
+    if any(target in sources for target in SHEAR):
         gradient = stretch[:, :, None] * np.eye(2)
         for target, (i, j) in (("shear_xy", (0, 1)), ("shear_yx", (1, 0))):
             gradient[:, i, j] = values.get(target, 0.0)
-        if all(target in columns for target in SHEAR):
+        if all(target in sources for target in SHEAR):
             # the stretch of a line along x is |F e_x|: a rotation of the specimen leaves it
             stretch = np.sqrt((gradient**2).sum(axis=1))
-    axes = tuple("xy".index(axis) for axis in directions_of(choice.test))
-    if choice.test == "tube":
-        # at constant pressure a tube is pulled along its axis
-        pressure = load[rows, 0]
-        axes = (0,) if np.ptp(pressure) > INFLATES * np.abs(pressure).max() else (1,)
-    targets = ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
-    read = ", ".join(f"{target} from {column}" for target, column in columns.items())
-    conflicts = [column.conflict for column in columns.values() if column.conflict]
+    shown = []
+    for target, source in sources.items():
+        after = values.get(target, np.zeros(0))[rows[:SHOWN_ROWS] if target in values else []]
+        made = f": {before[target]}-> {' '.join(f'{value:.5g}' for value in after)}"
+        shown.append(f"{target} = {source}{made if target in values else ''}")
+    conflicts = [s.conflict for s in sources.values() if s.conflict]
+    computed = [f"{t} = {s}" for t, s in sources.items() if s.computed]
     return Record(
         name="",
         path=table.path,
         lines=table.lines,
         stretch=stretch,
-        load=load * choice.signs,
+        load=load,
         time_s=values.get("time_s"),
         gradient=gradient,
-        columns=tuple(columns[t].name if t in columns else "" for t in targets),
+        columns=tuple(
+            next((sources[t].text for t in names if t in sources), "")
+            for names in (*OF_AXES, *((name,) for name in LOADS[pair]))
+        ),
         stress_pair=pair,
         cycles={},
         reasons=reasons,
-        notes=(*table.notes, read),
-        assumptions=(*conflicts, *notes, *choice.sign_notes),
-        axes=axes,
+        notes=(*table.notes, *shown, *notes),
+        assumptions=(*conflicts, *computed, *notes),
+        axes=EXPERIMENTS[choice.test or "biaxial"].axes,
     )
 
 
-def _stretches(
+def _first_cells(table: Table, source: Source, rows: np.ndarray) -> str:
+    """The first cells of the columns of a source."""
+    several = len(source.indices) > 1
+    cells = [(table.names[i] if several else "", *table.text(i, rows[:SHOWN_ROWS]))
+             for i in source.indices]  # fmt: skip
+    return ", ".join(" ".join(filter(None, of_column)) for of_column in cells) + " " * bool(cells)
+
+
+def _stretch(
     table: Table,
-    columns: Mapping[str, Column],
-    values: Mapping[str, np.ndarray],
+    source: Source,
+    values: np.ndarray,
     rows: np.ndarray,
-    gauge: Gauge,
-) -> tuple[np.ndarray, list[str]]:
-    """Stretches in x and y from strains, displacements or distances, and notes on them."""
-    stretch, notes, in_per_cent = np.ones((table.rows, 2)), [], []
-    for k, axis in enumerate("xy"):
-        column = columns.get(f"stretch_{axis}")
-        if column is None or column.unit is None:  # across a strip
-            continue
-        along, unit = values[f"stretch_{axis}"], column.unit
-        first = float(along[rows[0]])
-        if unit.quantity in STRAINS:
-            (index,) = column.indices
-            stretch[:, k] = _stretch_from_strain(table, index, unit, along, rows, gauge)
-            if unit.factor < 1.0 and "percent" in (u.name for u in table.units(index)):
-                in_per_cent.append((index, float(np.ptp(stretch[rows, k]))))
-            continue
-        if unit.name == "px" and not gauge.is_of_tube:
-            stretch[:, k] = along / first
-            note = f"stretch {axis} is {column.name} over its first value, {first:g} px"
-        else:
-            displaced = unit.quantity == "displacement"
-            convert = gauge.from_displacement if displaced else gauge.from_distance
-            stretch[:, k], note = convert(along, first, k, column.name, table.path)
-        notes.append(note)
-    if in_per_cent and max(extent for _, extent in in_per_cent) <= PER_CENT_RANGE:
-        index, extent = in_per_cent[0]
-        raise table.error(
-            f"{table.names[index]!r} changes by {extent:.2%} only if it is in per cent",
-            "spreadsheets store 20 % as 0.2: rename the columns without the per cent sign, or "
-            "multiply the values by 100",
-            column=index,
-        )
-    return stretch, notes
-
-
-def _stretch_from_strain(
-    table: Table, index: int, unit: Unit, e: np.ndarray, rows: np.ndarray, gauge: Gauge
+    header: Mapping[str, object],
 ) -> np.ndarray:
-    """Stretches from stretches or strains, which must start near no deformation."""
-    is_stretch = unit.quantity == "stretch"
-    # an artery in place is up to twice as long as one cut out
-    if abs(e[rows[0]] - is_stretch) > (1.2 if gauge.is_of_tube else 0.6):
-        problem = f"{table.names[index]!r} starts at {e[rows[0]] / unit.factor:g}, which is not "
-        problem += f"possible for a {unit.name}{'' if is_stretch else ' strain'}"
-        remedy = "a stretch starts near 1 (100 in per cent), a strain near 0; give another kind"
-        raise table.error(problem, remedy, column=index, row=rows[0])
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        stretch = {
-            "stretch": e,
-            "engineering": 1.0 + e,  # e = lambda - 1
-            "green": np.sqrt(1.0 + 2.0 * e),  # E = (lambda^2 - 1) / 2
-            "log": np.exp(e),  # h = ln lambda
-            "almansi": 1.0 / np.sqrt(1.0 - 2.0 * e),  # A = (1 - lambda^-2) / 2
-        }[unit.quantity]
-    bad = rows[~np.isfinite(stretch[rows])]
-    if bad.size:
-        problem = f"{e[bad[0]] / unit.factor:g} is not possible as a {unit.name} strain"
-        remedy = "check the kind of strain of the column"
-        raise table.error(problem, remedy, column=index, row=bad[0])
-    return stretch
+    """Stretches of a target, over the dimension of the unloaded tube where it is a length."""
+    of_length = TARGETS[source.target] == "length"
+    first = float(values[rows[0]])
+    over = f"unloaded_{source.target}"
+    if of_length:
+        if over not in header:
+            raise Question(
+                f"{source.text!r} is a length and needs the {over}",
+                {f"{over}=MM": "the same of the tube without pressure and force"},
+                file=table.path,
+                assumed=f"{over}={first / 1.1:.6g}",
+            )
+        values = values / float(header[over])  # type: ignore[arg-type]
+        first = float(values[rows[0]])
+    low, high = STARTS[of_length]
+    if not low < first < high:
+        what = f"{source.target}{f' over {over} of {header[over]}' if of_length else ''}"
+        raise table.error(
+            f"{what} starts at {first:.4g}, and a stretch starts near 1",
+            f"it is read as {source}: check the expression, or the kind of the column",
+            row=int(rows[0]),
+        )
+    return values
+
+
+def _check_per_cent(table: Table, sources: Mapping[str, Source], change: float) -> None:
+    """Refuse strains in per cent that are too small for any test, as spreadsheets store them."""
+    for i in (i for t, s in sources.items() if t.startswith("stretch") for i in s.indices):
+        if change <= SMALL_TEST and "percent" in [unit.name for unit in table.units(i)]:
+            problem = f"the stretches change by {change:.2%} only if {table.names[i]!r} is in per "
+            remedy = "spreadsheets store 20 % as 0.2: leave the factor out of the expression if so"
+            raise table.error(f"{problem}cent", remedy, column=i)
+
+
+# --- columns of their own time or length ----------------------------------------------------------
+
+
+class Part(NamedTuple):
+    """Rows that have all readings of loads, of stretches, or of a direction."""
+
+    table: Table
+    sources: dict[str, Source]
+    rows: np.ndarray
+    values: dict[str, np.ndarray]  # in these rows, by target
+
+
+def joined(tables: Sequence[Table], choice: Choice, header: Mapping[str, object]) -> list[Record]:
+    """The record of loads and stretches that are two tables, or two parts of one.
+
+    By time, stretches are interpolated at the times of the loads; by stretch, each load is a curve
+    over the stretch of its own direction, and the directions go on in proportion.
+    """
+    wanted, by_time = wanted_of(choice), choice.join == "time"
+    times = {"time_s": "loads", "stretch_time_s": "stretches"}
+    if by_time and "time_s" in wanted and len(tables) > 1:
+        wanted.setdefault("stretch_time_s", wanted["time_s"])
+    of: dict[str, dict[str, str]] = {}
+    for target, source in wanted.items():
+        kind = "loads" if TARGETS.get(target) in ("force", "stress") else "stretches"
+        name = times.get(target, kind) if by_time else target.split("_")[1][:1]
+        if target != IGNORE and (by_time or target not in times):
+            of.setdefault(name, {})[target] = source
+    parts = {}
+    for name, mine in of.items():
+        table = _table_with(tables, mine)
+        for target in (t for t in times if by_time and times[t] == name and t not in mine):
+            _ask_for_time(table, target, name, mine)
+        parts[name] = _part(table, mine, wanted, header)
+    expected = ("loads", "stretches") if by_time else ("x", "y")
+    if set(parts) != set(expected):
+        problem = f"`join={choice.join}` needs {' and '.join(expected)}"
+        raise InputError(problem, remedy="name both in `columns`")
+    first, second = (parts[name] for name in expected)
+    if by_time and choice.rows is None:
+        _ask_about_overlap(first, second)
+    values, kept, note = (_joined_by_time if by_time else _joined_by_stretch)(first, second)
+    before = {
+        t: _first_cells(p.table, s, p.rows) for p in parts.values() for t, s in p.sources.items()
+    }
+    table, sources = first.table, first.sources | second.sources
+    sources.pop("stretch_time_s", None)
+    reasons = np.full(table.rows, "no reading", dtype=object)
+    reasons[first.rows] = np.where(kept, "", "outside the times of the stretches")
+    reasons = np.where(reasons == "", outside(table.lines, choice.rows, table.path), reasons)
+    whole = {t: np.full(table.rows, np.nan) for t in values}
+    for target, curve in values.items():
+        whole[target][first.rows] = curve
+    record = _of_values(table, sources, whole, reasons, choice, header, before, note)
+    return [_with_cycles(record, {}, sources, choice)]
+
+
+def _table_with(tables: Sequence[Table], wanted: Mapping[str, str]) -> Table:
+    """The only table that has the columns of some sources."""
+    names = names_needed(wanted.values())
+    having = [t for t in tables if all(any(map(t.has_column, each)) for each in names)]
+    if len(having) != 1:
+        listed = ", ".join(each[-1] for each in names)[:120]
+        found = f"{len(having)} tables have" if having else "no table has"
+        problem = f"{found} the columns {listed}"
+        raise tables[0].error(problem, f"name the files and sheets; {tables[0].listing}")
+    return having[0]
+
+
+def _ask_for_time(table: Table, target: str, of: str, wanted: Mapping[str, str]) -> None:
+    """Ask for the time of a part, the column of times before its columns first."""
+    columns = [table.column(names[-1]) for names in names_needed(wanted.values())]
+    first, end = min(columns), max(_last_filled(table, i) for i in columns)
+    times = [i for i in times_of(table) if _last_filled(table, i) >= end - ENDS_EARLY]
+    times.sort(key=lambda i: (i > first, abs(first - i)))
+    gives = {f"columns={target}={table.names[i]}": f"the time of the {of}" for i in times}
+    gives[f"columns={target}=COLUMN"] = "another column"
+    raise Question(f"no column for {target}, the time of the {of}", gives, file=table.path)
+
+
+def _part(
+    table: Table, mine: Mapping[str, str], wanted: Mapping[str, str], header: Mapping[str, object]
+) -> Part:
+    """The rows of a table that have readings of some sources."""
+    sources = {t: Columns(table, wanted, header).said(t) for t in mine}
+    numbers = [table.sparse_numbers(i, texts=True) for s in sources.values() for i in s.indices]
+    rows = np.flatnonzero(np.isfinite(numbers).all(axis=0))
+    ends = {
+        target: max((_last_filled(table, i) for i in source.indices), default=table.rows)
+        for target, source in sources.items()
+    }
+    early = [t for t in ends if t.endswith("time_s") and ends[t] < max(ends.values()) - ENDS_EARLY]
+    for target in early:
+        problem = f"{sources[target].text!r} ends in line {table.lines[ends[target]]}, before what "
+        problem += "was read at that time: is it the time of other columns?"
+        raise table.error(problem, f"time_s is that of the loads; {table.listing}")
+    if rows.size < LEAST_JOINED:
+        problem = f"{rows.size} rows have all of {', '.join(mine.values())[:100]}"
+        raise table.error(problem, table.listing)
+    values = {t: source.values(table, rows, header)[rows] for t, source in sources.items()}
+    return Part(table, sources, rows, values)
+
+
+def _ask_about_overlap(loads: Part, stretches: Part) -> None:
+    """Ask where the shorter of two times is a small part of the longer, as in another unit."""
+    at = [loads.values["time_s"], stretches.values["stretch_time_s"]]
+    extents = [float(np.ptp(time)) for time in at]
+    if min(extents) >= LEAST_OVERLAP * max(extents):
+        return
+    first, second = (f"{t.min():g} to {t.max():g} s" for t in at)
+    problem = f"the times of the loads, {first}, and of the stretches, {second}, differ much in "
+    gives = {"columns=stretch_time_s=EXPRESSION": "such as {Frame} * 0.1, in seconds",
+             "rows=all": "they are in the same unit"}  # fmt: skip
+    raise Question(f"{problem}length: are both in the unit that is read?", gives,
+                   file=loads.table.path, likely=False)  # fmt: skip
+
+
+def _joined_by_time(loads: Part, stretches: Part) -> tuple[dict[str, np.ndarray], np.ndarray, str]:
+    """Loads as they are, with stretches at their times; none outside the times of the stretches."""
+    times, at = stretches.values["stretch_time_s"], loads.values["time_s"]
+    if np.any(np.diff(times) <= 0.0):
+        row = int(stretches.rows[np.argmax(np.diff(times) <= 0.0) + 1])
+        problem = "the time of the stretches does not increase"
+        raise stretches.table.error(problem, "give rows that follow each other", row=row)
+    inside = (at >= times[0]) & (at <= times[-1])
+    if inside.sum() < LEAST_JOINED:
+        raise loads.table.error(
+            f"times of the loads, {at[0]:g} to {at[-1]:g} s, and of the stretches, {times[0]:g} to "
+            f"{times[-1]:g} s, do not overlap"
+            + f" but in {inside.sum()} rows"
+            * bool(inside.any()),
+            "shift one of them, as time_s={Time (s)} - 12.5",
+        )
+    note = f"{times.size} stretches interpolated at the times of {int(inside.sum())} loads"
+    interpolated = {t: np.interp(at, times, curve) for t, curve in stretches.values.items()}
+    return loads.values | interpolated, inside, note
+
+
+def _joined_by_stretch(x: Part, y: Part) -> tuple[dict[str, np.ndarray], np.ndarray, str]:
+    """Curves of x and y, in proportion from their first to their largest stretch."""
+    stretch, other = x.values["stretch_x"], y.values["stretch_y"]
+    order = np.argsort(other)
+    # both go on in proportion: (ly - ly0) / (ly1 - ly0) = (lx - lx0) / (lx1 - lx0)
+    at = other.min() + (stretch - stretch.min()) / np.ptp(stretch) * np.ptp(other)
+    curves = {t: np.interp(at, other[order], curve[order]) for t, curve in y.values.items()}
+    note = "the curve in y is interpolated at the rows of x, both stretches in proportion"
+    return x.values | curves, np.ones(at.size, dtype=bool), note
+
+
+def ask_about_times(
+    table: Table, sources: Mapping[str, Source], choice: Choice, ignored: Sequence[int]
+) -> None:
+    """Ask whether rows belong together where columns have their own times, or end early."""
+    if choice.join is not None:
+        return
+    ends = {}
+    for target, source in sources.items():
+        for i in source.indices if source.unit is not None and target not in SHEAR else ():
+            ends[source.text] = _last_filled(table, i)
+    short = [k for k, end in ends.items() if end < max(ends.values()) - ENDS_EARLY]
+    times = times_of(table)
+    readings = {s.indices[0] for s in sources.values() if s.indices and TARGETS[s.target] != "time"}
+    # times that stand before all readings are of the same rows
+    same = [i for i in times if i < min(readings, default=0)] or times[:1]
+    curves = {i: table.sparse_numbers(i, texts=True) for i in times}
+    own = [
+        i
+        for i in times
+        if i not in (*same, *ignored)
+        and not any(np.array_equal(curves[k], curves[i], equal_nan=True) for k in same)
+    ]
+    if not own and not short:
+        return
+    gives = {"join=time": "stretches are interpolated at the times of the loads"} if times else {}
+    gives["join=stretch"] = "curves of one ratio, each load over the stretch of its direction"
+    gives["join=rows"] = "cells of a row belong together"
+    if not short:
+        gives[f"columns={IGNORE}={table.reference(own[0])}"] = "nothing is read at that time"
+    if short:
+        line = table.lines[min(ends[k] for k in short)]
+        what = f"{first_few([repr(k) for k in short], 4)} end in line {line}, before the other "
+        what += "columns: rows may not belong together"
+    else:
+        other = next(i for i in times if i != own[0])
+        names = " and ".join(repr(table.names[i]) for i in sorted((other, own[0])))
+        what = f"{names} are two times: rows may not belong together"
+    raise Question(what, gives, file=table.path)
+
+
+def _last_filled(table: Table, index: int) -> int:
+    """The last row in which a column has a number; the number of rows without one."""
+    filled = np.flatnonzero(np.isfinite(table.sparse_numbers(index, texts=True)))
+    return int(filled[-1]) if filled.size else table.rows
+
+
+def times_of(table: Table) -> list[int]:
+    """Columns of times: increasing numbers with a unit of time, or that name."""
+    found = []
+    for index, name in enumerate(table.names):
+        unit = next((u.quantity for u in table.units(index)), "")
+        named = re.match(r"(time|zeit|t)(?![a-z])", name.lower())
+        values = table.finite(index) if unit == "time" or (named and not unit) else np.zeros(0)
+        if values.size > 2 and np.all(np.diff(values) >= 0.0) and np.ptp(values) > 0.0:
+            found.append(index)
+    return found

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
-from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.columns import LOADS, OF_AXES, Source
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
 from biaxbayes.machines.lines import ranges_without
 from biaxbayes.machines.record import Record, Recording
@@ -36,10 +36,9 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
         curves = np.column_stack([record.stretch, record.load])[left]
         found = {side: rows_apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
         jumping |= {side for side, at in found.items() if at.size}
-        apart = np.unique(np.concatenate(list(found.values())))
-        if not apart.size:
+        if not any(at.size for at in found.values()):
             break
-        left = np.delete(left, apart)
+        left = np.delete(left, np.unique(np.concatenate(list(found.values()))))
     apart = np.setdiff1d(rows, left)
     if apart.size:
         which = " and ".join(side for side in SIDES if side in jumping)
@@ -49,26 +48,24 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
 
 def ask_about_steps(record: Record, rows: np.ndarray) -> None:
     """Ask where a load changes at once and stays so, although the stretch goes on evenly."""
-    stretch, load = (curves[rows] for curves in record.pulled)
+    stretch, load = record.pulled(rows)
     path = stretch.sum(axis=1)
     if rows.size < 4 * LEAST_ROWS:
         return
     way = np.pad(np.sign(np.diff(path)), 1)
     onward = (way[:-2] == way[1:-1]) & (way[1:-1] == way[2:]) & (way[1:-1] != 0.0)
     even = onward & (_step_over_others(path) < STEEP)  # no turn of the stretch, where loads fall
-    for k, curve in zip(record.axes, load.T, strict=True):
-        step = np.abs(np.diff(curve))
+    for k, curve in zip(record.axes_of(rows), load.T, strict=True):
+        step = np.diff(curve)
         limit = max(LOST_LOAD * float(np.ptp(load)), 10.0 * second_difference_scatter(curve))
-        at = np.flatnonzero(even & (step > limit) & (_step_over_others(curve) > 1.5 * STEEP))
+        at = np.flatnonzero(
+            even & (np.abs(step) > limit) & (_step_over_others(curve) > 1.5 * STEEP)
+        )
         if at.size:
-            row = int(at[0])
-            verb = "falls" if curve[row + 1] < curve[row] else "rises"
+            row, verb = int(at[0]), "falls" if step[at[0]] < 0.0 else "rises"
             problem = f"the {record.load_named(k)} {verb} at once behind line "
-            problem += (
-                f"{record.lines[rows[row]]} while the stretch goes on evenly: a tear, a slip, "
-            )
-            problem += "or another gain"
-            _ask_for_rows(record, problem, rows[row + 1 :])
+            problem += f"{record.lines[rows[row]]} while the stretch goes on evenly: a tear, a "
+            _ask_for_rows(record, f"{problem}slip, or another gain", rows[row + 1 :])
 
 
 def _step_over_others(curve: np.ndarray) -> np.ndarray:
@@ -89,51 +86,64 @@ def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:
 
 
 def ask_about_falls_of_one(record: Record, rows: np.ndarray, cycles: Sequence[Cycle]) -> None:
-    """Ask for `rows` where the stretch falls back before a rise and the load does not."""
-    path, total = (curves.sum(axis=1) for curves in record.pulled)
+    """Ask for `rows` where the stretch falls back in or before a rise and the load does not."""
+    axes = record.axes_of(rows)
+    path, total = (c[:, axes].sum(axis=1) for c in (record.stretch, record.load))
     noise, lowest = second_difference_scatter(total[rows]), float(total[rows].min())
     ends = [rows[0], *(int(cycle.loading[-1]) for cycle in cycles)]
     for end, cycle in zip(ends, cycles, strict=False):
-        low = int(cycle.loading[0])
-        before = rows[(rows >= end) & (rows < low)]
-        peak = int(before[path[before].argmax()]) if before.size else low
-        fall = path[peak] - path[low] > 2.0 * JUMP * np.ptp(path[rows])
-        load = float(total[peak]) - lowest
-        fell_too = total[peak] - total[low] > FALLS_TOO * load
-        if fall and not fell_too and load > 10.0 * noise:
-            back = cycle.loading[path[cycle.loading] >= path[peak]]
-            lost = np.arange(peak + 1, int(back[0]) if back.size else int(cycle.loading[-1]) + 1)
+        part = np.union1d(rows[(rows >= end) & (rows < cycle.loading[0])], cycle.loading)
+        behind = np.maximum.accumulate(path[part]) - path[part]
+        low = int(part[behind.argmax()])
+        peak = int(part[path[part[part <= low]].argmax()])
+        load, fell = float(total[peak]) - lowest, total[peak] - total[low]
+        falls = behind.max() > 2.0 * JUMP * np.ptp(path[rows]) and load > 10.0 * noise
+        if falls and fell <= FALLS_TOO * load:
+            back = part[(part > low) & (path[part] >= path[peak])]
+            lost = part[(part > peak) & (part < (back[0] if back.size else part[-1] + 1))]
             lines = in_lines(record.lines[lost])
             problem = f"the stretch falls in lines {lines} and the load does not: lost tracking"
             _ask_for_rows(record, problem, lost)
 
 
-def check_signs(record: Record, rows: np.ndarray) -> None:
-    """Refuse loads that fall where the stretch is largest, as from a cell with tension negative."""
-    largest = float(np.ptp(record.pulled[1][rows], axis=0).max())
-    for k in record.axes:
-        axis, name = "xy"[k], record.load_named(k)
+def ask_about_signs(record: Record, rows: np.ndarray, sources: Mapping[str, Source]) -> None:
+    """Ask where a load falls while its direction is stretched, or both are counted negative."""
+    largest, axes = float(np.ptp(record.pulled(rows)[1], axis=0).max()), record.axes_of(rows)
+    for k in axes:
         stretch, load = record.stretch[rows, k], record.load[rows, k]
         change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
-        if change >= -NEGATIVE * largest:
+        strain, rise = stretch - stretch[0], load - load[0]
+        shortens = -strain.min() > strain.max()
+        of_load = record.stress_pair == "pressure" or not shortens
+        if change < -NEGATIVE * largest:
+            wrong = ["load"] if of_load or rise[np.abs(strain).argmax()] < 0.0 else ["stretch"]
+            says = f"the {record.load_named(k)} falls by {-change:.3g} while the stretch in "
+            says += f"{'xy'[k]} rises"
+        elif (
+            shortens and axes == (0, 1)
+            and max(rise[strain.argmin()], load.min()) < -NEGATIVE * largest
+        ):  # fmt: skip
+            wrong = ["stretch", "load"]
+            says = f"stretch and load in {'xy'[k]} both fall from the first row on, as in "
+            says += "compression"
+        else:
             continue
-        strain = stretch - stretch[0]
-        if load[np.abs(strain).argmax()] > load[0] and -strain.min() > strain.max():
-            raise InputError(
-                f"the {name} rises by {-change:.3g} while the stretch in {axis} falls to "
-                f"{stretch.min():.4g}: the machine may count extension as negative, or the strain "
-                "may be inverse",
-                file=record.path,
-                column=record.columns[k],
-                remedy="multiply the column by -1 (a displacement) in the table, and convert again",
-            )
-        raise InputError(
-            f"the {name} falls by {-change:.3g} while the stretch in {axis} rises to "
-            "its largest value: the load cell may count tension as negative",
-            file=record.path,
-            column=record.columns[2 + k],
-            remedy=f"reverse its sign with `tension_negative={axis}` (or xy for both)",
-        )
+        turned = ",".join(_turned(record, sources, k, which) for which in wrong)
+        what = " and ".join("extension" if which == "stretch" else "tension" for which in wrong)
+        gives = {f"columns={turned}": f"{what} is counted negative", "rows=LINES": "other rows"}
+        raise Question(says, gives, file=record.path)
+
+
+def _turned(record: Record, sources: Mapping[str, Source], k: int, which: str) -> str:
+    """The source of a stretch or load with the opposite sign, as a user writes it."""
+    targets = OF_AXES[k] if which == "stretch" else (LOADS[record.stress_pair][k],)
+    source = next(sources[t] for t in targets if t in sources)
+    if which == "stretch":
+        return f"{source.target}=2 - ({source.formula})"
+    again = f"-({source.text})" if source.computed else f"-{source.formula}"
+    if source.computed and source.text.startswith("-{"):
+        again = source.text[1:]  # -(-a) is a
+    return f"{source.target}={again}:{source.unit.name}"  # type: ignore[union-attr]
 
 
 # --- a loading branch -----------------------------------------------------------------------------
@@ -145,21 +155,21 @@ def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recordin
     rest = rest_rows(taken.stretch[:, 0], taken.stretch[:, 1], taken.load)
     falling = None if choice.rows else _falls(taken, rest)
     stuck = max(_runs(taken.stretch[rest:]), key=len)
-    steps = repeats(taken.stretch, rest) or any(
+    steps = repeats(taken.stretch, taken.load, rest) or any(
         _rises(load, loads)
-        for load in (record.pulled[1][cycle.hold], loads[rest:][stuck])
+        for load in (record.load[cycle.hold][:, taken.axes], loads[rest:][stuck])
         if len(load) > 2
     )
-    relaxes = falling is not None and _relaxes(taken, falling[1])
+    relaxes = (falling is not None and _relaxes(taken, falling[1])) or _has_steps(taken, rest)
     if choice.still in ("first", "last") or (choice.still is None and (steps or relaxes)):
         return _one_row_a_step(taken, cycle.hold, choice, "goes on" if steps else "relaxes")
     if choice.rows is not None:
         return taken
     if falling is not None and choice.still is None:
         k, rows = falling
+        of = f" ({taken.name})" if taken.name else ""
         problem = f"the {record.load_named(k)} falls behind line {taken.lines[rows[0] - 1]} while "
-        problem += f"the stretch rises{f' ({taken.name})' if taken.name else ''}: a tear, a grip "
-        problem += "that slips, or lost rows"
+        problem += f"the stretch rises{of}: a tear, a grip that slips, or lost rows"
         _ask_for_rows(record, problem, np.union1d(taken.rows[rows], cycle.hold))
     _ask_about_level_loads(taken, cycle)
     _ask_about_delay(taken, cycle)
@@ -173,19 +183,17 @@ def _one_row_a_step(
     record, rows = taken.record, np.concatenate([taken.rows, hold])
     runs = _runs(record.stretch[rows])
     if choice.still is None:
-        longest = max(runs, key=len)
-        raise Question(
-            f"the stretch stands still in up to {len(longest)} rows (lines "
-            f"{in_lines(record.lines[rows[longest]])}) while the load {load_does}: a camera slower "
-            "than the load cell, a coarse or frozen stretch, or steps with relaxation",
-            {
-                "still=first": f"{len(runs)} rows, the first of each stretch",
-                "still=last": f"{len(runs)} rows, the last of each stretch",
-                "still=all": f"all {taken.rows.size} rows",
-                f"rows={ranges_without(record.lines, rows[longest[1:]])}": "without these lines",
-            },
-            file=record.path,
-        )
+        longest = rows[max(runs, key=len)]
+        problem = f"the stretch stands still in up to {longest.size} rows (lines "
+        problem += f"{in_lines(record.lines[longest])}) while the load {load_does}: a camera slower"
+        problem += " than the load cell, a coarse or frozen stretch, or steps with relaxation"
+        gives = {
+            "still=first": f"{len(runs)} rows, the first of each stretch",
+            "still=last": f"{len(runs)} rows, the last of each stretch",
+            "still=all": f"all {taken.rows.size} rows",
+            f"rows={ranges_without(record.lines, longest[1:])}": "without these lines",
+        }
+        raise Question(problem, gives, file=record.path)
     kept = rows[[run[0] if choice.still == "first" else run[-1] for run in runs]]
     record.leave_out(np.setdiff1d(rows, kept), "repeats the stretch of another row")
     return replace(taken, rows=kept)
@@ -193,7 +201,9 @@ def _one_row_a_step(
 
 def _runs(curves: np.ndarray, level: float | None = None) -> list[np.ndarray]:
     """Rows in runs of the same values, within a level, or within the scatter of each curve."""
-    within = level or 4.0 * np.array([second_difference_scatter(curve) for curve in curves.T])
+    # steps against the whole way are noise; uneven sampling is none
+    ways = np.sign(curves[-1] - curves[0]) * np.diff(curves, axis=0, prepend=curves[:1])
+    within = level or 4.0 * np.sqrt(np.mean(np.minimum(ways, 0.0) ** 2, axis=0))
     runs, first = [], 0
     for row in range(1, len(curves)):
         if np.any(np.abs(curves[row] - curves[first]) > within):
@@ -210,11 +220,22 @@ def _rises(held: np.ndarray, load: np.ndarray) -> bool:
     return bool(np.any(rise > JUMP * np.ptp(load) + noise))
 
 
+def _has_steps(taken: Recording, rest: int) -> bool:
+    """Whether the stretch goes on in steps, in most of which the load relaxes."""
+    load = taken.pulled[1][rest:]
+    runs = [run for run in _runs(taken.stretch[rest:]) if run.size >= 3]
+    if 2 * sum(map(len, runs)) < len(load) or len(runs) < 3:
+        return False
+    falls = np.array([load[run[0]] - load[run[-1]] for run in runs])
+    noise = 3.0 * np.array([*map(second_difference_scatter, load.T)]) * np.sqrt(2.0 * len(runs))
+    return bool(np.any(falls.sum(axis=0) > JUMP * np.ptp(load, axis=0) + noise))
+
+
 def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
     """Direction and rows of a load that falls although the stretch does not, or None."""
     stretch, loads = taken.pulled
     path = stretch.sum(axis=1)
-    for k, curve in zip(taken.record.axes, loads.T, strict=True):
+    for k, curve in zip(taken.axes, loads.T, strict=True):
         smooth = median_filter(curve, 5, mode="nearest")
         behind = np.maximum.accumulate(smooth) - smooth
         limit = LOST_LOAD * float(np.ptp(loads)) + 6.0 * second_difference_scatter(curve)
@@ -238,7 +259,7 @@ def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
     """Ask where a load stays while the stretch goes on as far as it rose with before."""
     stretch, loads = taken.pulled
     path = np.abs(stretch - stretch[0]).sum(axis=1)
-    for k, curve in zip(taken.record.axes, loads.T, strict=True):
+    for k, curve in zip(taken.axes, loads.T, strict=True):
         scatter, span = second_difference_scatter(curve), float(np.ptp(curve))
         if span < max(0.1 * float(np.ptp(loads)), 10.0 * scatter):
             continue
@@ -253,22 +274,21 @@ def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
         at = np.flatnonzero(stays)
         if at.size:
             value = taken.record.load_text(k, float(curve[at].mean()))
-            problem = (
-                f"the {taken.record.load_named(k)} stays at {value} in "
-                f"lines {in_lines(taken.lines[at])} while the stretch goes on: the load cell at "
-                "its limit, creep, or a grip that slips"
-            )
+            problem = f"the {taken.record.load_named(k)} stays at {value} in lines "
+            problem += f"{in_lines(taken.lines[at])} while the stretch goes on: the load cell at "
+            problem += "its limit, creep, or a grip that slips"
             late = cycle.hold if at[-1] == curve.size - 1 else cycle.hold[:0]
             _ask_for_rows(taken.record, problem, np.union1d(taken.rows[at], late))
 
 
 def _ask_about_delay(taken: Recording, cycle: Cycle) -> None:
     """Ask where the load goes on rising after the stretch has turned back."""
-    stretch, load = taken.record.pulled
+    axes = taken.axes
+    stretch, load = (c[:, axes] for c in (taken.record.stretch, taken.record.load))
     path = stretch[cycle.unloading].sum(axis=1)
     if cycle.hold.size >= LEAST_ROWS or cycle.unloading.size < LEAST_ROWS:
         return
-    for k, axis in enumerate(taken.record.axes):
+    for k, axis in enumerate(axes):
         curve = load[cycle.unloading, k]
         turned = int(curve.argmax())
         late = int(cycle.unloading[turned] - taken.rows[-1])
@@ -276,9 +296,7 @@ def _ask_about_delay(taken: Recording, cycle: Cycle) -> None:
         noise = 8.0 * second_difference_scatter(load[taken.rows, k])
         extent = np.ptp(load[taken.rows])
         if late > 1 and path[turned] < path[0] and rise > JUMP * extent + noise:
-            raise Question(
-                f"the {taken.record.load_named(axis)} goes on rising for {late} rows behind line "
-                f"{taken.lines[-1]}, where the stretch turns back: it is recorded late",
-                {"rows=all": f"as it is; otherwise shift the loads {late} rows up in the table"},
-                file=taken.record.path,
-            )
+            problem = f"the {taken.record.load_named(axis)} goes on rising for {late} rows behind "
+            problem += f"line {taken.lines[-1]}, where the stretch turns back: it is recorded late"
+            gives = {"rows=all": f"as it is; or shift the loads {late} rows up in the table"}
+            raise Question(problem, gives, file=taken.record.path)

@@ -10,14 +10,12 @@ from typing import Any
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.conversion import Conversion
+from biaxbayes.machines.outcome import Conversion
 from biaxbayes.specimens.keys import KEYS
 from biaxbayes.text_files import read_toml
 
 OF_ONE_FILE = ("rows", "specimen")
 """Answers that hold for one file only."""
-OF_ONE_SPECIMEN = ("gauge_x_mm", "gauge_y_mm")
-"""Answers that a recipe may hold, but that are not written: they may differ by specimen."""
 OF_A_LAB = (
     "geometry", "reference", "load_noise_N", "load_noise_kPa", "axial_force_noise_N",
     "stress_limit_kPa",
@@ -27,12 +25,13 @@ FOUND = "found"
 """Table of what the first export held."""
 
 
-def recipe_text(choice: Choice, header: Mapping[str, Any], result: Conversion) -> str:
+def recipe_text(result: Conversion) -> str:
     """The recipe of a conversion."""
+    choice, header = result.choice, result.header
     lines = ["# Answers for 'biaxbayes convert FILE --recipe': one line an option"]
     for f in fields(choice):
         value = getattr(choice, f.name)
-        if f.name not in (*OF_ONE_FILE, *OF_ONE_SPECIMEN) and value != f.default:
+        if f.name not in OF_ONE_FILE and value != f.default:
             lines.append(f"{f.name} = {_toml(value)}")
     header_lines = [f"{key} = {_toml(header[key])}" for key in OF_A_LAB if key in header]
     if header_lines:
@@ -51,7 +50,7 @@ def _found(result: Conversion) -> dict[str, Any]:
     columns = dict.fromkeys(name for r in result.recordings for name in r.record.columns if name)
     return {
         "columns": list(columns),
-        "loads": result.specimen.stress_pair,
+        "loads": result.specimen.loads,
         "protocols": len(result.recordings),
     }
 

@@ -8,8 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from biaxbayes.experiments import Tube
 from biaxbayes.machines.cycles import Cycle, peak_change, ratio_name
-from biaxbayes.mechanics.experiments import Tube
+
+INFLATES = 0.5
+"""Change of a pressure over its largest value, from which a tube is inflated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +34,17 @@ class Record:
     assumptions: tuple[str, ...]  # of stretches and loads; written into the specimen file
     axes: tuple[int, ...] = (0, 1)  # directions that are pulled
 
-    @property
-    def pulled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stretch and load (n, directions) in the directions that are pulled."""
-        return self.stretch[:, self.axes], self.load[:, self.axes]
+    def axes_of(self, rows: np.ndarray) -> tuple[int, ...]:
+        """Directions that are pulled in some rows; at constant pressure a tube is pulled along."""
+        if self.stress_pair != "pressure":
+            return self.axes
+        pressure = self.load[rows, 0]
+        return (0,) if np.ptp(pressure) > INFLATES * np.abs(pressure).max() else (1,)
+
+    def pulled(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Stretch and load (rows, directions) in the directions that are pulled."""
+        axes = self.axes_of(rows)
+        return self.stretch[rows][:, axes], self.load[rows][:, axes]
 
     @property
     def read(self) -> list[int]:
@@ -43,7 +53,7 @@ class Record:
 
     def load_named(self, axis: int) -> str:
         """What the load of a direction is called."""
-        return Tube.curves[axis] if self.stress_pair == "tube" else f"load in {'xy'[axis]}"
+        return Tube.curves[axis] if self.stress_pair == "pressure" else f"load in {'xy'[axis]}"
 
     @property
     def source(self) -> str:
@@ -57,13 +67,13 @@ class Record:
 
     def load_text(self, axis: int, load: float, digits: int = 4) -> str:
         """A load with its unit."""
-        unit = Tube.force_unit if self.stress_pair == "tube" and axis == 1 else self.unit
+        unit = "N" if self.stress_pair == "pressure" and axis == 1 else self.unit
         return f"{load:.{digits}g} {unit}"
 
     def loads_text(self, load: np.ndarray, digits: int) -> str:
         """Loads of the directions that were read, with their unit."""
         texts = [self.load_text(k, load[k], digits) for k in self.read]
-        if self.stress_pair != "tube":  # one unit
+        if self.stress_pair != "pressure":  # one unit
             texts[:-1] = [text.removesuffix(f" {self.unit}") for text in texts[:-1]]
         return ", ".join(texts)
 
@@ -79,7 +89,8 @@ class Record:
         """Number, ratio and peaks of some rows, for a question."""
         stretch, load = self.stretch[rows], self.load[rows]
         peaks, loads = stretch.max(axis=0), self.loads_text(load.max(axis=0), 3)
-        ratio = ratio_name(peak_change(self.stretch, rows))
+        top = int(np.abs(stretch - stretch[0]).sum(axis=1).argmax())
+        ratio = ratio_name(peak_change(self.stretch, rows[: top + 1]))
         to = self.stretches_text(peaks, ".4g")
         return f"{rows.size} rows, {ratio}, stretch to {to}, load to {loads}"
 
@@ -107,10 +118,14 @@ class Recording:
         return self.record.load[self.rows]
 
     @property
+    def axes(self) -> tuple[int, ...]:
+        """Directions that are pulled."""
+        return self.record.axes_of(self.rows)
+
+    @property
     def pulled(self) -> tuple[np.ndarray, np.ndarray]:
         """Stretch and load (n, directions) in the directions that are pulled."""
-        stretch, load = self.record.pulled
-        return stretch[self.rows], load[self.rows]
+        return self.record.pulled(self.rows)
 
     @property
     def time_s(self) -> np.ndarray | None:

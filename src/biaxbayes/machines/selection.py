@@ -14,13 +14,26 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import BRANCHES, Choice
-from biaxbayes.machines.cycles import LEAST_ROWS, Cycle, by_ratio, peak_change, ratio_name, settling
+from biaxbayes.machines.cycles import (
+    LEAST_ROWS,
+    Cycle,
+    at_level,
+    by_level,
+    by_ratio,
+    peak_change,
+    ratio_name,
+    settling,
+)
 from biaxbayes.machines.readings import followed_by_load
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.tables.question import Question
+from biaxbayes.tables.table import in_lines
 from biaxbayes.text_files import first_few
 
 RATIOS = ("ratio", "load-ratio")
+LEVEL = "level"
+UNFINISHED = 0.95
+"""Reach of a last cycle without unloading, over that of the one before, from which it is whole."""
 SHOWN = 8
 """Cycles and protocols that a question lists."""
 
@@ -43,7 +56,8 @@ def select(record: Record, choice: Choice) -> list[Recording]:
         ):
             reason = side if mine else "a cycle that was not chosen"
             record.leave_out(np.setdiff1d(rows, kept), reason)
-    record.leave_out(np.setdiff1d(np.arange(record.lines.size), kept), "in no cycle")
+    others = np.setdiff1d(np.arange(record.lines.size), kept)
+    record.leave_out(others, "rest or a smaller loop, in no cycle")
     return taken
 
 
@@ -56,24 +70,28 @@ def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
     if set(named) != {""} or by == "none":
         return named
     cycles = named[""]
+    held = [at_level(record.stretch, cycle) for cycle in cycles]
+    levels = by_level(record.stretch, held)
     groups = {
         kind: by_ratio(curves, cycles)
         for kind, curves in zip(RATIOS, (record.stretch, record.load), strict=True)
     }
-    if by is None and len(groups["ratio"]) > 1:
-        gives = {f"protocols_by={kind}": _in_groups(group) for kind, group in groups.items()}
-        raise Question(
-            f"holds {len(cycles)} cycles of {len(groups['ratio'])} stretch ratios, and nothing "
-            "says what separates its protocols",
-            {
-                **gives,
-                "protocols_by=none": "all are cycles of one protocol",
-                "protocols_by=COLUMN": "",
-            },
-            file=record.path,
+    proposed = groups
+    if by == LEVEL or (len(levels) > 1 and "both" not in levels):
+        groups, proposed = groups | {LEVEL: levels}, {LEVEL: levels}
+    if by is None and max(len(groups[kind]) for kind in groups if kind != "load-ratio") > 1:
+        gives = {f"protocols_by={kind}": _in_groups(group) for kind, group in proposed.items()}
+        if LEVEL not in groups:  # a level alone is no test
+            gives["protocols_by=none"] = "all are cycles of one protocol"
+        at_levels = f" at {len(levels)} levels" * (LEVEL in groups)
+        problem = (
+            f"holds {len(cycles)} cycles of {len(groups['ratio'])} stretch ratios{at_levels}, "
         )
-    if by not in RATIOS or len(groups[by]) == 1:
+        problem += "and nothing says what separates its protocols"
+        raise Question(problem, {**gives, "protocols_by=COLUMN": ""}, file=record.path)
+    if by not in groups or len(groups[by]) == 1:
         return named
+    cycles = held if by == LEVEL else cycles
     counted = all(cycle.label == str(n + 1) for n, cycle in enumerate(cycles))
     return {
         name: [
@@ -101,6 +119,9 @@ def _chosen(
 ) -> dict[str, Sequence[int]]:
     """Indices of the chosen cycles of each protocol."""
     which = choice.cycles
+    if which in (None, "last"):
+        for name, cycles in protocols.items():
+            _ask_about_unfinished(record, name, cycles)
     several = {name: cycles for name, cycles in protocols.items() if len(cycles) > 1}
     if which is None and several:
         numbers = [f"{name}: {len(c)}".removeprefix(": ") for name, c in several.items()]
@@ -108,13 +129,17 @@ def _chosen(
             f"{name}: {record.shown(cycles[-1].loading)}".removeprefix(": ")
             for name, cycles in protocols.items()
         ]
-        first = next(iter(several.values()))[:SHOWN]
+        labels = [[cycle.label for cycle in cycles] for cycles in protocols.values()]
+        of_all = [c for c in next(iter(several.values())) if all(c.label in k for k in labels)]
+        time, begins = record.time_s, [c.loading[0] for k in several.values() for c in k[1:]]
+        back = [record.lines[at] for at in begins if time is not None and time[at] < time[at - 1]]
+        cut = f", cut where the time steps back in line {in_lines(back)}" if back else ""
         raise Question(
-            f"holds several cycles ({first_few(numbers, SHOWN)})",
+            f"holds several cycles ({first_few(numbers, SHOWN)}){cut}",
             {
                 "cycles=last": first_few(last, 3, "; "),
                 "cycles=all": "each cycle a protocol",
-                **{f"cycles={cycle.label}": record.shown(cycle.loading) for cycle in first},
+                **{f"cycles={c.label}": record.shown(c.loading) for c in of_all[:SHOWN]},
             },
             file=record.path,
         )
@@ -126,16 +151,32 @@ def _chosen(
     }
 
 
+def _ask_about_unfinished(record: Record, name: str, cycles: Sequence[Cycle]) -> None:
+    """Ask where the last cycle ends on its rise, before the peak of the one before."""
+    if len(cycles) < 2 or cycles[-1].unloading.size or cycles[-1].hold.size >= LEAST_ROWS:
+        return
+    reach = [np.abs(peak_change(record.stretch, c.loading)).max() for c in cycles[-2:]]
+    if reach[1] < UNFINISHED * reach[0]:
+        gives = {f"cycles={c.label}": record.shown(c.loading) for c in cycles[-2:]}
+        of = f" of {name}" if name else ""
+        problem = f"the record ends on the rise of cycle {cycles[-1].label}{of}, at "
+        problem += f"{reach[1] / reach[0]:.0%} of the stretch of the one before"
+        raise Question(problem, gives, file=record.path)
+
+
 def _numbers(which: str | int | None, labels: Sequence[str], of: str, file: Path) -> Sequence[int]:
     """Indices of the chosen cycles among those with these labels."""
     if which in (None, "last"):
         return [len(labels) - 1]
     if which == "all":
         return range(len(labels))
-    if which not in labels:
-        remedy = f"cycles are {first_few(labels, 12)}"
-        raise InputError(f"no cycle {which}{f' of {of}' if of else ''}", file=file, remedy=remedy)
-    return [labels.index(str(which))]
+    numbers = str(which).split(",")
+    for number in numbers:
+        if number not in labels:
+            problem = f"no cycle {number}{f' of {of}' if of else ''}"
+            remedy = f"cycles are {first_few(labels, 12)}"
+            raise InputError(problem, file=file, remedy=remedy)
+    return [labels.index(number) for number in numbers]
 
 
 def _recording(
@@ -143,7 +184,8 @@ def _recording(
 ) -> Recording:
     """The chosen branch of a cycle, with a note on how it differs from the cycle before."""
     cycle, counted = cycles[number], f"{number + 1} of {len(cycles)}"
-    if choice.cycles == "all" and len(cycles) > 1:
+    several = choice.cycles == "all" or "," in str(choice.cycles)
+    if several and len(cycles) > 1:
         name = f"{name} cycle {cycle.label}".strip()
     if choice.branch is None and cycle.unloading.size >= LEAST_ROWS:
         gives = {f"branch={b}": record.shown(cycle.rows(b)) for b in BRANCHES}
@@ -160,10 +202,12 @@ def _recording(
     taken = Recording(name, record, rows, counted if len(cycles) > 1 else None, branch)
     if branch == "loading":
         taken = followed_by_load(taken, cycle, choice)
-    if number == 0 or choice.cycles == "all":
+    if number == 0 or several:
         return taken
-    names = "".join("xy"[k] for k in record.axes)
-    text, settled = settling(*record.pulled, names, cycles[number - 1].loading, cycle.loading)
+    axes = taken.axes
+    names = "".join("xy"[k] for k in axes)
+    curves = record.stretch[:, axes], record.load[:, axes]
+    text, settled = settling(*curves, names, cycles[number - 1].loading, cycle.loading)
     text = f"{name}: {text}" if name else text
     return replace(taken, notes=(text,)) if settled else replace(taken, assumptions=(text,))
 

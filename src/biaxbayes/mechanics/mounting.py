@@ -22,6 +22,7 @@ Jacobian is positive definite, which is where the balance is stable and locally 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,13 @@ from biaxbayes.compilation import compiled, inlined
 from biaxbayes.laws.materials import STEP, MaterialResponse, cauchy_stress, stress_and_slope
 
 # --- what the load cell reads of a stress: the load law and the sections of a specimen -----------
+
+N_PER_KPA_MM2 = 1e-3
+
+
+def newtons_per_kPa(edge_x_mm: float, edge_y_mm: float, thickness_mm: float) -> np.ndarray:
+    """Force per nominal stress in x and y: the section, edge of the other direction x thickness."""
+    return np.array([edge_y_mm, edge_x_mm]) * thickness_mm * N_PER_KPA_MM2
 
 
 @inlined
@@ -215,6 +223,37 @@ def log_change_of_variables(x, y, jxx, jxy, jyy, mounted_dimensions):
 
 
 # --- strips: a side without load -----------------------------------------------------------------
+
+FREE_SIDE_STEPS = 60
+
+
+def with_free_side(cauchy: Any, total: np.ndarray, side: int) -> np.ndarray:
+    """Total stretches (..., 2) with the stretch of a free side where it is NaN, the root of s = 0.
+
+    ``cauchy`` gives the stresses (s_x, s_y) at stretches x and y, complex ones too. NaN where
+    Newton's method from an isotropic solid's stretch finds no stable root.
+    """
+    loaded = total[..., 1 - side]
+    unknown = np.isnan(total[..., side])
+    if not unknown.any():
+        return total
+    y = -0.5 * np.log(loaded)
+    done = np.zeros(y.shape, dtype=bool)
+    with np.errstate(all="ignore"):
+        for _ in range(FREE_SIDE_STEPS):
+            across = np.exp(y) * (1.0 + 1j * STEP)
+            s = cauchy(*((loaded, across) if side == 1 else (across, loaded)))[side]
+            s, slope = np.real(s), np.imag(s) / STEP
+            # downhill where the energy is not convex
+            step = np.where(slope > 0.0, -s / slope, -np.sign(s) * MAX_STEP)
+            y = y + np.clip(step, -MAX_STEP, MAX_STEP)
+            done = (np.abs(step) < FREE_SIDE_TOLERANCE) & (slope > 0.0)
+            if done.all():
+                break
+    # one state for many materials becomes one of each
+    out = np.broadcast_to(total, (*y.shape, 2)).copy()
+    out[..., side] = np.where(unknown, np.where(done, np.exp(y), np.nan), total[..., side])
+    return out
 
 
 @compiled(error_model="numpy", nogil=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.experiments import BIAXIAL, Experiment, newtons_per_kPa, with_free_side
+from biaxbayes.mechanics.mounting import newtons_per_kPa, with_free_side
 from biaxbayes.normal_errors import squared_exponential
 
 
@@ -33,14 +33,14 @@ def virtual_test(
     edge_x_mm: float = 20.0,
     edge_y_mm: float = 20.0,
     thickness_mm: float = 1.0,
-    experiment: Experiment = BIAXIAL,
+    free_side: int | None = None,
 ) -> VirtualTest:
     """Stretch a homogeneous specimen from its mounted state in equal increments.
 
     The test ends at ``total_stretch``, relative to the unloaded state, or at ``measured_stretch``,
     relative to the mounted one: give one of them. ``ratio`` scales the stretch beyond the mounted
-    state in each direction. The dimensions are unloaded ones. Across a strip the stretches are
-    those that carry no load, whatever is given.
+    state in each direction. The dimensions are unloaded ones. Across a strip, whose ``free_side``
+    is a direction, the stretches are those that carry no load, whatever is given.
     """
     if (total_stretch is None) == (measured_stretch is None):
         raise ValueError("give one of total_stretch and measured_stretch")
@@ -56,14 +56,13 @@ def virtual_test(
     path = np.linspace(0.0, 1.0, increments + 1)[:, None]
     measured = 1.0 + path * (top - 1.0) * np.asarray(ratio, dtype=float)
     total = measured * lm
-    side = experiment.free_side
-    if side is not None:
-        total[:, side] = np.nan
-        total = with_free_side(material.cauchy, total, side)
-        measured[:, side] = total[:, side] / total[0, side]
+    if free_side is not None:
+        total[:, free_side] = np.nan
+        total = with_free_side(material.cauchy, total, free_side)
+        measured[:, free_side] = total[:, free_side] / total[0, free_side]
     cauchy = np.column_stack(material.cauchy(total[:, 0], total[:, 1]))
-    if side is not None:
-        cauchy[:, side] = 0.0
+    if free_side is not None:
+        cauchy[:, free_side] = 0.0
     piola = cauchy / total
     # f_x = P_x * edge_y * thickness
     force = piola * newtons_per_kPa(edge_x_mm, edge_y_mm, thickness_mm)

@@ -109,7 +109,7 @@ def assemble(
     settings: Settings,
     constants: SamplingConstants,
     *,
-    determinant: bool,
+    determinant: bool = True,
     sampling: bool = True,
 ) -> Assembly:
     """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots.
@@ -258,7 +258,7 @@ def _priors(
         of_dimensions = _dimension_priors(piece.specimen)
         out.update((name_of(name, label), prior) for name, prior in of_dimensions.items())
         if label:
-            out[name_of(STIFFNESS.name, label)] = Prior("lognormal", 1.0, settings.piece_sd)
+            out[name_of(STIFFNESS.name, label)] = Prior("logstudent", 1.0, settings.piece_sd)
     return out
 
 
@@ -282,13 +282,11 @@ def _dimension_priors(specimen: Specimen) -> dict[str, Prior]:
 
 
 def peak_stress(specimen: Specimen) -> float:
-    """Largest stress of all pieces in kPa, a scale of stiffnesses; of a tube that of its wall."""
+    """Largest stress of all pieces in kPa, a scale of stiffnesses."""
     peaks = []
     for piece in specimen.pieces:
         for p in piece.protocols:
-            load = piece.load(p)
-            stress = piece.experiment.stresses(p.stretch, load)
-            peaks.append(np.abs(load / piece.area if stress is None else stress).max())
+            peaks.append(np.abs(piece.stresses(p)).max())
     return float(max(peaks))
 
 

@@ -30,7 +30,7 @@ from biaxbayes.mechanics.mounting import (
     solve_balance,
     solve_free_side,
 )
-from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, UNIFORM
+from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, STUDENT, UNIFORM
 from biaxbayes.parameters import OF_PIECE
 
 # Slots after those of the law: noise sd, dimensions and stiffness of each piece, then two per
@@ -70,8 +70,8 @@ class Problem(NamedTuple):
         Kind, and location, scale, lower, upper, log normaliser of each slot's prior. For
         mounting slots the prior is on the mounting stretch.
     determinant : bool
-        Whether the change of variables from mounting force to mounting stretch is included
-        (always, except in tests).
+        Whether the change of variables from mounting force to mounting stretch is included, as
+        in a density of the parameters, not in a likelihood alone.
     mounting_mode : int64 ndarray, shape (m,)
         What the slots of each mounted state hold.
     piece : int64 ndarray, shape (m,); free_side : int64 ndarray, shape (m,)
@@ -138,6 +138,10 @@ def log_prior(kind, row, x):
         return log_norm - 0.5 * z * z
     if kind == UNIFORM:
         return log_norm
+    if kind == STUDENT:
+        # ln t of three degrees of freedom: (1 + z^2 / 3)^-2
+        z = (x - location) / scale
+        return log_norm - 2.0 * np.log1p(z * z / 3.0)
     if kind == NORMAL_NATURAL:
         # ln N(exp(x) | location, scale) + x,  as d exp(x) / dx = exp(x)
         z = (np.exp(x) - location) / scale

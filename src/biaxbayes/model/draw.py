@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.constrained import FitSetup
+from biaxbayes.model import density
 from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import (
     inside_priors,
     mounting_force_width,
     start_parameters,
+    with_coarse_terms,
     with_sampling_constants,
 )
 from biaxbayes.model.priors import Prior
@@ -35,6 +38,8 @@ from biaxbayes.tasks import one_blas_thread
 
 EXTRA_STARTS = 16
 """Number of materials, far apart, from which the search looks for other modes."""
+TYPICAL_POINTS = 400
+"""Points of the search by which the terms of a misfit are chosen."""
 EXTRA_NOISE = 10.0
 """Initial noise of an extra start relative to that of the fit, since it fits worse."""
 
@@ -55,7 +60,7 @@ def draw_posterior(
     that were used. Raises :class:`NotConverged` if no region of positive density is found.
     """
     if state is not None:
-        target = with_sampling_constants(posterior, state.constants["isotropy_scale"]).target()
+        target = as_sampled(posterior, state.constants).target()
         return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)
     seconds = {}
     clock = time.perf_counter()
@@ -65,7 +70,7 @@ def draw_posterior(
     seconds["fit"] = time.perf_counter() - clock
     clock = time.perf_counter()
     progress(Progress("compiling (once; cached for later runs)"))
-    posterior.log_prob(np.zeros((1, posterior.dimension)))
+    density.evaluate(posterior.assembly.problem, np.zeros((1, posterior.dimension)))
     seconds["compile"] = time.perf_counter() - clock
     clock = time.perf_counter()
     progress(Progress("searching"))
@@ -77,6 +82,12 @@ def draw_posterior(
     return replace(draws, seconds=seconds)
 
 
+def as_sampled(posterior: Posterior, constants: Mapping[str, Any]) -> Posterior:
+    """The posterior whose target has these constants: its coordinates, the terms of its misfit."""
+    chosen = posterior.replaced(terms=constants["terms"] or None)
+    return with_sampling_constants(chosen, constants["isotropy_scale"])
+
+
 def find_start(
     posterior: Posterior, rng: np.random.Generator, population: int = POPULATION
 ) -> tuple[Target, Start]:
@@ -84,9 +95,11 @@ def find_start(
 
     The search starts from the least-squares fit and from materials that fit in other ways, in the
     coordinates of the fit (:func:`.preparation.with_sampling_constants`). The target and the start
-    are in the coordinates that suit the posterior. Raises :class:`NotConverged` if no region of
-    positive density is found.
+    are in the coordinates that suit the posterior. Of a smooth misfit the search sums a part of
+    the terms, and the target those that have weight at the points it found. Raises
+    :class:`NotConverged` if no region of positive density is found.
     """
+    posterior = with_coarse_terms(posterior)
     base = start_parameters(posterior)
     starts = np.vstack([posterior.coordinates(base)[0], _extra_starts(posterior, base, rng)])
     # The mounting force is measured, so its spread is not widened.
@@ -97,18 +110,37 @@ def find_start(
         start = search(target, starts, widths, rng, population, scale_is_sd=scale_is_sd)
     except NotConverged:
         raise NotConverged("no region of positive density around the deterministic fit") from None
-    return _rescaled(posterior, target, start)
+    posterior, start = _rescaled(posterior, start)
+    if posterior.settings.has_misfit:
+        posterior, start = _with_terms_of_weight(posterior, start)
+    return posterior.target(target.counts), start
 
 
-def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Target, Start]:
+def _with_terms_of_weight(posterior: Posterior, start: Start) -> tuple[Posterior, Start]:
+    """Sum the terms of the misfit that have weight where a search found mass."""
+    whole = posterior.replaced(terms=None)
+    typical = start.points[resample(start.log_weight, TYPICAL_POINTS, start.rng)]
+    residual = density.evaluate(whole.assembly.problem, typical).residual
+    terms = [
+        misfit.with_weight(residual[:, whole.of_piece(i)]).chosen
+        for i, misfit in enumerate(whole.misfits)
+    ]
+    chosen = posterior.replaced(terms=terms)
+    before, after = posterior.log_prob(start.points), chosen.log_prob(start.points)
+    inside = np.isfinite(start.log_weight) & np.isfinite(before) & np.isfinite(after)
+    log_weight = start.log_weight[inside] + after[inside] - before[inside]
+    return chosen, replace(start, points=start.points[inside], log_weight=log_weight)
+
+
+def _rescaled(posterior: Posterior, start: Start) -> tuple[Posterior, Start]:
     """Change to sampling coordinates scaled for the posterior, where those of the fit differ."""
     if not posterior.law.has_isotropy_scale(posterior.coordinate_constants):
-        return target, start
+        return posterior, start
     rng, half = start.rng, len(start.points) // 2
     typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])
     isotropy_scale = posterior.law.isotropy_scale(typical)
     if 0.5 < isotropy_scale / posterior.sampling_constants.isotropy_scale < 2.0:
-        return target, start
+        return posterior, start
     # Weights are ratios of densities in the same coordinates: they carry over.
     inside = np.isfinite(start.log_weight)
     points, weights = start.points[inside], start.log_weight[inside]
@@ -130,7 +162,7 @@ def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Targe
             components=SEARCH_COMPONENTS * len(start.proposal.parts),
             label=label[picked],
         )
-    return rescaled.target(target.counts), Start(proposal, u, weights, rng)
+    return rescaled, Start(proposal, u, weights, rng)
 
 
 def _extra_starts(

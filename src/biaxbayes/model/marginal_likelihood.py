@@ -88,8 +88,8 @@ def _reason_without(posterior: Posterior) -> str:
     """Why a posterior has no marginal likelihood; empty where it has one."""
     if posterior.settings.has_misfit:
         return "a smooth misfit is relative to the fit of its law, so laws could not be compared"
-    if posterior.settings.thin:
-        return "averaged rows have no marginal likelihood (--thin none has one)"
+    if posterior.settings.max_rows:
+        return "averaged rows have no marginal likelihood (--max-rows none has one)"
     return ""
 
 

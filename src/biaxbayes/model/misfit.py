@@ -3,45 +3,62 @@ r"""The misfit of a law, as a smooth random function inside the likelihood.
 No law is the tissue. With the model loads f of a material from its root-found mounted state, all
 readings of a specimen, the mounting readings among them, are
 
-    y = f(theta, lm) + delta + toe + eps
-    eps   ~ N(0, (c s0)^2)        noise of the load cell
-    delta ~ N(0, a^2 D K_h D)     smooth misfit, D = diag sqrt(q^2 + (0.05 peak of the curve)^2)
-    toe   ~ N(0, t^2 V G V)       V = diag q exp(-s / r): the toe is stiffer or softer
+    y = f(theta, lm) + delta + toe + friction + eps
+    eps      ~ N(0, c^2 N)        noise of the load cell, N = diag s0^2
+    friction ~ N(0, u^2 R R')     R = peak of the curve [e, 1 - e], e = exp(-s / 0.05)
+    delta    ~ N(0, a^2 D K_h D)  smooth misfit, D = diag sqrt(q^2 + (0.05 peak of the curve)^2)
+    toe      ~ N(0, t^2 V G V)    V = diag q exp(-s / 0.4): the toe is stiffer or softer
 
 with the smooth loads q of the least-squares fit, which stay what they are, and the position s on
 the path of the test, from 0 at the mounted state to 1 at its end. The structure h of the misfit,
-its amplitude a and the factor c of the noise are unknown and averaged out:
+the amplitudes a, t and u and the factor c of the noise are unknown and averaged out:
 
-    L(theta) = sum_h sum_a sum_c  w_h w_a w_c  N(y - f | 0, a^2 D K_h D + t^2 V G V + c^2 s0^2)
+    L(theta) = sum_h sum_a sum_c sum_t sum_u  w_h w_a w_c w_t w_u  N(y - f | 0, S)
+    S = a^2 D K_h D + t^2 V G V + u^2 R R' + c^2 N
 
 - h: each curve its own function along the path, squared-exponential of five lengths or Matern 3/2
   of two, x and y of a protocol independent or correlated (0.9); of several protocols also a
   function over the plane of stretches, of five lengths
 - a: ten values from 0.002 to 0.4 under a half-normal prior of sd 0.05
+- t: five values from 0.1 to 2 times the sd of its half-normal prior
+- u: none, or 3 % of the peak. Friction of a carriage adds one load at rest and another in motion,
+  of each curve its own; so does a first point that was digitised at the origin. No law follows
+  the step between them. It is an error of the readings, not of the tissue
 - c: 1, or 2, 4 or 8 where readings scatter more than the load cell's noise says (a coarse
   resolution, curves read off a figure): else only a large misfit could explain them
 
-The toe has t = 0.2 and r = 0.4. All protocols begin at one state, so it is a function of the
-stretches: G is squared exponential over the plane of log stretches over their ranges, of length 1,
-and x and y are independent. Drawn anew for each curve, it would leave a path between the tested
-ones thirty times less known. With t = 0.4 intervals are 1.2 to 1.5 times as wide and held the truth
-as often, on virtual tissue of six kinds with one and three protocols.
+All protocols begin at one state, so the toe is a function of the stretches: G is squared
+exponential over the plane of log stretches over their ranges, of length 1, and x and y are
+independent. Drawn anew for each curve, it would leave a path between the tested ones thirty times
+less known.
 
-Everything but the residual is known before sampling. With S = t^2 V G V + c^2 s0^2 = L L' and the
-eigenvectors U of L^-1 D K_h D L^-1' with eigenvalues e,
+Everything but the residual r = y - f is known before sampling. Over their noise, readings r have
+a misfit with eigenvectors U and eigenvalues e, N^-1/2 D K_h D N^-1/2 = U e U', and a toe
+N^-1/2 V G V N^-1/2 = F F'. With M = a^2 U e U' + c^2,
 
-    -2 ln N = ln |S| + sum_j ln(1 + a^2 e_j)
-              + |L^-1 r|^2 - sum_j (U' L^-1 r)_j^2 a^2 e_j / (1 + a^2 e_j).
+    r' M^-1 r = (|r|^2 - sum_i (U' r)_i^2 a^2 e_i / (c^2 + a^2 e_i)) / c^2
+    ln |M|    = n ln c^2 + sum_i ln(1 + a^2 e_i / c^2)
+
+and friction and the toe are added by Woodbury's identity, one after the other. With
+F' M^-1 F = W g W', and P = M^-1 F W,
+
+    (M + t^2 F F')^-1 = M^-1 - P t^2 / (1 + t^2 g) P'
+    ln |M + t^2 F F'| = ln |M| + sum_j ln(1 + t^2 g_j)
+
+A sampler sums only the terms with weight: see
+:meth:`SmoothMisfit.with_weight`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import block_diag, csr_array
 from scipy.special import logsumexp
 
 from biaxbayes.normal_errors import HALF_LOG_2PI, squared_exponential
@@ -50,17 +67,26 @@ AMPLITUDES = np.geomspace(0.002, 0.4, 10)
 AMPLITUDE_SD = 0.05
 FLOOR = 0.05
 """Least load that a misfit is relative to, as a fraction of the peak of its curve."""
+TOES = np.geomspace(0.1, 2.0, 5)
+"""Amplitudes of the toe over the sd of their prior."""
 TOE, TOE_LENGTH = 0.2, 0.4
 """Default sd of the relative error of the loads at the mounted state; length of the toe along the
 path."""
+FRICTIONS = (0.0, 0.03)
+FRICTION_WEIGHTS = (0.98, 0.02)
+REST_LENGTH = 0.05
+"""Friction (sd) over the peak of its curve, prior weights, and the length of the path in which rest
+gives way to motion: a reading or two of the 20 to 32 of a curve."""
 NOISE_FACTORS = (1.0, 2.0, 4.0, 8.0)
 NOISE_WEIGHTS = (0.85, 0.1, 0.04, 0.01)
 """Factors of the load cell's noise, and their prior weights."""
 CORRELATION = 0.9
 """Of the misfits in x and y, in the structures where they are correlated."""
-BLOCK = 1024
-"""Draws that are evaluated together."""
-LEAST_EIGENVALUE = 0.1
+LEFT_OUT = 1e-4
+"""Fraction of the likelihood that the terms may have that are not summed."""
+BLOCK = 2**20
+"""Densities, draws times terms, that are evaluated together."""
+LEAST_EIGENVALUE = 0.03
 """Eigenvectors are left out where the largest misfit adds less than this fraction of the noise."""
 
 
@@ -87,6 +113,13 @@ class CurvePoints:
     def toe_scale(self) -> np.ndarray:
         """The load that the toe is relative to, V."""
         return self.load * np.exp(-self.path / TOE_LENGTH)
+
+    def friction_covariance(self, other: CurvePoints) -> np.ndarray:
+        """R R' between points: friction at rest and in motion, of each curve its own."""
+        rest, others = (np.exp(-points.path / REST_LENGTH) for points in (self, other))
+        shared = np.outer(rest, others) + np.outer(1.0 - rest, 1.0 - others)
+        curve, others = (2 * points.protocol + points.axis for points in (self, other))
+        return np.where(curve[:, None] == others, np.outer(self.peak, other.peak) * shared, 0.0)
 
     def take(self, index: np.ndarray) -> CurvePoints:
         """Some of the points."""
@@ -148,25 +181,97 @@ def structures(protocols: int) -> tuple[Structure, ...]:
     return tuple(out)
 
 
-def log_amplitude_weights() -> np.ndarray:
-    """Log prior weights of the amplitudes: a half-normal density over logarithmic steps."""
+# --- the terms of the sum ------------------------------------------------------------------------
+
+
+class Terms(NamedTuple):
+    """Normal distributions of the sum, each array of shape (terms,)."""
+
+    structure: np.ndarray  # index
+    amplitude: np.ndarray
+    noise: np.ndarray  # factor
+    toe: np.ndarray
+    friction: np.ndarray
+    log_weight: np.ndarray  # of the prior; the weights of all terms add up to one
+
+    def take(self, index: np.ndarray) -> Terms:
+        """Some of the terms."""
+        return Terms._make(values[index] for values in self)
+
+    @classmethod
+    def every(cls, protocols: int, toe: float) -> Terms:
+        """All terms; ``toe`` is the sd of the prior of the toe's amplitude."""
+        count = len(structures(protocols))
+        toes = toe * TOES if toe > 0.0 else np.zeros(1)
+        axes = (np.arange(count), AMPLITUDES, np.array(NOISE_FACTORS), toes, np.array(FRICTIONS))
+        weights = (
+            np.full(count, 1.0 / count),
+            _half_normal(AMPLITUDES, AMPLITUDE_SD),
+            np.array(NOISE_WEIGHTS),
+            _half_normal(toes, toe) if toe > 0.0 else np.ones(1),
+            np.array(FRICTION_WEIGHTS),
+        )
+        grid = [values.ravel() for values in np.meshgrid(*axes, indexing="ij")]
+        shares = np.meshgrid(*map(np.log, weights), indexing="ij")
+        return cls._make([*grid, np.sum(shares, axis=0).ravel()])
+
+
+def _half_normal(steps: np.ndarray, sd: float) -> np.ndarray:
+    """Prior weights of steps that are even in logs, under a half-normal density."""
     # p(a) da = p(a) a d ln a
-    log = np.log(AMPLITUDES) - 0.5 * (AMPLITUDES / AMPLITUDE_SD) ** 2
-    return np.asarray(log - logsumexp(log))
+    weight = steps * np.exp(-0.5 * (steps / sd) ** 2)
+    return np.asarray(weight / weight.sum())
+
+
+class Level(NamedTuple):
+    """The terms of one structure, amplitude and noise."""
+
+    noise: float  # c
+    shrinkage: np.ndarray  # a^2 e / (c^2 + a^2 e), (k,)
+    columns: np.ndarray  # P of friction and toe, (n, m)
+    shrinkage_of_terms: np.ndarray  # t^2 / (1 + t^2 g) of them, (m, terms)
+    constant: np.ndarray  # log density at zero residual with the log prior weight, (terms,)
+
+
+class Quadratics(NamedTuple):
+    """The terms as sums of squares of projections of residuals over their noise.
+
+    Terms are in the order of structure, amplitude and noise, as they are given. Projections on
+    vectors are of all terms of a structure, those on columns of all terms of a level.
+    """
+
+    vectors: np.ndarray  # U of each structure, (n, k)
+    shrinkage: csr_array  # of the vectors in each level, (levels, k)
+    noise: np.ndarray  # c, (levels,)
+    columns: np.ndarray  # P of each level, (n, m)
+    shrinkage_of_terms: csr_array  # of the columns in each term, (terms, m)
+    constant: np.ndarray  # (terms,)
+    level: np.ndarray  # of each term
+
+
+class Added(NamedTuple):
+    """What F F' of several variances adds to a covariance M."""
+
+    columns: np.ndarray  # P
+    g: np.ndarray  # (m, 1)
+    shrinkage: np.ndarray  # t^2 / (1 + t^2 g), (m, terms)
+    log_det: np.ndarray  # (terms,)
+
+
+def _added(root: np.ndarray, solved: np.ndarray, variance: np.ndarray) -> Added:
+    """Add variance (terms,) times F F' to M, from F and M^-1 F (Woodbury's identity)."""
+    g, rotation = np.linalg.eigh(root.T @ solved)
+    used = g * variance.max(initial=0.0) > LEAST_EIGENVALUE
+    size = variance * g[used, None]
+    return Added(
+        solved @ rotation[:, used],
+        g[used, None],
+        variance / (1.0 + size),
+        np.log1p(size).sum(axis=0),
+    )
 
 
 # --- the likelihood ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Component:
-    """A structure with a factor of the noise: all amplitudes at once."""
-
-    structure: Structure
-    noise: int  # index of the factor
-    columns: np.ndarray  # L^-1' U, (n, k)
-    shrinkage: np.ndarray  # a^2 e / (1 + a^2 e), (k, amplitudes)
-    constant: np.ndarray  # log density at zero residual with the log prior weight, (amplitudes,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +288,11 @@ class SmoothMisfit:
     noise_sd : ndarray, shape (n,)
         Of each reading.
     toe : float
-        Amplitude t of the toe.
+        Sd of the prior of the toe's amplitude.
     protocols : int
         Number of protocols.
+    chosen : int ndarray, optional
+        Indices of the terms that are summed; by default all.
     """
 
     points: CurvePoints
@@ -193,138 +300,218 @@ class SmoothMisfit:
     noise_sd: np.ndarray
     toe: float = TOE
     protocols: int = 1
-
-    def toe_covariance(self, a: CurvePoints, b: CurvePoints) -> np.ndarray:
-        """t^2 V G V between the points a and b."""
-        return self.toe**2 * a.toe_scale[:, None] * TOE_SHAPE.matrix(a, b) * b.toe_scale
+    chosen: np.ndarray | None = None
 
     @cached_property
-    def toe_and_noise(self) -> list[np.ndarray]:
-        """S = t^2 V G V + c^2 s0^2 of the readings, for each factor of the noise."""
-        toe = self.reading @ self.toe_covariance(self.points, self.points) @ self.reading.T
-        return [toe + np.diag((c * self.noise_sd) ** 2) for c in NOISE_FACTORS]
+    def structures(self) -> tuple[Structure, ...]:
+        """The structures of the misfit."""
+        return structures(self.protocols)
 
     @cached_property
-    def inverse_roots(self) -> list[np.ndarray]:
-        """L^-1' for each factor of the noise, S = L L'."""
-        identity = np.eye(len(self.noise_sd))
-        return [
-            solve_triangular(np.linalg.cholesky(s), identity, lower=True).T
-            for s in self.toe_and_noise
-        ]
+    def terms(self) -> Terms:
+        """The terms that are summed."""
+        every = Terms.every(self.protocols, self.toe)
+        return every if self.chosen is None else every.take(self.chosen)
+
+    def covariance(self, a: CurvePoints, b: CurvePoints, share: np.ndarray) -> np.ndarray:
+        """a^2 D K_h D + t^2 V G V between the points a and b, averaged by a share of each term."""
+        toe = a.toe_scale[:, None] * TOE_SHAPE.matrix(a, b) * b.toe_scale
+        out = (share @ self.terms.toe**2) * toe
+        squares = np.bincount(self.terms.structure, share * self.terms.amplitude**2)
+        for h in np.flatnonzero(squares):
+            out += squares[h] * self.structures[h].covariance(a, b)
+        return np.asarray(out)
+
+    @property
+    def toe_and_noise_sd(self) -> np.ndarray:
+        """Prior sd of the readings by the toe and the noise of the load cell, (n,)."""
+        scale = self.reading * self.points.toe_scale
+        toe = scale @ TOE_SHAPE.matrix(self.points, self.points) @ scale.T
+        return np.sqrt(self.toe**2 * np.diag(toe) + self.noise_sd**2)
 
     @cached_property
-    def components(self) -> list[Component]:
-        """All structures with all factors of the noise."""
-        return list(self._components())
+    def quadratics(self) -> Quadratics:
+        """The terms, ready to be evaluated."""
+        over_noise = self.reading / self.noise_sd[:, None]
+        toe = TOE_SHAPE.matrix(self.points, self.points)
+        toe *= np.outer(self.points.toe_scale, self.points.toe_scale)
+        roots = []
+        for size, covariance in (
+            (self.terms.friction, self.points.friction_covariance(self.points)),
+            (self.terms.toe, toe),
+        ):
+            values, vectors = np.linalg.eigh(over_noise @ covariance @ over_noise.T)
+            used = values * size.max() ** 2 > LEAST_EIGENVALUE
+            roots.append(vectors[:, used] * np.sqrt(values[used]))
+        every_vector, by_structure = [], []
+        for h in np.unique(self.terms.structure):
+            own = np.flatnonzero(self.terms.structure == h)
+            misfit = self.structures[h].covariance(self.points, self.points)
+            values, vectors = np.linalg.eigh(over_noise @ misfit @ over_noise.T)
+            used = values * self.terms.amplitude[own].max() ** 2 > LEAST_EIGENVALUE
+            every_vector.append(vectors[:, used])
+            by_structure.append(self._levels(own, values[used], vectors[:, used], *roots))
+        levels = [level for of_structure in by_structure for level in of_structure]
+        return Quadratics(
+            np.hstack(every_vector),
+            csr_array(block_diag([[level.shrinkage for level in part] for part in by_structure])),
+            np.array([level.noise for level in levels]),
+            np.hstack([level.columns for level in levels]),
+            csr_array(block_diag([level.shrinkage_of_terms.T for level in levels])),
+            np.concatenate([level.constant for level in levels]),
+            np.repeat(np.arange(len(levels)), [len(level.constant) for level in levels]),
+        )
 
-    def _components(self) -> Iterator[Component]:
-        known = structures(self.protocols)
-        weight = log_amplitude_weights() - np.log(len(known))
-        for structure in known:
-            between = structure.covariance(self.points, self.points)
-            misfit = self.reading @ between @ self.reading.T
-            for noise, root in enumerate(self.inverse_roots):
-                values, vectors = np.linalg.eigh(root.T @ misfit @ root)
-                used = values * AMPLITUDES[-1] ** 2 > LEAST_EIGENVALUE
-                size = AMPLITUDES**2 * values[used, None]
-                # ln |S| = -2 sum ln diag(L^-1)
-                log_det = np.log1p(size).sum(axis=0) - 2.0 * np.log(np.diag(root)).sum()
-                yield Component(
-                    structure,
-                    noise,
-                    root @ vectors[:, used],
-                    size / (1.0 + size),
-                    weight
-                    + np.log(NOISE_WEIGHTS[noise])
-                    - 0.5 * log_det
-                    - len(root) * HALF_LOG_2PI,
+    def _levels(
+        self,
+        own: np.ndarray,
+        values: np.ndarray,
+        vectors: np.ndarray,
+        friction: np.ndarray,
+        toe: np.ndarray,
+    ) -> list[Level]:
+        """The terms of a structure, whose indices are ``own``, by amplitude and noise."""
+        terms, levels = self.terms, []
+        for a, c in dict.fromkeys(zip(terms.amplitude[own], terms.noise[own], strict=True)):
+            at = own[(terms.amplitude[own] == a) & (terms.noise[own] == c)]
+            shrinkage = a**2 * values / (c**2 + a**2 * values)
+            of_friction, of_toe = (
+                (root - vectors @ (shrinkage[:, None] * (vectors.T @ root))) / c**2
+                for root in (friction, toe)
+            )
+            added = [_added(friction, of_friction, terms.friction[at] ** 2)]
+            motion, g = added[0].columns, added[0].g
+            for u in np.unique(terms.friction[at]):
+                taken = motion @ ((motion.T @ toe) * (u**2 / (1.0 + u**2 * g)))
+                added.append(
+                    _added(toe, of_toe - taken, (terms.friction[at] == u) * terms.toe[at] ** 2)
                 )
+            log_det = 2.0 * len(toe) * np.log(c) - np.log1p(-shrinkage).sum()
+            log_det += 2.0 * np.log(self.noise_sd).sum() + sum(part.log_det for part in added)
+            levels.append(
+                Level(
+                    c,
+                    shrinkage,
+                    np.hstack([part.columns for part in added]),
+                    np.vstack([part.shrinkage for part in added]),
+                    terms.log_weight[at] - 0.5 * log_det - len(toe) * HALF_LOG_2PI,
+                )
+            )
+        return levels
 
     def log_weights(self, residual: np.ndarray) -> np.ndarray:
-        """Log density of residuals (draws, n) under each component, prior weight included.
+        """Log density of residuals (draws, n) under each term, prior weight included.
 
-        Shape (draws, components, amplitudes).
+        Shape (draws, terms).
         """
-        whitened = [((residual @ root) ** 2).sum(axis=1) for root in self.inverse_roots]
-        out = []
-        for c in self.components:
-            explained = (residual @ c.columns) ** 2 @ c.shrinkage
-            out.append(c.constant - 0.5 * (whitened[c.noise][:, None] - explained))
-        return np.stack(out, axis=1)
+        q, over_noise = self.quadratics, residual / self.noise_sd
+        squares = (over_noise**2).sum(axis=1)
+        by_vector = q.shrinkage @ (q.vectors.T @ over_noise.T) ** 2
+        added = q.shrinkage_of_terms @ (q.columns.T @ over_noise.T) ** 2
+        # r' M^-1 r, less what friction and toe explain
+        left = (squares - by_vector) / q.noise[:, None] ** 2
+        return np.asarray((q.constant[:, None] - 0.5 * (left[q.level] - added)).T)
 
     def log_likelihood(self, residual: np.ndarray) -> np.ndarray:
         """Log likelihood of residuals, readings less model loads, (draws, n)."""
         out = np.empty(len(residual))
-        for first in range(0, len(residual), BLOCK):
-            part = slice(first, first + BLOCK)
+        size = max(BLOCK // len(self.terms.toe), 1)
+        for first in range(0, len(residual), size):
+            part = slice(first, first + size)
             # ln sum exp, which takes scipy.special.logsumexp four times as long
             logs = self.log_weights(residual[part])
-            top = logs.max(axis=(1, 2))
-            out[part] = top + np.log(np.exp(logs - top[:, None, None]).sum(axis=(1, 2)))
+            top = logs.max(axis=1)
+            out[part] = top + np.log(np.exp(logs - top[:, None]).sum(axis=1))
         return out
+
+    # --- terms with weight -----------------------------------------------------------------------
+
+    def shares(self, residual: np.ndarray) -> np.ndarray:
+        """Share of each term in the likelihood of each draw, (draws, terms)."""
+        logs = self.log_weights(residual)
+        return np.asarray(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)))
+
+    def with_weight(self, residual: np.ndarray) -> SmoothMisfit:
+        """The same sum without the terms that have next to no weight at residuals (draws, n).
+
+        At each of them those left out have :data:`LEFT_OUT` of the likelihood at most.
+        """
+        shares = self.shares(residual)
+        order = np.argsort(shares.max(axis=0), kind="stable")
+        left_out = np.cumsum(shares[:, order], axis=1).max(axis=0) <= LEFT_OUT
+        return replace(self, chosen=np.sort(order[~left_out]))
+
+    @property
+    def coarse(self) -> SmoothMisfit:
+        """A sum over a part of the steps, with which a search may find where the mass is."""
+        every, steps = self.terms, []
+        for values, stride in zip(every[:5], (4, 3, 2, 2, 1), strict=True):
+            steps.append(np.isin(values, np.unique(values)[::stride]))
+        return replace(self, chosen=np.flatnonzero(np.all(steps, axis=0)))
 
     # --- the misfit given the readings -----------------------------------------------------------
 
     def choose(self, residual: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Structure, noise and amplitude of each draw, drawn given its residuals (n, readings).
-
-        As an index (n,): component times the number of amplitudes, plus the amplitude.
-        """
-        logs = self.log_weights(residual).reshape(len(residual), -1)
-        cumulative = np.cumsum(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)), axis=1)
+        """A term for each draw, as an index (n,), drawn given its residuals (n, readings)."""
+        cumulative = np.cumsum(self.shares(residual), axis=1)
         chosen = (cumulative < rng.random((len(residual), 1))).sum(axis=1)
-        return np.asarray(np.minimum(chosen, logs.shape[1] - 1))
+        return np.asarray(np.minimum(chosen, cumulative.shape[1] - 1))
 
     def given(
-        self, residual: np.ndarray, chosen: np.ndarray, at: CurvePoints
+        self,
+        residual: np.ndarray,
+        chosen: np.ndarray,
+        at: CurvePoints,
+        *,
+        friction: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd of the misfit at points, (draws, points), given the residuals of draws.
 
-        ``chosen`` are structure, noise and amplitude of each draw, from :meth:`choose`: the misfit
-        is then normal.
+        ``chosen`` is the term of each draw, from :meth:`choose`: the misfit is then normal.
+        With ``friction`` of the misfit and friction together, as in a reading.
         """
         mean, sd = (np.empty((len(residual), len(at.path))) for _ in range(2))
         for index in np.unique(chosen):
-            number, k = divmod(int(index), len(AMPLITUDES))
+            share = (np.arange(len(self.terms.toe)) == index).astype(float)
+            gain, explained = self.conditional(at, share, friction=friction)
             rows = chosen == index
-            gain, sd[rows] = self._conditional(self.components[number], float(AMPLITUDES[k]), at)
             mean[rows] = residual[rows] @ gain
+            prior = (share @ self.terms.amplitude**2) * at.scale**2
+            prior += (share @ self.terms.toe**2) * at.toe_scale**2
+            if friction:
+                prior += (share @ self.terms.friction**2) * np.diag(at.friction_covariance(at))
+            sd[rows] = np.sqrt(np.maximum(prior - (gain * explained).sum(axis=0), 0.0))
         return mean, sd
 
-    def _conditional(
-        self, c: Component, amplitude: float, at: CurvePoints
+    def conditional(
+        self, at: CurvePoints, share: np.ndarray, *, friction: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix (n, points) from residuals to the mean at points, and the sd there."""
+        """Matrix G (n, points) from residuals to the misfit's mean at points, and C.
 
-        def covariance(a: CurvePoints, b: CurvePoints) -> np.ndarray:
-            return amplitude**2 * c.structure.covariance(a, b) + self.toe_covariance(a, b)
+        C (n, points) are the covariances of readings and points, averaged by a share of each term;
+        the covariance of the points is smaller by G' C given the readings. With ``friction`` of
+        the misfit and friction together.
+        """
+        variance = share @ self.terms.friction**2
+        noise = np.diag((share @ self.terms.noise**2) * self.noise_sd**2)
+        between = self.covariance(self.points, self.points, share)
+        between += variance * self.points.friction_covariance(self.points)
+        of_readings = self.reading @ between @ self.reading.T + noise
+        cross = self.covariance(self.points, at, share)
+        if friction:
+            cross += variance * self.points.friction_covariance(at)
+        cross = self.reading @ cross
+        return cho_solve(cho_factor(of_readings, lower=True), cross), cross
 
-        noise = np.diag((NOISE_FACTORS[c.noise] * self.noise_sd) ** 2)
-        of_readings = self.reading @ covariance(self.points, self.points) @ self.reading.T + noise
-        cross = self.reading @ covariance(self.points, at)
-        gain = cho_solve(cho_factor(of_readings, lower=True), cross)
-        prior = (amplitude * at.scale) ** 2 + (self.toe * at.toe_scale) ** 2
-        return gain, np.sqrt(np.maximum(prior - (gain * cross).sum(axis=0), 0.0))
-
-    def noise_factors(self, chosen: np.ndarray) -> np.ndarray:
-        """Factor of the noise of each draw (n,), from :meth:`choose`."""
-        of_component = np.array([NOISE_FACTORS[c.noise] for c in self.components])
-        return of_component[chosen // len(AMPLITUDES)]
-
-    def amplitude(self, residual: np.ndarray) -> float:
-        """Mean relative amplitude a of the smooth misfit over the draws."""
-        logs = self.log_weights(residual)
-        weight = np.exp(logs - logsumexp(logs, axis=(1, 2), keepdims=True)).sum(axis=1)
-        return float((weight @ AMPLITUDES).mean())
-
-    def draw(self, at: CurvePoints, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-        """One misfit drawn from its prior, at points, and a factor of the noise."""
-        known = structures(self.protocols)
-        structure = known[rng.integers(len(known))]
-        amplitude = rng.choice(AMPLITUDES, p=np.exp(log_amplitude_weights()))
-        between = amplitude**2 * structure.covariance(at, at) + self.toe_covariance(at, at)
-        values, vectors = np.linalg.eigh(between)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        factor = float(rng.choice(NOISE_FACTORS, p=NOISE_WEIGHTS))
-        return root @ rng.standard_normal(len(values)), factor
+    def draw(
+        self, at: CurvePoints, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """A misfit drawn from its prior, at points; friction; a factor of the noise."""
+        share = rng.multinomial(1, np.exp(self.terms.log_weight)).astype(float)
+        friction = (share @ self.terms.friction**2) * at.friction_covariance(at)
+        drawn = []
+        for covariance in (self.covariance(at, at, share), friction):
+            values, vectors = np.linalg.eigh(covariance)
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            drawn.append(root @ rng.standard_normal(len(values)))
+        return drawn[0], drawn[1], float(share @ self.terms.noise)

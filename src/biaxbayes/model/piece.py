@@ -43,7 +43,7 @@ class Piece:
         """The rows after the mounted state: zeroed and averaged according to the settings."""
         how = self.settings
         return MeasuredRows.from_specimen(
-            self.specimen, shared=how.shared, mounting=how.mounting, thin=how.thin
+            self.specimen, shared=how.shared, mounting=how.mounting, max_rows=how.max_rows
         ).loaded()
 
     @cached_property
@@ -64,6 +64,11 @@ class Piece:
             states=len(self.rows.mounting_load) if self.reads_force else 0,
             average=self.settings.has_misfit,
         )
+
+    def readings_of(self, protocol: int) -> int:
+        """Number of readings of each curve of a protocol."""
+        index = self.readings.index[self.rows.protocol == protocol]
+        return len(np.unique(index[index >= 0])) // len(self.specimen.experiment.axes)
 
     @cached_property
     def mounting_sd(self) -> np.ndarray:

@@ -8,7 +8,7 @@ relative to the loads of the least-squares fit, which runs on first use where no
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
-from biaxbayes.fitting.result import FitResult
+from biaxbayes.fitting.fit_result import FitResult
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density
@@ -57,9 +57,9 @@ class Posterior:
         The least-squares fit, where it is known.
     misfit_fit : FitResult, optional
         The fit whose loads a smooth misfit is relative to, if it is not ``fit``.
-    determinant : bool
-        Include the Jacobian of the mounted state. False only to show its effect.
-    thin : int, "none" or "auto"
+    terms : sequence of int arrays, optional
+        Terms of the smooth misfit that are summed, by piece; by default all.
+    max_rows : int, "none" or "auto"
         Maximum number of rows per protocol; longer protocols are averaged down to it. See
         :func:`~biaxbayes.specimens.averaging.rows_to_keep`.
     **options
@@ -81,8 +81,8 @@ class Posterior:
         sampling_constants: SamplingConstants | None = None,
         fit: FitResult | None = None,
         misfit_fit: FitResult | None = None,
-        determinant: bool = True,
-        thin: int | str = ModelOptions.thin,
+        terms: Sequence[np.ndarray] | None = None,
+        max_rows: int | str = ModelOptions.max_rows,
         **options: Any,
     ) -> None:
         if specimen.needs_grip_correction:
@@ -96,7 +96,7 @@ class Posterior:
         chosen = Settings.from_values(options)
         self.settings = replace(
             chosen,
-            thin=rows_to_keep(specimen, thin, automatic=chosen.has_misfit),
+            max_rows=rows_to_keep(specimen, max_rows, automatic=chosen.has_misfit),
             priors=_prior_objects(chosen.priors, chosen.material_law),
         )
         if fit is not None:
@@ -104,7 +104,7 @@ class Posterior:
         if misfit_fit is not None:
             self.misfit_fit = misfit_fit
         self.sampling_constants = sampling_constants or SamplingConstants()
-        self.determinant = determinant
+        self.terms = terms
         check_settings(specimen, self.settings)
 
     @cached_property
@@ -121,12 +121,7 @@ class Posterior:
     @cached_property
     def assembly(self) -> Assembly:
         """The density in the sampling coordinates, laid out for the compiled code."""
-        return assemble(
-            self.specimen,
-            self.settings,
-            self.sampling_constants,
-            determinant=self.determinant,
-        )
+        return assemble(self.specimen, self.settings, self.sampling_constants)
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
@@ -156,19 +151,13 @@ class Posterior:
     @cached_property
     def natural_assembly(self) -> Assembly:
         """The same density with slots as coordinates, which are finite at kappa = 0 as well."""
-        return assemble(
-            self.specimen,
-            self.settings,
-            self.sampling_constants,
-            determinant=self.determinant,
-            sampling=False,
-        )
+        return assemble(self.specimen, self.settings, self.sampling_constants, sampling=False)
 
     def replaced(self, **changes: Any) -> Posterior:
         """Another posterior with some arguments of the constructor changed."""
-        own = ("sampling_constants", "fit", "misfit_fit", "determinant")
+        own = ("sampling_constants", "fit", "misfit_fit", "terms")
         given = self.options() | {name: vars(self).get(name) for name in own}
-        return Posterior(self.specimen, **{**given, **changes})
+        return type(self)(self.specimen, **{**given, **changes})
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -256,9 +245,10 @@ class Posterior:
     @cached_property
     def misfits(self) -> tuple[SmoothMisfit, ...]:
         """The smooth misfit of the law in each piece, independent of one another."""
+        terms: list[Any] = list(self.terms or ()) or [None] * len(self.pieces)
         return tuple(
-            smooth_misfit(paths, p.rows, p.readings, p.mounting_sd, self.settings.toe)
-            for paths, p in zip(self.paths_of_pieces, self.pieces, strict=True)
+            smooth_misfit(paths, p.rows, p.readings, p.mounting_sd, self.settings.toe, chosen)
+            for paths, p, chosen in zip(self.paths_of_pieces, self.pieces, terms, strict=True)
         )
 
     @property
@@ -334,7 +324,10 @@ class Posterior:
             skip_diagnostics=("log_likelihood",),
             counts=seen,
             reasons=REASONS,
-            constants={"isotropy_scale": self.sampling_constants.isotropy_scale},
+            constants={
+                "isotropy_scale": self.sampling_constants.isotropy_scale,
+                "terms": list(self.terms or ()),
+            },
         )
 
     def log_density(self, parameters: Mapping[str, Any]) -> Any:
@@ -351,7 +344,7 @@ class Posterior:
             Names and units as in ``summary.csv``, for the law ``goh`` C1, k1 (kPa), k2, alpha
             (degrees), kappa; noise_sd; for ``noisy`` mounting_force_x and mounting_force_y, for
             ``free`` mounting_stretch_x and mounting_stretch_y. Forces and noise are in the unit of
-            the file's stress pair (N or kPa). Arrays broadcast. Fixed and tied parameters are not
+            the file's loads (N or kPa). Arrays broadcast. Fixed and tied parameters are not
             read.
 
         Returns

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.fitting.result import FitResult, root_mean_square
+from biaxbayes.fitting.fit_result import FitResult, root_mean_square
 from biaxbayes.model.assembly import SamplingConstants
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
@@ -62,6 +62,13 @@ def with_sampling_constants(
         isotropy_scale = law.isotropy_scale(dict(zip(law.names, fit.material.values, strict=True)))
     constants = SamplingConstants(isotropy_scale, _reference_stretch(posterior, fit))
     return posterior.replaced(sampling_constants=constants, fit=fit)
+
+
+def with_coarse_terms(posterior: Posterior) -> Posterior:
+    """The same posterior with a part of the terms of its misfit, to look where the mass is."""
+    if not posterior.settings.has_misfit:
+        return posterior
+    return posterior.replaced(terms=[misfit.coarse.chosen for misfit in posterior.misfits])
 
 
 def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, float] | None:
@@ -154,9 +161,8 @@ def mounting_force_width(posterior: Posterior) -> dict[str, float]:
     for i, piece in enumerate(posterior.pieces):
         sd, readings = piece.rows.mounting_sd.copy(), piece.readings
         if posterior.settings.has_misfit and readings.mounting_count:
-            variance = np.diag(posterior.misfits[i].toe_and_noise[0])
             known = readings.mounting_index >= 0
-            sd[known] = np.sqrt(variance[readings.mounting_index[known]])
+            sd[known] = posterior.misfits[i].toe_and_noise_sd[readings.mounting_index[known]]
         for state, of_state in zip(piece.labels.states, sd, strict=True):
             out |= dict(zip(mounting_names("force", state), of_state.tolist(), strict=True))
     return out

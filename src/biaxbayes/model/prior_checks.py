@@ -10,7 +10,12 @@ import numpy as np
 from biaxbayes.errors import two_digits
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import mode, start_parameters, user_priors
+from biaxbayes.model.preparation import (
+    mode,
+    start_parameters,
+    user_priors,
+    with_coarse_terms,
+)
 from biaxbayes.model.priors import Prior, prior_text
 from biaxbayes.parameters import DEGREE, NOISE_SD, name_of
 from biaxbayes.specimens.check import Finding
@@ -99,6 +104,7 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     priors = user_priors(posterior)
     if not priors:
         return {}
+    posterior = with_coarse_terms(posterior)
     specimen = posterior.specimen
     fit = posterior.fit
     fitted = dict(zip(posterior.law.names, fit.material.values, strict=True))

@@ -7,7 +7,7 @@ The format of a priors file is TOML, one key per parameter::
     alpha = { distribution = "normal", mean = 41, sd = 5 }
     C1 = { distribution = "lognormal", median = 10, sd_log = 2 }
     k2 = { distribution = "loguniform", low = 0.01, high = 500 }
-    mounting_stretch = { distribution = "normal", mean = 1, sd = 0.1 }
+    mounting_stretch = { distribution = "student", centre = 1, scale = 0.1 }   # t, 3 degrees
 
 Units are kPa for C1 and k1, degrees for alpha, and the file's own (N or kPa) for noise_sd.
 """
@@ -33,7 +33,6 @@ from biaxbayes.parameters import (
     Parameter,
     mounting_names,
 )
-from biaxbayes.specimens.keys import measured_stretch
 from biaxbayes.text_files import read_text
 
 if TYPE_CHECKING:
@@ -47,13 +46,17 @@ if TYPE_CHECKING:
 FAMILIES = {
     "normal": ("mean", "sd"),
     "lognormal": ("median", "sd_log"),
+    "student": ("centre", "scale"),
+    "logstudent": ("median", "scale_log"),
     "uniform": ("low", "high"),
     "loguniform": ("low", "high"),
 }
+DEGREES_OF_FREEDOM = 3
+"""Of the Student t distributions, of a quantity or of its log."""
 
 
 # Kinds in the compiled density; the last two are densities of exp(x) where the slot holds ln x.
-FIXED, NORMAL, UNIFORM, NORMAL_NATURAL, UNIFORM_NATURAL = range(5)
+FIXED, NORMAL, UNIFORM, STUDENT, NORMAL_NATURAL, UNIFORM_NATURAL = range(6)
 
 
 @dataclass(frozen=True)
@@ -62,9 +65,11 @@ class Prior:
 
     Parameters
     ----------
-    family : {"normal", "lognormal", "uniform", "loguniform"}
+    family : {"normal", "lognormal", "student", "logstudent", "uniform", "loguniform"}
+        Normal or Student t (of three degrees of freedom), of the quantity or of its natural log.
     location, scale : float
-        Mean and sd; median and sd of the natural log; unused for the uniform families.
+        Mean and sd, of a Student t centre and scale; for the logs the median, and the sd or scale
+        of the log. Unused for the uniform families.
     low, high : float
         Range, in natural units.
     """
@@ -80,12 +85,12 @@ class Prior:
             raise ValueError(f"unknown distribution {self.family!r}")
         if not self.low < self.high:
             raise ValueError("low must be below high")
-        if self.family in ("normal", "lognormal"):
+        if not self._uniform:
             if not (self.scale > 0 and math.isfinite(self.scale) and math.isfinite(self.location)):
                 raise ValueError("the standard deviation must be positive")
         elif not (math.isfinite(self.low) and math.isfinite(self.high)):
             raise ValueError("a uniform prior needs finite low and high")
-        if self.family == "lognormal" and self.location <= 0:
+        if self.family in ("lognormal", "logstudent") and self.location <= 0:
             raise ValueError("the median must be positive")
         if self.family == "loguniform" and self.low <= 0:
             raise ValueError("low must be positive")
@@ -105,7 +110,7 @@ class Prior:
 
     @property
     def _logs(self) -> bool:
-        return self.family in ("lognormal", "loguniform")
+        return self.family in ("lognormal", "logstudent", "loguniform")
 
     def _standard_range(self) -> tuple[float, float, float, float]:
         """Location, scale, low and high on the scale on which the density is normal or uniform."""
@@ -113,22 +118,27 @@ class Prior:
             return self.location, self.scale, self.low, self.high
         low = math.log(self.low) if self.low > 0 else -math.inf
         high = math.log(self.high) if self.high < math.inf else math.inf
-        location = math.log(self.location) if self.family == "lognormal" else 0.0
+        location = 0.0 if self._uniform else math.log(self.location)
         return location, self.scale, low, high
 
     @property
     def _uniform(self) -> bool:
         return self.family in ("uniform", "loguniform")
 
+    @property
+    def _student(self) -> bool:
+        return self.family in ("student", "logstudent")
+
     def _level(self, x: Any) -> Any:
         """Cumulative probability on that scale, without the cut of the range."""
-        from scipy.special import ndtr  # imported late because it is slow
+        from scipy.special import ndtr, stdtr  # imported late because it is slow
 
         location, scale, low, high = self._standard_range()
         with np.errstate(over="ignore"):  # an end may be further away than numbers reach
             if self._uniform:
                 return np.clip((x - low) / (high - low), 0.0, 1.0)
-            return ndtr((x - location) / scale)
+            z = (x - location) / scale
+            return stdtr(DEGREES_OF_FREEDOM, z) if self._student else ndtr(z)
 
     def _end_levels(self) -> tuple[float, float]:
         """Cumulative probability at both ends of the range, without the cut."""
@@ -155,14 +165,26 @@ class Prior:
 
     def ppf(self, probability: np.ndarray) -> np.ndarray:
         """Natural values at cumulative probabilities."""
-        from scipy.special import ndtri
+        from scipy.special import ndtri, stdtrit
 
         location, scale, low, high = self._standard_range()
         first, last = self._end_levels()
         # x = Phi^-1(Phi(low) + F (Phi(high) - Phi(low)))
         level = first + (last - first) * probability
-        x = level * (high - low) + low if self._uniform else ndtri(level) * scale + location
+        if self._uniform:
+            x = level * (high - low) + low
+        else:
+            z = stdtrit(DEGREES_OF_FREEDOM, level) if self._student else ndtri(level)
+            x = z * scale + location
         return np.exp(x) if self._logs else x
+
+    def log_density(self, natural: np.ndarray) -> np.ndarray:
+        """Log density up to a constant, on the scale on which it is normal, t or uniform."""
+        location, scale, _, _ = self._standard_range()
+        z = ((np.log(natural) if self._logs else natural) - location) / scale
+        if self._uniform:
+            return np.zeros_like(z)
+        return np.asarray(-2.0 * np.log1p(z * z / 3.0) if self._student else -0.5 * z * z)
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Independent draws in natural units, shape (size,)."""
@@ -172,7 +194,7 @@ class Prior:
         """Kind and row for the compiled density, of ln(x) where the slot holds ln(x)."""
         location, scale, low, high = self._standard_range()
         same_scale = self._logs == log_scale
-        if not same_scale and not log_scale:
+        if not same_scale and (self._student or not log_scale):
             raise ValueError(f"a {self.family} prior does not fit this parameter")
         if not same_scale:  # a prior of x, sampled as ln x: only positive values
             low = max(low, 0.0)
@@ -181,10 +203,14 @@ class Prior:
         else:
             mass = self.mass(positive=not same_scale)
             mass = max(mass, 1e-300) if same_scale else mass
-            log_norm = -math.log(scale) - 0.5 * math.log(2 * math.pi) - math.log(mass)
+            # density at the centre: 1 / sqrt(2 pi), of the t distribution 2 / (pi sqrt(3))
+            top = 2.0 / (math.pi * math.sqrt(3.0)) if self._student else 1.0 / math.sqrt(math.tau)
+            log_norm = math.log(top / scale) - math.log(mass)
         if not same_scale:
             low = math.log(low) if low > 0 else -math.inf
             high = math.log(high) if 0 < high < math.inf else math.inf
+        if self._student:
+            return STUDENT, [location, scale, low, high, log_norm]
         kinds = (UNIFORM, UNIFORM_NATURAL) if self._uniform else (NORMAL, NORMAL_NATURAL)
         return kinds[0 if same_scale else 1], [location, scale, low, high, log_norm]
 
@@ -228,7 +254,7 @@ def default_priors(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
     """The default priors, in the order of the parameters.
 
     Parameters of the law have their own priors; the sd of independent errors ~ LN(0.005 Fmax, 1.5)
-    above the resolution of the load cell, mounting stretches ~ N(1, mounting_sd). A mounting
+    above the resolution of the load cell, mounting stretches a Student t about 1. A mounting
     stretch that the header of the file gives replaces its prior.
     """
     priors: dict[str, Prior | float | Tie] = {
@@ -240,12 +266,12 @@ def default_priors(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
         priors[NOISE_SD.name] = Prior(
             "lognormal", 0.005 * specimen.peak_load, 1.5, low=specimen.load_resolution
         )
-    for name in mounting_names("stretch"):
-        measured = specimen.metadata.get(name)
-        mean, sd = 1.0, settings.mounting_sd
-        if measured is not None:
-            mean, sd = measured_stretch(str(measured))
-        priors[name] = Prior("normal", mean, sd, low=0.0)
+    measured = specimen.measured_mounting.T
+    for name, (mean, sd) in zip(mounting_names("stretch"), measured, strict=True):
+        if math.isnan(mean):
+            priors[name] = Prior("student", 1.0, settings.mounting_sd, low=0.0)
+        else:
+            priors[name] = Prior("normal", float(mean), float(sd), low=0.0)
     return priors
 
 
@@ -258,8 +284,23 @@ LEAST_MASS = 1e-9
 """Least probability of the physical range under a prior; below it, a unit is probably wrong."""
 
 
+def named_priors() -> dict[str, dict[str, Any]]:
+    """Priors from imaging by name: ``tissue``, ``source``, ``stated``, ``assumed``, ``priors``."""
+    return tomllib.loads(Path(__file__).with_name("named_priors.toml").read_text("utf-8"))
+
+
 def read_priors(path: Path, law: Law | None = None) -> dict[str, Prior | float | Tie]:
-    """Read a priors file; raises :class:`InputError` that names the key that cannot be used."""
+    """Read a priors file, or the named priors of a tissue.
+
+    Raises :class:`InputError` that names the key that cannot be used, or the known names.
+    """
+    named = named_priors()
+    if str(path) in named:
+        return parse_priors(named[str(path)]["priors"], path, law)
+    if not path.suffix and not path.exists():
+        raise InputError(
+            "no such file, and no named priors", file=path, remedy=f"names are {', '.join(named)}"
+        )
     try:
         table = tomllib.loads(read_text(path))
     except ValueError as error:  # also integers of thousands of digits
@@ -284,8 +325,19 @@ def prior_value(prior: Prior | float | Tie) -> Any:
     return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else float(prior)
 
 
-PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
+PRIOR_NUMBERS = {
+    "sd_log": "sd of its logarithm",
+    "scale_log": "scale of its logarithm",
+    "low": "not below",
+    "high": "not above",
+}
 """Texts of the numbers of a prior, if other than their names."""
+
+
+SHAPES = {
+    "student": f"Student t of {DEGREES_OF_FREEDOM} degrees of freedom",
+    "logstudent": f"Student t of the logarithm, of {DEGREES_OF_FREEDOM} degrees of freedom",
+}
 
 
 def prior_text(prior: Any, unit: str = "") -> str:
@@ -300,11 +352,14 @@ def prior_text(prior: Any, unit: str = "") -> str:
     numbers = {k: v for k, v in value.items() if isinstance(v, int | float)}
     if shape in ("uniform", "loguniform") and {"low", "high"} <= set(numbers):
         return f"{shape} from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
-    natural = {"median", "mean", "low", "high"} | ({"sd"} if "mean" in numbers else set())
+    natural = {"median", "mean", "centre", "scale", "low", "high"} | (
+        {"sd"} if "mean" in numbers else set()
+    )
     parts = [
         f"{PRIOR_NUMBERS.get(k, k)} {v:.4g}{unit if k in natural else ''}"
         for k, v in numbers.items()
     ]
+    shape = SHAPES.get(shape, shape)
     return f"{shape} ({', '.join(parts)})" if parts else shape
 
 
@@ -315,7 +370,7 @@ def parse_priors(
     law, known = _known(law)
     out: dict[str, Prior | float | Tie] = {}
     for key, value in table.items():
-        name = law.known_name(key)
+        name = law.known_name(str(key))
         if name not in known:
             raise InputError(
                 f"unknown parameter {name[:60]!r}",

@@ -22,6 +22,9 @@ from biaxbayes.specimens.specimen import Specimen
 
 LEAST_NOISE = 1e-4
 """Least noise of a reading under a smooth misfit, as a fraction of the largest load."""
+SHARED_NOISE = 0.5
+"""Least noise of a mean of rows under a smooth misfit, over that of one: friction, drift and the
+steps of a converter do not average away with the number of rows."""
 CURVE_READINGS = 64
 """Readings of all curves in one direction, from 20 to 32 a curve: a smooth misfit is resolved."""
 FEWEST_READINGS, MOST_READINGS = 20, 32
@@ -231,6 +234,7 @@ def smooth_misfit(
     readings: ReadingVector,
     mounting_sd: np.ndarray,
     toe: float,
+    chosen: np.ndarray | None = None,
 ) -> SmoothMisfit:
     """The smooth misfit of the readings of a piece.
 
@@ -238,6 +242,8 @@ def smooth_misfit(
     ----------
     mounting_sd : ndarray, shape (mounting readings,)
         Noise of the mounting readings.
+    toe, chosen
+        As in :class:`~biaxbayes.model.misfit.SmoothMisfit`.
     """
     n, specimen, axes = len(readings.weight), paths.specimen, paths.specimen.experiment.axes
     parts, observed, first = [], np.zeros((n, 0)), readings.mounting_count
@@ -263,10 +269,11 @@ def smooth_misfit(
         first += len(own)
     least = LEAST_NOISE * specimen.peak_loads
     noise = np.maximum(specimen.noise_sds, least)
-    sd = noise[readings.axis] / np.sqrt(readings.weight)
+    sd = noise[readings.axis] * np.maximum(1.0 / np.sqrt(readings.weight), SHARED_NOISE)
     axis = readings.axis[: readings.mounting_count]
-    sd[: readings.mounting_count] = np.maximum(mounting_sd, least[axis])
-    return SmoothMisfit(CurvePoints.joined(parts), observed, sd, toe, len(rows.names))
+    floor = np.maximum(SHARED_NOISE * noise, least)
+    sd[: readings.mounting_count] = np.maximum(mounting_sd, floor[axis])
+    return SmoothMisfit(CurvePoints.joined(parts), observed, sd, toe, len(rows.names), chosen)
 
 
 def _averaged(points: CurvePoints, group: np.ndarray, share: np.ndarray) -> CurvePoints:

@@ -1,7 +1,7 @@
 """Candidates for the next measurement: a protocol, strips, a tube, histology, an image.
 
-A candidate simulates outcomes from draws of the posterior, each with its own material, mounted
-state and noise, and gives the probability of an outcome for any other draw.
+A candidate says what it would read for every draw of the posterior, each with its own material and
+mounted state, and how large the errors of these readings are.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from typing import Any, Protocol
 import numpy as np
 import pandas as pd
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
 
+from biaxbayes.evenly import evenly_chosen
+from biaxbayes.experiments import Experiment, Strip, Tube
 from biaxbayes.forward import ForwardModel
-from biaxbayes.mechanics.experiments import Experiment, Strip, Tube
-from biaxbayes.model.misfit import AMPLITUDES, NOISE_FACTORS, CurvePoints
+from biaxbayes.model.misfit import CurvePoints
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.model.readings import LEAST_NOISE
 from biaxbayes.options import DesignOptions
 from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.prediction.draws import mounting_labels
-from biaxbayes.prediction.percentiles import evenly_chosen, quantiles
+from biaxbayes.prediction.percentiles import quantiles
 from biaxbayes.specimens.specimen import Specimen
 
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
@@ -39,14 +39,11 @@ class Candidate(Protocol):
 
     name: str
 
-    def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
-        """One simulated outcome per draw, shape (draws, readings)."""
-
-    def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
-        """Log likelihood, (outcomes, draws), up to a term common to all draws."""
-
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Readings without errors, (draws, readings), and the variance of errors, (readings,)."""
+        """Readings without errors, (draws, readings), and the variance of errors, (readings,).
+
+        The errors of the readings are independent of one another.
+        """
 
 
 @dataclass(frozen=True)
@@ -56,16 +53,6 @@ class Reading:
     name: str
     quantities: tuple[str, ...]
     sd: float  # in the unit of the quantity (degrees for alpha)
-
-    def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
-        """See :class:`Candidate`."""
-        values = draws[list(self.quantities)].to_numpy(dtype=float)
-        return values + self.sd * rng.standard_normal(values.shape)
-
-    def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
-        """See :class:`Candidate`."""
-        values = draws[list(self.quantities)].to_numpy(dtype=float)
-        return -0.5 * np.square((outcomes[:, None] - values[None]) / self.sd).sum(axis=-1)
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`Candidate`."""
@@ -81,16 +68,16 @@ class FurtherProtocol:
 
         y = f + C21 C11^-1 r + e,    e ~ N(0, C22 - C21 C11^-1 C12 + s0^2)
 
-    where C is the covariance of the misfit, of structures and amplitudes averaged by their
-    posterior weights, as the factor of the noise s0 is. Independent errors have the sd of the draw.
-    The mounting reading is one more reading.
+    where C is the covariance of the misfit, averaged by the posterior weights of its terms, as the
+    factor of the noise s0 is. Independent errors have the mean variance of the draws. The mounting
+    reading is one more reading.
     """
 
     name: str
     posterior: Posterior
     stretch: np.ndarray  # (n + 1, 2), measured; the first row is the mounted state
     repeats: float  # rows of a record that a planned row stands for
-    weights: np.ndarray  # posterior weights of the misfit, (components, amplitudes)
+    weights: np.ndarray  # posterior weights of the terms of the misfit, (terms,)
 
     @property
     def loads_as_tested(self) -> bool:
@@ -121,21 +108,11 @@ class FurtherProtocol:
             return None, np.diag(sd.ravel())
         misfit, points = self.posterior.misfit, self.posterior.paths.path(self.stretch)
         at = points.take(np.arange(2 * self.first, self.stretch.size))
-
-        def covariance(a: CurvePoints, b: CurvePoints) -> np.ndarray:
-            out = np.zeros((len(a.path), len(b.path)))
-            for component, weights in zip(misfit.components, self.weights, strict=True):
-                out += (weights @ AMPLITUDES**2) * component.structure.covariance(a, b)
-            return out + misfit.toe_covariance(a, b)
-
-        seen = misfit.reading @ covariance(misfit.points, misfit.points) @ misfit.reading.T
-        cross = misfit.reading @ covariance(misfit.points, at)
-        factors = np.array([NOISE_FACTORS[component.noise] for component in misfit.components])
-        factor = np.sqrt(self.weights.sum(axis=1) @ factors**2)
-        gain = np.linalg.solve(seen + np.diag((factor * misfit.noise_sd) ** 2), cross)
+        gain, cross = misfit.conditional(at, self.weights)
+        factor = np.sqrt(self.weights @ misfit.terms.noise**2)
         sd = factor * np.maximum(sd, LEAST_NOISE * specimen.peak_load)
-        left = covariance(at, at) - cross.T @ gain + np.diag(sd.ravel() ** 2)
-        return gain, np.linalg.cholesky(left)
+        left = misfit.covariance(at, at, self.weights) - cross.T @ gain
+        return gain, np.linalg.cholesky(left + np.diag(sd.ravel() ** 2))
 
     def expected(self, draws: pd.DataFrame) -> np.ndarray:
         """Expected readings, (draws, readings)."""
@@ -143,38 +120,20 @@ class FurtherProtocol:
         readings = self.load(draws)[:, self.first :].reshape(len(draws), -1)
         return readings if gain is None else readings + self.posterior.residuals(draws, 0) @ gain
 
-    def scale(self, draws: pd.DataFrame) -> np.ndarray:
-        """Scale of the errors in units of L, (draws, readings)."""
-        out = np.ones((len(draws), len(self.stretch) - self.first, 2))
-        if not self.posterior.settings.has_misfit:
-            out[:, 1 - self.first :] = draws[NOISE_SD.name].to_numpy(dtype=float)[:, None, None]
-        return out.reshape(len(draws), -1)
-
-    def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
-        """See :class:`Candidate`."""
-        scale = self.scale(draws)
-        errors = (scale * rng.standard_normal(scale.shape)) @ self._errors[1].T
-        return self.expected(draws) + errors
-
-    def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
-        """See :class:`Candidate`."""
-        centre, scale = outcomes.mean(axis=0), self.scale(draws)
-        f, y = self._whitened(self.expected(draws) - centre), self._whitened(outcomes - centre)
-        precision = 1.0 / np.square(scale)
-        # sum_j p_j (y_j - f_j)^2, multiplied out so that all pairs are one matrix product
-        square = np.square(y) @ precision.T - 2.0 * y @ (precision * f).T
-        square += (precision * np.square(f)).sum(axis=1)
-        return -0.5 * square - np.log(scale).sum(axis=1)
-
-    def _whitened(self, readings: np.ndarray) -> np.ndarray:
-        """L^-1 times readings (n, readings)."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            root = self._errors[1]
-            return np.asarray(solve_triangular(root, readings.T, lower=True, check_finite=False).T)
-
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Candidate`."""
-        return self._whitened(self.expected(draws)), np.square(self.scale(draws)).mean(axis=0)
+        """See :class:`Candidate`; readings in units of L."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            readings = self.expected(draws)
+            root = self._errors[1]
+            readings = solve_triangular(root, readings.T, lower=True, check_finite=False).T
+        return readings, self._variance(draws).ravel()
+
+    def _variance(self, draws: pd.DataFrame) -> np.ndarray:
+        """Variance of the errors in units of L, (rows, 2)."""
+        out = np.ones((len(self.stretch) - self.first, 2))
+        if not self.posterior.settings.has_misfit:
+            out[1 - self.first :] = np.square(draws[NOISE_SD.name].to_numpy(dtype=float)).mean()
+        return out
 
     def peak_load(self, draws: pd.DataFrame) -> tuple[float, float]:
         """5 and 95 % of the largest load (N or kPa) that the specimen and cell must bear."""
@@ -250,10 +209,7 @@ class FurtherPieces(FurtherProtocol):
                 load=load[:, axis],
                 peak=np.full(len(load), np.abs(load[:, axis]).max()),
             ).take(np.arange(self.first, len(load)))
-            misfit = posterior.misfit.toe_covariance(at, at)
-            for component, weights in zip(posterior.misfit.components, self.weights, strict=True):
-                misfit += (weights @ AMPLITUDES**2) * component.structure.covariance(at, at)
-            covariance[np.ix_(own, own)] += misfit
+            covariance[np.ix_(own, own)] += posterior.misfit.covariance(at, at, self.weights)
         relative = max(specimen.noise_sd / specimen.peak_load, LEAST_NOISE)
         noise = relative * np.abs(load).max(axis=0)
         rows = np.tile(noise / np.sqrt(self.repeats), (len(load) - self.first, 1))
@@ -261,9 +217,9 @@ class FurtherPieces(FurtherProtocol):
             rows[0] = noise
         return None, np.linalg.cholesky(covariance + np.diag(rows.ravel() ** 2))
 
-    def scale(self, draws: pd.DataFrame) -> np.ndarray:
+    def _variance(self, draws: pd.DataFrame) -> np.ndarray:
         """See :class:`FurtherProtocol`."""
-        return np.ones((len(draws), 2 * (len(self.stretch) - self.first)))
+        return np.ones((len(self.stretch) - self.first, 2))
 
     @property
     def loads_as_tested(self) -> bool:
@@ -285,12 +241,11 @@ def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.
 
 
 def _misfit_weights(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
-    """Posterior weights of the misfit's structures and amplitudes, (components, amplitudes)."""
+    """Posterior weights of the terms of the misfit, (terms,)."""
     if not posterior.settings.has_misfit:
-        return np.empty((0, len(AMPLITUDES)))
+        return np.empty(0)
     residual = posterior.residuals(draws.iloc[evenly_chosen(len(draws), SHARE_DRAWS)], 0)
-    logs = posterior.misfit.log_weights(residual)
-    return np.asarray(np.exp(logs - logsumexp(logs, axis=(1, 2), keepdims=True)).mean(axis=0))
+    return np.asarray(posterior.misfit.shares(residual).mean(axis=0))
 
 
 def standard_candidates(
@@ -326,7 +281,7 @@ def standard_candidates(
     if further != 1.0:
         stretch = " × ".join(f"{v:.3g}" for v in 1.0 + further * top)
         out.append(protocol(f"1:1 to {stretch}", further * top))
-    if specimen.test == "biaxial" and settings.infers_mounting:
+    if specimen.experiment.is_biaxial and settings.infers_mounting:
         median = draws[list(posterior.law.names)].median().to_frame().T
         position = np.linspace(0.0, 1.0, planned + 1)[:, None]
         strips = 1.0 + position * STRIP_REACH * top

@@ -11,11 +11,9 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.file_lock import folder_lock
-from biaxbayes.populations.result import Population
-from biaxbayes.runs.archive import SuspiciousArchive, check_archive, netcdf_bytes
-from biaxbayes.runs.folder import POPULATION, PROVENANCE, READY, STUDY, finish_moving
-from biaxbayes.tasks import kept_warning_filters
+from biaxbayes.populations.population_result import Population
+from biaxbayes.runs.folder import POPULATION, open_folder, trusted_path
+from biaxbayes.stored_data import netcdf_bytes, read_netcdf, read_object
 
 
 def archive(result: Population) -> bytes:
@@ -77,34 +75,17 @@ def archive(result: Population) -> bytes:
 
 def new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Materials of new specimens of a group, and the attributes of population.nc."""
-    import xarray as xr
-
-    if (folder / READY).is_dir():  # as in open_run
-        with folder_lock(folder):
-            finish_moving(folder, POPULATION)
-    make = "make one with 'biaxbayes population'"
-    if not (folder / POPULATION).is_file():
-        kinds = {PROVENANCE: "a run's folder", STUDY: "a study's folder"}
-        kind = next((words for name, words in kinds.items() if (folder / name).exists()), "")
-        problem = (
-            "is not the folder of a finished population" if folder.exists() else "does not exist"
-        )
-        problem = f"is {kind}, not a population's" if kind else problem
-        raise RunError(f"{folder}: {problem}; {make}")
+    open_folder(folder, POPULATION)
+    path = trusted_path(folder, "population.nc", read_object(folder / POPULATION))
+    tree = read_netcdf(path)
+    attributes = {str(k): v for k, v in tree.attrs.items()}
     try:
-        path = folder / "population.nc"
-        check_archive(path)
-        with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as tree:
-            materials = tree["new_specimens"]["material"].load()
-            attributes = {str(k): v for k, v in tree.attrs.items()}
+        materials = tree["new_specimens"]["material"]
         groups = [str(g) for g in materials["group"].to_numpy()]
         names = [str(n) for n in materials["parameter"].to_numpy()]
         values = materials.to_numpy()
-    except (OSError, KeyError, ValueError, SuspiciousArchive):
-        raise RunError(
-            f"{folder}: its population cannot be read, population.nc is missing or damaged; copy "
-            f"the folder again, or {make}"
-        ) from None
+    except KeyError as error:
+        raise RunError(f"{path}: is not the posterior of a population (no {error})") from None
     if group not in groups:
         raise InputError(
             f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"

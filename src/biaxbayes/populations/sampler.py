@@ -174,8 +174,10 @@ def draw_population(
                     break
                 state.rounds += 1
                 state.left = [(i, *_prior_of_specimen(layout, warm, i)) for i in sorted(poor)]
-            for i, mean, sd in list(state.left):
-                progress(Progress(f"sampling specimen {i + 1} again, round {state.rounds}"))
+                progress(Progress("warming up", note=_announcement(state, plan, len(specimens))))
+            for k, (i, mean, sd) in enumerate(again := list(state.left)):
+                text = f"sampling specimen {i + 1} again, round {state.rounds}"
+                progress(Progress(text, k / len(again)))
                 seed = np.random.SeedSequence([plan.seed, state.rounds, i]).generate_state(1)
                 draws = None if stop() else sample_again(i, mean, sd, int(seed[0]))
                 if draws is None:
@@ -212,6 +214,14 @@ def draw_population(
             on_step(state)
         assert history is not None
     return PopulationDraws(history, known, convergence, _upper_k(ensembles), sorted(state.again))
+
+
+def _announcement(state: PopulationCheckpoint, plan: PopulationPlan, specimens: int) -> str:
+    return (
+        f"sampling {len(state.left)} of {specimens} specimens again, each about as long as its "
+        "own run: too few of their draws lie where the other specimens put them (Pareto k above "
+        f"{MAX_K:g}); round {state.rounds} of at most {plan.rounds}"
+    )
 
 
 def _stored_sweeps(chains: Chains, sweeps: int) -> History:

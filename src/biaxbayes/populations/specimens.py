@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from biaxbayes.derived.determined import largest_equibiaxial
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.identifiability.determined import largest_equibiaxial
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.model.density import log_prior
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
@@ -18,7 +19,6 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import STRETCH
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.reweighting import RunDraws
-from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.runs.run import Run
 from biaxbayes.sampling.sampler import Plan
 

@@ -11,12 +11,13 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.distance import contractions
-from biaxbayes.identifiability.determined import Derived, derived_quantities
+from biaxbayes.derived.determined import Derived, derived_quantities
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.identifiability.verdict import NO_VERDICT
 from biaxbayes.mechanics.mounting import mounted_section
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
 from biaxbayes.populations.model import LINEAR, LOG
-from biaxbayes.populations.result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
+from biaxbayes.populations.population_result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
 from biaxbayes.populations.verdicts import (
     derived_verdict,
     in_words,
@@ -26,8 +27,9 @@ from biaxbayes.populations.verdicts import (
     spread_verdicts,
 )
 from biaxbayes.prediction.draws import protocol_mounting
-from biaxbayes.prediction.percentiles import QUANTILES, evenly_chosen, quantile_columns
-from biaxbayes.studies.groups import LARGER, OPEN, SMALLER
+from biaxbayes.prediction.percentiles import QUANTILES, quantile_columns
+from biaxbayes.studies.groups import LARGER, OPEN, SMALLER, group_contrasts
+from biaxbayes.studies.study_result import rows_of_run
 
 SDS = ("sd_donors", "sd_specimens", "sd_total")
 PARTS = ("mean", *SDS, "new_specimen", "new_donor")
@@ -291,3 +293,37 @@ def contradictions(table: pd.DataFrame) -> list[str]:
                 f"p {joint:.3f}, most by {worst['quantity']}, p {alone:.3f})"
             )
     return out
+
+
+def differences_from_study(population: Population, contrasts: pd.DataFrame) -> list[str]:
+    """Notes on contrasts that `batch`, specimen by specimen, answers otherwise."""
+    if population.state != "converged":
+        return []
+    names = [v.name for v in population.values]
+    rows = [
+        {"specimen": source.label, "donor": donor, "layer": group, **row}
+        for source, group, donor in zip(
+            population.sources, population.grouping.group, population.grouping.donor, strict=True
+        )
+        for row in rows_of_run(source.run)
+        if row["quantity"] in names
+    ]
+    own = group_contrasts(pd.DataFrame(rows))
+    found = contrasts.set_index(["group_a", "group_b", "quantity"])
+    notes = []
+    for r in own.to_dict("records"):
+        pair = (r["group_a"], r["group_b"])
+        swap = pair + (r["quantity"],) not in found.index
+        key: Any = (*(pair[::-1] if swap else pair), r["quantity"])
+        pooled = found.loc[key]
+        said = str(pooled["direction"])
+        said = {LARGER: SMALLER, SMALLER: LARGER}.get(said, said) if swap else said
+        if isinstance(r["direction"], str) and said != r["direction"]:
+            words = {OPEN: "no difference"}
+            notes.append(
+                f"{r['quantity']}, {r['group_b']} compared with {r['group_a']}: batch, parameter "
+                f"by parameter from each specimen's own draws, says "
+                f"{words.get(r['direction'], r['direction'])}; the population, of all parameters "
+                f"together with priors of their spread, says {words.get(said, said)}"
+            )
+    return notes

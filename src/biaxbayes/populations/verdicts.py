@@ -17,7 +17,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.identify import diagnostics_from_draws, identify_draws
 from biaxbayes.identifiability.marginals import INTERVAL, Z90, ComparisonScale
-from biaxbayes.identifiability.reported import quantile_texts, reported, row_numbers
+from biaxbayes.identifiability.reported import reported
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
@@ -32,8 +32,9 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
 from biaxbayes.parameters import STRETCH, Parameter, Quantity
 from biaxbayes.populations.model import PooledValue
-from biaxbayes.populations.result import PRIOR_DRAWS, Hyper
+from biaxbayes.populations.population_result import PRIOR_DRAWS, Hyper
 from biaxbayes.populations.specimens import Source
+from biaxbayes.report_table import interval_texts
 
 CONSTANT_TOLERANCE = 1e-9
 
@@ -66,7 +67,7 @@ def reported_text(p: ParameterVerdict) -> str:
     if p.verdict not in (IDENTIFIED, COMBINATION, BOUNDED):
         return ""
     (row,) = reported([p])
-    return row_numbers(row, p.scale.parameter)[1]
+    return row.interval
 
 
 def in_words(p: ParameterVerdict) -> str:
@@ -176,6 +177,6 @@ def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter
     narrow = not parameter.logarithmic or high <= Thresholds().max_ratio * low
     if contraction < Thresholds().contraction or not narrow:
         return {"verdict": NOT_IDENTIFIED, "contraction": contraction}
-    _, first, last = quantile_texts(low, low, high, parameter)
+    _, first, last = interval_texts(low, low, high, parameter)
     text = f"{first} to {last}"
     return {"verdict": IDENTIFIED, "reported": text, "contraction": contraction}

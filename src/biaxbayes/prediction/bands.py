@@ -9,12 +9,14 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.evenly import evenly_chosen, evenly_spaced
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.parameters import mounting_names
-from biaxbayes.prediction.percentiles import QUANTILES, evenly_chosen, evenly_spaced
+from biaxbayes.prediction.nearest_law import median_nearest_law
+from biaxbayes.prediction.percentiles import QUANTILES
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.specimen import Specimen
 
@@ -30,7 +32,7 @@ def bands(
     """Bands of the load at the measured stretches.
 
     The credible band holds the tissue's own load, that of the law and its misfit given the
-    readings; the predictive band holds a new reading there.
+    readings; the predictive band holds a new reading there, with the friction of this test.
 
     Parameters
     ----------
@@ -49,11 +51,14 @@ def bands(
         One row per protocol, direction and state: ``protocol``, ``direction``, ``row`` (of the
         protocol, from 0), ``stretch`` (measured, in that direction), ``measured`` and the
         quantiles ``credible_q05``, ``credible_q50``, ``credible_q95``, ``predictive_q05``,
-        ``predictive_q50``, ``predictive_q95``, and ``law``, the median load of the law alone. Loads
-        are in the unit of the file, a Cauchy file's as Cauchy stress.
+        ``predictive_q50``, ``predictive_q95``, and ``law``, the load of the median nearest law, as
+        on a card. Loads are in the unit of the file, a Cauchy file's as Cauchy stress.
     """
     tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
-    specimen, levels = posterior.pieces[piece].specimen, tuple(QUANTILES.values())
+    laws, row = median_nearest_law(posterior, draws)
+    nearest = laws.loc[draws.index[[row]]]
+    model, levels = posterior.pieces[piece], tuple(QUANTILES.values())
+    specimen, offset = model.specimen, model.forward.offset(nearest)
     names = [f"{kind}_{q}" for kind in ("credible", "predictive") for q in QUANTILES]
     tables = []
     for i, protocol in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
@@ -61,7 +66,8 @@ def bands(
         stretch, measured = protocol.stretch[rows], specimen.load(protocol)[rows]
         scale = specimen.per_nominal(stretch)
         tested = tissue.tested(i, protocol.stretch, rows)
-        quantiles = np.concatenate([*tested.percentiles(levels), [np.median(tested.law, axis=0)]])
+        law = model.forward.load(nearest, stretch, protocol.name) + offset
+        quantiles = np.concatenate([*tested.percentiles(levels), law])
         for axis in specimen.experiment.axes:
             direction = "xy"[axis]
             table = {
@@ -115,7 +121,7 @@ def true_loads(
     missing = [name for name in needed if name not in truth]
     if missing:
         raise InputError(
-            f"the truth names no {', '.join(missing)[:200]}",
+            f"the true values lack {', '.join(missing)[:200]}",
             remedy="bands need the whole material and its mounting stretches",
         )
     forward = ForwardModel.from_specimen(specimen, settings)

@@ -1,6 +1,6 @@
 """Posterior draws as arrays, and the single draws that stand for them.
 
-A vector of parameter-wise medians is no material of the posterior: where parameters are
+A vector of parameter-wise medians is not a material of the posterior: where parameters are
 correlated its curves may lie outside every band. A draw is one.
 """
 
@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.experiments import with_free_side
+from biaxbayes.mechanics.mounting import with_free_side
 from biaxbayes.parameters import mounting_names
-from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 

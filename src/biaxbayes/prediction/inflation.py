@@ -1,40 +1,26 @@
 r"""Inflation of a thin-walled tube at a fixed axial stretch, and its posterior predictions.
 
-The wall is a membrane: radial stress neglected, deformation uniform through the wall, no
-residual stress (the tube is stress free at its unloaded mid radius R and wall thickness H).
-With the circumferential stretch lt and the axial stretch la,
-
-    r = lt R,    h = H / (lt la)                       incompressible wall
-    p = s_t h / r = s_t H / (R lt^2 la) = P_t H / (R lt la)
-
-which is the derivative of the stored energy by the volume inside the mid surface. The force
-that a transducer reads on the closed tube (the reduced axial force) is
-
-    f = 2 pi r h s_a - pi r^2 p
+The tube is that of :mod:`biaxbayes.experiments.tube` with one Gauss point: the stresses of the
+middle of the wall stand for all of it, and it is stress free without pressure and force.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.evenly import evenly_chosen
+from biaxbayes.experiments.tube import MMHG_PER_KPA, Tube
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.experiments import MMHG_PER_KPA
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.draws import with_free_sides
-from biaxbayes.prediction.percentiles import (
-    BANDS,
-    band_columns,
-    evenly_chosen,
-    known_percentiles,
-    tails,
-)
+from biaxbayes.prediction.percentiles import BANDS, band_columns, known_percentiles, tails
 from biaxbayes.prediction.stress import MAX_DRAWS, prediction_mounting, prediction_range
 from biaxbayes.prediction.tissue import Tissue
 
@@ -43,6 +29,7 @@ from biaxbayes.prediction.tissue import Tissue
 GRID = 750  # states at which a crossing is looked for, equally spaced in log stretch
 MAX_ROOT_STEPS = 80
 ROOT_TOLERANCE = 1e-13  # of the stretch
+MILLI = 1e3
 
 
 @dataclass(frozen=True)
@@ -79,114 +66,106 @@ class ThinTube:
         if self.circumferential not in ("x", "y"):
             raise ValueError("circumferential must be 'x' or 'y'")
 
-    def stretches(self, circumferential_stretch) -> tuple[Any, Any]:
-        """(stretch_x, stretch_y) of the wall at a circumferential stretch of the mid surface."""
-        axial = np.full_like(np.asarray(circumferential_stretch, dtype=float), self.axial_stretch)
-        if self.circumferential == "x":
-            return circumferential_stretch, axial
-        return axial, circumferential_stretch
+    @property
+    def tube(self) -> Tube:
+        """The tube with one point through the wall."""
+        outer = self.mid_radius_mm + 0.5 * self.thickness_mm
+        return Tube(outer, self.thickness_mm, points_through_wall=1)
 
-    def mid_diameter_mm(self, circumferential_stretch) -> Any:
-        """Current diameter of the middle of the wall."""
-        # d = 2 lt R
-        return 2.0 * circumferential_stretch * self.mid_radius_mm
+    def outer_diameter_mm(self, outer_stretch: np.ndarray) -> np.ndarray:
+        """Outer diameter at circumferential stretches of the outer surface."""
+        return 2.0 * self.tube.outer_radius_mm * np.asarray(outer_stretch)
 
-    def outer_diameter_mm(self, circumferential_stretch) -> Any:
-        """Current outer diameter."""
-        # d_o = 2 r + h
-        wall = self.thickness_mm / (circumferential_stretch * self.axial_stretch)
-        return self.mid_diameter_mm(circumferential_stretch) + wall
+    def wall(self, outer_stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State (..., 2) of the middle of the wall, and the weights (..., 2, 2) of its stresses.
 
+        Both are around and along the tube; the weights give pressure (kPa) and axial force (N).
+        """
+        outer = np.asarray(outer_stretch, dtype=float)
+        axial = np.full(outer.size, self.axial_stretch)
+        points = self.tube.points(np.column_stack([outer.ravel(), axial]))
+        return points.stretch.reshape(*outer.shape, 2), points.weight.reshape(*outer.shape, 2, 2)
 
-def inflation_pressure(
-    material: MaterialResponse, tube: ThinTube, circumferential_stretch, *, piola_offset_kPa=0.0
-) -> Any:
-    """Pressure that holds the tube at a circumferential stretch.
+    def in_test(self, around_along: np.ndarray) -> np.ndarray:
+        """Values (..., 2) around and along the tube as those in x and y, and back."""
+        return around_along if self.circumferential == "x" else around_along[..., ::-1]
 
-    Parameters
-    ----------
-    material : Material
-        One, or one per draw.
-    circumferential_stretch : array_like
-        Total stretch of the mid surface; broadcasts with the material.
-    piola_offset_kPa : array_like
-        Added to the circumferential first Piola-Kirchhoff stress: the misfit of a new specimen.
+    def loads(
+        self,
+        material: MaterialResponse,
+        outer_stretch: np.ndarray,
+        misfit_kPa: np.ndarray | float = 0.0,
+    ) -> np.ndarray:
+        """Pressure (kPa) and axial force on the closed tube (N), (..., 2).
 
-    Returns
-    -------
-    ndarray
-        Pressure in kPa.
-    """
-    stretch_x, stretch_y = tube.stretches(circumferential_stretch)
-    Px, Py = material.piola(stretch_x, stretch_y)
-    hoop = Px if tube.circumferential == "x" else Py
-    # p = P_t H / (R lt la)
-    return (
-        (hoop + piola_offset_kPa)
-        * tube.thickness_mm
-        / (tube.mid_radius_mm * circumferential_stretch * tube.axial_stretch)
-    )
-
-
-def inflation_axial_force(
-    material: MaterialResponse, tube: ThinTube, circumferential_stretch
-) -> Any:
-    """Reduced axial force of the closed tube in mN (kPa mm^2); arguments as for the pressure."""
-    stretch_x, stretch_y = tube.stretches(circumferential_stretch)
-    s = material.cauchy(stretch_x, stretch_y)
-    axial = s[1] if tube.circumferential == "x" else s[0]
-    p = inflation_pressure(material, tube, circumferential_stretch)
-    R, H = tube.mid_radius_mm, tube.thickness_mm
-    # f = 2 pi r h s_a - pi r^2 p,  r h = R H / la
-    return (
-        2.0 * np.pi * R * H / tube.axial_stretch * axial
-        - np.pi * (circumferential_stretch * R) ** 2 * p
-    )
+        Parameters
+        ----------
+        material : Material
+            One, or one per draw: its values have shape (n, 1).
+        outer_stretch : array_like, shape (m,) or (n, m)
+            Circumferential stretches of the outer surface.
+        misfit_kPa : array_like, shape (..., 2)
+            Added to the nominal stresses of the wall, around and along.
+        """
+        state, weight = self.wall(outer_stretch)
+        x, y = np.moveaxis(self.in_test(state), -1, 0)
+        stress = self.in_test(np.stack(np.broadcast_arrays(*material.cauchy(x, y)), axis=-1))
+        # s = l P
+        return np.einsum("...ik,...k->...i", weight, stress + state * misfit_kPa)
 
 
-def inflation_stretch(
-    material: MaterialResponse, tube: ThinTube, pressure_kPa, *, piola_offset_kPa=0.0
+def stretch_at_pressure(
+    material: MaterialResponse,
+    tube: ThinTube,
+    pressure_kPa: np.ndarray,
+    misfit_kPa: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """Circumferential stretch at a pressure: the first state met from the unpressurised one.
+    """Outer circumferential stretch at a pressure: the first state met from the unpressurised one.
 
     Parameters
     ----------
     material : Material
         One, or one per draw: its values have shape (n, 1).
     pressure_kPa : array_like, shape (m,)
-    piola_offset_kPa : array_like, shape (n,) or scalar
+    misfit_kPa : array_like, broadcast with (n, m, 2)
 
     Returns
     -------
     ndarray, shape (n, m)
         NaN where no equilibrium lies inside :data:`BRACKET`.
     """
-    offset = np.atleast_1d(np.asarray(piola_offset_kPa, dtype=float))[:, None]
     target = np.atleast_1d(np.asarray(pressure_kPa, dtype=float))
+    misfit = np.asarray(misfit_kPa, dtype=float)
 
-    def pressure(stretch: np.ndarray) -> np.ndarray:
-        with np.errstate(over="ignore", invalid="ignore"):
-            p = inflation_pressure(material, tube, stretch, piola_offset_kPa=offset)
+    def known(pressure: np.ndarray, stretch: np.ndarray) -> np.ndarray:
         # Beyond the range of the exponential the wall is rigid, inwards as outwards.
-        return np.where(np.isfinite(p), p, np.where(stretch > 1.0, np.inf, -np.inf))
+        return np.where(np.isfinite(pressure), pressure, np.where(stretch > 1.0, np.inf, -np.inf))
 
-    grid = np.geomspace(*BRACKET, GRID)
-    coarse = pressure(grid[None, :])
-    first, exists = _branch(grid, coarse, target, tube.axial_stretch)
-    low, high = grid[first], grid[first + 1]
-    for _ in range(MAX_ROOT_STEPS):
-        middle = 0.5 * (low + high)
-        below = pressure(middle) < target
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-        if np.max(high - low) <= ROOT_TOLERANCE:
-            break
+    with np.errstate(over="ignore", invalid="ignore"):
+        grid = np.geomspace(*BRACKET, GRID)
+        of_law = np.atleast_2d(tube.loads(material, grid)[..., 0])
+        misfit = np.broadcast_to(misfit, (len(of_law), target.size, 2))
+        state, weight = tube.wall(grid)
+        lever = weight[:, 0, 0] * state[:, 0]
+        first = np.empty(misfit.shape[:2], dtype=int)
+        exists = np.empty(first.shape, dtype=bool)
+        for j, wanted in enumerate(target):
+            coarse = known(of_law + misfit[:, j, :1] * lever, grid)
+            first[:, j], exists[:, j] = _branch(grid, coarse, wanted, tube.axial_stretch)
+        low, high = grid[first], grid[first + 1]
+        for _ in range(MAX_ROOT_STEPS):
+            middle = 0.5 * (low + high)
+            below = known(tube.loads(material, middle, misfit)[..., 0], middle) < target
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+            if np.max(high - low) <= ROOT_TOLERANCE:
+                break
     return np.where(exists, 0.5 * (low + high), np.nan)
 
 
 def _branch(
-    grid: np.ndarray, coarse: np.ndarray, target: np.ndarray, axial_stretch: float
+    grid: np.ndarray, coarse: np.ndarray, target: float, axial_stretch: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Interval of the grid, shape (n, m), over which the pressure first rises through a target.
+    """Interval of the grid, shape (n,), over which the pressure first rises through a target.
 
     Fibres that carry compression can hold a pressure in states of strong contraction as well;
     the branch that counts passes through the unpressurised state.
@@ -202,15 +181,12 @@ def _branch(
 
     # Unpressurised, an isotropic wall would rest at lt = la^(-1/2).
     isotropic = np.full(len(coarse), np.searchsorted(grid, axial_stretch**-0.5))
-    start, at_rest = nearest(rises(0.0), isotropic), rises(0.0).any(axis=1)
-    first = np.empty((len(coarse), target.size), dtype=int)
-    exists = np.empty(first.shape, dtype=bool)
-    for j, value in enumerate(target):
-        side = interval >= start[:, None] if value >= 0.0 else interval <= start[:, None]
-        candidates = rises(value) & side
-        first[:, j] = nearest(candidates, start)
-        exists[:, j] = candidates.any(axis=1) & at_rest
-    return first, exists
+    at_rest = rises(0.0)
+    start = nearest(at_rest, isotropic)
+    side = interval >= start[:, None] if target >= 0.0 else interval <= start[:, None]
+    candidates = rises(target) & side
+    exists = np.asarray(candidates.any(axis=1) & at_rest.any(axis=1))
+    return nearest(candidates, start), exists
 
 
 # --- what the posterior predicts for a tube made of the specimen's tissue ------------------------
@@ -224,88 +200,84 @@ def predict_pressure(
     *,
     probability: float = PredictionOptions.probability,
 ) -> pd.DataFrame:
-    """Pressure and reduced axial force of a tube at given diameters, with bands.
+    """Pressure and axial force of a tube at given diameters, with bands.
 
-    The misfit of the law, as a stress of the wall, is carried into the pressure; the predictive
-    band has the noise of the biaxial test besides, that of a pressure sensor is not in it.
+    The misfit of the law, as a stress of the wall, is carried into both; the predictive band has
+    the noise of the biaxial test besides, that of a pressure sensor is not in it.
 
     Parameters
     ----------
     posterior, draws, probability
         As in :func:`biaxbayes.prediction.stress.predict_stress`.
     circumferential_stretch : ndarray, shape (m,)
-        Total stretches of the mid surface.
+        Total stretches of the outer surface: outer diameters over the unloaded one.
 
     Returns
     -------
     DataFrame
-        ``circumferential_stretch``, ``mid_diameter_mm``, ``outer_diameter_mm``, bands of
-        ``pressure_kPa`` and ``axial_force_mN``, ``extrapolation``.
+        ``circumferential_stretch``, ``outer_diameter_mm``, bands of ``pressure_kPa`` and
+        ``axial_force_mN``, ``extrapolation``.
 
     Raises
     ------
     InputError
-        If a stretch is not positive or a pressure overflows.
+        If a stretch is not positive or leaves no lumen, or a pressure overflows.
     """
     stretch = np.atleast_1d(np.asarray(circumferential_stretch, dtype=float))
     if not (np.isfinite(stretch).all() and (stretch > 0.0).all()):
         raise InputError("circumferential stretches must be positive numbers")
+    state, weight = tube.wall(stretch)
+    if not np.isfinite(state).all():
+        raise InputError(
+            "there is no lumen: the wall fills the outer diameter",
+            remedy="begin at a larger circumferential stretch",
+        )
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
-    material = posterior.law.material(draws)
+    mean, sd, noise = _wall_misfit(posterior, draws, tube, state)
     with np.errstate(over="ignore", invalid="ignore"):
-        p = inflation_pressure(material, tube, stretch)
-        force = inflation_axial_force(material, tube, stretch)
-    if not (np.isfinite(p).all() and np.isfinite(force).all()):
+        loads = tube.loads(posterior.law.material(draws), stretch, mean)
+    if not np.isfinite(loads).all():
         raise InputError(
             "the pressure of some draws overflows",
             remedy="end at a smaller circumferential stretch",
         )
-    around = "xy".index(tube.circumferential)
-    mean, sd, noise = _wall_misfit(posterior, draws, tube, stretch)
-    # p = P_t H / (R lt la): effect of a misfit of the stress on the pressure
-    lever = tube.thickness_mm / (tube.mid_radius_mm * stretch * tube.axial_stretch)
-    # f = 2 pi R H P_a - pi (lt R)^2 p,  as s_a = la P_a
-    wall = 2.0 * np.pi * tube.mid_radius_mm * tube.thickness_mm
-    bore = np.pi * (stretch * tube.mid_radius_mm) ** 2 * lever
-
-    def of_force(values: np.ndarray) -> np.ndarray:
-        return np.hypot(wall * values[..., 1 - around], bore * values[..., around])
-
-    force = force + wall * mean[..., 1 - around] - bore * mean[..., around]
-    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
-    tested = prediction_range(draws, specimen, None, "total")
+    # s = l P, and q_i = sum_k w_ik s_k
+    of_tissue, of_reading = (
+        np.sqrt(np.einsum("mik,dmk->dmi", weight**2, np.square(state * spread)))
+        for spread in (sd, np.hypot(sd, noise))
+    )
+    units = {"pressure_kPa": 1.0, "axial_force_mN": MILLI}
+    columns: dict[str, np.ndarray] = {}
+    for i, (name, unit) in enumerate(units.items()):
+        spreads = (unit * of_tissue[..., i], unit * of_reading[..., i])
+        columns |= band_columns(name, unit * loads[..., i], *spreads, probability)
     return pd.DataFrame(
         {
             "circumferential_stretch": stretch,
-            "mid_diameter_mm": tube.mid_diameter_mm(stretch),
             "outer_diameter_mm": tube.outer_diameter_mm(stretch),
-            **band_columns(
-                "pressure_kPa",
-                p + lever * mean[..., around],
-                lever * sd[..., around],
-                lever * np.hypot(sd, noise)[..., around],
-                probability,
-            ),
-            **band_columns(
-                "axial_force_mN", force, of_force(sd), of_force(np.hypot(sd, noise)), probability
-            ),
-            "extrapolation": tested.extrapolation(*tube.stretches(stretch)),
+            **columns,
+            "extrapolation": _extrapolation(posterior, draws, tube, state),
         }
     )
 
 
 def _wall_misfit(
-    posterior: Posterior,
-    draws: pd.DataFrame,
-    tube: ThinTube,
-    circumferential_stretch: np.ndarray,
+    posterior: Posterior, draws: pd.DataFrame, tube: ThinTube, state: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Misfit of the wall's nominal stress: mean, sd, and sd of noise; kPa, (draws, m, 2)."""
+    """Misfit of the nominal stresses around and along: mean, sd, and sd of noise; (draws, m, 2)."""
     lm = prediction_mounting(draws, posterior.specimen, None)
-    path = np.stack(np.broadcast_arrays(*tube.stretches(circumferential_stretch)), axis=-1)
-    tissue = Tissue(posterior, draws)
     section = posterior.forward.unloaded_section(draws, lm[:, None])
-    return tissue.nominal_misfit(path / np.median(lm, axis=0), section)
+    path = tube.in_test(state) / np.median(lm, axis=0)
+    mean, sd, noise = Tissue(posterior, draws).nominal_misfit(path, section)
+    return tube.in_test(mean), tube.in_test(sd), tube.in_test(np.broadcast_to(noise, sd.shape))
+
+
+def _extrapolation(
+    posterior: Posterior, draws: pd.DataFrame, tube: ThinTube, state: np.ndarray
+) -> np.ndarray:
+    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
+    tested = prediction_range(draws, specimen, None, "unloaded")
+    return tested.extrapolation(*tube.in_test(state).T)
 
 
 def predict_diameter(
@@ -330,9 +302,9 @@ def predict_diameter(
     Returns
     -------
     DataFrame
-        ``pressure_kPa``, ``pressure_mmHg``, bands of ``circumferential_stretch`` and of
-        ``outer_diameter_mm``, ``share_without_equilibrium`` (draws that have no state inside
-        stretches of 0.3 to 4; they are left out of the bands), ``extrapolation`` (of the
+        ``pressure_kPa``, ``pressure_mmHg``, bands of ``circumferential_stretch`` (of the outer
+        surface) and ``outer_diameter_mm``, ``share_without_equilibrium`` (draws that have no state
+        inside stretches of 0.3 to 4; they are left out of the bands), ``extrapolation`` (of the
         median).
     """
     pressure = np.atleast_1d(np.asarray(pressure_kPa, dtype=float))
@@ -341,39 +313,25 @@ def predict_diameter(
     levels = tails(probability)
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     material = posterior.law.material(draws)
-    law = inflation_stretch(material, tube, pressure)
-    around = "xy".index(tube.circumferential)
+    law = stretch_at_pressure(material, tube, pressure)
     middle = np.nan_to_num(known_percentiles(law, (0.5,))[0], nan=1.0)
-    mean, sd, noise = (v[..., around] for v in _wall_misfit(posterior, draws, tube, middle))
-    unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
-
-    def stretches(offset: np.ndarray) -> np.ndarray:
-        """Stretches (draws, m) with offsets of the wall's stress, one for each pressure."""
-        offset = np.broadcast_to(offset, law.shape)
-        return np.hstack(
-            [
-                inflation_stretch(
-                    material, tube, pressure[k : k + 1], piola_offset_kPa=offset[:, k]
-                )
-                for k in range(pressure.size)
-            ]
-        )
-
+    mean, sd, noise = _wall_misfit(posterior, draws, tube, tube.wall(middle)[0])
     # one number a draw: the misfit is smooth
-    model = stretches(mean + sd * unit) if np.any(sd) else law
-    new = stretches(mean + np.hypot(sd, noise) * unit)
+    unit = np.random.default_rng(seed).standard_normal((len(draws), 1, 1))
+    model = stretch_at_pressure(material, tube, pressure, mean + sd * unit) if np.any(sd) else law
+    new = stretch_at_pressure(material, tube, pressure, mean + np.hypot(sd, noise) * unit)
     columns: dict[str, np.ndarray] = {
         "pressure_kPa": pressure,
         "pressure_mmHg": pressure * MMHG_PER_KPA,
     }
-    for name, of_model, of_new in (
-        ("circumferential_stretch", model, new),
-        ("outer_diameter_mm", tube.outer_diameter_mm(model), tube.outer_diameter_mm(new)),
+    same: Callable[[np.ndarray], np.ndarray] = np.asarray
+    for name, of in (
+        ("circumferential_stretch", same),
+        ("outer_diameter_mm", tube.outer_diameter_mm),
     ):
-        values = (*known_percentiles(of_model, (0.5, *levels)), *known_percentiles(of_new, levels))
-        columns |= {f"{name}_{band}": v for band, v in zip(BANDS, values, strict=True)}
+        values = known_percentiles(of(model), (0.5, *levels)), known_percentiles(of(new), levels)
+        columns |= {f"{name}_{band}": v for band, v in zip(BANDS, np.vstack(values), strict=True)}
     columns["share_without_equilibrium"] = np.isnan(model).mean(axis=0)
-    states = tube.stretches(columns["circumferential_stretch_median"])
-    specimen = with_free_sides(draws, posterior.specimen, posterior.law)
-    tested = prediction_range(draws, specimen, None, "total")
-    return pd.DataFrame({**columns, "extrapolation": tested.extrapolation(*states)})
+    state, _ = tube.wall(columns["circumferential_stretch_median"])
+    extrapolation = _extrapolation(posterior, draws, tube, state)
+    return pd.DataFrame({**columns, "extrapolation": extrapolation})

@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import with_free_side
+from biaxbayes.evenly import evenly_chosen, evenly_spaced
+from biaxbayes.mechanics.mounting import with_free_side
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.draws import (
@@ -23,7 +24,7 @@ from biaxbayes.prediction.draws import (
     protocol_mounting,
     with_free_sides,
 )
-from biaxbayes.prediction.percentiles import band_columns, evenly_chosen, evenly_spaced, tails
+from biaxbayes.prediction.percentiles import band_columns, tails
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.specimen import Specimen
 
@@ -163,7 +164,7 @@ def stretch_path(
     """
     rise = np.asarray(ratio, dtype=float)
     if not np.isfinite(rise).all() or np.abs(rise).max() == 0.0:
-        raise InputError(f"a stretch ratio of {rise[0]:g}:{rise[1]:g} moves nothing")
+        raise InputError(f"a stretch ratio of {rise[0]:g}:{rise[1]:g} stretches nothing")
     return 1.0 + np.linspace(0.0, largest - 1.0, points)[:, None] * rise / np.abs(rise).max()
 
 
@@ -172,7 +173,7 @@ def predict_stress(
     draws: pd.DataFrame,
     path: np.ndarray,
     *,
-    reference: str = "measured",
+    relative_to: str = "mounted",
     protocol: str | None = None,
     stress: str = "cauchy",
     strip: str | None = None,
@@ -186,7 +187,7 @@ def predict_stress(
         Posterior draws by the names of ``summary.csv``.
     path : ndarray, shape (m, 2)
         Stretches in x and y.
-    reference : {"measured", "total"}
+    relative_to : {"mounted", "unloaded"}
         Relative to the mounted or to the unloaded state.
     protocol : str, optional
         Whose mounted state measured stretches refer to, where each protocol has its own.
@@ -216,14 +217,14 @@ def predict_stress(
     free_sides = [] if strip is None else ["yx".index(strip)]
     if not (np.isfinite(path).all() and (path > 0.0).all()):
         raise InputError("stretches must be positive numbers")
-    if reference not in ("total", "measured") or stress not in ("cauchy", "piola"):
-        raise InputError("reference is total or measured, stress is cauchy or piola")
+    if relative_to not in ("unloaded", "mounted") or stress not in ("cauchy", "piola"):
+        raise InputError("relative_to is mounted or unloaded, stress is cauchy or piola")
     tails(probability)
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     forward = posterior.forward
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)
-    lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
-    factor = lm if reference == "measured" else np.ones_like(lm)
+    lm = prediction_mounting(draws, specimen, protocol, needed=relative_to == "mounted")
+    factor = lm if relative_to == "mounted" else np.ones_like(lm)
     material = forward.law.material(draws)
     for side in free_sides:
         few = evenly_chosen(len(draws), MEASURED_DRAWS)
@@ -233,7 +234,7 @@ def predict_stress(
         path = path.copy()
         path[:, side] = np.median(some[..., side] / factor[few, side, None], axis=0)
     # the misfit belongs to the measured stretches; its loads to a nominal stress by the section
-    measured = path if reference == "measured" else path / np.median(lm, axis=0)
+    measured = path if relative_to == "mounted" else path / np.median(lm, axis=0)
     tissue = Tissue(posterior, draws)
     section = forward.unloaded_section(draws, lm[:, None])
     misfit, misfit_sd, noise_sd = tissue.nominal_misfit(measured, section)
@@ -273,7 +274,7 @@ def predict_stress(
         "total_stretch_x": middle[:, 0],
         "total_stretch_y": middle[:, 1],
     }
-    where = prediction_range(draws, specimen, protocol, reference).extrapolation(*path.T)
+    where = prediction_range(draws, specimen, protocol, relative_to).extrapolation(*path.T)
     table = pd.concat(blocks, ignore_index=True)
     return pd.concat([pd.DataFrame(head), table, pd.DataFrame({"extrapolation": where})], axis=1)
 
@@ -287,7 +288,7 @@ def measured_stress(
     draws: pd.DataFrame,
     path: np.ndarray,
     *,
-    reference: str = "measured",
+    relative_to: str = "mounted",
     protocol: str | None = None,
     stress: str = "cauchy",
 ) -> pd.DataFrame:
@@ -299,7 +300,7 @@ def measured_stress(
     -------
     DataFrame
         One row per reading of a protocol that runs along the path, at most 200 of each:
-        ``protocol``, ``stretch_x`` and ``stretch_y`` in the chosen reference, and for each
+        ``protocol``, ``stretch_x`` and ``stretch_y`` relative to the chosen state, and for each
         direction medians over the draws such as ``cauchy_x_kPa`` and ``cauchy_x_kPa_residual``,
         the reading less that of the tissue, the law and its misfit, at the state it was taken at. A
         file's sections and the mounting stretch, which make a stress of a reading, are those of
@@ -308,12 +309,12 @@ def measured_stress(
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)
     specimen = specimen.as_compared(posterior.settings.mounting)
     if not specimen.experiment.is_mounted:
-        return pd.DataFrame()  # a pressure is no stress
+        return pd.DataFrame()  # a pressure is not a stress
     draws = draws.iloc[evenly_chosen(len(draws), MEASURED_DRAWS)]
     own = np.ones(2)
-    if reference == "measured":
+    if relative_to == "mounted":
         own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
-    covered = prediction_range(draws, specimen, protocol, reference)
+    covered = prediction_range(draws, specimen, protocol, relative_to)
     forward, tissue = posterior.forward, Tissue(posterior, draws)
     tables = []
     for i, p in enumerate(specimen.protocols):
@@ -354,7 +355,7 @@ def prediction_mounting(
         return mounting_stretch(draws)
     if protocol is None and needed:
         raise InputError(
-            "each protocol has a mounted state of its own, so a measured stretch needs one",
+            "each protocol has a mounted state of its own, so a measured stretch needs a protocol",
             remedy=f"name the protocol: {', '.join(labels)}",
         )
     if protocol is None:
@@ -367,11 +368,11 @@ def prediction_mounting(
 
 
 def prediction_range(
-    draws: pd.DataFrame, specimen: Specimen, protocol: str | None, reference: str
+    draws: pd.DataFrame, specimen: Specimen, protocol: str | None, relative_to: str
 ) -> CoveredStretches:
     """The tested range, in the stretches of the prediction."""
     own = np.ones(2)
-    if reference == "measured":
+    if relative_to == "mounted":
         # Other protocols' states, referred to the mounted state of this one.
         own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
     lms = [np.median(protocol_mounting(draws, p), axis=0) / own for p in specimen.protocols]

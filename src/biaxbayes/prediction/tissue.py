@@ -26,30 +26,25 @@ from biaxbayes.prediction.percentiles import percentiles
 class TissueLoads:
     """Loads at m states of stretch, in the unit of the specimen; shapes (draws, m, 2) or broadcast.
 
-    For each draw the tissue's load is normal about ``mean`` with ``sd``, and a reading of it has
-    the noise of the load cell besides.
+    For each draw the tissue's load is normal about ``mean`` with ``sd``, and a reading of it about
+    ``reading`` with ``reading_sd``: with friction and the noise of the load cell.
     """
 
     law: np.ndarray
     mean: np.ndarray
     sd: np.ndarray
-    noise_sd: np.ndarray
-
-    @property
-    def reading_sd(self) -> np.ndarray:
-        """Sd of a reading about the mean."""
-        return np.hypot(self.sd, self.noise_sd)
+    reading: np.ndarray
+    reading_sd: np.ndarray
 
     def percentiles(self, levels: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Percentiles (levels, m, 2) of the tissue's load, and of a new reading of it."""
         shape = self.mean.shape
-        flat = self.mean.reshape(shape[0], -1)
 
-        def over_draws(sd: np.ndarray) -> np.ndarray:
-            spread = np.broadcast_to(sd, shape).reshape(flat.shape)
+        def over_draws(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
+            flat, spread = (np.broadcast_to(v, shape).reshape(shape[0], -1) for v in (mean, sd))
             return percentiles(flat, spread, levels).reshape(-1, *shape[1:])
 
-        return over_draws(self.sd), over_draws(self.reading_sd)
+        return over_draws(self.mean, self.sd), over_draws(self.reading, self.reading_sd)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +70,8 @@ class Tissue:
             return np.nan_to_num(self.posterior.residuals(self.draws, self.piece))
 
     @cached_property
-    def _structures(self) -> np.ndarray:
-        """Structure, noise and amplitude of the misfit of each draw."""
+    def _terms(self) -> np.ndarray:
+        """The term of the misfit of each draw."""
         rng = np.random.default_rng(self.seed)
         return self._smooth.choose(self._residual, rng)
 
@@ -84,7 +79,7 @@ class Tissue:
     def noise_sd(self) -> np.ndarray:
         """Noise of a reading, (draws, 1, 2)."""
         if self.posterior.settings.has_misfit:
-            factors = self._smooth.noise_factors(self._structures)
+            factors = self._smooth.terms.noise[self._terms]
             return self._model.specimen.noise_sds * factors[:, None, None]
         name = name_of(NOISE_SD.name, self._model.labels.label)
         noise = self.draws[name].to_numpy(dtype=float)[:, None, None]
@@ -100,11 +95,13 @@ class Tissue:
         rows = np.arange(len(stretch)) if rows is None else rows
         name = self._model.specimen.protocols[protocol].name
         law = self.law(stretch[rows], name) + self._model.forward.offset(self.draws)
-        mean, sd = np.zeros((1, 1, 1)), np.zeros((1, 1, 1))
-        if self.posterior.settings.has_misfit:
-            points = self.posterior.paths_of_pieces[self.piece].tested(protocol, stretch)
-            mean, sd = self._misfit(points.take((2 * rows[:, None] + [0, 1]).ravel()))
-        return TissueLoads(law, law + mean, sd, self.noise_sd)
+        if not self.posterior.settings.has_misfit:
+            return TissueLoads(law, law, np.zeros((1, 1, 1)), law, self.noise_sd)
+        points = self.posterior.paths_of_pieces[self.piece].tested(protocol, stretch)
+        points = points.take((2 * rows[:, None] + [0, 1]).ravel())
+        mean, sd = self._misfit(points)
+        read, read_sd = self._misfit(points, friction=True)
+        return TissueLoads(law, law + mean, sd, law + read, np.hypot(read_sd, self.noise_sd))
 
     def law(self, stretch: np.ndarray, protocol: str = "") -> np.ndarray:
         """Loads of the law at measured stretches (m, 2), without the offset of the cell."""
@@ -144,6 +141,8 @@ class Tissue:
         ]
         return np.einsum("imk,dmi->dmk", by_reading, mean), spread[0], spread[1]
 
-    def _misfit(self, points: CurvePoints) -> tuple[np.ndarray, np.ndarray]:
-        mean, sd = self._smooth.given(self._residual, self._structures, points)
+    def _misfit(
+        self, points: CurvePoints, *, friction: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        mean, sd = self._smooth.given(self._residual, self._terms, points, friction=friction)
         return mean.reshape(len(mean), -1, 2), sd.reshape(len(sd), -1, 2)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from biaxbayes.errors import listed, printable
-from biaxbayes.identifiability.reported import row_lines
-from biaxbayes.identifiability.verdict import BOUNDED, COMBINATION, IDENTIFIED, NOT_IDENTIFIED
-from biaxbayes.model.priors import prior_text
-from biaxbayes.reports.templates import page_template
-from biaxbayes.reports.text import (
-    CONVERGENCE_TEXTS,
-    as_latex,
-    capital,
-    latex_tabular,
-    latex_text,
-    truncate,
+from biaxbayes.identifiability.verdict import (
+    BOUNDED,
+    COMBINATION,
+    IDENTIFIED,
+    MEASURED,
+    NOT_IDENTIFIED,
 )
+from biaxbayes.model.priors import prior_text
+from biaxbayes.report_table import latex_text, truncate
+from biaxbayes.reports.templates import page_template
+from biaxbayes.reports.text import CONVERGENCE_TEXTS, capital
 from biaxbayes.runs.run import Run
+from biaxbayes.text_files import MADE_HERE
 
 
 def methods(run: Run) -> str:
@@ -36,22 +36,27 @@ def prior_texts(run: Run) -> dict[str, str]:
 def results_paragraph(run: Run) -> str:
     """The reported table as a paragraph of plain text, with no other interval."""
     if run.state != "converged":
-        return "" if not run.result.rows else "The chains have not converged: no result to report."
+        return "The chains have not converged: no result to report." if run.result.reported else ""
     sentences = []
-    for row in run.result.rows:
+    for row in run.result.reported:
         name = f"{row.name} ({row.quantity.parameter.words})"
         if row.verdict == IDENTIFIED:
             sentences.append(
-                f"{name} was identified: {row.median} ({row.interval_with_unit}, 90 % interval)."
+                f"{name} was identified: {row.text} ({row.interval_with_unit}, 90 % interval)."
+            )
+        elif row.verdict == MEASURED:
+            sentences.append(
+                f"{name} was measured ({row.reason}): {row.text} ({row.interval_with_unit}, 90 % "
+                "interval)."
             )
         elif row.verdict == BOUNDED:
             sentences.append(f"{name} was bounded: {row.interval_with_unit} (95 % bound).")
         elif row.verdict == COMBINATION:
             sentences.append(
                 f"{name} was identified {row.verdict} with {listed(row.partners)}: "
-                f"{row.median} ({row.interval_with_unit}, 90 % interval)."
+                f"{row.text} ({row.interval_with_unit}, 90 % interval)."
             )
-    left = [row.name for row in run.result.rows if row.verdict == NOT_IDENTIFIED]
+    left = [row.name for row in run.result.reported if row.verdict == NOT_IDENTIFIED]
     if left:
         sentences.append(f"The test did not identify {listed(left)}.")
     sentences += [f"{capital(text)}." for text in run.result.pieces]
@@ -65,23 +70,18 @@ def latex_table(run: Run) -> str:
     caption = f"{name}: medians with 90\\,\\% intervals, or 95\\,\\% bounds."
     if run.state != "converged":
         caption += f" {latex_text(CONVERGENCE_TEXTS[run.state])}"
-    rows = []
-    for row in run.result.rows:
-        texts = (row.median, row.interval, row.unit, row.verdict, row.reason)
-        rows.append([as_latex(row.quantity), *(latex_text(t, 300) for t in texts)])
-    heads = ("Parameter", "Median", "Interval", "Unit", "Verdict", "Reason")
     footnotes = [
         f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in run.result.warnings
     ]
     return "\n".join(
         [
-            "% needs \\usepackage{booktabs}",
+            f"% {MADE_HERE}; needs \\usepackage{{booktabs}}",
             f"% Methods: {methods(run)}",
             f"% Results: {results_paragraph(run)}",
             "\\begin{table}",
             "  \\centering",
             f"  \\caption{{{caption}}}",
-            *(f"  {line}" for line in latex_tabular(heads, rows)),
+            *(f"  {line}" for line in run.result.table.latex()),
             *footnotes,
             "\\end{table}",
             "",
@@ -111,10 +111,11 @@ def closing_message(run: Run) -> str:
         lines.append(printable(truncate(grips["in_words"], 200)))
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
     lines += [printable(truncate(f["message"], 400)) for f in serious[:1]]
-    advice = "; ".join(filter(None, (result.low_information, result.advice)))
-    rest = [printable(text) for text in (*result.pieces, result.fit, advice) if text]
-    if not result.better_law:  # else no parameter is reported that could be used
-        rest += [printable(text) for text in result.warnings[:1]]
-    rest.append(f"report: {run.path}/report.html")
-    lines += row_lines(result.rows)
-    return "\n".join([*lines, *rest])
+    if known := result.known:
+        lines += ["", f"{known.label}: medians and 90 % intervals", *known.lines()]
+        lines += ["", "Parameters"]
+    lines += result.table.lines(heads=False)
+    rest = [*result.pieces, result.fit, *result.warnings[:1], result.low_information]
+    rest += [result.better_law, result.advice]
+    lines += [capital(printable(text)) for text in rest if text]
+    return "\n".join([*lines, f"report: {run.path}/report.html"])

@@ -5,73 +5,60 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from biaxbayes.comparison.compare import WARNING
-from biaxbayes.errors import listed, printable
-from biaxbayes.figures.population import study_figure
-from biaxbayes.figures.quantities import number
+from biaxbayes.errors import printable
+from biaxbayes.figures.groups import study_figure
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.identifiability.reported import COARSE_RATIO, DASH, quantile_texts
 from biaxbayes.identifiability.verdict import FIXED
-from biaxbayes.laws import all_parameters
-from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
-from biaxbayes.populations.text import three_digits
-from biaxbayes.reports.templates import Cell, Row, page_template, pictures
-from biaxbayes.reports.text import as_html, derived_text, truncate
-from biaxbayes.studies.groups import LEAST_DONORS, OPEN
-from biaxbayes.studies.result import StudyResult
-from biaxbayes.text_files import aligned, atomic_write_bytes, atomic_write_text, write_csv
+from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantity
+from biaxbayes.report_table import (
+    DASH,
+    Cell,
+    Column,
+    Row,
+    Table,
+    interval_texts,
+    three_digits,
+    truncate,
+    unit_text,
+)
+from biaxbayes.reports.answers import CHANCE, answers
+from biaxbayes.reports.page import (
+    Block,
+    Figure,
+    Heading,
+    Items,
+    Notice,
+    Page,
+    Section,
+    Sentence,
+    prose,
+)
+from biaxbayes.reports.templates import pictures
+from biaxbayes.reports.text import VERDICT_TERMS, derived_text, plural
+from biaxbayes.studies.groups import KNOWN_QUANTITIES, LEAST_DONORS, LOG, OPEN
+from biaxbayes.studies.study_result import StudyResult
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 FIGURE = "study-specimens"
-KNOWN_QUANTITIES = Quantities(all_parameters())
-"""Symbol, unit and range by the names in the tables of a study."""
+TOO_FEW = f"fewer than {LEAST_DONORS} converged specimens of a group: nothing to compare"
+TERMS = (
+    *("posterior", "prior", "median, 90 % interval", "mounting stretch", *VERDICT_TERMS),
+    *("converged, tentative, unusable", "structure tensor"),
+    *("tangent stiffness, small-strain stiffness", "mean", "sd between", "factor"),
+)
 
 
-def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> str:
-    """The page as HTML, with its files and their content: no scripts, no network.
-
-    The links lead to the reports of the runs.
-    """
-    states = result.states
-    assessed = [
-        q for q in KNOWN_QUANTITIES.assessed() if (result.table["quantity"] == q.name).any()
-    ]
-    columns: list[str | Markup] = ["Specimen, layer, donor"]
-    columns += [Markup.escape(truncate(name, 40)) for name in result.own_columns]
-    columns += ["State", *(Markup(">") + with_unit(q.name, q.unit) for q in assessed)]
-    return page_template("study.html.jinja").render(
-        name=truncate(result.name),
-        total=sum(states.values()),
-        converged=states.get("converged", 0),
-        states=[(k, v) for k, v in states.items() if k != "converged"],
-        failures=[(truncate(k), truncate(v, 300)) for k, v in result.failures.items()],
-        columns=columns,
-        specimens=_specimens(result, [q.name for q in assessed]),
-        figures=pictures(result.folder, (FIGURE,)),
-        groups=_groups(result.groups, "all" if result.own_columns else "layer"),
-        differences=[
-            (d, [(named(name), *cells) for name, *cells in d.rows])
-            for d in group_differences(result.group_contrasts)
-        ],
-        missed=[f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()],
-        files=files,
-        contrasts=_contrasts(result.contrasts),
-        warning=WARNING,
-        notes=[truncate(n, 400) for n in result.notes],
-    )
-
-
-def unit_text(text: object) -> str:
-    """A unit of a table as the page prints it."""
-    return {"deg": "°", "1": ""}.get(str(text), str(text))
+# --- the tables ----------------------------------------------------------------------------------
 
 
 def named(name: object) -> Quantity | str:
@@ -79,28 +66,39 @@ def named(name: object) -> Quantity | str:
     return KNOWN_QUANTITIES.get(str(name)) or derived_text(str(name))
 
 
-def with_unit(name: str, unit: object) -> Markup:
-    """A quantity with its unit in brackets."""
-    text = unit_text(unit)
-    return as_html(named(name)) + (Markup(" ({})").format(text) if text else Markup(""))
+QUANTITY = Column("quantity", "Quantity", format=lambda r: named(r["quantity"]))
+UNIT = Column("unit", "Unit", format=lambda r: unit_text(r["unit"]))
 
 
-def _specimens(result: StudyResult, names: list[str]) -> list[Row]:
-    """One row per specimen: columns of the study file, state, and the reported table."""
-    table = {(str(r["specimen"]), str(r["quantity"])): r for r in result.table.to_dict("records")}
-    rows: list[Row] = []
-    for s in result.specimens.to_dict("records"):
-        label, page = truncate(s["specimen"], 60), f"{s['folder']}/report.html"
+def specimens_table(result: StudyResult) -> Table:
+    """What the run of each specimen reports; its name leads to its own report."""
+    reported = {
+        (str(r["specimen"]), str(r["quantity"])): r for r in result.table.to_dict("records")
+    }
+
+    def label(r: Row) -> Cell:
+        text, page = truncate(r["specimen"], 60), f"{r['folder']}/report.html"
         if (result.folder / page).is_file():
-            label = Markup('<a href="{}">{}</a>').format(quote(page), label)
-        origin = ", ".join(truncate(s[k], 40) for k in ("layer", "donor") if s[k])
-        cells_of_specimen = [truncate(s[name], 40) for name in result.own_columns]
-        cells = [_cell(table.get((str(s["specimen"]), n))) for n in names]
-        rows.append(((label, origin), *cells_of_specimen, s["state"], *cells))
-    return rows
+            text = Markup('<a href="{}">{}</a>').format(quote(page), text)
+        return (text, ", ".join(truncate(r[k], 40) for k in ("layer", "donor") if r[k]))
+
+    def own(name: str, r: Row) -> Cell:
+        return truncate(r[name], 40)
+
+    def quantity(name: str, r: Row) -> Cell:
+        return _reported(reported.get((str(r["specimen"]), name)))
+
+    known = [q for q in KNOWN_QUANTITIES.assessed() if (result.table["quantity"] == q.name).any()]
+    columns = [
+        Column("specimen", "Specimen, layer, donor", format=label),
+        *(Column(n, truncate(n, 40), format=partial(own, n)) for n in result.own_columns),
+        Column("state", "State"),
+        *(Column(q.name, q, q.unit, partial(quantity, q.name), number=True) for q in known),
+    ]
+    return Table(columns, result.specimens, "Specimens")
 
 
-def _cell(row: dict[Any, Any] | None) -> Cell:
+def _reported(row: Row | None) -> Cell:
     """The median, the reported interval and the verdict."""
     if row is None:
         return DASH
@@ -110,42 +108,51 @@ def _cell(row: dict[Any, Any] | None) -> Cell:
     if interval in ("", DASH):
         return (DASH, verdict)
     parameter = KNOWN_QUANTITIES[str(row["quantity"])].parameter
-    median, _, _ = quantile_texts(row["q50"], row["q05"], row["q95"], parameter)
+    median, _, _ = interval_texts(row["q50"], row["q05"], row["q95"], parameter)
     return (median, interval, verdict)
 
 
-def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
-    """Tables of the groups, with the quantities that a specimen of the group identifies."""
+def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, str, Table]]:
+    """Each group with its specimens counted, and the properties of their tissue and test."""
+    columns = [
+        QUANTITY,
+        UNIT,
+        Column("converged", "Specimens", format="d", number=True),
+        Column("mean", "Mean", format=lambda r: _mean(r)[0], number=True, term=True),
+        Column("mean_low", "90 % interval", format=_mean_ends, number=True),
+        Column("lowest", "Range of medians", format=_range_of_medians, number=True),
+        Column("sd_between", "Sd between", format=_spread, number=True, term=True),
+    ]
     out = []
     for group, part in groups[groups["group_by"] == by].groupby("group", sort=False):
-        first = part.iloc[0]
-        rows = [
-            _group_row(r)
-            for r in part.to_dict("records")
-            if r["identified"] > 0 and _of_tissue(str(r["quantity"]))
-        ]
-        counts = {k: int(first[k]) for k in ("specimens", "converged")}
-        out.append({"name": truncate(group, 60), "rows": rows, **counts})
+        counts = f"{plural(int(part['specimens'].max()), 'specimen')}, "
+        counts += f"{part['converged'].max():.0f} converged"
+        shown = part[(part["converged"] > 0) & part["quantity"].map(_is_of_tissue)]
+        name = truncate(group, 60)
+        out.append((name, counts, Table(columns, shown, name)))
     return out
 
 
-def _group_row(r: dict[Any, Any]) -> Row:
-    low, centre, high = (float(r[k]) for k in ("lowest", "centre", "highest"))
-    log = low > 0.0 and high / low > COARSE_RATIO
-    mean, first, last = (number(v, low, high, log=log) for v in (centre, low, high))
+def _mean(r: Row) -> tuple[str, str, str]:
+    return interval_texts(r["mean"], r["mean_low"], r["mean_high"], log=True)
+
+
+def _mean_ends(r: Row) -> str:
+    return " to ".join(_mean(r)[1:])
+
+
+def _range_of_medians(r: Row) -> str:
+    return f"{three_digits(r['lowest'])} to {three_digits(r['highest'])}"
+
+
+def _spread(r: Row) -> str:
     between = float(r["sd_between"])
-    spread = f"factor {math.exp(between):.2f}" if r["scale"] == "log" else f"{between:.2g}"
-    return (
-        named(r["quantity"]),
-        unit_text(r["unit"]),
-        f"{r['identified']} of {r['converged']}",
-        mean,
-        f"{first} to {last}" if low < high else DASH,
-        DASH if math.isnan(between) else spread,
-    )
+    if math.isnan(between):
+        return DASH
+    return f"factor {math.exp(between):.2f}" if r["scale"] == LOG else f"{between:.2g}"
 
 
-def _of_tissue(name: str) -> bool:
+def _is_of_tissue(name: str) -> bool:
     """True for properties of the tissue, which groups are summarised in; not errors and loads."""
     quantity = KNOWN_QUANTITIES.get(name)
     return quantity is None or (
@@ -154,59 +161,146 @@ def _of_tissue(name: str) -> bool:
     )
 
 
-class GroupDifferences(NamedTuple):
-    """How group b differs from group a, as a table; ``without``: a sentence on what it lacks."""
+@dataclass(frozen=True)
+class GroupDifferences:
+    """How group b differs from group a: sentences, and a table."""
 
     a: str
     b: str
-    heads: list[str]
-    rows: list[tuple[str, ...]]
-    without: str
+    answers: list[str]
+    table: Table
+
+    @property
+    def heading(self) -> str:
+        """The groups that are compared."""
+        return f"{self.b} compared with {self.a}"
 
 
 def group_differences(contrasts: pd.DataFrame) -> list[GroupDifferences]:
-    """The contrasts of the groups of a study as text, the same on the page and in a terminal."""
+    """The contrasts of the groups of a study, the same on the page and in a terminal."""
     out = []
-    for (a, b), part in contrasts.groupby(["group_a", "group_b"], sort=False):
-        rows, others = [], []
-        for r in part.to_dict("records"):
-            name = str(r["quantity"])
-            if not isinstance(r["direction"], str):
-                others.append(derived_text(name))
-                continue
-            log = r["scale"] == "log"
-            low, high = (three_digits(r[f"difference_{end}"]) for end in ("low", "high"))
-            words = f"includes {1 if log else 0}" if r["direction"] == OPEN else r["direction"]
-            means = (f"{three_digits(r[f'mean_{k}'])} (n={r[f'donors_{k}']})" for k in "ab")
-            apart = f"{'ratio ' if log else ''}{three_digits(r['difference'])}"
-            unit = unit_text(r["unit"])
-            rows.append((name, unit, *means, apart, f"{low} to {high}", words))
-        a, b = truncate(a, 40), truncate(b, 40)
-        heads = ["Quantity", "Unit", f"Mean, {a}", f"Mean, {b}", "Difference", "90 % interval"]
-        without = f"Not identified in {LEAST_DONORS} donors of each group: {listed(others)}."
-        table = [*heads, f"In {b}"], rows, without if others else ""
-        out.append(GroupDifferences(a, b, *table))
+    for (first, second), part in contrasts.groupby(["group_a", "group_b"], sort=False):
+        a, b = truncate(first, 40), truncate(second, 40)
+        columns = [
+            QUANTITY,
+            UNIT,
+            Column("mean_a", f"Mean, {a}", format=partial(_mean_of, "a"), number=True),
+            Column("mean_b", f"Mean, {b}", format=partial(_mean_of, "b"), number=True),
+            Column("difference", "Difference", format=_difference, number=True),
+            Column("difference_low", "90 % interval", format=_difference_ends, number=True),
+            Column(
+                "detectable",
+                "Could show",
+                format=lambda r: three_digits(r["detectable"]),
+                number=True,
+            ),
+            Column("direction", f"In {b}", format=_direction),
+        ]
+        known = part[part["direction"].map(lambda text: isinstance(text, str))]
+        table = Table(columns, known, f"{b} compared with {a}")
+        out.append(GroupDifferences(a, b, answers(part.to_dict("records")), table))
     return out
 
 
-def _contrasts(contrasts: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
-    """Both layers and the rows of their differences."""
-    out = []
-    for (a, b), part in contrasts.groupby(["layer_a", "layer_b"], sort=False):
-        rows: list[Row] = []
-        for r in part.to_dict("records"):
-            head = (named(r["quantity"]), unit_text(r["unit"]))
-            counts = f"{r['identified']} of {r['pairs']}"
-            if r["identified"] == 0:
-                rows.append((*head, counts, DASH, DASH, DASH, DASH))
-                continue
-            low, mean, high = (float(r[f"{k}_difference"]) for k in ("lowest", "mean", "highest"))
-            middle, first, last = (number(v, low, high) for v in (mean, low, high))
-            ends = f"{first} to {last}" if low < high else DASH
-            signs = (str(r["b_greater"]), str(r["b_less"]))
-            rows.append((*head, counts, *signs, middle, ends))
-        out.append((truncate(a, 40), truncate(b, 40), rows))
-    return out
+def _mean_of(side: str, r: Row) -> str:
+    return f"{three_digits(r[f'mean_{side}'])} (n={r[f'donors_{side}']})"
+
+
+def _difference(r: Row) -> str:
+    return f"{'ratio ' if r['scale'] == LOG else ''}{three_digits(r['difference'])}"
+
+
+def _difference_ends(r: Row) -> str:
+    return f"{three_digits(r['difference_low'])} to {three_digits(r['difference_high'])}"
+
+
+def _direction(r: Row) -> str:
+    none = f"includes {1 if r['scale'] == LOG else 0}"
+    return none if r["direction"] == OPEN else str(r["direction"])
+
+
+# --- the page ------------------------------------------------------------------------------------
+
+
+def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> str:
+    """The page as HTML, with its files and their content: no scripts, no network.
+
+    The links lead to the reports of the runs.
+    """
+    specimens = prose(
+        "What the run of each specimen reports: the median, the 90 % interval or a 95 % bound, and "
+        "the [verdict]. The specimen's name leads to its report, with the reasons."
+    )
+    groups: list[Block] = []
+    for name, counts, table in group_tables(
+        result.groups, "all" if result.own_columns else "layer"
+    ):
+        groups += [Heading(name), Sentence(Markup.escape(counts), "soft")]
+        groups.append(table if table else Sentence("No specimen has converged.", "soft"))
+    if groups:
+        about = prose(
+            "Of all converged specimens, with their number. [Mean]: of the group, with its 90 % "
+            "interval. [Sd between]: spread of the specimens beyond the width of their own "
+            "intervals; a [factor] for stiffnesses and k2."
+        )
+        groups.insert(0, Sentence(about))
+    written = "".join(f"{name}: {content}. " for name, content in files)
+    runs = "runs: a run folder of every specimen with its own report."
+    total = sum(result.states.values())
+    terms = (*TERMS, "includes 0, includes 1") if len(result.group_contrasts) else TERMS
+    sections = [
+        Section("glance", "At a glance", _glance(result)),
+        Section("specimens", "Specimens", [Sentence(specimens), specimens_table(result)]),
+        Section("groups", "Groups", groups),
+        Section("files", "Files", [Sentence(written + runs)]),
+    ]
+    about_study = f"{plural(total, 'specimen')}: what their tests say of the parameters of a "
+    about_study += "material law and of the mounting stretches"
+    return Page("study", truncate(result.name), about_study, sections, terms).html()
+
+
+def _glance(result: StudyResult) -> list[Block]:
+    states, total = result.states, sum(result.states.values())
+    converged = states.get("converged", 0)
+    others = ", ".join(f"{n} {state}" for state, n in states.items() if state != "converged")
+    text = f"{others}: no verdict on their parameters, and no part in the summaries."
+    blocks: list[Block] = [
+        Notice(
+            "converged" if converged == total else "tentative" if converged else "unusable",
+            f"{converged} of {total} specimens have converged.",
+            [f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.failures.items()],
+            text if others else "",
+        )
+    ]
+    differences = group_differences(result.group_contrasts)
+    for d in differences:
+        blocks += [Heading(d.heading), Items(d.answers)]
+        too_few = "There are fewer than two converged specimens of a group: nothing to compare."
+        blocks.append(d.table if d.table else Sentence(too_few))
+    if differences:
+        about = prose(
+            "From the draws of every converged specimen, each donor once (n): one that knows "
+            "little of a quantity weighs little. A ratio where a quantity varies in ratios. "
+            f"[Includes 0 or 1]: no difference is shown. {CHANCE} For specimens pooled in one "
+            "model: `biaxbayes population` on this folder."
+        )
+        blocks.append(Sentence(about, "soft"))
+    missed = [f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()]
+    if missed:
+        blocks.append(Notice("tentative", "The law misses these specimens.", missed))
+    if result.notes:
+        notes = [truncate(n, 400) for n in result.notes]
+        blocks.append(Notice("tentative", "Before comparing.", notes))
+    if picture := pictures(result.folder, (FIGURE,)).get(FIGURE):
+        alt = "Medians and 90 % intervals of every specimen, one panel per quantity, ordered by "
+        caption = (
+            "Medians with 90 % intervals. Filled symbols: the run has converged. H is the share of "
+            "the fibres along each axis (structure tensor), c the stiffness at small strain; both "
+            "are often known although parameters are correlated."
+        )
+        alt += "group; the numbers are in the table below."
+        blocks.append(Figure(picture, alt, caption, "all specimens"))
+    return blocks
 
 
 # --- the files of a study: tables, figure and page -----------------------------------------------
@@ -217,8 +311,6 @@ FILES = {
     "table": ("study.csv", "one row per specimen and quantity"),
     "group_contrasts": ("study-group-contrasts.csv", "how the groups differ"),
     "groups": ("study-groups.csv", "summaries of layers, donors and groups"),
-    "contrasts": ("study-contrasts.csv", "layers of a donor compared, over all donors"),
-    "distances": ("study-distances.csv", "the same, donor by donor"),
 }
 """File and content of each table of a result."""
 
@@ -250,22 +342,14 @@ def write_study(result: StudyResult) -> list[Path]:
 
 
 def closing_message(result: StudyResult) -> str:
-    """One line per specimen, how groups differ, what the law misses, and where the numbers are."""
-    heads = ["specimen", "donor", "layer", *result.own_columns, "state"]
-    specimens = result.specimens.to_dict("records")
-    lines = aligned([heads, *([printable(str(s[k])) for k in heads] for s in specimens)])
+    """How groups differ, what the law misses, and where the numbers are."""
     counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
-    lines += ["", f"{len(result.specimens)} specimens: {counts}"]
+    lines = [f"{len(result.specimens)} specimens: {counts}"]
     for d in group_differences(result.group_contrasts):
-        a, b = printable(d.a), printable(d.b)
-        lines += ["", f"{b} compared with {a}"]
-        if d.rows:
-            table = [d.heads, *d.rows]
-            lines += aligned([[printable(cell) for cell in row] for row in table])
-        else:
-            lines.append("this study does not show whether they differ")
-        lines += [printable(d.without)] if d.without else []
+        lines += ["", f"{printable(d.b)} compared with {printable(d.a)}"]
+        lines += [f"  {printable(text)}" for text in d.answers or [TOO_FEW]]
     missed = [f"{printable(k)}: {printable(v)}" for k, v in result.missed.items()]
     lines += ["", *missed] if missed else []
+    lines += [f"note: {printable(note)}" for note in result.notes]
     lines.append(f"open {result.folder / 'study.html'}; all numbers are in study.csv beside it")
     return "\n".join(lines)

@@ -9,33 +9,27 @@ import base64
 import struct
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
-from markupsafe import Markup
 
 import biaxbayes
-from biaxbayes.parameters import Quantity
-from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, as_html, capital, truncate
-
-Cell: TypeAlias = str | Quantity | Markup | tuple[str | Markup, ...]
-"""A text, a quantity (its symbol), or a text with further ones in small print below."""
-Row: TypeAlias = tuple[Cell, ...]
-"""Cells of a row of a table; the first names it."""
+from biaxbayes.report_table import as_html, truncate
+from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, capital
 
 
 @cache
-def page_template(name: str) -> Template:
-    """The template of a file beside this one."""
+def page_template(name: str, package: str = "biaxbayes.reports") -> Template:
+    """The template of a file of a package."""
     environment = Environment(
-        loader=PackageLoader("biaxbayes.reports", "."),
+        loader=PackageLoader(package, "."),
         autoescape=lambda name: str(name).endswith("html.jinja"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"symbol": as_html, "cell": _cell}
-    environment.filters |= {"one_line": truncate, "capital": capital}
+    environment.filters |= {"cell": as_html, "one_line": truncate, "capital": capital}
+    environment.policies["json.dumps_kwargs"] = {}  # unsorted: Bokeh refers to what came before
     terms = list(GLOSSARY)
     environment.globals |= {
         "version": biaxbayes.__version__,
@@ -44,16 +38,6 @@ def page_template(name: str) -> Template:
         "verdict_terms": terms[terms.index("verdict") : terms.index("fixed") + 1],
     }
     return environment.get_template(name)
-
-
-def _cell(cell: Cell) -> str | Markup:
-    if isinstance(cell, Quantity):
-        return as_html(cell)
-    if isinstance(cell, tuple):
-        first, *others = cell
-        small = Markup("").join(Markup("<small>{}</small>").format(text) for text in others if text)
-        return Markup("{}").format(first) + small
-    return cell
 
 
 TOTAL_BYTES = 3_300_000

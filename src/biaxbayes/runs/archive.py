@@ -1,7 +1,4 @@
-"""posterior.nc: the draws as an xarray DataTree that ArviZ reads; the file is checked first.
-
-HDF5 can point to other files, keep data in them, loop, and claim more numbers than it holds.
-No run of this program does any of that.
+"""posterior.nc: the draws as an xarray DataTree that ArviZ reads.
 
 Chains are ensembles; within a chain the draws run walker after walker, each walker's steps in
 order, so that the autocorrelation that ArviZ sees is that of a walker.
@@ -9,71 +6,26 @@ order, so that the autocorrelation that ArviZ sees is that of a walker.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import RunError
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.model.piece import Piece
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.normal_errors import simulate
 from biaxbayes.parameters import name_of
-from biaxbayes.prediction.percentiles import evenly_chosen
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.sampling.sampler import Draws
-from biaxbayes.tasks import kept_warning_filters
+from biaxbayes.stored_data import netcdf_bytes, read_netcdf
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
-
-
-# --- looking at an HDF5 file before its data are read --------------------------------------------
-
-
-MAX_OBJECTS = 2_000
-MAX_BYTES_CLAIMED = 2_000_000_000
-MAX_COMPRESSION = 50
-"""Measured or drawn numbers are not compressed further."""
-
-
-class SuspiciousArchive(Exception):
-    """The file cannot be an archive of a run."""
-
-
-def check_archive(path: Path) -> None:
-    """Refuse an HDF5 file that links outside, loops, or claims more data than it can hold."""
-    most = min(MAX_BYTES_CLAIMED, MAX_COMPRESSION * path.stat().st_size)
-    seen: set[int] = set()
-    claimed = 0
-    with h5py.File(path, "r") as file:
-        waiting: list[h5py.Group] = [file]
-        while waiting:
-            group = waiting.pop()
-            for name in group:
-                if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                    raise SuspiciousArchive("it links to other data")
-                item = group[name]
-                address = h5py.h5o.get_info(item.id).addr
-                if address in seen:
-                    raise SuspiciousArchive("its groups loop")
-                seen.add(address)
-                if isinstance(item, h5py.Group):
-                    waiting.append(item)
-                elif isinstance(item, h5py.Dataset):
-                    if item.is_virtual or item.external:
-                        raise SuspiciousArchive("its data are in another file")
-                    claimed += int(item.size or 0) * int(item.dtype.itemsize)
-                if claimed > most or len(seen) > MAX_OBJECTS:
-                    raise SuspiciousArchive("it claims more data than it can hold")
-
-
-# --- posterior.nc: the draws as an xarray DataTree that ArviZ reads ------------------------------
 
 
 PREDICTIVE_DRAWS = 500
@@ -109,24 +61,7 @@ def write_archive(
     groups = _groups(posterior, draws, seed)
     for group in groups.values():
         group.attrs = attributes
-    whole = netcdf_bytes(groups, attributes)
-    try:
-        atomic_write_bytes(path, whole)
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
-
-
-def netcdf_bytes(groups: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]) -> bytes:
-    """Make a netCDF file in memory: on a full disk HDF5 can crash the process on closing."""
-    import h5netcdf
-    from xarray.backends import H5NetCDFStore  # takes half a second
-
-    whole = io.BytesIO()
-    with h5netcdf.File(whole, "w") as file:
-        file.attrs.update(attributes)
-        for name, group in groups.items():
-            group.dump_to_store(H5NetCDFStore(file, group=name, mode="a"))
-    return whole.getvalue()
+    atomic_write_bytes(path, netcdf_bytes(groups, attributes))
 
 
 def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Dataset]:
@@ -207,7 +142,7 @@ def _predictive(
     for i, p in enumerate(posterior.pieces[piece].rows.pieces[0].protocols):
         loads = tissue.tested(i, p.stretch, np.arange(p.rest_rows, p.rows))
         law.append(loads.law)
-        readings.append(simulate(loads.mean, loads.reading_sd, rng))
+        readings.append(simulate(loads.reading, loads.reading_sd, rng))
 
     def by_draw(parts: list[np.ndarray]) -> np.ndarray:
         return np.concatenate(parts, axis=1).reshape(chains, draws, -1, 2).astype(np.float32)
@@ -221,22 +156,11 @@ def _units(unit: str) -> dict[str, str]:
 
 def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
     """Read posterior.nc into memory; RunError if it is damaged or lacks one of the `parameters`."""
-    if not path.is_file():
-        raise RunError(f"{path}: no such file; is this a run folder?")
+    tree = read_netcdf(path)
     try:
-        import xarray as xr
-
-        check_archive(path)
-        with kept_warning_filters(), xr.open_datatree(path, engine="h5netcdf") as opened:
-            tree = opened.load()
         problem = _schema_error(tree["posterior"], tree["sample_stats"], parameters)
-    except SuspiciousArchive as error:
-        raise RunError(f"{path}: is not the posterior of a run ({error})") from None
-    except Exception as error:  # two libraries may raise whatever they like on foreign bytes
-        raise RunError(
-            f"{path}: cannot be read as a posterior ({type(error).__name__}); it is damaged or of "
-            "another program"
-        ) from None
+    except KeyError as error:
+        problem = f"no group {error}"
     if problem:
         raise RunError(f"{path}: is not the posterior of a run ({problem})")
     return tree

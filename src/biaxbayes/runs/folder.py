@@ -1,77 +1,58 @@
-"""The files of a run folder: written together, recorded, and read as untrusted input.
+"""The files of a run folder: written aside, put in place together, and read as untrusted input.
 
-Those of a population's folder are written in the same way.
+Folders of populations are written in the same way, and those of other work claimed and locked.
 
-Until the last file is written, what was in the folder before stays as it was. The folder with the
-new files is then renamed to a fixed name; from there on they are the run, and the next process
-finishes moving them if a crash got in between.
+The files of a run are written into a hidden folder in it. Renaming that folder to ``.ready`` makes
+them the run: they are then moved into place, by the next process if a crash got in between. The run
+folder itself is never exchanged: it may be a mount or a link, Windows renames no folder in which a
+file is open, and lock and checkpoints are in it.
 
-A run folder may come from a colleague or a download. Its provenance is data: types are checked,
-nothing in it is executed, and no name in it leads outside the folder.
+One rule says what is the user's. A file that the record of the run or the list ``.written`` names,
+and that is still as it was written, is the program's and goes with the draws; every other stays.
+
+A run folder may come from a colleague or a download. Its record is data: types are checked, nothing
+in it is executed, and no name in it leads outside the folder.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import os
-import re
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import BiaxbayesError, InputError, RunError
 from biaxbayes.file_lock import folder_lock
-from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, FIGURE_FORMATS, PLOTS, REPORTS
 from biaxbayes.progress_bar import OnProgress, Progress, no_progress
 from biaxbayes.runs.checkpoint import NAMES as CHECKPOINTS
-from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
+from biaxbayes.stored_data import json_text, read_json, read_object
+from biaxbayes.text_files import WRITTEN, atomic_write_text, sync_folder
 
-PROVENANCE = "provenance.json"
-"""Moved last: with it the folder is a finished run."""
-POPULATION = "population.json"
-"""The same of a population."""
-KINDS = {PROVENANCE: "run", POPULATION: "population"}
-EVIDENCE = "evidence"
-"""Sub-folder of a run: the tables behind the reported result."""
-STUDY, RUNS = "study.json", "runs"
-"""The record of a study's folder, and where its runs are."""
+PROVENANCE, POPULATION, STUDY = "provenance.json", "population.json", "study.json"
+KINDS = {
+    PROVENANCE: "run",
+    POPULATION: "population",
+    STUDY: "study",
+    "calibration.json": "calibration",
+    "laws.json": "comparison of laws",
+}
+"""Kinds of work by the record of its folder; that of a run or population is moved last."""
+RUNS = "runs"
+"""Where the runs of a study are in its folder."""
 WRITING, READY = ".writing-", ".ready"
-CARDS = "cards"
-CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD_UNITS)})")
-"""Folders of material cards in a run."""
-OUTPUTS = (
-    *("prediction", "inflation", "ledger", "design", "profile", "grips"),
-    *("population-forest", "population-pairs", "new-specimen-bands"),
-)
-"""Stems of tables with a figure."""
-EXPORTS = (
-    *("profile-intervals", "report", "report-stresses", "identifiability", "law-fits"),
-    *("determined", "same-curves", "misfit"),
-)
-RECORDS = ("results", "profile-provenance")
-DERIVED = re.compile(
-    rf"({'|'.join((*OUTPUTS, *EXPORTS))})\.csv|({'|'.join(RECORDS)})\.json|README\.txt"
-    rf"|({'|'.join((*OUTPUTS, *PLOTS.values()))})(-.+mm)?\.({'|'.join(FIGURE_FORMATS)})"
-    rf"|{'|'.join(map(re.escape, REPORTS.values()))}"
-)
-"""Files derived from the draws of their folder, stale once the draws change."""
-PLAIN_NAME = re.compile(rf"({EVIDENCE}/)?[^./\\][^/\\]*")
-TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
-"""Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
 
 
 # --- who writes into a folder ---------------------------------------------------------------------
 
 
 @contextlib.contextmanager
-def claim_folder(
-    folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
-) -> Iterator[None]:
-    """Make and lock a folder that is new, or holds one of `records` or nothing but `own` names."""
+def claim_folder(folder: Path, record: str, own: Collection[str] = ()) -> Iterator[None]:
+    """Make and lock a folder that is new, holds work of its kind, or nothing but `own` names."""
+    records = {record, *(CHECKPOINTS if record in (PROVENANCE, POPULATION) else ())}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
@@ -80,17 +61,22 @@ def claim_folder(
             f"{folder}: cannot be used ({error.strerror}); choose another `out`"
         ) from None
     if names.difference(own) and not names.intersection(records):
-        raise RunError(f"{folder}: is a folder that is not {kind}; choose another `out`")
+        kind = KINDS[record]
+        raise RunError(f"{folder}: is not a {kind} folder; choose another `out`")
     with folder_lock(folder):
-        clear_leftovers(folder)
+        for path in folder.glob(f"{WRITING}*"):  # of a killed process
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+        for path in folder.glob(".*.tmp"):
+            with contextlib.suppress(OSError):
+                path.unlink()
         yield
 
 
 @contextlib.contextmanager
 def lock_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> Iterator[None]:
-    """Claim and lock the folder of a run or population, and finish what a crash interrupted."""
-    records = [*CHECKPOINTS, *([record] if is_finished(folder, record) else [])]
-    with claim_folder(folder, records, f"a {KINDS[record]}'s"):
+    """Claim the folder of a run or population, and finish what a crash interrupted."""
+    with claim_folder(folder, record):
         finish_moving(folder, record)
         refuse_finished(folder, record, resume=resume, overwrite=overwrite)
         yield
@@ -99,31 +85,52 @@ def lock_folder(folder: Path, record: str, *, resume: bool, overwrite: bool) -> 
 def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:
     """Refuse to overwrite a finished run without `overwrite`, or a checkpoint and `resume`."""
     continued = resume and any((folder / name).exists() for name in CHECKPOINTS)
-    if is_finished(folder, record) and not (continued or overwrite):
+    if (folder / record).exists() and not (continued or overwrite):
         raise RunError(
             f"{folder}: holds a finished {KINDS[record]}; choose another `out`, or replace it with "
             "`overwrite=True`"
         )
 
 
-# --- files written to a staging folder, then moved into place together --------------------------
+def refuse_other_work(folder: Path, record: str, identity: Any, *, resume: bool) -> None:
+    """Refuse a folder that holds a calibration, say, without `resume`, or another one with it."""
+    if not (folder / record).exists():
+        return
+    if not resume:
+        raise RunError(
+            f"{folder}: already holds a {KINDS[record]}; choose another `out`, or continue it with "
+            "`resume=True`"
+        )
+    if read_object(folder / record).get("identity") != identity:
+        raise RunError(
+            f"{folder}: holds another {KINDS[record]} (specimen, options, seed or version differ); "
+            "choose another `out`"
+        )
+
+
+# --- files written aside, then moved into place together -----------------------------------------
 
 
 @contextlib.contextmanager
 def staged(
-    folder: Path, record: str = PROVENANCE, progress: OnProgress = no_progress
+    folder: Path,
+    record: str = PROVENANCE,
+    progress: OnProgress = no_progress,
+    *,
+    resumable: bool = True,
 ) -> Iterator[Path]:
     """Yield a fresh folder for the files of a run, which then replace the old ones together.
 
-    On failure the old files are untouched. `record` lists the others and is moved last. Files that
-    were derived from the previous run are removed, and named to `progress`.
+    The caller has locked `folder`. On failure the old files are untouched. `record` lists the
+    others and is moved last. What went with the draws of the previous run is named to `progress`.
     """
-    remains = "what was there before is untouched, and `resume=True` continues"
+    continues = ", and `resume=True` continues" if resumable else ""
+    remains = f"what was there before is untouched{continues}"
     try:
         staging = Path(tempfile.mkdtemp(prefix=WRITING, dir=folder))
         try:
             yield staging
-            for path in _files(staging):
+            for path in _files(staging).values():
                 with path.open("r+b") as handle:  # Windows syncs only what can be written
                     os.fsync(handle.fileno())
             sync_folder(staging)
@@ -141,100 +148,62 @@ def staged(
     except OSError as error:
         raise RunError(
             f"{folder}: cannot be written ({error.strerror or error}); check space and "
-            f"permissions; {remains}"
+            f"permissions, and close programs that show its files; {remains}"
         ) from None
 
 
+@contextlib.contextmanager
+def updated(folder: Path, record: dict[str, Any]) -> Iterator[Path]:
+    """Yield a fresh folder for some files of a finished run, which replace theirs together."""
+    with folder_lock(folder), staged(folder, resumable=False) as staging:
+        yield staging
+        record = record | {"files": _listed(record) | manifest(staging)}
+        atomic_write_text(staging / PROVENANCE, json_text(record))
+
+
+SAME_DRAWS = ("specimen_sha256", "settings", "seed", "identity")
+"""Entries of a record that say which draws it is of; a continued run has the same."""
+
+
 def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
-    """Move staged files into place, also after a crash; return the derived files removed."""
+    """Move staged files into place, also after a crash; return what went with the old draws."""
     ready = folder / READY
     if ready.is_symlink() or not ready.is_dir():
         return []
-    listed, before = _read_manifest(ready / record), _read_manifest(folder / record)
-    for name, digest in before.items():
-        # A file of the previous run that this one does not have; files of the user stay.
-        if listed and name not in listed and _digest(folder / name) == digest:
-            (folder / name).unlink(missing_ok=True)
-    # values that distinguish the draws of two records; a continued run has the same
-    old, new = (_record(path / record) for path in (folder, ready))
-    keys = ("specimen_sha256", "settings", "seed", "identity")
-    others_draws = "biaxbayes" in old and any(old.get(k) != new.get(k) for k in keys)
-    waiting = _files(ready)
-    removed = []
-    if listed and others_draws:
-        current = {*listed, *before, *(_name(p, ready) for p in waiting)}
-        removed = _remove_derived(folder, current)
-    if any(p.parent != ready for p in waiting):
-        if (folder / EVIDENCE).is_symlink():
-            (folder / EVIDENCE).unlink()
-        (folder / EVIDENCE).mkdir(exist_ok=True)
-    for path in sorted(waiting, key=lambda p: p.name == record):
-        path.replace(folder / _name(path, ready))
+    old, new = read_object(folder / record), read_object(ready / record)
+    waiting, kept = _files(ready), _listed(new)
+    removed: list[str] = []
+    if kept:
+        for name, digest in _listed(old).items():
+            if name not in kept:
+                _remove(folder, name, digest)
+        if old and any(old.get(key) != new.get(key) for key in SAME_DRAWS):
+            written = {k: v for k, v in _written(folder).items() if k not in (*kept, *_listed(old))}
+            gone = [name for name, digest in written.items() if _remove(folder, name, digest)]
+            removed = list(dict.fromkeys(name.partition("/")[0] for name in gone))
+            (folder / WRITTEN).unlink(missing_ok=True)
+    for name in sorted(waiting, key=lambda name: name == record):
+        parent = (folder / name).parent
+        if parent != folder and parent.is_symlink():
+            parent.unlink()
+        parent.mkdir(parents=True, exist_ok=True)
+        waiting[name].replace(folder / name)
+    if not (folder / WRITTEN).is_symlink():
+        (folder / WRITTEN).touch()
     sync_folder(folder)
     shutil.rmtree(ready, ignore_errors=True)
     return removed
 
 
-def _files(folder: Path) -> list[Path]:
-    """Files of a run folder and its sub-folder evidence; no links."""
-    evidence = folder / EVIDENCE
-    inner = evidence.iterdir() if evidence.is_dir() and not evidence.is_symlink() else ()
-    paths = (*folder.iterdir(), *inner)
-    return sorted(p for p in paths if p.is_file() and not p.is_symlink())
+def manifest(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file in a folder except the provenance and hidden ones."""
+    return {name: _digest(path) for name, path in _files(folder).items() if name != PROVENANCE}
 
 
-def _name(path: Path, folder: Path) -> str:
-    """Name of a file in a manifest, as ``evidence/law-fits.csv``."""
-    return path.relative_to(folder).as_posix()
-
-
-def _remove_derived(folder: Path, current: set[str]) -> list[str]:
-    """Remove files derived from the previous draws; files that the user added stay."""
-    removed = []
-    cards = [p for p in folder.iterdir() if p.is_dir()]
-    for path in sorted([*_files(folder), *cards]):
-        if path.is_symlink() or _name(path, folder) in current:
-            continue
-        if path.is_file() and DERIVED.fullmatch(path.name):
-            path.unlink()
-        elif path.is_dir() and CARDS_FOLDER.fullmatch(path.name):
-            shutil.rmtree(path)
-        else:
-            continue
-        removed.append(_name(path, folder))
-    return removed
-
-
-def clear_leftovers(folder: Path) -> None:
-    """Remove half-written files of a killed process; the caller has locked the folder."""
-    for path in folder.glob(f"{WRITING}*"):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-    for path in folder.iterdir():
-        if TEMPORARY.fullmatch(path.name):
-            with contextlib.suppress(OSError):
-                path.unlink()
-
-
-def manifest(folder: Path, *, without: Sequence[str] = ()) -> dict[str, str]:
-    """SHA-256 of every file in a folder except the provenance."""
-    left = (PROVENANCE, *without)
-    names = [_name(p, folder) for p in _files(folder)]
-    return {name: _digest(folder / name) for name in names if name not in left}
-
-
-def refresh_manifest(folder: Path, record: dict[str, Any], names: Sequence[str]) -> None:
-    """Write the provenance of a run again, with new digests of some files."""
-    files = record.get("files")
-    if isinstance(files, dict):
-        digests = {name: _digest(folder / name) for name in names if (folder / name).exists()}
-        new = record | {"files": dict(sorted((files | digests).items()))}
-        atomic_write_text(folder / PROVENANCE, record_text(new))
-
-
-def record_text(record: Any) -> str:
-    """A record as JSON text."""
-    return json.dumps(record, indent=2, ensure_ascii=False, allow_nan=True, default=str) + "\n"
+def _files(folder: Path) -> dict[str, Path]:
+    """Files of a folder and its sub-folders by name, as ``evidence/law-fits.csv``; no links."""
+    paths = {p.relative_to(folder).as_posix(): p for p in sorted(folder.rglob("[!.]*"))}
+    return {name: p for name, p in paths.items() if p.is_file() and not p.is_symlink()}
 
 
 def _digest(path: Path) -> str:
@@ -247,76 +216,90 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def is_finished(folder: Path, record: str) -> bool:
-    """True if a folder holds the file that is written last: of a run, or of a population."""
-    return "biaxbayes" in _record(folder / record)
+def _listed(record: dict[str, Any]) -> dict[str, str]:
+    """Files that a record lists, with their digests."""
+    files = record.get("files")
+    return files if isinstance(files, dict) else {}
 
 
-def stored_identity(path: Path) -> Any:
-    """Entry ``identity`` of a record: what its folder holds results of; None if unreadable."""
-    return _record(path).get("identity")
-
-
-def _read_manifest(path: Path) -> dict[str, str]:
-    """Files that a provenance lists, of the folder and its evidence; empty if unreadable."""
-    files = _record(path).get("files")
-    if not isinstance(files, dict):
+def _written(folder: Path) -> dict[str, str]:
+    """Files that verbs wrote into a run folder, with their digests."""
+    path = folder / WRITTEN
+    if path.is_symlink() or not path.is_file():
         return {}
-    return {name: digest for name, digest in files.items() if digest and PLAIN_NAME.fullmatch(name)}
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 
 
-def _record(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(read_bytes(path))
-    except (BiaxbayesError, ValueError, RecursionError):
-        return {}
-    return record if isinstance(record, dict) else {}
+def _remove(folder: Path, name: str, digest: object) -> bool:
+    """Remove a file that is still as this program wrote it; no name leads outside the folder."""
+    parts = name.split("/")
+    hidden = any(not part.strip(". ") or part.startswith(".") for part in parts)
+    parents = [folder.joinpath(*parts[:k]) for k in range(len(parts) - 1, 0, -1)]
+    if hidden or any(ch in name for ch in "\\:\0") or any(p.is_symlink() for p in parents):
+        return False
+    if not digest or _digest(folder / name) != digest:
+        return False
+    (folder / name).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # a folder that is not empty
+        for parent in parents:
+            parent.rmdir()
+    return True
 
 
 # --- files of a run folder, read as untrusted input -----------------------------------------------
 
 
-MAX_RECORD_BYTES = 50_000_000
-
-
-def read_json(folder: Path, name: str) -> Any:
-    """Read a JSON file of a run folder; RunError if it is missing, leads outside or is not JSON."""
-    path = _inside(folder, name)
-    if not path.exists():
-        raise RunError(
-            f"{path}: no such file; the run is not finished, continue it with `resume=True`"
-        )
+def open_folder(folder: Path, record: str) -> None:
+    """Finish what a crash interrupted; RunError if it is no such folder."""
+    kind = KINDS[record]
+    make = f"make one with 'biaxbayes {'sample' if record == PROVENANCE else kind}'"
     try:
-        return json.loads(read_bytes(path, limit=MAX_RECORD_BYTES), parse_int=_whole)
+        if not os.path.lexists(folder):
+            raise RunError(f"{folder}: does not exist; {make}")
+        found = [name for name in KINDS if (folder / name).is_file()] if folder.is_dir() else []
+        if found and record not in found:
+            remedy = make
+            if record == PROVENANCE and found[0] == STUDY:
+                remedy = f"give one of the runs in {folder / RUNS}"
+            elif record == PROVENANCE and found[0] == POPULATION:
+                remedy = "give a run of its study, or export cards of a group with `population`"
+            raise RunError(f"{folder}: is a {KINDS[found[0]]}'s folder, not a {kind}'s; {remedy}")
+        names = (record, READY, *CHECKPOINTS)
+        if not any((folder / name).exists() for name in names):
+            raise RunError(f"{folder}: is not a {kind} folder (it has no {record}); {make}")
+        if (folder / READY).is_dir():
+            # A crash came between two renames of finished files: nothing is missing.
+            with folder_lock(folder):
+                finish_moving(folder, record)
+        if not inside(folder, record).exists():
+            problem = f"no such file; the {kind} is not finished, continue it with `resume=True`"
+            raise RunError(f"{folder / record}: {problem}")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RunError(f"{folder}: cannot be opened ({reason})") from None
+
+
+def read_run_json(path: Path) -> Any:
+    """Values of a JSON file of a run; RunError if it is not JSON."""
+    try:
+        return read_json(path)
     except InputError as error:
-        raise RunError(f"{path}: {error.problem}") from None
-    except (ValueError, RecursionError):
-        raise RunError(
-            f"{path}: is damaged (not JSON); sample again, or continue with `resume=True`"
-        ) from None
-
-
-def _whole(text: str) -> int:
-    """An integer of 64 bits; printing a longer one can fail."""
-    value = int(text)
-    if abs(value) >= 2**63:
-        raise ValueError("too large")
-    return value
+        remedy = "copy the folder again, or sample again"
+        raise RunError(f"{path}: {error.problem}; {remedy}") from None
 
 
 def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
     """Path of a file of a run; RunError if it is missing, leads outside or was changed."""
-    path = _inside(folder, name)
+    path = inside(folder, name)
     if not path.is_file():
         raise RunError(f"{path}: no such file; was the run folder copied completely?")
-    listed = record.get("files")
-    if not isinstance(listed, dict):
+    if not isinstance(record.get("files"), dict):
         return path  # of a run that is being written
-    wanted = listed.get(name)
     digest = _digest(path.resolve())
     if not digest:
         raise RunError(f"{path}: cannot be read; check its permissions")
-    if digest != wanted:
+    if digest != record["files"].get(name):
         raise RunError(
             f"{path}: is not the file that the run wrote (damaged or changed); copy the folder "
             "again, or sample again"
@@ -324,31 +307,18 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
     return path
 
 
-def _inside(folder: Path, name: str) -> Path:
+def inside(folder: Path, name: str) -> Path:
+    """Path of a name in a folder; RunError if it is a link that leads outside."""
     path = folder / name
     try:
         outside = path.is_symlink() and not path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError):  # a loop of links
         outside = True
     if outside:
-        raise RunError(f"{path}: is a link that leads outside the run folder; copy the file there")
+        raise RunError(f"{path}: is a link that leads outside the run folder; remove it")
     return path
 
 
 def piece_files(count: int) -> list[str]:
     """Files of the pieces of a tissue in a run folder."""
     return ["specimen.csv", *(f"piece-{i}.csv" for i in range(2, count + 1))]
-
-
-def other_kind(folder: Path) -> str:
-    """Message for the folder of a population or study given as a run; empty for others."""
-    if (folder / PROVENANCE).exists():
-        return ""
-    if (folder / POPULATION).is_file():
-        return (
-            "is a population's folder, not a run's; give one of the runs of its study, or export "
-            "cards of a group with `population`"
-        )
-    if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
-        return f"is a study's folder, not a run's; give one of the runs in {folder / RUNS}"
-    return ""

@@ -6,18 +6,21 @@ import contextlib
 import hashlib
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, RunError
+from biaxbayes.evenly import evenly_chosen
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.priors import parse_priors, prior_value
 from biaxbayes.options import Settings
-from biaxbayes.prediction.percentiles import evenly_chosen
-from biaxbayes.runs.folder import PROVENANCE, read_json
+from biaxbayes.runs.folder import PROVENANCE, read_run_json
 from biaxbayes.sampling.convergence import STATES
 
 if TYPE_CHECKING:
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
     from biaxbayes.specimens.specimen import Specimen
 
 
-FORMAT = 2
+FORMAT = 3
 """Of run folders; those of another one are refused."""
 LIBRARIES = ("numpy", "scipy", "numba", "emcee", "h5netcdf", "matplotlib")
 
@@ -37,7 +40,7 @@ def specimen_digest(specimen: Specimen) -> str:
     digest = hashlib.sha256()
     for value in (
         specimen.test,
-        specimen.stress_pair,
+        specimen.loads,
         specimen.geometry,
         specimen.edge_x_mm,
         specimen.edge_y_mm,
@@ -65,11 +68,11 @@ def settings_table(posterior: Posterior) -> dict[str, Any]:
 def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     """Keyword arguments of :class:`Posterior` from a stored settings table."""
     priors = table.get("priors", {})
-    thin = table.get("thin")
+    max_rows = table.get("max_rows")
     known = set(table) <= set(Settings.__dataclass_fields__)
-    if not (known and isinstance(priors, dict) and isinstance(thin, int) and thin >= 0):
+    if not (known and isinstance(priors, dict) and isinstance(max_rows, int) and max_rows >= 0):
         raise RunError("the settings are not those of a run")
-    return table | {"thin": thin, "priors": parse_priors(priors, law=stored_law(table))}
+    return table | {"max_rows": max_rows, "priors": parse_priors(priors, law=stored_law(table))}
 
 
 def stored_law(table: Mapping[str, Any]) -> Law:
@@ -114,8 +117,8 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             * int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
             "readings_compared": len(posterior.readings.weight) - posterior.readings.mounting_count,
             "load_noise": specimen.noise_sd,
-            "misfit": _misfit_amplitude(posterior, draws),
         },
+        "misfit": _misfit(posterior, draws),
         "seed": plan.seed,
         "sampler": {
             "ensembles": plan.ensembles,
@@ -141,18 +144,33 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
     }
 
 
-AMPLITUDE_DRAWS = 500
+MISFIT_FOUND = ("amplitude", "toe", "friction")
+MISFIT_DRAWS = 400
 
 
-def _misfit_amplitude(posterior: Posterior, draws: Draws) -> float | None:
-    """Mean relative amplitude of the smooth misfit; None with independent errors."""
+def _misfit(posterior: Posterior, draws: Draws) -> dict[str, Any]:
+    """The terms of the smooth misfit that were summed, and its posterior in the first piece."""
+    out: dict[str, Any] = {"terms": [], "of": [], "left_out": 0.0}
+    out |= dict.fromkeys(MISFIT_FOUND)
     if not posterior.settings.has_misfit:
-        return None
+        return out
     flat = {name: v.ravel() for name, v in draws.quantities.items()}
-    count = len(flat["lp"])
-    rows = evenly_chosen(count, AMPLITUDE_DRAWS)
-    residual = posterior.residuals({name: v[rows] for name, v in flat.items()}, piece=0)
-    return posterior.misfit.amplitude(residual)
+    rows = evenly_chosen(len(flat["lp"]), MISFIT_DRAWS)
+    chosen = {name: v[rows] for name, v in flat.items()}
+    for i, misfit in enumerate(posterior.misfits):
+        every, residual = replace(misfit, chosen=None), posterior.residuals(chosen, i)
+        share = every.shares(residual)
+        summed = np.arange(share.shape[1]) if misfit.chosen is None else misfit.chosen
+        out["terms"].append(summed.tolist())
+        out["of"].append(share.shape[1])
+        left_out = float((1.0 - share[:, summed].sum(axis=1)).max())
+        out["left_out"] = max(out["left_out"], left_out)
+        if i == 0:
+            mean = share.mean(axis=0)
+            out["amplitude"] = float(mean @ every.terms.amplitude)
+            out["toe"] = float(mean @ every.terms.toe)
+            out["friction"] = float(mean @ (every.terms.friction > 0.0))  # its probability
+    return out
 
 
 @cache
@@ -179,7 +197,9 @@ REQUIRED_ENTRIES: dict[str, Any] = {
     "pieces": list,
     "settings": dict,
     "seed": int,
-    "noise": {"readings": NUMBER, "load_noise": NUMBER, "misfit": OPTIONAL_NUMBER},
+    "noise": {"readings": NUMBER, "load_noise": NUMBER},
+    "misfit": {"terms": list, "of": list, "left_out": NUMBER}
+    | dict.fromkeys(MISFIT_FOUND, OPTIONAL_NUMBER),
     "sampler": {"message": str, "acceptance": NUMBER}
     | dict.fromkeys(("ensembles", "walkers", "steps"), int),
     "convergence": {"state": str, "reason": str}
@@ -199,7 +219,7 @@ OPTIONAL_ENTRIES = {
 
 def read_record(folder: Path) -> dict[str, Any]:
     """Read and check the provenance of a run folder."""
-    record = read_json(folder, PROVENANCE)
+    record = read_run_json(folder / PROVENANCE)
     if isinstance(record, dict) and "biaxbayes" in record and record.get("format") != FORMAT:
         raise RunError(f"{folder}: made by an earlier version: sample again")
     wrong = _schema_error(record, REQUIRED_ENTRIES) or _schema_error(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -13,22 +12,19 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import RunError
-from biaxbayes.file_lock import folder_lock
-from biaxbayes.fitting.result import FitResult, fit_from_record
+from biaxbayes.fitting.fit_result import FitResult, fit_from_record
 from biaxbayes.laws.law import Law
+from biaxbayes.model.misfit import Terms
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities
 from biaxbayes.prediction.percentiles import quantiles
-from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import quantity_name, read_archive
 from biaxbayes.runs.folder import (
     PROVENANCE,
-    READY,
-    finish_moving,
-    other_kind,
+    open_folder,
     piece_files,
-    read_json,
+    read_run_json,
     trusted_path,
 )
 from biaxbayes.runs.provenance import parse_options, read_record, stored_law
@@ -43,7 +39,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from biaxbayes.identifiability.identify import Identifiability
-    from biaxbayes.runs.result import RunResult
+    from biaxbayes.runs.run_result import RunResult
 
 
 # --- summary.csv: ArviZ's summary of the draws ---------------------------------------------------
@@ -88,7 +84,6 @@ def summarise(
 # --- the run -------------------------------------------------------------------------------------
 
 MAX_FINDINGS, MAX_FINDING_LENGTH = 8, 400
-MAKE_RUN = "make a run folder with 'biaxbayes sample'"
 
 
 @dataclass(frozen=True)
@@ -165,16 +160,15 @@ class Run:
     @cached_property
     def result(self) -> RunResult:
         """The result, from ``results.json``."""
-        from biaxbayes.runs.result import RESULTS, result_from_record
+        from biaxbayes.runs.run_result import RESULTS, result_from_record
 
         path = trusted_path(self.path, RESULTS, self.provenance)
-        record = read_json(self.path, RESULTS)
-        return result_from_record(record, self.law, self.quantities, path)
+        return result_from_record(read_run_json(path), self.law, self.quantities, path)
 
     def analyse(self) -> tuple[RunResult, Identifiability]:
         """The result, and the verdicts with their densities, computed from the draws."""
         from biaxbayes.identifiability.identify import identify_run
-        from biaxbayes.runs.result import run_result
+        from biaxbayes.runs.run_result import run_result
 
         posterior = self.posterior()
         missing = [name for name in posterior.parameter_names if name not in self.draws]
@@ -210,7 +204,7 @@ class Run:
     @cached_property
     def fit(self) -> list[dict[str, Any]]:
         """The deterministic fit that the run started from."""
-        return read_json(self.path, "fit.json")
+        return read_run_json(trusted_path(self.path, "fit.json", self.provenance))
 
     @property
     def state(self) -> str:
@@ -238,6 +232,7 @@ class Run:
             self.specimen,
             **parse_options(self.provenance["settings"]),
             misfit_fit=self._stored_fit(),
+            terms=self._stored_terms() or None,
         )
 
     def _stored_fit(self) -> FitResult:
@@ -249,6 +244,18 @@ class Run:
             raise RunError(
                 f"{self.path / 'fit.json'}: is not the fit of this run ({error})"
             ) from None
+
+    def _stored_terms(self) -> list[np.ndarray]:
+        """The terms of the smooth misfit that the run summed, by piece."""
+        stored = self.provenance["misfit"]["terms"]
+        pieces = self.specimen.pieces if self.settings.has_misfit else ()
+        counts = [len(Terms.every(len(p.protocols), self.settings.toe).toe) for p in pieces]
+        if len(stored) != len(counts) or not all(
+            isinstance(own, list) and own and all(type(i) is int and 0 <= i < n for i in own)
+            for own, n in zip(stored, counts, strict=True)
+        ):
+            raise RunError(f"{self.path / PROVENANCE}: is not the record of a run (misfit: terms)")
+        return [np.array(own) for own in stored]
 
     def _repr_html_(self) -> str:
         """State and reported table for notebooks."""
@@ -265,24 +272,5 @@ def open_run(path: str | Path) -> Run:
         If the folder is not a finished run.
     """
     path = as_path(path, "run")
-    try:
-        if not os.path.lexists(path):
-            raise RunError(f"{path}: does not exist; {MAKE_RUN}")
-        if not path.is_dir():
-            raise RunError(f"{path}: is not a run folder; {MAKE_RUN}")
-        other = other_kind(path)
-        if other:
-            raise RunError(f"{path}: {other}")
-        if not any((path / name).exists() for name in (PROVENANCE, READY, *checkpoint.NAMES)):
-            raise RunError(
-                f"{path}: is not a run folder (it holds no {PROVENANCE}); name one that "
-                "'biaxbayes sample' wrote"
-            )
-        if (path / READY).is_dir():
-            # A crash came between two renames of finished files: nothing is missing.
-            with folder_lock(path):
-                finish_moving(path)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise RunError(f"{path}: cannot be opened ({reason})") from None
+    open_folder(path, PROVENANCE)
     return Run(path, read_record(path))

@@ -95,8 +95,8 @@ class Checkpoint:
 
     Attributes
     ----------
-    constants : mapping of str to float
-        Coordinate constants of the target.
+    constants : mapping
+        Constants of the target.
     proposal : MixtureProposal
         The frozen proposal of the independence move.
     members : list of dict
@@ -108,7 +108,7 @@ class Checkpoint:
         The target's counts so far, search and warm-up included.
     """
 
-    constants: Mapping[str, float]
+    constants: Mapping[str, Any]
     proposal: MixtureProposal
     members: list[dict[str, Any]]
     chain: np.ndarray

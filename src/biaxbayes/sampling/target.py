@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -45,8 +46,8 @@ class Target:
         of zero density, by reason.
     reasons : tuple of str
         Names of the reasons of a zero density.
-    constants : mapping of str to float
-        Constants of the coordinates, which are stored with the state of a run so that it can be
+    constants : mapping
+        Constants of the density, which are stored with the state of a run so that it can be
         continued.
     """
 
@@ -56,7 +57,7 @@ class Target:
     skip_diagnostics: tuple[str, ...] = ()
     counts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     reasons: tuple[str, ...] = ()
-    constants: Mapping[str, float] = field(default_factory=dict)
+    constants: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:

@@ -39,23 +39,25 @@ class AveragedSpecimen:
     weight: tuple[float, ...]  # rows of the record per row left, by protocol
 
 
-def rows_to_keep(specimen: Specimen, thin: int | str, *, automatic: bool) -> int:
+def rows_to_keep(specimen: Specimen, max_rows: int | str, *, automatic: bool) -> int:
     """Maximum number of rows per protocol; 0 keeps all. ``auto``: 100 if a protocol has over 200.
 
     `automatic` is False if readings are independent: then their number matters.
     """
-    if thin == "auto":
+    if max_rows == "auto":
         longest = max(p.rows - p.rest_rows for p in specimen.protocols)
         return AUTO_ROWS if automatic and longest > AUTO_ABOVE else 0
-    if thin == "none":
+    if max_rows == "none":
         return 0
     try:
-        rows = int(thin)
+        rows = int(max_rows)
     except (TypeError, ValueError):
-        raise InputError(f"cannot thin to {thin!r}", remedy="a number, none or auto") from None
+        raise InputError(
+            f"cannot average to {max_rows!r} rows", remedy="a number, none or auto"
+        ) from None
     if rows and rows < MIN_ROWS:
         raise InputError(
-            f"thinning to {rows} rows per protocol leaves no curve",
+            f"{rows} rows per protocol leave no curve",
             remedy=f"{MIN_ROWS} or more, or none",
         )
     return rows
@@ -85,8 +87,9 @@ def average_rows(specimen: Specimen, rows: int) -> AveragedSpecimen:
                 sums = np.add.reduceat(after, starts)
                 means[key] = np.concatenate([rest, sums / np.diff([*starts, count])])
         protocols.append(replace(protocol, **means))
-    averaged = replace(specimen, protocols=tuple(protocols))
-    return AveragedSpecimen(averaged, tuple(scatter), tuple(weight))
+    if any(mean is not p for mean, p in zip(protocols, specimen.protocols, strict=True)):
+        specimen = replace(specimen, protocols=tuple(protocols))
+    return AveragedSpecimen(specimen, tuple(scatter), tuple(weight))
 
 
 def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:

@@ -20,6 +20,8 @@ SIDES = ("stretch in x", "stretch in y", "load in x", "load in y")
 """Curves of a record."""
 STILL = 0.05
 """Step over the largest of the steps near it, up to which a stretch stands still."""
+GOES_ON = 0.15
+"""The same of a load, from which it goes on."""
 NEAR_ROWS = 21
 """Rows that are near each other."""
 REPEATED = 0.3
@@ -67,17 +69,22 @@ def reversal(path: np.ndarray) -> int | None:
     return near + int(np.argmax(path[near : near + 3]))
 
 
-def repeats(stretch: np.ndarray, rest: int) -> bool:
-    """True if a stretch that moves stands still in many rows after those at rest.
+def repeats(stretch: np.ndarray, load: np.ndarray, rest: int) -> bool:
+    """True if a stretch stands still in many rows after those at rest, while the load goes on.
 
-    It stands still where a step is a small fraction of the largest step near it: steps of noise
-    or of another speed are not.
+    It stands still where a step is a small fraction of the largest step near it, and that of the
+    load is not: steps of noise, of another speed or of uneven sampling are not.
     """
     extent = np.ptp(stretch, axis=0)
-    steps = np.abs(np.diff(stretch[max(rest - 1, 0) :], axis=0))[:, extent > MOVES * extent.max()]
-    if not len(steps):
+    moves = extent > MOVES * extent.max()
+    share = [
+        step / np.maximum(maximum_filter1d(step, NEAR_ROWS, axis=0), 1e-300)
+        for curves in (stretch[:, moves], load)
+        for step in [np.abs(np.diff(curves[max(rest - 1, 0) :], axis=0))]
+    ]
+    if not len(share[0]):
         return False
-    still = steps <= STILL * maximum_filter1d(steps, NEAR_ROWS, axis=0)
+    still = (share[0] <= STILL) & (share[1].max(axis=1, keepdims=True) > GOES_ON)
     return bool(still.mean(axis=0).max(initial=0.0) > REPEATED)
 
 

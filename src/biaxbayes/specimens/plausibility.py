@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from biaxbayes.mechanics.experiments import N_PER_KPA_MM2
-from biaxbayes.specimens.protocol import LOAD_ROWS, ReadingError
+from biaxbayes.errors import ReadingError
+from biaxbayes.mechanics.mounting import N_PER_KPA_MM2
+from biaxbayes.specimens.protocol import LOAD_ROWS
 from biaxbayes.specimens.specimen import Specimen
 
 STRESS_LIMIT_KPA = 5_000.0
@@ -27,9 +28,11 @@ STRIPS = (
 def check_readings(specimen: Specimen) -> None:
     """Refuse stretches that never change, impossible loads, and noise above every load."""
     protocols, axes = specimen.protocols, specimen.experiment.axes
-    # a tube may be inflated at one length, or stretched at one diameter
+    # without a mounted state one direction may be held, as a tube at one length
     for key in (f"stretch_{'xy'[k]}" for k in axes if specimen.experiment.is_mounted):
-        if all(np.ptp(getattr(p, key)) == 0.0 for p in protocols):
+        k = "xy".index(key[-1])
+        # protocols may hold it at levels of a common reference
+        if np.ptp(np.concatenate([p.known_stretch[:, k] for p in protocols])) == 0.0:
             name = protocols[0].name
             remedy = "at least one protocol has to stretch this direction"
             problem = "the stretch never changes"
@@ -54,19 +57,12 @@ def check_readings(specimen: Specimen) -> None:
     for k in axes:
         _check_loads(specimen, k)
     noise, unit = specimen.load_noise, specimen.unit
-    of_unit = specimen.experiment.same_unit(0)
+    of_unit = specimen.same_unit(0)
     peak = max(float(np.abs(p.recorded_load[:, of_unit]).max()) for p in protocols)
     if noise is not None and noise > peak:
         problem = f"load_noise_{unit} of {noise:g} exceeds every load of the record (at most "
         remedy = f"give the standard deviation of one reading in {unit}"
         raise ReadingError(f"{problem}{peak:.4g})", argument="load_noise", remedy=remedy)
-
-
-def check_varies(load: np.ndarray, *, argument: str, protocol: str) -> None:
-    """Refuse loads that are all equal."""
-    if np.all(load == load[0]):
-        problem = f"every value is {load[0]:g}" if load[0] else "every value is zero"
-        raise ReadingError(problem, argument=argument, index=0, protocol=protocol, remedy=STRIPS)
 
 
 def _check_loads(specimen: Specimen, k: int) -> None:
@@ -76,16 +72,17 @@ def _check_loads(specimen: Specimen, k: int) -> None:
     p = max(specimen.protocols, key=lambda p: float(np.abs(getattr(p, key)).max()))
     load = getattr(p, key)
     if np.ptp(np.concatenate([getattr(p, key) for p in specimen.protocols])) == 0.0:
-        check_varies(load, argument=key, protocol=p.name)
+        problem = f"every value is {load[0]:g}" if load[0] else "every value is zero"
+        raise ReadingError(problem, argument=key, index=0, protocol=p.name, remedy=STRIPS)
     if np.ptp(load) == 0.0:
         return
     row = int(np.argmax(np.abs(load)))
     peak = abs(float(load[row]))
     section_mm2 = float(specimen.area[k]) / N_PER_KPA_MM2
+    of_wall = specimen.experiment.stresses(p.stretch, specimen.load(p))
     stress = peak / float(specimen.area[k])
-    stresses = specimen.experiment.stresses(p.stretch, specimen.load(p))
-    if stresses is not None and stresses[:, k].any():
-        stress = float(np.abs(stresses[:, k]).max())
+    if of_wall is not None and of_wall[:, k].any():
+        stress = float(np.abs(of_wall[:, k]).max())
     limit = float(specimen.metadata.get("stress_limit_kPa", STRESS_LIMIT_KPA))
     problem = remedy = ""
     if stress < STRESS_FLOOR_KPA:
@@ -98,7 +95,7 @@ def _check_loads(specimen: Specimen, k: int) -> None:
             f"if the values are in {FINER[unit]}, divide them by 1000; "
             f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
         )
-        if specimen.stress_pair == "force" and section_mm2 < SMALL_SECTION_MM2:
+        if specimen.unit == "N" and section_mm2 < SMALL_SECTION_MM2:
             remedy = f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are "
             remedy += "in metres, multiply them by 1000"
         elif stress > OUTLIER * limit:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import STRETCH_RANGE
+from biaxbayes.errors import ReadingError
+from biaxbayes.experiments.experiment import STRETCH_RANGE
 
 REST_FRACTION = 0.25
 """Rows count as at rest while they stay within this fraction of the mean increment."""
@@ -23,41 +23,6 @@ STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
 TIME_LIMIT_S = 1e9
 
 
-class ReadingError(InputError):
-    """A value of an argument of :class:`Protocol` or :class:`Specimen` that cannot be used.
-
-    ``index`` is that of the value in its array, from 0.
-    """
-
-    def __init__(
-        self,
-        fault: str,
-        *,
-        argument: str,
-        index: int | None = None,
-        protocol: str | None = None,
-        remedy: str | None = None,
-    ) -> None:
-        self.fault, self.argument, self.index, self.protocol = fault, argument, index, protocol
-        location = argument if index is None else f"{argument}[{index}] (row {index + 1})"
-        where = None if protocol is None else f"protocol {protocol[:40]!r}"
-        # a fault such as "rest_rows must be ..." already names its argument
-        text = fault if fault.startswith(argument) else f"{location}: {fault}"
-        super().__init__(text, file=where, remedy=remedy)
-
-    def at(
-        self, file: object, lines: Sequence[int] | np.ndarray, columns: Mapping[str, str]
-    ) -> InputError:
-        """The same error in a file, by the lines of the array and the columns of the arguments."""
-        return InputError(
-            self.fault,
-            file=file,
-            row=None if self.index is None else int(lines[self.index]),
-            column=columns.get(self.argument),
-            remedy=self.remedy,
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class Protocol:
     """One loading path, as recorded.
@@ -70,7 +35,7 @@ class Protocol:
         their value at rest where that is not one (see its ``reference``). All NaN across a strip
         whose width was not measured.
     load_x, load_y : array_like, shape (n,)
-        The stress pair: N, or kPa (Piola or Cauchy); zero across a strip.
+        In N or kPa, as the test reads them; zero across a strip.
     time_s : array_like, shape (n,), optional
     rest_rows : int, optional
         Leading rows recorded at the mounted state; by default from :func:`rest_rows`.
@@ -164,7 +129,7 @@ class Protocol:
 
     @property
     def recorded_load(self) -> np.ndarray:
-        """The stress pair as recorded, in x and y, shape (rows, 2)."""
+        """Loads as recorded, in x and y, shape (rows, 2)."""
         return np.column_stack([self.load_x, self.load_y])
 
     @property
@@ -191,18 +156,18 @@ class Protocol:
     def __repr__(self) -> str:
         return f"Protocol({self.name!r}, {self.rows} rows)"
 
-    def divided_by(self, reference: Iterable[float], stress_pair: str) -> Protocol:
+    def divided_by(self, reference: Iterable[float], *, loads_too: bool) -> Protocol:
         """The same path with stretches relative to a state of the given (measured) stretches.
 
-        A Cauchy stress is divided as well: the lab multiplied the nominal stress by its own
-        stretch, and the nominal stress must stay what it was.
+        Loads as well where they are Cauchy stresses: the lab multiplied the nominal stress by its
+        own stretch, and the nominal stress must stay what it was.
         """
         x, y = (1.0 if np.isnan(value) else float(value) for value in reference)
         # Rounding leaves the mean of rows at rest within a few units in the last place of one;
         # dividing again would change what was written.
         if abs(x - 1.0) <= 1e-12 and abs(y - 1.0) <= 1e-12:
             return self
-        by = (x, y) if stress_pair == "cauchy" else (1.0, 1.0)
+        by = (x, y) if loads_too else (1.0, 1.0)
         return replace(
             self,
             stretch_x=self.stretch_x / x,
@@ -211,6 +176,10 @@ class Protocol:
             load_y=self.load_y / by[1],
             reference=(self.reference[0] * x, self.reference[1] * y),
         )
+
+    def divided_by_rest(self, *, loads_too: bool) -> Protocol:
+        """The same path relative to the mean of its rows at rest."""
+        return self.divided_by(np.mean(self.stretch[: self.rest_rows], axis=0), loads_too=loads_too)
 
     def at_rows(self, rows: slice | np.ndarray) -> Protocol:
         """The same path at some of its rows, without their times."""

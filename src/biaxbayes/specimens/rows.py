@@ -27,18 +27,21 @@ class MeasuredRows:
     piece_of_state: np.ndarray  # (m,)
     mounting_load: np.ndarray  # (m, 2)
     mounting_sd: np.ndarray  # (m, 2)
+    # (m, 2), mean and sd of the mounting stretches that the headers give; NaN for the others
+    measured_mounting: np.ndarray
+    measured_mounting_sd: np.ndarray
 
     @classmethod
     def from_specimen(
-        cls, specimen: Specimen, *, shared: bool, mounting: str = "", thin: int = 0
+        cls, specimen: Specimen, *, shared: bool, mounting: str = "", max_rows: int = 0
     ) -> MeasuredRows:
         """Rows of a tissue with one mounted state for all protocols of a piece, or one each.
 
-        As a mounting mode compares them, and averaged to at most ``thin`` rows of a protocol.
+        As a mounting mode compares them, and averaged to at most ``max_rows`` rows of a protocol.
         """
         recorded = [piece.as_compared(mounting) for piece in specimen.pieces]
         loads, sds = zip(*(p.mounting_readings(shared=shared) for p in recorded), strict=True)
-        averaged = [average_rows(piece, thin) for piece in recorded]
+        averaged = [average_rows(piece, max_rows) for piece in recorded]
         of_rows: list[tuple[Any, ...]] = []
         states: list[int] = []
         for i, part in enumerate(averaged):
@@ -51,13 +54,17 @@ class MeasuredRows:
                 load = part.specimen.load(p)
                 of_rows.append((p.stretch, load, at_rest, protocol, weights, scatters))
                 states.append(i if shared else len(states))
+        counts = [len(load) for load in loads]
+        known = np.repeat([p.measured_mounting for p in specimen.pieces], counts, axis=0)
         return cls(
             tuple(part.specimen for part in averaged),
             **dict(zip(OF_ROWS, map(np.concatenate, zip(*of_rows, strict=True)), strict=True)),
             state_of_protocol=np.array(states),
-            piece_of_state=np.repeat(np.arange(len(loads)), [len(load) for load in loads]),
+            piece_of_state=np.repeat(np.arange(len(loads)), counts),
             mounting_load=np.concatenate(loads),
             mounting_sd=np.concatenate(sds),
+            measured_mounting=known[:, 0],
+            measured_mounting_sd=known[:, 1],
         )
 
     @property

@@ -9,29 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import TESTS, Experiment, Tube, experiment_of, newtons_per_kPa
-from biaxbayes.parameters import Parameter, PieceLabels, Quantities
+from biaxbayes.errors import InputError, ReadingError
+from biaxbayes.experiments import BIAXIAL, EXPERIMENTS, Experiment
+from biaxbayes.experiments.experiment import DIMENSIONS, Loads
+from biaxbayes.experiments.sheet import REFERENCES
+from biaxbayes.mechanics.mounting import newtons_per_kPa
+from biaxbayes.parameters import Parameter, PieceLabels, Quantities, mounting_names
 from biaxbayes.specimens.keys import (
-    DIMENSIONS,
     GEOMETRIES,
     METADATA_KEYS,
     NO_GRIPS,
-    NOT_OF_TUBES,
-    REFERENCES,
-    TUBE_KEYS,
     checked_value,
-    needed_with_forces,
+    keys_of_others,
+    measured_stretch,
 )
-from biaxbayes.specimens.protocol import CURVES, Protocol, ReadingError
+from biaxbayes.specimens.protocol import CURVES, Protocol
 
-STRESS_PAIRS = {
-    "force": ("force_x_N", "force_y_N"),
-    "piola": ("piola_x_kPa", "piola_y_kPa"),
-    "cauchy": ("cauchy_x_kPa", "cauchy_y_kPa"),
-    "tube": ("pressure_kPa", "axial_force_N"),
-}
-"""Load columns of a file by stress pair, the quantity that they hold."""
 ASSUMED_RESOLUTION = 1e-6
 """Resolution over the peak load that every load cell is assumed to have (20 bit); smaller residuals
 are rounding."""
@@ -47,13 +40,11 @@ class Specimen:
     ----------
     name : str
     protocols : sequence of Protocol
-    stress_pair : {"force", "piola", "cauchy", "tube"}
-        Quantity of ``load_x`` and ``load_y`` of the protocols; of a tube the pressure (kPa) and the
-        axial force (N), all zero where it was not read.
-    test : {"biaxial", "strip x", "strip y", "tube"}, optional
-        Kind of test: a square pulled in both directions, a strip pulled in one, or a pressurised
-        tube, whose stretches are those of its outer diameter and of its length, relative to the
-        unloaded tube.
+    loads : str
+        What ``load_x`` and ``load_y`` of the protocols are: ``force``, ``piola`` or ``cauchy`` of a
+        sheet, ``pressure`` of a tube. All zero in a direction that was not read.
+    test : str, optional
+        Kind of test, a key of :data:`biaxbayes.experiments.EXPERIMENTS`.
     geometry : {"unloaded", "mounted"}
         The state that dimensions, and any stress in the file, refer to.
     edge_x_mm, edge_y_mm, thickness_mm : float, optional
@@ -83,7 +74,7 @@ class Specimen:
 
     name: str
     protocols: tuple[Protocol, ...]
-    stress_pair: str
+    loads: str
     geometry: str = "unloaded"
     edge_x_mm: float | None = None
     edge_y_mm: float | None = None
@@ -95,29 +86,33 @@ class Specimen:
     reference: str | None = None
     metadata: Mapping[str, float | str] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), compare=False)
-    test: str = "biaxial"
+    test: str = BIAXIAL.name
     further: tuple[Specimen, ...] = ()
 
     def __post_init__(self) -> None:
         for argument, choices in (
-            ("stress_pair", tuple(STRESS_PAIRS)),
+            ("test", tuple(EXPERIMENTS)),
             ("geometry", GEOMETRIES),
             ("reference", (*REFERENCES, None)),
-            ("test", TESTS),
         ):
-            value = getattr(self, argument)
-            if value not in choices:
-                problem = f"{argument} {str(value)[:40]!r} is not one of the choices"
-                remedy = f"use one of {', '.join(filter(None, choices))}"
-                raise ReadingError(problem, argument=argument, remedy=remedy)
+            _check_choice(argument, getattr(self, argument), choices)
+        test = EXPERIMENTS[self.test]
+        _check_choice("loads", self.loads, tuple(test.loads))
         for argument in DIMENSIONS:
             value = getattr(self, argument)
             if value is not None:
                 object.__setattr__(self, argument, _checked(argument, value))
-            elif self.stress_pair == "force" and argument in needed_with_forces(self.test):
-                problem = "is needed with forces"
-                raise ReadingError(problem, argument=argument, remedy="give it in mm")
-        self._check_keys_of_test()
+        for key in test.needed(self.loads):
+            if getattr(self, key, self.metadata.get(key)) is None:
+                problem = f"is needed with {test.loads[self.loads].words}"
+                raise ReadingError(problem, argument=key, remedy="give it in mm")
+        for key in keys_of_others(test):
+            if key in self.metadata or getattr(self, key, None) is not None:
+                problem = f"{key} does not belong to a {self.test} test"
+                raise ReadingError(problem, argument=key, remedy="leave it out")
+        if not test.is_mounted and self.geometry != "unloaded":
+            problem = f"dimensions of a {self.test} are those of the unloaded one"
+            raise ReadingError(problem, argument="geometry", remedy="leave it out")
         if self.load_noise is not None:
             try:
                 noise = float(self.load_noise)
@@ -135,10 +130,16 @@ class Specimen:
                 raise ReadingError(problem, argument="metadata", remedy=remedy)
         metadata = {key: _checked(key, value) for key, value in self.metadata.items()}
         object.__setattr__(self, "metadata", metadata)
+        body = [f"physiological_stretch_{axis}" for axis in "xy"]
+        given = [key for key in body if key in metadata]
+        if len(given) == 1:
+            raise ReadingError(
+                "one of the two physiological stretches is missing",
+                argument=given[0],
+                remedy=f"give {' and '.join(body)}",
+            )
         object.__setattr__(self, "protocols", self._referenced_protocols())
-        self._check_directions()
-        if isinstance(tube := self.experiment, Tube):
-            self._check_wall(tube)
+        self.experiment.check(self.header, self.protocols)
         names = [piece.name for piece in self.pieces]
         for name in names:
             if names.count(name) > 1:
@@ -147,75 +148,6 @@ class Specimen:
                     argument="further",
                     remedy="give each a name of its own (# specimen: ...)",
                 )
-
-    def _check_keys_of_test(self) -> None:
-        """Refuse what a tube does not have, and what only a tube has."""
-        is_tube = self.test == "tube"
-        if is_tube != (self.stress_pair == "tube"):
-            raise ReadingError(
-                f"a {self.test.split()[0]} test does not read {self.stress_pair}",
-                argument="stress_pair",
-                remedy="'tube', pressure and axial force, goes with the test 'tube'",
-            )
-        for key in NOT_OF_TUBES if is_tube else TUBE_KEYS:
-            if key in self.metadata or getattr(self, key, None) is not None:
-                problem = f"{key} does not belong to a {self.test.split()[0]} test"
-                raise ReadingError(problem, argument=key, remedy="leave it out")
-        if not is_tube:
-            return
-        if self.geometry != "unloaded":
-            problem = "dimensions of a tube are those of the unloaded tube"
-            raise ReadingError(problem, argument="geometry", remedy="leave it out")
-        for key in ("unloaded_outer_diameter_mm", "thickness_mm"):
-            if getattr(self, key, self.metadata.get(key)) is None:
-                raise ReadingError(f"a tube needs {key}", argument=key, remedy="give it in mm")
-        if {"opening_angle_fung_deg", "missing_sector_deg"} <= set(self.metadata):
-            raise ReadingError(
-                "the opening angle is given twice",
-                argument="missing_sector_deg",
-                remedy="keep opening_angle_fung_deg or missing_sector_deg",
-            )
-
-    def _check_wall(self, tube: Tube) -> None:
-        """Refuse a tube without a lumen."""
-        if not tube.sector[0] > 0.0 or not tube.thickness_mm < tube.outer_radius_mm:
-            raise ReadingError(
-                f"a wall of {tube.thickness_mm:g} mm leaves no lumen in an outer diameter of "
-                f"{2.0 * tube.outer_radius_mm:g} mm",
-                argument="thickness_mm",
-                remedy="both are those of the unloaded tube, in mm",
-            )
-        for p in self.protocols:
-            for index in np.flatnonzero(np.isnan(tube.radii(p.stretch)[0])):
-                raise ReadingError(
-                    f"there is no lumen: at {2.0 * tube.outer_radius_mm * p.stretch_x[index]:.4g} "
-                    f"mm and an axial stretch of {p.stretch_y[index]:.4g} the wall fills the "
-                    "outer diameter",
-                    argument="stretch_x",
-                    index=int(index),
-                    protocol=p.name,
-                    remedy="check this row, and thickness and diameter of the unloaded tube",
-                )
-
-    def _check_directions(self) -> None:
-        """Refuse stretches that are missing, or loads across a strip."""
-        side = self.experiment.free_side
-        for p in self.protocols:
-            for k, axis in enumerate("xy"):
-                if k == side and p.recorded_load[:, k].any():
-                    raise ReadingError(
-                        f"a strip carries no load across it, and load_{axis} is not zero",
-                        argument=f"load_{axis}",
-                        protocol=p.name,
-                        remedy="leave it out, or state '# test: biaxial'",
-                    )
-                if k != side and np.isnan(p.stretch[0, k]):
-                    raise ReadingError(
-                        "is missing",
-                        argument=f"stretch_{axis}",
-                        protocol=p.name,
-                        remedy="measure it, or state '# test: strip x' (or y) for a strip",
-                    )
 
     def _referenced_protocols(self) -> tuple[Protocol, ...]:
         """The protocols with stretches relative to the mounted state, and their rows there."""
@@ -228,7 +160,8 @@ class Specimen:
             raise ReadingError(
                 "is missing in some protocols", argument="time_s", remedy="give it in all or none"
             )
-        if not self.experiment.is_mounted:
+        test = EXPERIMENTS[self.test]
+        if not test.is_mounted:
             return tuple(replace(p, rest_rows=0) for p in protocols)
         if self.reference == "common":
             protocols = tuple(p.with_common_reference() for p in protocols)
@@ -247,37 +180,43 @@ class Specimen:
                 problem = "rest_rows must be at least 1 where each protocol has its own reference"
                 remedy = "count its first row, or state '# reference: common'"
                 raise ReadingError(problem, argument="rest_rows", protocol=p.name, remedy=remedy)
-        return tuple(
-            p.divided_by(np.mean(p.stretch[: p.rest_rows], axis=0), self.stress_pair)
-            for p in protocols
-        )
+        loads_too = test.loads[self.loads].times_stretch
+        return tuple(p.divided_by_rest(loads_too=loads_too) for p in protocols)
 
     def __hash__(self) -> int:
-        return hash((self.name, self.stress_pair, len(self.protocols)))
+        return hash((self.name, self.loads, len(self.protocols)))
 
     def __repr__(self) -> str:
         rows = sum(p.rows for p in self.protocols)
         layer = f", {self.layer}" if self.layer else ""
         count = len(self.protocols)
         protocols = "1 protocol" if count == 1 else f"{count} protocols"
-        return f"Specimen({self.name!r}{layer}, {protocols}, {rows} rows of {self.stress_pair})"
+        return f"Specimen({self.name!r}{layer}, {protocols}, {rows} rows of {self.loads})"
 
     # --- the test, and the pieces of the tissue ---
 
-    @property
+    @cached_property
     def experiment(self) -> Experiment:
-        """The kind of test."""
-        if self.test == "tube":
-            known = self.metadata
-            # Fung's angle has its vertex on the circle, the missing sector at the centre
-            sector = 2.0 * float(known.get("opening_angle_fung_deg", 0.0))
-            return Tube(
-                0.5 * float(known["unloaded_outer_diameter_mm"]),
-                float(self.thickness_mm or 0.0),
-                float(known.get("missing_sector_deg", sector)),
-                reads_force=any(bool(p.recorded_load[:, 1].any()) for p in self.protocols),
-            )
-        return experiment_of(self.test)
+        """The kind of test, with the dimensions of this piece."""
+        reads = np.any([p.recorded_load.any(axis=0) for p in self.protocols], axis=0)
+        return EXPERIMENTS[self.test].of(self.header, reads.tolist())
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """Dimensions, geometry and further header keys."""
+        return {k: getattr(self, k) for k in (*DIMENSIONS, "geometry")} | dict(self.metadata)
+
+    @property
+    def physiological(self) -> tuple[float, float] | None:
+        """Total stretches (x, y) in the body, where the header gives them."""
+        stated = [self.metadata.get(f"physiological_stretch_{axis}") for axis in "xy"]
+        x, y = (None if v is None else float(v) for v in stated)
+        return None if x is None or y is None else (x, y)
+
+    @property
+    def kind_of_loads(self) -> Loads:
+        """What the loads are."""
+        return self.experiment.loads[self.loads]
 
     @property
     def pieces(self) -> tuple[Specimen, ...]:
@@ -317,18 +256,23 @@ class Specimen:
 
     @property
     def unit(self) -> str:
-        """Unit of the measured quantity, of a tube of its pressure: ``"N"`` or ``"kPa"``."""
-        return "N" if self.stress_pair == "force" else "kPa"
+        """Unit of the reading in x, and in y but for an axial force: ``"N"`` or ``"kPa"``."""
+        return self.units[0]
 
     @property
     def units(self) -> tuple[str, str]:
-        """Units of the readings in x and y, which differ for a tube."""
-        return self.experiment.unit(0, self.unit), self.experiment.unit(1, self.unit)
+        """Units of the readings in x and y."""
+        return self.kind_of_loads.units
+
+    def same_unit(self, axis: int) -> list[int]:
+        """Directions whose readings have the unit of one of them."""
+        units = self.units
+        return [k for k in self.experiment.axes if units[k] == units[axis]] or [axis]
 
     @property
     def area(self) -> np.ndarray:
         """Measured quantity per kPa of first Piola-Kirchhoff stress, (x, y); one for stresses."""
-        if self.stress_pair != "force":
+        if self.unit != "N":
             return np.ones(2)
         assert self.thickness_mm
         return newtons_per_kPa(self.edge_x_mm or 1.0, self.edge_y_mm or 1.0, self.thickness_mm)
@@ -345,7 +289,13 @@ class Specimen:
 
     def per_nominal(self, stretch: np.ndarray) -> np.ndarray:
         """What the file has per nominal load: the measured stretch for Cauchy stresses, else 1."""
-        return stretch if self.stress_pair == "cauchy" else np.ones_like(stretch)
+        return stretch if self.kind_of_loads.times_stretch else np.ones_like(stretch)
+
+    def stresses(self, protocol: Protocol) -> np.ndarray:
+        """Stresses (n, 2) that the loads of every row mean, kPa: nominal, or of the wall."""
+        load = self.load(protocol)
+        stresses = self.experiment.stresses(protocol.stretch, load)
+        return load / self.area if stresses is None else stresses
 
     def mounting_reading(self, protocol: Protocol) -> np.ndarray:
         """Mean load of the rows at rest, (x, y), in :attr:`unit`; NaN where there are none."""
@@ -357,7 +307,7 @@ class Specimen:
     def peak_loads(self) -> np.ndarray:
         """Largest absolute load of all protocols and all directions of a unit, (x, y)."""
         largest = np.max([np.abs(self.load(p)).max(axis=0) for p in self.protocols], axis=0)
-        return np.array([largest[self.experiment.same_unit(k)].max() for k in range(2)])
+        return np.array([largest[self.same_unit(k)].max() for k in range(2)])
 
     @property
     def peak_load(self) -> float:
@@ -377,6 +327,13 @@ class Specimen:
     def load_resolution(self) -> float:
         """Resolution of the load cell, in :attr:`unit`: a millionth of the largest load."""
         return ASSUMED_RESOLUTION * self.peak_load
+
+    @property
+    def measured_mounting(self) -> np.ndarray:
+        """Mean and sd of the mounting stretches that the header gives, (2, 2); NaN elsewhere."""
+        texts = [self.metadata.get(name) for name in mounting_names("stretch")]
+        known = [measured_stretch(str(t)) if t is not None else (np.nan, np.nan) for t in texts]
+        return np.array(known).T
 
     @property
     def is_tared(self) -> bool:
@@ -412,8 +369,8 @@ class Specimen:
         the record is noise-free at the precision of the file.
         """
         stated = [self.load_noise, self.load_noise]
-        if self.experiment.force_unit:
-            stated[1] = self.metadata.get("axial_force_noise_N")  # type: ignore[assignment]
+        if key := self.kind_of_loads.noise_key_y:
+            stated[1] = self.metadata.get(key)  # type: ignore[assignment]
         return np.array(
             [self.high_frequency_scatter(k) if s is None else s for k, s in enumerate(stated)]
         )
@@ -426,7 +383,7 @@ class Specimen:
     def high_frequency_scatter(self, axis: int = 0) -> float:
         """Scatter of loads of one unit between neighbouring rows; 0 for rounding alone."""
         scatter: list[float] = []
-        axes = self.experiment.same_unit(axis)
+        axes = self.same_unit(axis)
         for protocol in self.protocols:
             if protocol.rows < 8:
                 continue
@@ -472,8 +429,9 @@ class Specimen:
     def with_noise_of(self, source: Specimen) -> Specimen:
         """The same specimen with the load noise of another one, which averaged rows do not show."""
         x, y = source.noise_sds.tolist()
-        force = {"axial_force_noise_N": y} if self.experiment.force_unit and y > 0.0 else {}
-        return replace(self, load_noise=x or None, metadata={**self.metadata, **force})
+        key = self.kind_of_loads.noise_key_y
+        of_y = {key: y} if key and y > 0.0 else {}
+        return replace(self, load_noise=x or None, metadata={**self.metadata, **of_y})
 
     def with_mounting_force(self, x: float, y: float) -> Specimen:
         """The same tared specimen with a known mounting load added back."""
@@ -538,6 +496,14 @@ def third_difference_scatter(load: np.ndarray, place: np.ndarray) -> np.ndarray:
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     loads = np.lib.stride_tricks.sliding_window_view(load, 4, axis=0)
     return 1.4826 * np.median(np.abs((loads * weights[:, None, :]).sum(axis=2)), axis=0)
+
+
+def _check_choice(argument: str, value: object, choices: tuple[str | None, ...]) -> None:
+    """Refuse a value that is not one of the choices."""
+    if value not in choices:
+        problem = f"{argument} {str(value)[:40]!r} is not one of the choices"
+        remedy = f"use one of {', '.join(filter(None, choices))}"
+        raise ReadingError(problem, argument=argument, remedy=remedy)
 
 
 def _checked(key: str, value: object) -> Any:

@@ -13,25 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import MMHG_PER_KPA
+from biaxbayes.errors import InputError, ReadingError
+from biaxbayes.experiments import BIAXIAL, EXPERIMENTS, Experiment
+from biaxbayes.experiments.experiment import DIMENSIONS, Loads
 from biaxbayes.specimens.keys import (
     ARGUMENT_KEYS,
-    DIMENSIONS,
     GRIP_DETAILS,
     KEYS,
     METADATA_KEYS,
     NO_GRIPS,
-    NOT_OF_TUBES,
-    TUBE_COLUMNS,
+    STRETCHES,
     checked_value,
-    directions_of,
-    needed_with_forces,
+    keys_of_others,
 )
 from biaxbayes.specimens.plausibility import check_readings
-from biaxbayes.specimens.protocol import AUTO_REST_ROWS, CURVES, Protocol, ReadingError
-from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
-from biaxbayes.specimens.table import STRETCHES, SpecimenTable, read_table
+from biaxbayes.specimens.protocol import AUTO_REST_ROWS, CURVES, Protocol
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.table import SpecimenTable, read_table
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import as_path, atomic_write_text, cells_of, one_line, read_lines
 
@@ -109,29 +107,24 @@ def read_specimen(path: str | os.PathLike) -> Specimen:
 def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     """A specimen from the lines of its file; ``path`` serves messages and the default name."""
     values, rows, first = read_header(lines, path)
-    test = values.get("test", "biaxial")
-    directions, is_tube = directions_of(test), test == "tube"
-    table = read_table(
-        lines,
-        first,
-        path,
-        needed=() if is_tube else tuple(f"stretch_{axis}" for axis in directions),
-        drop_missing=values.get("missing_rows") == "drop",
-    )
-    table, written = _without_tube_columns(table, values, is_tube)
-    stress_pair = _stress_pair(table, directions)
-    unit = "N" if stress_pair == "force" else "kPa"
-    _check_keys(values, rows, stress_pair, path)
+    test = EXPERIMENTS[values.get("test", BIAXIAL.name)]
+    table, written = _standard(_read(lines, first, path, values, test), values, test)
+    loads = _loads(table, test)
+    kind = test.loads[loads]
+    unit = kind.units[0]
+    _check_keys(values, rows, test, loads, path)
     arguments: dict[str, Any] = {key: values.get(key) for key in ARGUMENT_KEYS}
     try:
+        protocols = _protocols(table, values, rows, test, kind, path)
         specimen = Specimen(
             name=values.get("specimen") or one_line(path.stem),
-            protocols=_protocols(table, values, rows, stress_pair, path),
-            stress_pair=stress_pair,
+            protocols=protocols,
+            loads=loads,
             geometry=values.get("geometry", "unloaded"),
-            test=test,
+            test=test.name,
             load_noise=values.get(f"load_noise_{unit}"),
             metadata={key: values[key] for key in METADATA_KEYS if key in values},
+            notes=(*table.notes, *_notes_of(protocols)),
             **arguments,
         )
         check_readings(specimen)
@@ -140,87 +133,103 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
         key = f"load_noise_{unit}" if error.argument == "load_noise" else error.argument
         if error.index is None and key in values:
             raise InputError(error.fault, file=path, row=rows[key], remedy=error.remedy) from None
-        standard = zip(CURVES, (*STRETCHES, *STRESS_PAIRS[stress_pair]), strict=True)
+        standard = zip(CURVES, (*STRETCHES, *kind.columns), strict=True)
         columns = {argument: written.get(name, name) for argument, name in standard}
         of_protocol = dict(table.groups).get(error.protocol or "", slice(None))
         where = columns | {"time_s": "time_s"}
         raise error.at(path, table.lines[of_protocol], where) from None
-    notes = [
-        f"protocol {p.name}: stretches divided by their value at rest "
-        f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
-        for p in specimen.protocols
-        if max(abs(value - 1.0) for value in p.reference) > 1e-9
-    ]
-    return replace(specimen, notes=(*table.notes, *notes))
+    return specimen
 
 
-def _without_tube_columns(
-    table: SpecimenTable, values: Mapping[str, Any], is_tube: bool
+def _read(
+    lines: Sequence[str], first: int, path: Path, values: Mapping[str, Any], test: Experiment
+) -> SpecimenTable:
+    """The table as it is written, with columns that the test has."""
+    stood_for = {name for column in test.columns.values() for name in column.stands_for}
+    directions = [k for k in (0, 1) if k != test.free_side]
+    needed = tuple(STRETCHES[k] for k in directions if STRETCHES[k] not in stood_for)
+    drop = values.get("missing_rows") == "drop"
+    table = read_table(lines, first, path, needed=needed, drop_missing=drop)
+    of_tests = {name for other in EXPERIMENTS.values() for name in other.columns}
+    for name in table.columns:
+        if name in of_tests and name not in test.columns:
+            other, *others = (o.name for o in EXPERIMENTS.values() if name in o.columns)
+            more = f" (or {', '.join(others)})" if others else ""
+            remedy = f"state '# test: {other}'{more} at the top, or leave it out"
+            raise table.error(f"a {test.name} test has no such column", remedy, name)
+    return table
+
+
+def _standard(
+    table: SpecimenTable, values: Mapping[str, Any], test: Experiment
 ) -> tuple[SpecimenTable, dict[str, str]]:
-    """The table with stretches and kPa in place of what a tube's file has; names as written."""
+    """The table with stretches and loads in place of what stands for them; names as written."""
     columns, written = dict(table.columns), dict[str, str]()
-    of_tube = [name for name in (*TUBE_COLUMNS, *STRESS_PAIRS["tube"]) if name in columns]
-    if not is_tube:
-        if of_tube:
-            problem = "is a column of tubes"
-            remedy = "state '# test: tube' at the top, or leave it out"
-            raise table.error(problem, remedy, of_tube[0])
-        return table, {}
-    for name, (standard, key) in TUBE_COLUMNS.items():
-        if name not in columns:
-            continue
-        if standard in columns:
-            other = written.get(standard, standard)
-            raise table.error(f"says the same as {other}", "keep one of them", name)
-        if key and key not in values:
-            raise table.error(f"needs the {key}", f"add a line '# {key}: ...' at the top", name)
-        divisor = values[key] if key else MMHG_PER_KPA if name == "pressure_mmHg" else 1.0
-        columns[standard], written[standard] = columns.pop(name) / divisor, name
-    for standard, names in (
-        ("stretch_x", "outer_diameter_mm"),
-        ("stretch_y", "stretch_z, or length_mm"),
-        ("pressure_kPa", "pressure_kPa, or pressure_mmHg"),
-    ):
-        if standard not in columns:
-            raise table.error("missing column", f"a tube needs {names}", names.partition(",")[0])
-    if not columns.get("axial_force_N", np.ones(1)).any():
-        remedy = "leave out a force that was not read"
-        raise table.error("every value is zero", remedy, "axial_force_N")
+    for name in (name for name in test.columns if name in table.columns):
+        column = test.columns[name]
+        for need in column.needs:
+            if need not in (*values, *columns):
+                where = f"a line '# {need}: ...' at the top" if need in KEYS else "that column"
+                raise table.error(f"needs the {need}", f"add {where}", name)
+        for standard in column.stands_for:
+            if standard in columns:
+                other = written.get(standard, standard)
+                raise table.error(f"says the same as {other}", "keep one of them", name)
+            given = columns[name] if column.follows is None else column.follows(columns, values)
+            columns[standard], written[standard] = given, name
+        if column.stands_for:
+            del columns[name]
+    for k, standard in enumerate(STRETCHES):
+        if standard not in columns and k != test.free_side:
+            names = [name for name, column in test.columns.items() if standard in column.stands_for]
+            raise table.error("missing column", f"give {' or '.join((*names, standard))}", names[0])
     return replace(table, columns=columns), written
 
 
-def _stress_pair(table: SpecimenTable, directions: str) -> str:
-    """The one stress pair of a table, with its columns in the directions of the test."""
-    present = [
-        pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
-    ]
+def _loads(table: SpecimenTable, test: Experiment) -> str:
+    """The name of the loads of a table, with their columns in the directions of the test."""
+    present = {
+        name: loads
+        for name, loads in test.loads.items()
+        if any(column in table.columns for column in loads.columns)
+    }
     if not present:
-        of_sheets = (pair for name, pair in STRESS_PAIRS.items() if name != "tube")
-        pairs = ", or ".join(" and ".join(columns) for columns in of_sheets)
-        raise table.error("no stress pair", f"give {pairs}")
+        needed = [
+            " and ".join(c for k, c in enumerate(loads.columns) if c and k not in loads.optional)
+            for loads in test.loads.values()
+        ]
+        needed += [name for name, c in test.columns.items() if set(c.stands_for) & set(needed)]
+        raise table.error("no column of loads", f"give {', or '.join(needed)}")
     if len(present) > 1:
-        problem = f"more than one stress pair ({', '.join(present)})"
+        problem = f"more than one kind of loads ({', '.join(present)})"
         raise table.error(problem, "keep the measured one")
-    for axis, column in zip("xy", STRESS_PAIRS[present[0]], strict=True):
-        if axis in directions and column not in (*table.columns, "axial_force_N"):
-            remedy = "give both directions, or '# test: strip x' (or y) at the top for a strip"
+    [(name, loads)] = present.items()
+    for k, column in enumerate(loads.columns):
+        if k in loads.optional:
+            if not table.columns.get(column, np.ones(1)).any():
+                remedy = "leave out a reading that was not made"
+                raise table.error("every value is zero", remedy, column)
+        elif k in test.axes and column not in table.columns:
+            strip = "give both directions, or '# test: strip x' (or y) at the top for a strip"
+            remedy = strip if test.is_biaxial else f"a {test.name} test reads it"
             raise table.error("missing column", remedy, column)
-    return present[0]
+    return name
 
 
 def _check_keys(
-    values: Mapping[str, Any], rows: Mapping[str, int], stress_pair: str, path: Path
+    values: Mapping[str, Any], rows: Mapping[str, int], test: Experiment, loads: str, path: Path
 ) -> None:
-    """Refuse keys that are missing with forces, or do not fit the others or the columns."""
-    for key in needed_with_forces(values.get("test")) if stress_pair == "force" else ():
+    """Refuse keys that are missing, or do not fit the others or the columns."""
+    for key in test.needed(loads):
         if key not in values:
             line = f"add a line '# {key}: ...' at the top"
             if key == "geometry":
                 line = (
                     line.replace("...", "unloaded|mounted") + ", the state that dimensions refer to"
                 )
-            raise InputError(f"a force file must state {key}", file=path, remedy=line)
-    wrong, right = ("kPa", "N") if stress_pair == "force" else ("N", "kPa")
+            raise InputError(f"a {loads} file must state {key}", file=path, remedy=line)
+    right = test.loads[loads].units[0]
+    wrong = "N" if right == "kPa" else "kPa"
     unit = ("does not fit the file's columns", f"give it in {right}")
     unfit = {f"load_noise_{wrong}": unit, f"load_offset_sd_{wrong}": unit}
     if values.get("reference") != "common":
@@ -229,9 +238,9 @@ def _check_keys(
     if values.get("grips", NO_GRIPS) == NO_GRIPS:
         line = "add a line such as '# grips: hooks 5', or leave it out"
         unfit |= dict.fromkeys(GRIP_DETAILS, ("needs the key grips", line))
-    if stress_pair == "tube":
-        unfit = dict.fromkeys(NOT_OF_TUBES, ("does not belong to a tube", "leave it out"))
-        unfit["load_noise_N"] = ("is not of a tube", "give axial_force_noise_N, load_noise_kPa")
+    unfit |= dict.fromkeys(
+        keys_of_others(test), (f"does not belong to a {test.name} test", "leave it out")
+    )
     for key, (problem, remedy) in unfit.items():
         if key in values:
             raise InputError(f"{key} {problem}", file=path, row=rows[key], remedy=remedy)
@@ -241,7 +250,8 @@ def _protocols(
     table: SpecimenTable,
     values: Mapping[str, Any],
     lines: Mapping[str, int],
-    stress_pair: str,
+    test: Experiment,
+    loads: Loads,
     path: Path,
 ) -> tuple[Protocol, ...]:
     """The protocols of a table, relative to the mounted state if the header gives one."""
@@ -254,17 +264,30 @@ def _protocols(
     mounted = [values.get(key, 1.0) for key in MOUNTED_STATE]
     protocols = []
     for index, (name, rows) in enumerate(table.groups):
-        at_rest = 0 if stress_pair == "tube" else resting[index % len(resting)]
+        at_rest = resting[index % len(resting)] if test.is_mounted else 0
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
-        # across a strip the stretch may be unknown, and the load is zero
-        missing = dict.fromkeys(STRETCHES, np.nan) | dict.fromkeys(STRESS_PAIRS[stress_pair], 0.0)
+        # across a strip the stretch may be unknown, and a load that is not read is zero
         x, y, load_x, load_y = (
             table.columns.get(column, np.full(len(table.lines), value))[rows]
-            for column, value in missing.items()
+            for names, value in ((STRETCHES, np.nan), (loads.columns, 0.0))
+            for column in names
         )
-        protocol = Protocol(name, x, y, load_x, load_y, time, at_rest)
-        protocols.append(protocol.divided_by(mounted, stress_pair))
+        p = Protocol(name, x, y, load_x, load_y, time, at_rest)
+        p = p.divided_by(mounted, loads_too=loads.times_stretch)
+        if test.is_mounted and p.rest_rows and values.get("reference") != "common":
+            p = p.divided_by_rest(loads_too=loads.times_stretch)
+        protocols.append(p)
     return tuple(protocols)
+
+
+def _notes_of(protocols: Sequence[Protocol]) -> list[str]:
+    """Changes of the stretches of a file."""
+    return [
+        f"protocol {p.name}: stretches divided by their value at rest "
+        f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
+        for p in protocols
+        if max(abs(value - 1.0) for value in p.reference) > 1e-9
+    ]
 
 
 # --- writing -------------------------------------------------------------------------------------
@@ -304,7 +327,7 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
     protocols = specimen.protocols if recorded is None else recorded
     keys: dict[str, object] = {
         "specimen": specimen.name,
-        "test": specimen.test if specimen.test != "biaxial" else None,
+        "test": specimen.test if specimen.test != BIAXIAL.name else None,
         **{key: getattr(specimen, key) for key in ("layer", "axis_x", "axis_y", "geometry")},
         **{key: getattr(specimen, key) for key in DIMENSIONS},
         f"load_noise_{specimen.unit}": specimen.load_noise,
@@ -331,7 +354,7 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
         "protocol": named,
         "time_s": first.time_s is not None,
         **dict(zip(STRETCHES, np.isfinite(first.stretch[0]), strict=True)),
-        **{name: k in axes for k, name in enumerate(STRESS_PAIRS[specimen.stress_pair])},
+        **{name: k in axes for k, name in enumerate(specimen.kind_of_loads.columns)},
     }
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")

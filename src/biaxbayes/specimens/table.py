@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import COLUMNS, STRETCH_RANGE
+from biaxbayes.experiments import EXPERIMENTS
+from biaxbayes.experiments.experiment import STRETCH_RANGE
+from biaxbayes.specimens.keys import COLUMNS, STRETCHES
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
 from biaxbayes.tables.table import Table, in_lines
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import cells_of, one_line, read_lines, rows_of, without_empty_end
 
-STRETCHES = ("stretch_x", "stretch_y")
 MAX_SPECIMEN_COLUMNS = 50
 MAX_PROTOCOLS = 1_000
 
@@ -116,8 +117,8 @@ def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> l
             raise error("unknown column", remedy, name[:60])
     for name in needed:
         if name not in names:
-            remedy = "stretches are relative to the mounted state; a uniaxial strip is stated by "
-            remedy += "'# test: strip x' (or y) at the top, a tube by '# test: tube'"
+            remedy = "stretches are relative to the mounted state; another kind of test is stated "
+            remedy += f"at the top, by '# test: ...' ({', '.join(list(EXPERIMENTS)[1:])})"
             raise error("missing column", remedy, name)
     return names
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from biaxbayes.errors import InputError
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import mounting_names
-from biaxbayes.text_files import atomic_write_text, read_text
+from biaxbayes.stored_data import read_json
+from biaxbayes.text_files import atomic_write_text
 
 MOUNTING_NAMES = (*mounting_names("stretch"), *mounting_names("force"))
 REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa": 0.0}'
@@ -71,11 +72,7 @@ def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
     ``{"C1": 2.98, "kappa": 0.0}``.
     """
     path = Path(path)
-    text = read_text(path)
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is not JSON ({error})", file=path) from None
+    content = read_json(path)
     if not isinstance(content, dict) or not content:
         raise InputError("is not a JSON object of known values", file=path, remedy=REMEDY)
     if "material" not in content and all(isinstance(v, dict) for v in content.values()):

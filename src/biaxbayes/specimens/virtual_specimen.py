@@ -5,7 +5,7 @@ force) into a separate :class:`Truth` with its own file.
 
 A homogeneous specimen follows the model, plus the errors of the machine. A hooked specimen is a
 known material held by five hooks per edge: its stress is not uniform, and a force divided by the
-nominal section is wrong by more than the noise. A tube is inflated at constant axial stretches.
+nominal section is wrong by more than the noise. Tests without a mounted state start without load.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
+from biaxbayes.experiments import BIAXIAL, EXPERIMENTS
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.experiments import Tube, experiment_of, newtons_per_kPa
+from biaxbayes.mechanics.mounting import newtons_per_kPa
 from biaxbayes.mechanics.virtual_test import VirtualTest, simulate_smooth_misfit, virtual_test
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -65,7 +65,7 @@ class Machine:
         protocols. It multiplies the true force of every row, the mounted state included.
     misfit_length : float
         Its correlation length as a fraction of the path.
-    stress_pair : {"force", "piola", "cauchy"}
+    loads : {"force", "piola", "cauchy"}
         What the record holds. Stresses are computed as a lab does: force over the section in
         ``geometry``; "cauchy" is multiplied by the measured stretch.
     geometry : {"unloaded", "mounted"}
@@ -75,7 +75,7 @@ class Machine:
     noise_N: float = 0.0
     misfit: float = 0.0
     misfit_length: float = MISFIT_LENGTH
-    stress_pair: str = "force"
+    loads: str = "force"
     geometry: str = "unloaded"
 
 
@@ -91,7 +91,7 @@ def virtual_specimen(
     ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
     increments: int = 100,
     dimensions: Dimensions | None = None,
-    test: str = "biaxial",
+    test: str = BIAXIAL.name,
     hooks: Hooks | None = None,
     elements: int = 20,
     serendipity: bool = False,
@@ -146,8 +146,8 @@ def virtual_specimen(
     dimensions = dimensions or Dimensions()
     largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
     if hooks is not None:
-        if test != "biaxial" or not isinstance(material, GOH):
-            raise ValueError("hooks hold a square of GOH")
+        if test != BIAXIAL.name or not isinstance(material, GOH):
+            raise ValueError("tests on hooks are simulated for squares of GOH alone")
         edges = (dimensions.edge_x_mm, dimensions.edge_y_mm)
         sheet = Sheet(*edges, elements=elements, serendipity=serendipity)
         tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
@@ -164,7 +164,7 @@ def virtual_specimen(
             mounting_stretch=mounting_stretch,
             measured_stretch=stretch,
             increments=increments,
-            experiment=experiment_of(test),
+            free_side=EXPERIMENTS[test].free_side,
             **asdict(dimensions),
         )
         for label, stretch in largest.items()
@@ -175,70 +175,56 @@ def virtual_specimen(
     return _recorded(tests, material, mounted, dimensions, test=test, **record)
 
 
-STARTS = 400
-"""Radii at which the pressure is computed to find where it is zero."""
-
-
-def virtual_tube(
+def virtual_inflation(
     material: MaterialResponse,
-    tube: Tube,
+    test: str,
     *,
     name: str,
+    thickness_mm: float,
+    header: Mapping[str, float],
     largest_stretch: float,
     axial_stretches: Sequence[float] = (1.0,),
     increments: int = 100,
-    noise: tuple[float, float] = (0.0, 0.0),
+    noise: Mapping[str, float],
     misfit: float = 0.0,
     seed: int,
     source: str = "",
 ) -> tuple[Specimen, Truth]:
-    """Inflate a tube of known material from no pressure, a protocol at each axial stretch.
+    """Test a specimen of known material that has no mounted state, such as a pressurised tube.
 
-    ``largest_stretch`` of the outer surface is reached in equal increments of the diameter; noise
-    is the sd of a reading of pressure (kPa) and axial force (N), misfit as in :class:`Machine`.
-    ValueError if the tube carries no pressure there.
+    ``header`` holds the dimensions that this kind of test states, ``noise`` the sd of a reading by
+    its unit, misfit as in :class:`Machine`. ValueError if the test cannot be carried out.
     """
+    experiment = EXPERIMENTS[test].of({**header, "thickness_mm": thickness_mm}, (True, True))
+    [(kind, loads)] = experiment.loads.items()
+    sd = [noise[unit] if k in experiment.axes else 0.0 for k, unit in enumerate(loads.units)]
+
+    def readings(stretch: np.ndarray) -> np.ndarray:
+        points = experiment.points(stretch)
+        return points.sums(np.stack(material.cauchy(*points.stretch.T), axis=-1))
+
     rng, protocols = np.random.default_rng(seed), []
-    for axial in axial_stretches:
-
-        def readings(around: np.ndarray, axial: float = axial) -> np.ndarray:
-            points = tube.points(np.column_stack([around, np.full(around.size, axial)]))
-            return points.sums(np.stack(material.cauchy(*points.stretch.T), axis=-1))
-
-        inner, outer = tube.radii(np.array([[largest_stretch, axial]]))
-        # the wall's section stays, so that without a lumen ro^2 is that of a solid rod
-        solid = np.sqrt(outer**2 - inner**2)[0] / tube.outer_radius_mm
-        grid = np.linspace(solid, largest_stretch, STARTS)[1:]
-        below = np.flatnonzero(~(readings(grid)[:, 0] > 0.0))
-        if not np.isfinite(solid) or not below.size or below[-1] == grid.size - 1:
-            raise ValueError(f"no pressure holds the tube at an axial stretch of {axial:g}")
-        at = grid[below[-1] : below[-1] + 2]
-        start = brentq(lambda r, readings=readings: float(readings(np.array([r]))[0, 0]), *at)
-        around = np.linspace(start, largest_stretch, increments + 1).round(6)
-        load = _with_misfit(readings(around), misfit, MISFIT_LENGTH, rng)
-        load = _rounded(load + noise * rng.standard_normal(load.shape), noise)
-        protocols.append(Protocol(f"{axial:g}", around, np.full(around.size, axial), *load.T))
-    angle = 0.5 * tube.missing_sector_deg
-    dimensions = {
-        "unloaded_outer_diameter_mm": 2.0 * tube.outer_radius_mm,
-        "opening_angle_fung_deg": angle,
-    }
-    stated = {"axial_force_noise_N": noise[1]} if noise[1] > 0.0 else {}
+    paths = experiment.paths(largest_stretch, axial_stretches, increments, readings)
+    for label, stretch in paths.items():
+        load = _with_misfit(readings(stretch), misfit, MISFIT_LENGTH, rng)
+        load = _rounded(load + sd * rng.standard_normal(load.shape), sd)
+        protocols.append(Protocol(label, *stretch.T, *load.T))
+    of_y = {loads.noise_key_y: sd[1]} if sd[1] > 0.0 else {}
     specimen = Specimen(
         name,
         tuple(protocols),
-        "tube",
-        thickness_mm=tube.thickness_mm,
-        load_noise=noise[0] or None,
-        metadata=dimensions | stated,
-        test="tube",
+        kind,
+        thickness_mm=thickness_mm,
+        load_noise=sd[0] or None,
+        metadata={**header, **of_y},
+        test=test,
     )
     truth = Truth(
         specimen=name,
         material=_material_values(material),
-        unit="kPa",
-        unloaded_dimensions=dimensions | {"thickness_mm": tube.thickness_mm},
-        load_noise_N=noise[1],
+        unit=specimen.unit,
+        unloaded_dimensions={**header, "thickness_mm": thickness_mm},
+        load_noise_N=noise["N"],
         misfit=misfit,
         misfit_length=MISFIT_LENGTH,
         seed=seed,
@@ -283,7 +269,7 @@ def _recorded(
     *,
     name: str,
     seed: int,
-    test: str = "biaxial",
+    test: str = BIAXIAL.name,
     machine: Machine | None = None,
     labels: Mapping[str, Any] | None = None,
     source: str = "",
@@ -293,17 +279,17 @@ def _recorded(
     machine = machine or Machine()
     nominal = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
     # N per unit of the record
-    divisor = np.ones(2) if machine.stress_pair == "force" else nominal.area
+    divisor = np.ones(2) if machine.loads == "force" else nominal.area
     # One header value stands for both directions; sections differ by the mounting stretch only.
     noise_sd = machine.noise_N / float(np.sqrt(divisor.prod()))
-    rng, across = np.random.default_rng(seed), ~np.isin([0, 1], experiment_of(test).axes)
+    rng, across = np.random.default_rng(seed), ~np.isin([0, 1], EXPERIMENTS[test].axes)
     protocols, disturbed = [], {}
     for label, ideal in tests.items():
         # twelve digits, to avoid 1.0020000000000002 in the file
         stretch, force = np.round(ideal.measured, 12), ideal.force_N
         force = _with_misfit(force, machine.misfit, machine.misfit_length, rng)
         noise = machine.noise_N * rng.standard_normal(force.shape)
-        load = (force + noise) / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
+        load = (force + noise) / divisor * (stretch if machine.loads == "cauchy" else 1.0)
         load = _rounded(load, (noise_sd, noise_sd))
         stretch[:, across], load[:, across] = np.nan, 0.0
         protocol = label if len(tests) > 1 else "1"
@@ -312,7 +298,7 @@ def _recorded(
     specimen = Specimen(
         name,
         tuple(protocols),
-        machine.stress_pair,
+        machine.loads,
         machine.geometry,
         **asdict(nominal),
         load_noise=noise_sd or None,

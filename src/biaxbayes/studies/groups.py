@@ -1,48 +1,190 @@
-"""Summaries of many specimens by layer and donor; contrasts of groups, and of layers of a donor.
+r"""Groups of a study: their means, and how they differ, from the draws of every converged specimen.
 
-Only specimens that identify a quantity are counted and averaged.
+The posterior of specimen i has the median m_i and the sd d_i, its 90 % interval over 2 z(0.95); of
+logs where the quantity is positive. A normal prior of its run, of mean m_0 and sd d_0, is divided
+out, or every specimen would bring it anew (a uniform one does not pull; r = 0):
+
+    y_i = (m_i - r m_0) / (1 - r)      s_i = d_i / sqrt(1 - r)      r = d_i^2 / d_0^2
+
+No verdict decides: a specimen that knows little has a large s_i, so it weighs little. The true
+values of group g scatter about mu_g with sd tau, the same in both groups:
+
+    y_i ~ N(mu_g, tau^2 + s_i^2)      mu_g flat      tau ~ half-normal(scale)
+
+This is the normal-normal model of meta-analysis (Roever, J. Stat. Softw. 93 (2020) 6). For a given
+tau, with w_i = 1 / (tau^2 + s_i^2) and W_g = sum_i w_i,
+
+    mu_g ~ N(m_g, 1 / W_g)            m_g = sum_i w_i y_i / W_g
+    p(tau | y)  ~  p(tau) prod_g W_g^-1/2 prod_i w_i^1/2 exp(-w_i (y_i - m_g)^2 / 2)
+
+so that mu_g, and the difference of two groups, are mixtures of normal distributions over tau.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t
+from scipy.special import ndtr
 
-from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED
 from biaxbayes.laws import all_parameters
-from biaxbayes.parameters import MATERIAL, Quantities
+from biaxbayes.parameters import MATERIAL, STRETCH, Quantities
 
-USABLE_VERDICTS = (IDENTIFIED, BOUNDED)
-"""Verdicts with which the numbers of a specimen are used."""
 GROUP_COLUMNS = (
-    *("group_by", "group", "quantity", "unit", "specimens", "converged", "identified"),
-    *("centre", "lowest", "highest", "scale", "sd_of_medians", "sd_within", "sd_between"),
-)
-LAYER_CONTRAST_COLUMNS = (
-    *("layer_a", "layer_b", "quantity", "unit", "pairs", "identified", "b_greater", "b_less"),
-    *("mean_difference", "lowest_difference", "highest_difference"),
+    *("group_by", "group", "quantity", "unit", "specimens", "converged", "scale"),
+    *("mean", "mean_low", "mean_high", "lowest", "highest", "sd_between"),
 )
 GROUP_CONTRAST_COLUMNS = (
     *("group_a", "group_b", "quantity", "unit", "scale", "paired", "donors_a", "donors_b"),
-    *("mean_a", "mean_b", "difference", "difference_low", "difference_high", "direction"),
+    *("mean_a", "mean_b", "difference", "difference_low", "difference_high"),
+    *("probability_larger", "detectable", "direction"),
 )
-COMPARABLE_KINDS = ("parameter", "structure tensor", "stiffness")
-"""Kinds of distance that are comparable between donors; stresses are those at the end of the tests
-of each donor."""
+PRIOR_COLUMNS = ("prior_q05", "prior_q50", "prior_q95")
+"""Quantiles of the prior of a parameter, where that is normal or lognormal."""
+Z90 = 1.6448536269514722
+POWER = Z90 + 0.8416212335729143
+"""A difference of so many sds is one that the 90 % intervals of four of five studies show."""
+MOST_OF_PRIOR = 0.99
+"""Largest r: a specimen that learned nothing counts hardly."""
+LEAST_DONORS = 2
+"""Donors of each group without which there is no spread to compare with."""
+LARGER, SMALLER, OPEN = "larger", "smaller", "open"
+LOG = "log"
+KNOWN_QUANTITIES = Quantities(all_parameters())
+
+
+# --- the model -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """A mixture of normal distributions."""
+
+    weight: np.ndarray
+    mean: np.ndarray
+    sd: np.ndarray
+
+    @property
+    def total_sd(self) -> float:
+        """Its sd."""
+        centre = self.weight @ self.mean
+        return math.sqrt(float(self.weight @ (self.sd**2 + (self.mean - centre) ** 2)))
+
+    def below(self, x: np.ndarray) -> np.ndarray:
+        """Probability below values."""
+        return np.asarray(ndtr((np.atleast_1d(x)[:, None] - self.mean) / self.sd) @ self.weight)
+
+    def quantiles(self) -> tuple[float, float, float]:
+        """5, 50 and 95 % quantiles."""
+        low, high = (self.mean - 8.0 * self.sd).min(), (self.mean + 8.0 * self.sd).max()
+        x = np.linspace(low, high, 2_001)
+        q05, q50, q95 = np.interp((0.05, 0.5, 0.95), self.below(x), x)
+        return float(q05), float(q50), float(q95)
+
+
+@dataclass(frozen=True)
+class GroupMeans:
+    """Means of groups at values of tau: weights (t,), means and variances (groups, t)."""
+
+    tau: np.ndarray
+    weight: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+
+    def of(self, group: int) -> Mixture:
+        """The mean of a group."""
+        return Mixture(self.weight, self.mean[group], np.sqrt(self.variance[group]))
+
+    def difference(self) -> Mixture:
+        """The mean of the second group less that of the first."""
+        sd = np.sqrt(self.variance.sum(axis=0))
+        return Mixture(self.weight, self.mean[1] - self.mean[0], sd)
+
+
+def group_means(groups: Sequence[tuple[np.ndarray, np.ndarray]], scale: float) -> GroupMeans:
+    """Posterior of the means of groups, each given by values and their sds."""
+    tau = scale * np.concatenate([[0.0], np.geomspace(1e-3, 5.0, 200)])
+    log = -0.5 * (tau / scale) ** 2
+    means, variances = [], []
+    for y, s in groups:
+        w = 1.0 / (tau[:, None] ** 2 + s**2)
+        total = w.sum(axis=1)
+        mean = w @ y / total
+        log += 0.5 * np.log(w).sum(axis=1) - 0.5 * np.log(total)
+        log -= 0.5 * (w * (y - mean[:, None]) ** 2).sum(axis=1)
+        means.append(mean)
+        variances.append(1.0 / total)
+    weight = np.exp(log - log.max()) * np.gradient(tau)
+    return GroupMeans(tau, weight / weight.sum(), np.array(means), np.array(variances))
+
+
+SPREAD_LOG, SPREAD_SHARE, SPREAD_STRETCH = 0.5, 0.15, 0.02
+"""Scales of tau: of a log, as a share of the range of a bounded quantity, of a mounting stretch."""
+
+
+def spread_scale(name: str, values: np.ndarray, *, log: bool) -> float:
+    """Scale of the half-normal prior of tau, as in a population."""
+    if log:
+        return SPREAD_LOG
+    known = KNOWN_QUANTITIES.get(name)
+    if known is not None and known.parameter.kind == STRETCH:
+        return SPREAD_STRETCH
+    if known is None and name.startswith("H"):  # a share of the fibres
+        return SPREAD_SHARE
+    if known is not None and math.isfinite(np.ptp(known.parameter.range)):
+        return SPREAD_SHARE * float(np.ptp(known.parameter.range))
+    return max(SPREAD_LOG * float(np.abs(values).sum()) / max(values.size, 1), 1e-300)
+
+
+def _range(name: str) -> tuple[float, float]:
+    """Physical range of a quantity."""
+    known = KNOWN_QUANTITIES.get(name)
+    if known is not None:
+        return known.parameter.range
+    return (0.0, 1.0) if name.startswith("H") else (-math.inf, math.inf)
+
+
+# --- specimens and their groups ------------------------------------------------------------------
+
+
+def group_names(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.Series:
+    """Group of each row: the values of the columns that the study states, else the layer."""
+    columns = [table[c].fillna("").astype(str) for c in own or ("layer",)]
+    return pd.Series([", ".join(values) for values in zip(*columns, strict=True)], table.index)
+
+
+def _on_scale(part: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
+    """Rows of one quantity with values and sds on the scale; whether that is a log."""
+    columns = ["q05", "q50", "q95", *PRIOR_COLUMNS]
+    ends = part.reindex(columns=columns).to_numpy(dtype=float)
+    known = np.isfinite(ends[:, :3]).all(axis=1)
+    part, ends = part.loc[known], ends[known]
+    log = bool((part["scale"] == LOG).any() and (ends[:, :3] > 0.0).all())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, median, high, first, middle, last = (np.log(ends) if log else ends).T
+        # a fixed or exactly known value still has a width that divides
+        sd = np.maximum((high - low) / (2.0 * Z90), 1e-9 * np.maximum(np.abs(median), 1e-300))
+        # r = d_i^2 / d_0^2, zero where there is no prior or a constant
+        r = np.square(sd / (last - first) * 2.0 * Z90)
+    r = np.where(np.isfinite(r), np.minimum(r, MOST_OF_PRIOR), 0.0)
+    value = (median - np.where(r > 0.0, r * middle, 0.0)) / (1.0 - r)
+    return part.assign(value=value, sd=sd / np.sqrt(1.0 - r)), log
+
+
+def _converged(table: pd.DataFrame) -> pd.DataFrame:
+    return table[(table["state"] == "converged") & table["q50"].notna()]
 
 
 def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFrame:
-    """Summarise the study table by layer, donor and study, never across values of `own` columns.
+    """Means of layers, donors and the study, never across values of `own` columns.
 
-    `centre` is the mean of the medians of identified specimens (geometric on a log scale).
-    `sd_between`^2 = max(`sd_of_medians`^2 - `sd_within`^2, 0) is the variance between specimens
-    that the width of the posteriors (root mean square sd `sd_within`) does not explain.
+    `mean` is mu_g with its 90 % interval, `lowest` and `highest` are medians of specimens, and
+    `sd_between` is the median of tau: the scatter that the width of the posteriors leaves.
     """
     rows = []
     for group_by in ("layer", "donor", "all"):
@@ -53,154 +195,104 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
         elif not own:
             parts.append(pd.Series("all", index=named.index))
         keys = [", ".join(key) for key in zip(*parts, strict=True)]
-        groups = named.assign(_group=keys)
-        for group, members in groups.groupby("_group", sort=False):
+        for group, members in named.assign(_group=keys).groupby("_group", sort=False):
             total = int(members["specimen"].nunique())
             for quantity, part in members.groupby("quantity", sort=False):
                 head = {"group_by": group_by, "group": group, "quantity": quantity}
-                rows.append(head | {"specimens": total} | _summary(part))
+                rows.append(head | {"specimens": total} | _summary(str(quantity), part))
     return pd.DataFrame(rows, columns=list(GROUP_COLUMNS))
 
 
-def _summary(part: pd.DataFrame) -> dict[str, Any]:
-    converged = part[part["state"] == "converged"]
-    # Quantities that are not properties of the tissue have no verdict.
-    usable = converged["verdict"].isin(USABLE_VERDICTS) | (converged["verdict"].fillna("") == "")
-    known = converged[usable & np.isfinite(converged["q50"].astype(float))]
-    texts = {k: next((v for v in part[k] if isinstance(v, str)), "") for k in ("unit", "scale")}
-    out: dict[str, Any] = texts | {
-        "converged": int(converged["specimen"].nunique()),
-        "identified": len(known),
-    }
-    medians, log = known["q50"].to_numpy(dtype=float), out["scale"] == "log"
-    if log:
-        medians = medians[medians > 0.0]
-    if not medians.size:
+def _summary(quantity: str, part: pd.DataFrame) -> dict[str, Any]:
+    known, log = _on_scale(_converged(part))
+    unit = next((v for v in part["unit"] if isinstance(v, str)), "")
+    out: dict[str, Any] = {"unit": unit, "converged": len(known), "scale": LOG if log else "linear"}
+    if known.empty:
         return out
-    on_scale = np.log(medians) if log else medians
-    within = math.sqrt(float(np.mean(np.square(known["scale_sd"].to_numpy(dtype=float)))))
-    out |= {
-        "centre": float(np.exp(on_scale.mean()) if log else on_scale.mean()),
-        "lowest": float(medians.min()),
-        "highest": float(medians.max()),
-        "sd_within": within,
-    }
-    if medians.size > 1:
-        spread = float(on_scale.std(ddof=1))
-        out["sd_of_medians"] = spread
-        # var(medians) = between + mean of the posterior variances
-        out["sd_between"] = math.sqrt(max(spread**2 - within**2, 0.0))
+    y, s = known["value"].to_numpy(), known["sd"].to_numpy()
+    means = group_means([(y, s)], spread_scale(quantity, y, log=log))
+    back = np.exp if log else np.asarray
+    low, mean, high = np.clip(back(means.of(0).quantiles()), *_range(quantity)).tolist()
+    out |= {"mean": mean, "mean_low": low, "mean_high": high}
+    out |= {"lowest": float(known["q50"].min()), "highest": float(known["q50"].max())}
+    if len(known) > 1:
+        out["sd_between"] = float(np.interp(0.5, means.weight.cumsum(), means.tau))
     return out
 
 
-# --- groups of a study: does a quantity differ between them? -------------------------------------
-
-LEAST_DONORS = 2
-"""Donors of each group without which there is no spread to compare with."""
-LARGER, SMALLER, OPEN = "larger", "smaller", "open"
-
-
-def group_names(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.Series:
-    """Group of each row: the values of the columns that the study states, else the layer."""
-    columns = [table[c].fillna("").astype(str) for c in own or ("layer",)]
-    return pd.Series([", ".join(values) for values in zip(*columns, strict=True)], table.index)
+# --- contrasts -----------------------------------------------------------------------------------
 
 
 def group_contrasts(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFrame:
-    """How groups differ: group b less group a, from the medians of specimens that identify it.
+    """How groups differ: group b less group a, a ratio where the quantity is positive.
 
-    A donor counts once (a specimen without one is its own), as the mean of its specimens. Where two
-    donors or more are in both groups, their differences count, else the means of the groups:
-
-        d = mean b - mean a,  90 %: d +- t(0.95, n) sqrt(s_a^2 / n_a + s_b^2 / n_b)   (Welch)
-
-    On a log scale means are geometric, and the difference is a ratio.
+    A donor counts once (a specimen without one is its own): its specimens of a group are averaged
+    with weights 1 / (scale^2 + s_i^2). Where two donors or more are in both groups, their
+    differences are the values of one group, else the donors of either are those of two.
     """
-    tissue = table[[_is_of_tissue(str(q)) for q in table["quantity"]]]
-    known = tissue[(tissue["state"] == "converged") & (tissue["verdict"] == IDENTIFIED)]
-    medians, log = known["q50"].to_numpy(dtype=float), (known["scale"] == "log").to_numpy()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(log, np.log(medians), medians)
-    known = known.assign(
-        group=group_names(known, own),
-        unit_of_donor=known["donor"].fillna("").where(known["donor"] != "", known["specimen"]),
-        value=values,
+    tissue = table[[is_of_tissue(str(q)) for q in table["quantity"]]]
+    tissue = tissue.assign(
+        group=group_names(tissue, own),
+        unit_of_donor=tissue["donor"].fillna("").where(tissue["donor"] != "", tissue["specimen"]),
     )
-    known = known[np.isfinite(values)]
-    names = [name for name in dict.fromkeys(group_names(tissue, own)) if name]
-    units = dict(zip(tissue["quantity"], tissue["unit"], strict=True))
+    names = [name for name in dict.fromkeys(tissue["group"]) if name]
     rows = []
     for a, b in combinations(names, 2):
-        for quantity in dict.fromkeys(tissue["quantity"]):
-            part = known[known["quantity"] == quantity]
-            donors = [
-                part[part["group"] == g].groupby("unit_of_donor", sort=False)["value"].mean()
-                for g in (a, b)
-            ]
-            head = {"group_a": a, "group_b": b, "quantity": quantity, "unit": units[quantity]}
-            scale = part["scale"].iloc[0] if len(part) else ""
-            rows.append(head | {"scale": scale} | _contrast(*donors, log=scale == "log"))
+        for quantity, part in tissue.groupby("quantity", sort=False):
+            known, log = _on_scale(_converged(part[part["group"].isin((a, b))]))
+            scale = spread_scale(str(quantity), known["value"].to_numpy(), log=log)
+            first, second = (_donors(known[known["group"] == g], scale) for g in (a, b))
+            head = {"group_a": a, "group_b": b, "quantity": quantity}
+            head |= {"unit": part["unit"].iloc[0], "scale": LOG if log else "linear"}
+            limits = _range(str(quantity))
+            rows.append(head | _contrast(first, second, scale, limits, log=log))
     return pd.DataFrame(rows, columns=list(GROUP_CONTRAST_COLUMNS))
 
 
-def _is_of_tissue(name: str) -> bool:
-    if "[" in name:  # of a mounted state or a piece, which have names of their own
+def is_of_tissue(name: str) -> bool:
+    """True for a property of the tissue, not of a mounted state or a piece."""
+    if "[" in name:
         return False
-    quantity = Quantities(all_parameters()).get(name)
+    quantity = KNOWN_QUANTITIES.get(name)
     return quantity is None or quantity.parameter.kind == MATERIAL
 
 
-def _contrast(a: pd.Series, b: pd.Series, *, log: bool) -> dict[str, Any]:
-    """Means of the donors of two groups and their difference, with its 90 % interval."""
+def _donors(part: pd.DataFrame, scale: float) -> pd.DataFrame:
+    """Value and sd of each donor."""
+    weight = 1.0 / (scale**2 + part["sd"] ** 2)
+    sums = pd.DataFrame(
+        {"w": weight, "y": weight * part["value"], "v": (weight * part["sd"]) ** 2}
+    ).groupby(part["unit_of_donor"], sort=False)
+    total = sums.sum()
+    return pd.DataFrame({"value": total["y"] / total["w"], "sd": np.sqrt(total["v"]) / total["w"]})
+
+
+def _contrast(
+    a: pd.DataFrame, b: pd.DataFrame, scale: float, limits: tuple[float, float], *, log: bool
+) -> dict[str, Any]:
+    """The difference of two groups of donors, with its 90 % interval."""
     common = a.index.intersection(b.index)
     paired = len(common) >= LEAST_DONORS
     if paired:
-        a, b = a[common], b[common]
+        a, b = a.loc[common], b.loc[common]
     out: dict[str, Any] = {"paired": paired, "donors_a": len(a), "donors_b": len(b)}
     back = math.exp if log else float
-    out |= {f"mean_{k}": back(v.mean()) for k, v in (("a", a), ("b", b)) if len(v)}
     if min(len(a), len(b)) < LEAST_DONORS:
         return out
-    apart = float(b.mean() - a.mean())
+    both = [(v["value"].to_numpy(), v["sd"].to_numpy()) for v in (a, b)]
+    means = group_means(both, scale)
+    middles = [back(means.of(g).quantiles()[1]) for g in (0, 1)]
+    out |= dict(zip(("mean_a", "mean_b"), np.clip(middles, *limits).tolist(), strict=True))
+    apart = means.difference()
     if paired:
-        variances, freedom = [float((b - a).var()) / len(a)], float(len(a) - 1)
-    else:
-        variances = [float(v.var()) / len(v) for v in (a, b)]
-        parts = [v**2 / (len(g) - 1) for v, g in zip(variances, (a, b), strict=True)]
-        freedom = sum(variances) ** 2 / sum(parts) if sum(parts) > 0.0 else math.inf
-    half = float(t.ppf(0.95, freedom)) * math.sqrt(sum(variances))
-    low, high = apart - half, apart + half
-    direction = LARGER if low > 0.0 else SMALLER if high < 0.0 else OPEN
-    numbers = dict(zip(("", "_low", "_high"), map(back, (apart, low, high)), strict=True))
-    return out | {f"difference{k}": v for k, v in numbers.items()} | {"direction": direction}
-
-
-# --- layers of a donor ---------------------------------------------------------------------------
-
-
-def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
-    """Summarise over donors how the layers of a donor differ: medians of identified pairs b - a."""
-    if distances.empty:
-        return pd.DataFrame(columns=list(LAYER_CONTRAST_COLUMNS))
-    same_for_all = distances["kind"].isin(COMPARABLE_KINDS) & (
-        distances["total_stretch"].isna() | (distances["total_stretch"] == 1.0)
-    )
-    across = distances[same_for_all & (distances["layer_a"] != distances["layer_b"])].copy()
-    # each pair with its layers in the order of the study
-    names = dict.fromkeys([*distances["layer_a"], *distances["layer_b"]])
-    order = {name: k for k, name in enumerate(names)}
-    turn = across["layer_a"].map(order) > across["layer_b"].map(order)
-    layers, ends = ["layer_a", "layer_b"], [f"difference_{q}" for q in ("q05", "q50", "q95")]
-    across.loc[turn, layers] = across.loc[turn, layers[::-1]].to_numpy()
-    across.loc[turn, ends] = -across.loc[turn, ends[::-1]].to_numpy()
-    rows = []
-    for (a, b, quantity), part in across.groupby([*layers, "quantity"], sort=False):
-        known = part[part["identified_in_both"]]
-        differences = known["difference_q50"]
-        row = (
-            *(a, b, quantity, part["unit"].iloc[0], len(part), len(known)),
-            *((known["difference_q05"] > 0.0).sum(), (known["difference_q95"] < 0.0).sum()),
-            *(differences.mean(), differences.min(), differences.max()),
-        )
-        rows.append(row)
-    return pd.DataFrame(rows, columns=list(LAYER_CONTRAST_COLUMNS))
+        within = np.hypot(both[0][1], both[1][1])
+        own = group_means([(both[1][0] - both[0][0], within)], math.sqrt(2.0) * scale)
+        apart = own.of(0)
+    low, middle, high = apart.quantiles()
+    numbers = dict(zip(("", "_low", "_high"), map(back, (middle, low, high)), strict=True))
+    return out | {
+        **{f"difference{k}": v for k, v in numbers.items()},
+        "probability_larger": float(1.0 - apart.below(np.zeros(1))[0]),
+        "detectable": back(POWER * apart.total_sd),
+        "direction": LARGER if low > 0.0 else SMALLER if high < 0.0 else OPEN,
+    }

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import biaxbayes
 from biaxbayes.errors import InputError
-from biaxbayes.runs.folder import STUDY, record_text
+from biaxbayes.runs.folder import STUDY
+from biaxbayes.stored_data import json_text, read_object
 from biaxbayes.studies.study_file import Study
 from biaxbayes.text_files import atomic_write_text, read_csv
 
-UNREADABLE = (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError)
+UNREADABLE = (OSError, ValueError, KeyError, AttributeError, TypeError)
 
 
 def recorded_runs(folder: Path) -> dict[str, str]:
     """Fingerprints of finished runs; empty if the record cannot be read."""
-    try:
-        record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
-        return {str(k): str(v) for k, v in record["done"].items()}
-    except UNREADABLE:
-        return {}
+    done = read_object(folder / STUDY).get("done")
+    return {str(k): str(v) for k, v in done.items()} if isinstance(done, dict) else {}
 
 
 def record_runs(study: Study, folder: Path, finished: Mapping[str, str]) -> None:
@@ -31,7 +28,7 @@ def record_runs(study: Study, folder: Path, finished: Mapping[str, str]) -> None
     if study.columns:
         values = {e.label: dict(e.columns) for e in study.specimens}
         record |= {"columns": list(study.columns), "values": values}
-    atomic_write_text(folder / STUDY, record_text(record))
+    atomic_write_text(folder / STUDY, json_text(record))
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,9 @@ class StudyRun:
 def members_of_study(folder: Path) -> tuple[str, list[StudyRun]]:
     """Name and specimens of a finished study."""
     try:
-        record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
+        record = read_object(folder / STUDY)
+        if not record:
+            raise ValueError("no record")
         table = read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
         rows = table.drop_duplicates("specimen").to_dict("records")
         labels = [str(r["specimen"]) for r in rows]

@@ -10,16 +10,27 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from biaxbayes.errors import InputError
-from biaxbayes.tables.sheets import MAX_CELLS, Reader, Worksheet
+from biaxbayes.tables.worksheet import MAX_CELLS, Worksheet
 
 MEMORY_BYTES = 1_000_000_000
 SECONDS = 120
 MAX_LETTERS = 200_000_000
+
+
+class Reader(NamedTuple):
+    """A module of this package that reads a kind of file, by an installed package."""
+
+    module: str
+    kind: str
+    package: str
 
 
 def read_in_child(path: Path, reader: Reader) -> dict[str, Worksheet]:
@@ -31,7 +42,7 @@ def read_in_child(path: Path, reader: Reader) -> dict[str, Worksheet]:
         "PYTHONIOENCODING": "utf-8",
         **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
     }
-    command = [sys.executable, "-m", __name__, reader.module, str(path)]
+    command = [sys.executable, "-m", __name__, reader.module, str(path), str(os.getpid())]
     too_large = InputError(
         f"takes more than {MEMORY_BYTES / 1e9:g} GB of memory or {SECONDS} s to read",
         file=path,
@@ -77,7 +88,15 @@ def _answer(module: str, path: Path) -> dict[str, object]:
         return {"kind": kind.__name__, "problem": "", "remedy": None}
 
 
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, in whatever way; Windows has the time limit."""
+    while os.getppid() == parent:
+        time.sleep(0.2)
+    os._exit(1)
+
+
 if __name__ == "__main__":
+    threading.Thread(target=_end_with, args=(int(sys.argv[3]),), daemon=True).start()
     with contextlib.suppress(ImportError, OSError, ValueError):  # not every platform can limit
         import resource
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.tables.sheets import Worksheet, sheet_from
+from biaxbayes.tables.worksheet import Worksheet, sheet_from
 
 LEAST_ROWS = 3
 TOP = "variables"

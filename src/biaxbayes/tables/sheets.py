@@ -6,46 +6,27 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
-from biaxbayes.errors import InputError, printable
-from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of, without_empty_end
+from biaxbayes.errors import InputError
+from biaxbayes.tables.child import Reader, read_in_child
+from biaxbayes.tables.worksheet import MAX_CELLS, MINUS, Worksheet
+from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of
 
 MAX_WORKBOOK_BYTES = 64_000_000
 MAX_ROWS = 500_000
-MAX_CELLS = 8_000_000
 CONTROL_CHARACTERS = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
-END_OF_FILE, MINUS = "\x1a", "\u2212"
-"""A mark of old programs behind the text, and the minus sign of typesetters."""
+END_OF_FILE = "\x1a"
+"""A mark of old programs behind the text."""
+MARK_OF_THOUSANDS = re.compile("(?<=\\d)['\u2019\u00a0\u202f](?=\\d{3}(?!\\d))")
+"""A narrow space or an apostrophe between thousands."""
+NUMBER_AS_TEXT = re.compile(r'="([-+.,\deE]+)"')
+"""A number as ="1.5", which spreadsheets leave as text."""
 LINES_OF_A_CELL = 5
 """Largest number of lines of a quoted cell."""
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "spaces", ",": "commas"}
 SEPARATOR_LINES = 200
 """Lines at the end of the file from which its separator is read; a preamble is at the start."""
-
-
-@dataclass
-class Worksheet:
-    """Rows of text cells without blank lines and comments."""
-
-    rows: list[list[str]]
-    lines: list[int]  # of the file, or rows of the sheet, from 1
-    notes: list[str] = field(default_factory=list)  # how the file was read
-    # column names from a comment line, as NumPy writes them
-    names: list[str] = field(default_factory=list)
-    hidden: list[int] = field(default_factory=list)  # lines of hidden or filtered rows
-    unseen: bool = False  # a hidden sheet
-    text: bool = False  # cut from lines of text, where a short row may be a truncated file
-
-
-class Reader(NamedTuple):
-    """A module of this package that reads a kind of file, by an installed package."""
-
-    module: str
-    kind: str
-    package: str
 
 
 WORKBOOK = Reader("workbook", "workbook", "python-calamine")
@@ -68,8 +49,6 @@ def read_sheets(path: Path) -> dict[str, Worksheet]:
     if raw.startswith(b"PK\x03\x04"):
         reader = _archive_reader(path)
     if reader is not None:
-        from biaxbayes.tables.child import read_in_child
-
         return read_in_child(path, reader)
     for signature, (kind, remedy) in SIGNATURES.items():
         if raw.startswith(signature):
@@ -92,31 +71,14 @@ def _archive_reader(path: Path) -> Reader:
     return WORKBOOK
 
 
-def sheet_from(values: Sequence[Sequence[object]], note: str) -> Worksheet:
-    """A sheet from rows of values, as typed formats hold them."""
-    rows, lines = [], []
-    for number, row in enumerate(values, start=1):
-        cells = without_empty_end([_cell_text(value) for value in row])
-        if cells and not cells[0].startswith("#"):
-            rows.append(cells)
-            lines.append(number)
-    return Worksheet(rows, lines, [note])
-
-
-def _cell_text(value: object) -> str:
-    """A value as a text cell; numbers with the digits that read back the same."""
-    if isinstance(value, float):
-        return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-    return "" if value is None else printable(str(value)).replace(MINUS, "-")
-
-
 # --- text files -----------------------------------------------------------------------------------
 
 
 def _text_sheet(raw: bytes, path: Path) -> Worksheet:
     """The cells of a text file in any usual separator and encoding."""
     text, encoding = _decoded(raw, path)
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    # CR CR LF is one end of a line that two programs wrote
+    lines = re.sub(r"\r+\n|\r", "\n", text).split("\n")
     separator = _separator(lines, path)
     if len(lines) > MAX_ROWS or text.count(separator) > MAX_CELLS:
         problem = f"has more than {MAX_ROWS:,} lines or {MAX_CELLS:,} cells"
@@ -156,6 +118,7 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
             ) from None
         encoding, text = "Windows-1252", raw.decode("cp1252", errors="replace")
     text = text.removesuffix(END_OF_FILE).replace(MINUS, "-")
+    text = MARK_OF_THOUSANDS.sub("", NUMBER_AS_TEXT.sub(r"\1", text))
     control = CONTROL_CHARACTERS.search(text)
     if control:
         row = text[: control.start()].count("\n") + 1

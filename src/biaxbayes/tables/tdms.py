@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import zip_longest
 from pathlib import Path
 
-from biaxbayes.tables.sheets import Worksheet, sheet_from
+from biaxbayes.tables.worksheet import Worksheet, sheet_from
 
 
 def sheets(path: Path) -> dict[str, Worksheet]:

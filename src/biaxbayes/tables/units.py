@@ -1,4 +1,4 @@
-"""Units and kinds of strain behind column names and header keys, and misspelt names.
+"""Units behind column names and header keys, names of stretches, and misspelt names.
 
 This table of units is the only one: help, messages and documentation list it.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -15,17 +16,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: its quantity (for strain a key of STRAINS), and its size in N, kPa, mm, s or 1."""
+    """A unit: its quantity, and its size in N, kPa, mm, s or 1."""
 
     name: str
     quantity: str
     factor: float
 
 
-STRAINS = ("stretch", "engineering", "green", "log", "almansi")
-"""Kinds of strain, the stretch itself among them."""
 GRAVITY = 9.80665
-MM = {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3, "inch": 25.4}
 FACTORS: dict[str, dict[str, float]] = {
     "force": {
         "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 1e-3 * GRAVITY, "kgf": GRAVITY,
@@ -38,11 +36,9 @@ FACTORS: dict[str, dict[str, float]] = {
         "psi": 6.894757293168, "bar": 100.0, "mbar": 0.1, "mmHg": 0.133322387415,
         "cmH2O": 1e-2 * GRAVITY,
     },
-    "length": {**MM, "px": 1.0},
-    "displacement": {f"displacement_{name}": factor for name, factor in MM.items()},
+    "length": {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3, "inch": 25.4, "px": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "fraction": {"percent": 0.01, "permille": 1e-3, "microstrain": 1e-6, "mm/mm": 1.0},
-    **{kind: {kind: 1.0, f"{kind}_percent": 0.01} for kind in STRAINS},
     # Units that a column may have, but that cannot be converted; named in errors.
     "membrane tension": {"N/m": 1.0, "N/mm": 1e3, "N/cm": 100.0, "mN/mm": 1.0, "gf/cm": GRAVITY},
     "angle": {"deg": 1.0, "rad": 57.29577951308232},
@@ -61,7 +57,6 @@ ALIASES = {
     "%": "percent", "pct": "percent", "‰": "permille", "ue": "microstrain", "uε": "microstrain",
     "ustrain": "microstrain", "um/m": "microstrain", "ppm": "microstrain", "mm/m": "permille",
     "m/m": "mm/mm", "um/um": "mm/mm", "in/in": "mm/mm",
-    "eng": "engineering", "lambda": "stretch", "hencky": "log", "true": "log",
     "g/cm": "gf/cm", "pixel": "px", "pixels": "px", "°": "deg",
 }  # fmt: skip
 # "mPa" in small letters is not MPa, and nobody measures tissue in it.
@@ -101,7 +96,7 @@ def split_units(column: str) -> tuple[str, list[Unit]]:
                 units.append(unit)
                 column = f"{column[: match.start()].rstrip()} {column[match.end() :].lstrip()}"
     column = column.strip()
-    for separator in re.finditer(r"[_\s,/]+", "" if column.endswith(tuple("])}")) else column):
+    for separator in re.finditer(r"[-_\s,/]+", "" if column.endswith(tuple("])}")) else column):
         unit = unit_named(column[separator.end() :])
         if unit is not None and separator.start() > 0:
             return column[: separator.start()], [*units, unit]
@@ -114,10 +109,10 @@ def unit_of_column(column: str) -> Unit | None:
 
 
 def unknown_unit(text: str) -> str:
-    """The text in brackets at the end, if it is neither a unit, an axis nor a kind of strain."""
+    """The text in brackets at the end, if it is neither a unit nor an axis."""
     match = re.search(BOX.pattern + r"\s*$", text)
     boxed = match[0].strip(" \t[](){}") if match else ""
-    if unit_named(boxed) is not None or strain_kinds(boxed):
+    if unit_named(boxed) is not None or names_stretch(boxed, ""):
         return ""
     return "" if re.fullmatch(r"[-\s]*|1|[xyXY12]{1,2}", boxed) else boxed
 
@@ -141,29 +136,26 @@ def is_scaled(column: str) -> bool:
 
 def words_of(column: str) -> list[str]:
     """Words of a column name in lower case, those of ``nominalStrain`` apart."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column).lower()
+    plain = unicodedata.normalize("NFKC", column)  # an italic letter is the letter
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain).lower()
     return [word for word in re.split(r"[^0-9a-zλστäöü]+", spaced) if word]
 
 
-# --- kinds of strain ------------------------------------------------------------------------------
+# --- stretches ------------------------------------------------------------------------------------
 
-STRAIN_CHOICES = units_of(*STRAINS)
-KIND_WORDS = {
-    "stretch": r"\w*stretch\w*|[xy]?(lambda|lam)([xy12]{1,2})?|\w*λ\w*|f11|f22|fxx|fyy|lx|ly",
-    "engineering": r"engineering|eng|nominal|technical|biot",
-    "green": r"green",
-    "log": r"true|hencky|log|logarithmic|ln",
-    "almansi": r"almansi",
-}
+STRETCH = re.compile(
+    r"\w*stretch\w*|[xy]?(lambda|lam)([xy12]{1,2})?|\w*λ\w*|f11|f22|fxx|fyy|lx|ly|lz"
+)
+STRAIN = re.compile(
+    r"strain|dehnung|engineering|eng|nominal|technical|biot|green|true|hencky|log|logarithmic|ln"
+    r"|almansi|e|e11|e22|exx|eyy"
+)
 
 
-def strain_kinds(column: str) -> set[str]:
-    """Kinds of strain in a column's name; Lagrange alone may mean two and does not count."""
-    return {
-        kind
-        for kind, pattern in KIND_WORDS.items()
-        if any(re.fullmatch(pattern, word) for word in words_of(column))
-    }
+def names_stretch(column: str, below: str) -> bool:
+    """Whether a column's name, with the row below it, says a stretch and no kind of strain."""
+    words = words_of(f"{column} {below}")
+    return any(map(STRETCH.fullmatch, words)) and not any(map(STRAIN.fullmatch, words))
 
 
 # --- a misspelt name ------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import contextlib
 import zipfile
 from pathlib import Path
 
-from biaxbayes.tables.sheets import MAX_CELLS, Worksheet, sheet_from
+from biaxbayes.tables.worksheet import MAX_CELLS, Worksheet, sheet_from
 
 MOST_CELLS_LOOKED_AT = 400_000
 """Cells of a workbook up to which its hidden rows are looked for."""

@@ -17,11 +17,11 @@ VERBS = {
     "compare": "Several runs side by side: layers, specimens, settings.",
     "laws": "Material laws compared by their predictions.",
     "design": "Further measurements ranked by their expected benefit.",
-    "ledger": "The cost of ignoring the mounting stretch.",
     "calibrate": "Simulation-based calibration on your own protocol.",
     "predict": "Stress with bands on any path; thin-walled inflation.",
     "plot": "Figures of a run, sized for a paper.",
     "report": "The report of a run: HTML page or LaTeX table.",
     "export": "Material cards for Abaqus and FEBio.",
+    "app": "A page in the browser for all of this.",
 }
 """Verbs in the order of the help page; each is a module of this package with its ``command``."""

@@ -6,9 +6,9 @@ worker must see.
 
 from __future__ import annotations
 
+import math
 import os
 import socket
-import time
 import traceback
 import uuid
 import warnings
@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-import pandas as pd
 
-from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.compilation import first_alone
+from biaxbayes.derived.determined import largest_equibiaxial
 from biaxbayes.errors import (
     BiaxbayesError,
     CannotResume,
@@ -34,23 +33,13 @@ from biaxbayes.errors import (
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
-from biaxbayes.progress_bar import Progress, time_left, with_progress
+from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.study_page import closing_message, write_study
-from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, claim_folder, is_finished
+from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, claim_folder
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
+from biaxbayes.stored_data import read_object
 from biaxbayes.studies.record import record_runs, recorded_runs
-from biaxbayes.studies.result import (
-    FAILED,
-    INTERRUPTED,
-    SpecimenOutcome,
-    StudyResult,
-    donor_groups,
-    rows_of_run,
-    rows_without_run,
-    study_result,
-    study_table,
-)
 from biaxbayes.studies.study_file import (
     LoadedSpecimen,
     Study,
@@ -58,8 +47,19 @@ from biaxbayes.studies.study_file import (
     read_study,
     study_of_files,
 )
+from biaxbayes.studies.study_result import (
+    FAILED,
+    INTERRUPTED,
+    SpecimenOutcome,
+    StudyResult,
+    common_stretches,
+    rows_at_stretches,
+    rows_of_run,
+    rows_without_run,
+    study_table,
+)
 from biaxbayes.tasks import Executor
-from biaxbayes.text_files import os_error_text
+from biaxbayes.text_files import cache_problem, os_error_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, no_progress, no_stop
 from biaxbayes.verbs.sample import SampleJob
@@ -110,7 +110,7 @@ def batch(
     return run_study(chosen, Path(out), executor, progress=progress, stop=stop)
 
 
-# --- what a worker does: sample a specimen, compare the layers of a donor ------------------------
+# --- what a worker does: sample a specimen, read stresses of its run -----------------------------
 
 
 @dataclass(frozen=True)
@@ -134,18 +134,22 @@ def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
             if not task.running.exists():
                 problem = f"{socket.gethostname()} does not see the study folder"
                 return SpecimenOutcome(INTERRUPTED, problem)
-            rows = rows_of_run(open_run(task.folder) if task.finished else _sample(task, notes))
-            return SpecimenOutcome(rows[0]["state"], rows[0]["reason"], rows, notes)
+            run = open_run(task.folder) if task.finished else _sample(task, notes)
+            rows, largest = rows_of_run(run), math.nan
+            if run.state != "unusable":
+                largest = largest_equibiaxial(run.draws, run.specimen)
+            return SpecimenOutcome(rows[0]["state"], rows[0]["reason"], rows, notes, largest)
         except Interrupted as error:
             return SpecimenOutcome(INTERRUPTED, str(error))
         except BiaxbayesError as error:
             reason = str(error)
-        except OSError as error:
-            reason = os_error_text(error)
         except Exception as error:
-            if os.environ.get("BIAXBAYES_DEBUG"):
+            reason = cache_problem(error)
+            if isinstance(error, OSError):
+                reason = reason or os_error_text(error)
+            elif os.environ.get("BIAXBAYES_DEBUG"):
                 traceback.print_exc()
-            reason = f"internal error: {type(error).__name__}: {error}"
+            reason = reason or f"internal error: {type(error).__name__}: {error}"
     return _failed_outcome(reason, notes, task.loaded.listing.options["law"])
 
 
@@ -187,34 +191,22 @@ def _sample(task: SpecimenTask, notes: list[str]) -> Run:
 
 
 @dataclass(frozen=True)
-class LayerTask:
-    """Runs to compare: the layers of one donor, whose name may be empty."""
+class StretchTask:
+    """A run whose stresses are wanted at total equibiaxial stretches."""
 
-    donor: str
-    labels: tuple[str, ...]
-    layers: tuple[str, ...]
-    folders: tuple[Path, ...]
+    label: str
+    folder: Path
+    stretches: tuple[float, ...]
 
 
-def compare_layers(task: LayerTask) -> tuple[pd.DataFrame, list[str]]:
-    """Distances between the layers of a donor, and notes on them; nothing is raised."""
+def rows_of_stretches(task: StretchTask) -> tuple[list[dict[str, Any]], str]:
+    """Stresses and stiffnesses of a run, or why there are none; nothing is raised."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            members = []
-            for label, folder in zip(task.labels, task.folders, strict=True):
-                run = open_run(folder)
-                reported = run.result.reported
-                members.append(ComparedRun(label, run.posterior(), run.draws, run.state, reported))
-            comparison = compare(members)
+            return rows_at_stretches(open_run(task.folder), task.stretches), ""
         except BiaxbayesError as error:
-            return pd.DataFrame(), [f"no comparison: {error}"]
-    layers = dict(zip(task.labels, task.layers, strict=True))
-    table = comparison.distances.copy()
-    table.insert(0, "donor", task.donor)
-    for k, side in enumerate("ab"):
-        table.insert(1 + k, f"layer_{side}", [layers[v] for v in table[f"run_{side}"]])
-    return table, comparison.notes
+            return [], str(error)
 
 
 # --- the study -----------------------------------------------------------------------------------
@@ -231,9 +223,9 @@ def run_study(
     progress: OnProgress = no_progress,
     stop: Stop = no_stop,
 ) -> StudyResult:
-    """Sample what is missing, compare the layers of each donor, and write every file."""
+    """Sample what is missing, compare the groups, and write every file."""
     executor = executor or InThisProcess()
-    with claim_folder(folder, {STUDY}, "a study's", own={RUNS}), executor:
+    with claim_folder(folder, STUDY, own={RUNS}), executor:
         runs = folder.absolute() / RUNS
         runs.mkdir(exist_ok=True)
         for left in folder.glob(f"{RUNNING_PREFIX}*"):
@@ -245,23 +237,48 @@ def run_study(
             progress(Progress("reading specimens"))
             entries = load_specimens(study)
             outcomes = _sample_all(study, entries, folder, running, executor, progress, stop)
+            notes = _differing_axes(entries)
+            progress(Progress("stresses at common stretches"))
+            notes += _add_common_stretches(entries, outcomes, runs, executor)
             table = study_table(entries, outcomes)
-            progress(Progress("comparing layers"))
-            folders = {e.listing.label: runs / e.slug for e in entries}
-            tasks = [
-                LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
-                for donor, labels, layers in donor_groups(table)
-            ]
-            compared = {task.donor: (pd.DataFrame(), list[str]()) for task in tasks}
-            for outcome in executor.run(compare_layers, tasks):
-                failed = pd.DataFrame(), [outcome.failure]
-                compared[tasks[outcome.index].donor] = failed if outcome.failure else outcome.value
             progress(Progress("writing"))
-            result = study_result(study.name, folder.absolute(), table, compared)
+            result = StudyResult(study.name, folder.absolute(), table, notes)
             write_study(result)
         finally:
             running.unlink(missing_ok=True)
     return result
+
+
+def _differing_axes(entries: list[LoadedSpecimen]) -> list[str]:
+    """Notes on axes that are not the same direction of the tissue in all specimens."""
+    out = []
+    for axis in "xy":
+        named = {getattr(e.specimen, f"axis_{axis}") for e in entries if e.specimen}
+        if len(known := sorted(str(name) for name in named if name)) > 1:
+            out.append(f"axis {axis} is not the same direction everywhere: {', '.join(known)}")
+    return out
+
+
+def _add_common_stretches(
+    entries: list[LoadedSpecimen],
+    outcomes: dict[str, SpecimenOutcome],
+    runs: Path,
+    executor: Executor,
+) -> list[str]:
+    """Add the rows at stretches that every converged specimen reached; why where they lack."""
+    known = {e.slug: e for e in entries if outcomes[e.slug].state == "converged"}
+    stretches = common_stretches([outcomes[slug].largest_stretch for slug in known])
+    if not stretches:
+        return []
+    tasks = [StretchTask(slug, runs / slug, tuple(stretches)) for slug in known]
+    notes = []
+    for outcome in executor.run(rows_of_stretches, tasks):
+        slug = tasks[outcome.index].label
+        rows, failure = ([], outcome.failure) if outcome.failure else outcome.value
+        if failure:
+            notes.append(f"{known[slug].listing.label}: no stresses: {failure}")
+        outcomes[slug] = replace(outcomes[slug], rows=[*outcomes[slug].rows, *rows])
+    return notes
 
 
 def _sample_all(
@@ -282,11 +299,10 @@ def _sample_all(
         for e in entries
         if e.specimen
         and recorded.get(e.slug) == e.fingerprint
-        and is_finished(runs / e.slug, PROVENANCE)
+        and "biaxbayes" in read_object(runs / e.slug / PROVENANCE)
     }
     record_runs(study, folder, finished)
-    before, clock = len(finished), time.monotonic()
-    more = f", {before} of them finished before" if before else ""
+    more = f", {len(finished)} of them finished before" if finished else ""
     progress(Progress(f"sampling {len(entries)} specimens{more}"))
 
     def stopped() -> int:
@@ -319,7 +335,6 @@ def _sample_all(
         text = f"{len(outcomes)} of {len(entries)} specimens"
         if failed := sum(t.state not in STATES for t in outcomes.values()):
             text += f", {failed} failed"
-        text += time_left(clock, len(outcomes) - before, len(entries) - len(outcomes))
         progress(Progress(text, len(outcomes) / len(entries)))
     if len(outcomes) < len(entries):
         text = f"interrupted after {len(outcomes)} of {len(entries)} specimens"
@@ -359,7 +374,7 @@ def command(
     r"""Sample many specimens: those of a study file, or the CSV files given.
 
     Writes a study folder: study.csv with a row for each specimen and quantity, summaries across
-    layers and donors, study.html with the layers compared, and in runs/ a run folder of each
+    layers and donors, study.html with the groups compared, and in runs/ a run folder of each
     specimen. The same command again does what is missing: a finished specimen is not sampled
     again, an interrupted one continues. A specimen that fails does not stop the others. Exit
     code 0 when every specimen has converged, 3 when one has not or has failed, 2 when nothing

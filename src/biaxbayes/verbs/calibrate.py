@@ -28,15 +28,17 @@ from biaxbayes.calibration.ranks import (
     uniformity,
 )
 from biaxbayes.calibration.simulated_specimen import priors_toml
-from biaxbayes.errors import Interrupted, NotConverged, RunError
+from biaxbayes.errors import Interrupted, NotConverged
 from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.priors import prior_value
 from biaxbayes.options import CalibrationPlan, InferringOptions, takes_options
 from biaxbayes.parallel import InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
+from biaxbayes.report_table import Column, Table
+from biaxbayes.runs.folder import claim_folder, refuse_other_work
 from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.stored_data import json_text
 from biaxbayes.tasks import Executor
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
@@ -83,7 +85,7 @@ def run_calibration(
     stop: Stop = inputs.no_stop,
 ) -> CalibrationResult:
     """Run the replications that are missing, and write every file."""
-    with claim_folder(folder, {RECORD}, "a calibration's"):
+    with claim_folder(folder, RECORD):
         rows = _stored_rows(calibration, folder, resume=resume)
         missing = [i for i in range(replications) if i not in rows]
         if missing:
@@ -119,8 +121,7 @@ def _stored_rows(
     calibration: Calibration, folder: Path, *, resume: bool
 ) -> dict[int, list[dict[str, Any]]]:
     """Rows of the replications already done, by replication; records the calibration."""
-    # numbers and the deliberate fault, if there is one
-    others = {k: v for k, v in vars(calibration).items() if isinstance(v, int | float | str)}
+    others = {k: v for k, v in vars(calibration).items() if isinstance(v, int | float)}
     identity = {
         "specimen": calibration.specimen.name,
         "specimen_sha256": specimen_digest(calibration.specimen),
@@ -131,22 +132,13 @@ def _stored_rows(
     }
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     rows: dict[int, list[dict[str, Any]]] = {}
+    refuse_other_work(folder, RECORD, digest, resume=resume)
     if (folder / RECORD).exists() and (folder / RANKS).exists():
-        if not resume:
-            raise RunError(
-                f"{folder}: already holds a calibration; choose another `out`, or continue it with "
-                "`resume=True`"
-            )
-        if stored_identity(folder / RECORD) != digest:
-            raise RunError(
-                f"{folder}: holds another calibration (specimen, options, priors, seed or version "
-                "differ); choose another `out`"
-            )
         for row in read_ranks(folder / RANKS).to_dict("records"):
             rows.setdefault(row["replication"], []).append({str(k): v for k, v in row.items()})
     # the ranks first: after a crash the record never stands beside those of another calibration
     write_csv(folder / RANKS, rank_table(rows))
-    atomic_write_text(folder / RECORD, record_text({**identity, "identity": digest}))
+    atomic_write_text(folder / RECORD, json_text({**identity, "identity": digest}))
     priors = priors_toml(calibration.priors, calibration.specimen.unit, calibration.law)
     atomic_write_text(folder / "priors.toml", priors)
     return rows
@@ -202,7 +194,6 @@ def calibrate(
 @opt.options(CalibrationPlan, "seed", "ess")
 @opt.flag("resume", "Continue a calibration, or add replications to it.")
 @opt.quiet_option
-@opt.options(CalibrationPlan, "broken", broken={"hidden": True})
 @opt.model_options(InferringOptions)
 def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     """Simulation-based calibration on the protocols, dimensions and load noise of SPECIMEN.
@@ -226,12 +217,16 @@ def closing_message(folder: Path, outcome: CalibrationResult) -> str:
     from biaxbayes.calibration.ranks import MIN_REPLICATIONS
 
     total = sum(outcome.states.values())
-    lines = [f"{'':18s} {'uniform p':>9s} {'in band':>8s}   coverage of 50, 80, 90, 95 %"]
-    for row in outcome.table.to_dict("records"):
-        inside = "  ".join(f"{100 * row[f'coverage_{level}']:5.1f}" for level in (50, 80, 90, 95))
-        lines.append(
-            f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {inside}"
-        )
+    columns = [
+        Column("parameter", "Parameter"),
+        Column("uniformity_p", "Uniform p", format=".3f", number=True),
+        Column("inside_band", "In band", number=True),
+        *(
+            Column(f"coverage_{level}", f"{level} % interval holds", format=".1f %", number=True)
+            for level in (50, 80, 90, 95)
+        ),
+    ]
+    lines = Table(columns, outcome.table).lines()
     others = ", ".join(f"{v} {k}" for k, v in outcome.states.items() if k != "converged")
     lines.append(f"{total} replications, {others or 'all converged'}")
     if total < MIN_REPLICATIONS and outcome.calibrated:

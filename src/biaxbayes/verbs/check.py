@@ -13,11 +13,12 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.experiments import N_PER_KPA_MM2, Tube
+from biaxbayes.experiments.sheet import REFERENCES
+from biaxbayes.mechanics.mounting import N_PER_KPA_MM2
 from biaxbayes.options import for_users
 from biaxbayes.reports.text import plural
-from biaxbayes.specimens.specimen import REFERENCES, Specimen
-from biaxbayes.text_files import aligned
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.text_files import aligned, refuse_foreign
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
 from biaxbayes.verbs.options import argument, file_option, flag, json_option
 
@@ -85,14 +86,21 @@ def check(
     InputError
         For a sketch of a specimen whose header states no hooks.
     """
-    from biaxbayes.specimens.check import Finding, check_specimen, sorted_findings
+    from biaxbayes.specimens.check import (
+        Finding,
+        alignment_note,
+        check_specimen,
+        sorted_findings,
+    )
 
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
-    if "grips" not in data.metadata and data.test == "biaxial":
+    if "grips" not in data.metadata and data.experiment.is_biaxial:
         findings.append(Finding("grips", "note", GRIPS_NOT_STATED))
+    if note := alignment_note(data):
+        findings.append(Finding("alignment", "note", note))
     if data.needs_grip_correction:
-        from biaxbayes.grips.geometry import describe_hooks, stated_hooks
+        from biaxbayes.grips.hooks import describe_hooks, stated_hooks
 
         width = 2.0 * stated_hooks(data).radius_mm
         words = (
@@ -102,12 +110,12 @@ def check(
         )
         findings.append(Finding("grips", "note", words))
     if fit:
-        from biaxbayes.fitting.law_fits import quick_better_law
-        from biaxbayes.identifiability.fit_quality import (
+        from biaxbayes.fitting.fit_quality import (
             misfit_finding,
             quick_fit,
             swapped_columns,
         )
+        from biaxbayes.fitting.law_fits import quick_better_law
 
         best = quick_fit(data)
         swapped = swapped_columns(data, best.residuals, best=best)
@@ -118,6 +126,10 @@ def check(
         from biaxbayes.figures.mounting import sketch_figure
         from biaxbayes.figures.specimen import specimen_figure
         from biaxbayes.figures.style import save_figure
+
+        for path in (figure, sketch):
+            if path is not None:
+                refuse_foreign(Path(path))
     if figure is not None:
         save_figure(specimen_figure(data), Path(figure))
     if sketch is not None:
@@ -144,7 +156,7 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
     """Contents of a specimen as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
     axes = specimen.experiment.axes
-    known = axes if specimen.stress_pair == "force" else ()
+    known = axes if specimen.unit == "N" else ()
     sections = {k: float(specimen.area[k] / N_PER_KPA_MM2) for k in known}
 
     def span(stretch: np.ndarray) -> list[float] | None:
@@ -155,7 +167,7 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
         "test": specimen.test,
         **{key: getattr(specimen, key) for key in PLAIN_KEYS},
         **{f"section_{a}_mm2": sections.get(k) for k, a in enumerate("xy")},
-        "stress_pair": specimen.stress_pair,
+        "loads": specimen.loads,
         "unit": specimen.unit,
         "reference": specimen.reference or REFERENCES[0],
         "load_noise": specimen.noise_sd,
@@ -238,6 +250,7 @@ def _picture(specimen: Specimen, file: Path) -> str:
 
     path = file.with_name(f"{file.stem}-check.png")
     try:
+        refuse_foreign(path)
         save_figure(protocols_figure(specimen), path)
     except InputError as error:
         return f"none, {error}"
@@ -246,18 +259,9 @@ def _picture(specimen: Specimen, file: Path) -> str:
 
 def _print_result(result: Checked) -> None:
     specimen, findings, about = result.specimen, result.findings, result.record()
-    edges = [f"{e:g}" for e in (specimen.edge_x_mm, specimen.edge_y_mm) if e is not None]
-    size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}" if edges else "not stated"
-    if isinstance(specimen.experiment, Tube):
-        size = f"outer diameter {2.0 * specimen.experiment.outer_radius_mm:g} mm"
-    if specimen.thickness_mm is not None:
-        size += f", {specimen.thickness_mm:g} mm thick"
-    kind = {
-        "force": "force",
-        "piola": "first Piola-Kirchhoff stress",
-        "cauchy": "Cauchy stress",
-        "tube": "axial force in N, pressure" if 1 in specimen.experiment.axes else "pressure",
-    }
+    test, kind = specimen.experiment, specimen.kind_of_loads
+    size = test.size(specimen.header) or "not stated"
+    units = " and ".join(dict.fromkeys(kind.units[k] for k in test.axes))
     rows = sum(p["rows"] for p in about["protocols"])
     protocols = plural(len(about["protocols"]), "protocol")
     origin = "stated" if specimen.load_noise is not None else "from the scatter of the rows"
@@ -265,11 +269,11 @@ def _print_result(result: Checked) -> None:
     facts = {
         "axes": ", ".join(f"{k} {about[f'axis_{k}']}" for k in "xy" if about[f"axis_{k}"]),
         "dimensions": f"{size} (stresses and dimensions refer to the {specimen.geometry} state)",
-        "test": "" if specimen.test == "biaxial" else specimen.test,
+        "test": specimen.test,
         "sections": ", ".join(
             f"{area:.4g} mm2 under the force in {k}" for k, area in sections.items() if area
         ),
-        "readings": f"{kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in {protocols}",
+        "readings": f"{kind.words} in {units}, {rows} rows in {protocols}",
         "load noise": f"{specimen.noise_sd:.3g} {specimen.unit}, {origin}",
     }
     click.echo(f"specimen {specimen.name}{f', {specimen.layer}' if specimen.layer else ''}")

@@ -39,7 +39,7 @@ def compare(
     Parameters
     ----------
     runs : sequence of Run, Specimen or path-like
-        Two or more. A specimen is sampled first, into a run folder inside of ``out``.
+        Two or more. A specimen is sampled first, into a run folder inside ``out``.
     labels : sequence of str, optional
         Default: the layers if they differ, else the specimens, else the folders.
     out : path-like, optional
@@ -64,14 +64,16 @@ def compare(
         raise InputError("a comparison needs at least two runs")
     if labels is not None and (len(labels) != len(runs) or not all(labels)):
         raise InputError(
-            f"`labels` names {len(labels)} runs of {len(runs)}", remedy="give one label per run"
+            f"{len(labels)} `labels` for {len(runs)} runs", remedy="give one label for each run"
         )
     opened = []
     for source in runs:
         if inputs.is_run(source):
             run = source
         elif out is None:
-            raise InputError("a specimen is sampled into a folder", remedy="give it with `out`")
+            raise InputError(
+                "a specimen that is sampled needs a folder for its run", remedy="give it with `out`"
+            )
         else:
             stem = source.name if isinstance(source, Specimen) else Path(source).stem  # type: ignore
             run = sample(
@@ -132,7 +134,7 @@ def command(
 
     Writes the matrix of verdicts, the overlaid posteriors, the forest of intervals, the distances
     between the runs and a page, compare.html. A specimen CSV is sampled first, with the model
-    options given here, into a run folder inside of --out.
+    options given here, into a run folder inside --out.
 
     \b
     biaxbayes compare intima.run media.run adventitia.run --out layers

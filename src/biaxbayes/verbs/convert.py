@@ -14,18 +14,18 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, Choice
+from biaxbayes.machines.outcome import OpenQuestions
 from biaxbayes.options import takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
-from biaxbayes.tables.question import Question
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import aligned, atomic_write_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, check_new
 
 if TYPE_CHECKING:
-    from biaxbayes.machines.conversion import Conversion
+    from biaxbayes.machines.outcome import Conversion
 
 
 BESIDE = ("-record.png", "-recipe.toml")
@@ -75,8 +75,9 @@ def convert(
 
     Raises
     ------
-    Question
-        Where the files leave a choice; nothing is written.
+    OpenQuestions
+        All choices that the files leave, with proposals; nothing is written. Each proposal names
+        the argument that takes it.
     InputError
         For files, columns and options that do not fit together.
     """
@@ -92,19 +93,20 @@ def convert(
         answers, lab, found = read_recipe(Path(recipe))
         options, header = answers | options, lab | header
     choice = _choice(choice, options)
-    paths = [raw] if isinstance(raw, str | Path) else raw
-    files, target = [Path(path) for path in paths], None if out is None else Path(out)
-    _check_files(files, target)
-    beside = [] if target is None else [target.with_name(target.stem + end) for end in BESIDE]
-    for path in [*([target] if target else []), *beside]:
-        check_new(path, overwrite)
+    files = _files(raw)
+    if out is not None:
+        _check_new(files, Path(out), overwrite)
     values = _checked_header(header)
     result = conversion(files, choice, header=values, protocol_names=list(protocol_names))
     if len(files) > 1 and not (choice.specimen or "specimen" in values):
         result = replace(result, specimen=replace(result.specimen, name=common_stem(files)))
     if recipe is not None:
         refuse_other_content(found, result, Path(recipe))
-    return result if target is None else _written(result, choice, values, target, beside)
+    return result if out is None else _written(result, Path(out))
+
+
+def _files(raw: PathLike | Sequence[PathLike]) -> list[Path]:
+    return [Path(path) for path in ([raw] if isinstance(raw, str | Path) else raw)]
 
 
 def common_stem(files: Sequence[Path]) -> str:
@@ -131,20 +133,19 @@ def _choice(choice: Choice | None, options: Mapping[str, Any]) -> Choice:
     return Choice.from_values({**options, **several})
 
 
-def _check_files(files: Sequence[Path], target: Path | None) -> None:
-    """Refuse a file that is given twice, or that would be overwritten."""
-    seen: set[Path] = set()
-    for path in files:
-        try:
-            real = path.resolve()
-            same = target is not None and real == target.resolve()
-        except (OSError, RuntimeError, ValueError):
-            continue  # the reader says what is wrong with it
-        if same:
+def _check_new(files: Sequence[Path], out: Path, overwrite: bool) -> None:
+    """Refuse to overwrite an export, or unless asked a specimen file and what is beside it."""
+    for n, path in enumerate(files):
+        if path.exists() and out.exists() and path.samefile(out):
             raise InputError("would be overwritten", file=path, remedy="choose another `out`")
-        if real in seen:
+        if path in files[:n]:
             raise InputError("is given twice", file=path, remedy="name each file once")
-        seen.add(real)
+    for path in (out, *_beside(out)):
+        check_new(path, overwrite)
+
+
+def _beside(out: Path) -> list[Path]:
+    return [out.with_name(out.stem + end) for end in BESIDE]
 
 
 def _checked_header(header: Mapping[str, float | str]) -> dict[str, float | str]:
@@ -163,23 +164,18 @@ def _checked_header(header: Mapping[str, float | str]) -> dict[str, float | str]
     return values
 
 
-def _written(
-    result: Conversion,
-    choice: Choice,
-    header: Mapping[str, float | str],
-    target: Path,
-    beside: Sequence[Path],
-) -> Conversion:
+def _written(result: Conversion, out: Path) -> Conversion:
     """The conversion as its file reads back, with the file, its picture and its recipe written."""
     from biaxbayes.figures.record import conversion_figure
     from biaxbayes.figures.style import save_figure
     from biaxbayes.machines.recipe import recipe_text
 
     text = specimen_text(result.specimen, result.protocols_as_measured)
-    specimen = parse_specimen(text.split("\n"), target)
-    atomic_write_text(target, text)
-    save_figure(conversion_figure(result), beside[0])
-    atomic_write_text(beside[1], recipe_text(choice, header, result))
+    specimen = parse_specimen(text.split("\n"), out)
+    atomic_write_text(out, text)
+    picture, recipe = _beside(out)
+    save_figure(conversion_figure(result), picture)
+    atomic_write_text(recipe, recipe_text(result))
     return replace(result, specimen=specimen)
 
 
@@ -191,7 +187,8 @@ HEADER_OPTIONS = (
     "edge_x_mm", "edge_y_mm", "thickness_mm", "unloaded_outer_diameter_mm", "unloaded_length_mm",
     "opening_angle_fung_deg", "missing_sector_deg", "load_noise_N", "load_noise_kPa",
     "axial_force_noise_N", "edge_sd_mm", "thickness_sd_mm",
-    "mounting_stretch_x", "mounting_stretch_y", "stress_limit_kPa",
+    "mounting_stretch_x", "mounting_stretch_y", "mounted_state_x", "mounted_state_y",
+    "stress_limit_kPa",
 )  # fmt: skip
 """Header keys that have an option."""
 
@@ -248,7 +245,7 @@ def command(
     biaxbayes convert tests.xlsx --machine generic --sheet all --out specimen.csv \
         --columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa
     biaxbayes convert strip.csv --machine generic --test "strip x" --out strip-x.csv \
-        --columns "stretch_x=Disp [mm],force_x_N=Load [N]" --gauge-x-mm 20 --edge-y-mm 3 \
+        --columns "stretch_x=1 + {Disp [mm]} / 20.6,force_x_N=Load [N]" --edge-y-mm 3 \
         --thickness-mm 1.2 --geometry unloaded
     biaxbayes convert tube.csv --machine generic --test tube --out tube-specimen.csv \
         --columns "outer_diameter_mm=OD [um],stretch_z=lambda z,pressure_kPa=P [mmHg]" \
@@ -256,42 +253,51 @@ def command(
     """
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     values = {key: given.pop(key.lower()) for key in HEADER_OPTIONS}
+    _check_new(raw, out, overwrite)
     try:
         result = convert(
             raw,
             header={key: text for key, text in values.items() if text is not None},
             protocol_names=names,
             recipe=recipe,
-            out=out,
-            overwrite=overwrite,
             **{name: value for name, value in given.items() if opt.was_given(name)},
         )
-    except Question as question:
-        _print_choices(question)
-        remedy = "nothing is written; add one of these options"
-        raise InputError(question.problem, file=question.file, remedy=remedy) from None
-    _print_conversion(result, out)
+    except OpenQuestions as asked:
+        _print_questions(asked)
+        count = len(asked.questions)
+        remedy = "nothing is written; add one of the options" + " of each" * (count > 1)
+        text = asked.questions[0].text if count == 1 else f"{count} questions are open"
+        raise InputError(text, file=asked.file, remedy=remedy) from None
+    _print_conversion(result)
+    _written(result, out)
+    for path, what in zip((out, *_beside(out)), ("specimen", "picture", "recipe"), strict=True):
+        click.echo(f"{what}: {path}")
+    click.echo(f"next: biaxbayes check {out}")
 
 
-def _print_choices(question: Question) -> None:
-    """The options that answer a question, and what each would give."""
+def _print_questions(asked: OpenQuestions) -> None:
+    """Each question with the options that answer it, and what each would give."""
+    if asked.obstacle:
+        click.echo(f"with the likely answers it stops: {asked.obstacle}", err=True)
     flags = {p.name: p.opts[0] for p in click.get_current_context().command.params}
-    lines = []
-    for answer, gives in question.choices.items():
-        name, _, value = answer.partition("=")
-        flag = flags.get(name, f"--{name.replace('_', '-')}")
-        lines.append((flag if value == "True" else f"{flag} {shlex.quote(value)}", gives))
-    for line in aligned(lines):
-        click.echo(f"  {line}", err=True)
+    for number, question in enumerate(asked.questions, start=1):
+        if len(asked.questions) > 1:
+            click.echo(f"{number}. {question.text}", err=True)
+        lines = []
+        for p in question.proposals:
+            flag = flags.get(p.option.lower(), f"--{p.option.replace('_', '-')}")
+            answer = flag if p.value == "True" else f"{flag} {shlex.quote(p.value)}"
+            lines.append((answer, p.label))
+        for line in aligned(lines):
+            click.echo(f"  {line}", err=True)
 
 
-def _print_conversion(conversion: Conversion, out: Path) -> None:
-    from biaxbayes.machines.account import account
-
+def _print_conversion(conversion: Conversion) -> None:
+    """The account of every row, and what 'check' finds."""
     specimen = conversion.specimen
     rows = sum(p.rows for p in specimen.protocols)
-    click.echo(f"{out}: {rows} rows in {plural(len(specimen.protocols), 'protocol')}")
-    for line in account(conversion):
+    click.echo(f"{specimen.name}: {rows} rows in {plural(len(specimen.protocols), 'protocol')}")
+    for line in conversion.account.split("\n"):
         click.echo(f"  {line}")
     readings, sds = specimen.mounting_readings(shared=False)
     for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
@@ -300,11 +306,8 @@ def _print_conversion(conversion: Conversion, out: Path) -> None:
                 f"{'xy'[k]} {reading[k]:.4g} +- {sd[k]:.2g}" for k in specimen.experiment.axes
             )
             click.echo(f"  {p.name}: mounting force {read} {specimen.unit}")
-    if not conversion.geometry_given and specimen.experiment.is_mounted:
+    if "geometry" not in conversion.header and specimen.experiment.is_mounted:
         click.echo("  geometry not stated: the stresses are taken to refer to the unloaded state")
-    shear: Any = specimen.metadata.get("largest_shear")
-    if shear is not None:
-        click.echo(f"  largest shear {shear:g}, which the model ignores")
-    for end, what in zip(BESIDE, ("picture", "recipe"), strict=True):
-        click.echo(f"{what}: {out.with_name(out.stem + end)}")
-    click.echo(f"next: biaxbayes check {out}")
+    for finding in conversion.findings:
+        if finding.severity != "note" or finding.code == "shear":
+            click.echo(f"  {finding}")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DRAW_AT = ("median", "map")
+NEAREST = "law nearest to the"
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,12 @@ class CardOptions(Options):
         "One draw: that with the curves nearest the median curves, or the most probable one  "
         "[default: median]",
         choices=DRAW_AT,
+    )
+    parameters: str = option(
+        "nearest",
+        "Of a run: the law nearest to each drawn tissue on the tested paths, for simulations, or "
+        "the drawn law without its misfit.",
+        choices=("nearest", "drawn"),
     )
     units: str = option("kPa-mm", "Unit system of the numbers.", choices=CARD_UNITS)
     bulk_ratio: float | None = option(
@@ -60,7 +68,7 @@ def export(
     anyway: bool = False,
     **options: Any,
 ) -> pd.DataFrame:
-    """Write material cards of posterior draws, each checked against its draw.
+    """Write material cards of posterior draws.
 
     Parameters
     ----------
@@ -82,8 +90,15 @@ def export(
         The manifest: one row per card.
     """
     from biaxbayes.cards.export import export_cards
-    from biaxbayes.cards.population import export_population_cards
+    from biaxbayes.cards.new_specimens import export_population_cards
     from biaxbayes.prediction.draws import chosen_draws
+    from biaxbayes.prediction.nearest_law import (
+        TO_READINGS,
+        TO_TISSUE,
+        drawn_distances,
+        median_nearest_law,
+        nearest_laws,
+    )
     from biaxbayes.runs.run import Run
 
     if to not in CARD_PROGRAMS:
@@ -107,18 +122,31 @@ def export(
         folder = _folder(source, to, chosen.units, out)
         return export_population_cards(source, population, folder, anyway=anyway, **which, **how)
     opened = usable_run(run, anyway=anyway)
-    better = opened.result.better_law
+    posterior, at = opened.posterior(), chosen.at or DRAW_AT[0]
     data = (opened.draws, opened.specimen, opened.law)
-    rows, origin = chosen_draws(*data, at=chosen.at or DRAW_AT[0], **which)
-    warnings = (f"WARNING: {better}.",) if better else ()
+    if chosen.parameters == "drawn":
+        rows, origin = chosen_draws(*data, at=at, **which)
+        cards = opened.draws.iloc[rows]
+        cards = cards.assign(**{TO_READINGS: drawn_distances(posterior, cards)})
+    elif chosen.draws is None and at == DRAW_AT[0]:
+        cards, middle = median_nearest_law(posterior, opened.draws)
+        rows, origin = [middle], f"{NEAREST} tissue with the median curves"
+    else:
+        rows, origin = chosen_draws(*data, at=at, **which)
+        origin = f"{NEAREST} tissue of a {origin}"
+        cards = nearest_laws(posterior, opened.draws.iloc[rows])
+    table = opened.draws.copy()
+    table[[TO_TISSUE, TO_READINGS]] = np.nan
+    table.loc[cards.index, list(cards)] = cards
+    data = (table, opened.specimen, opened.law)
     folder = _folder(opened.path, to, chosen.units, out)
-    return export_cards(*data, rows, folder, origin=origin, warnings=warnings, **how)
+    return export_cards(*data, rows, folder, origin=origin, **how)
 
 
 def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
-    from biaxbayes.runs.folder import CARDS
+    from biaxbayes.runs.folder import inside
 
-    return run / f"{CARDS}-{to}-{units}" if out is None else as_path(out, "out")
+    return inside(run, f"cards-{to}-{units}") if out is None else as_path(out, "out")
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -137,12 +165,12 @@ def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
     metavar="GROUP",
     help="RUN is a population's folder: cards of new specimens of the group, and the mean curve.",
 )
-@options(CardOptions, "draws", "at", "units", "bulk_ratio", "seed")
+@options(CardOptions, "draws", "at", "parameters", "units", "bulk_ratio", "seed")
 @file_option("out", "Folder  [default: in the run]", "DIR")
 @options(CardOptions, "overwrite")
 @unconverged_option
 def command(run: Path, out: Path | None, **given: Any) -> None:
-    r"""Material cards of posterior draws, each checked against the draw.
+    r"""Material cards of posterior draws.
 
     \b
     biaxbayes export media-posterior --to abaqus --units MPa-mm
@@ -157,13 +185,12 @@ def command(run: Path, out: Path | None, **given: Any) -> None:
     folder = _folder(run, given["to"], given["units"], out)
     manifest = export(opened, out=folder, **given)
     click.echo(f"{plural(len(manifest), 'card')}; {folder / MANIFEST} maps cards to draws")
-    click.echo(
-        "stress of the written cards agrees with the draws to "
-        f"{manifest['check_relative_deviation'].max():.1e}"
-    )
-    better = "" if given["population"] is not None else opened.result.better_law
-    if better:
-        click.echo(f"warning: {better}", err=True)
+    if "distance_to_readings" in manifest:
+        click.echo(
+            f"stresses of the cards are off the readings by "
+            f"{100.0 * manifest['distance_to_readings'].median():.2g} % (relative root mean square"
+            f"{', median' if len(manifest) > 1 else ''})"
+        )
     changed = manifest[manifest["switch_changes_stress_kPa"] > 0.0]
     if len(changed):
         click.echo(

@@ -28,7 +28,7 @@ from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, PiecesLike, make_folder, open_specimen
 
 if TYPE_CHECKING:
-    from biaxbayes.fitting.result import FitResult
+    from biaxbayes.fitting.fit_result import FitResult
     from biaxbayes.specimens.specimen import Specimen
 
 
@@ -212,7 +212,7 @@ def command(
 
     With --out the table goes into fits.csv, the fits over the data into fits.pdf and fits.png.
     """
-    from biaxbayes.identifiability.fit_quality import poor_fit
+    from biaxbayes.fitting.fit_quality import poor_fit
     from biaxbayes.specimens.truth import read_truth
 
     fixed = opt.fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
@@ -274,7 +274,7 @@ def _print_fits(
     lines += ["= fixed"] if fixed else []
     lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
     # of other tests one method alone is of use
-    several = specimen.test == "biaxial" and not specimen.further
+    several = specimen.experiment.is_biaxial and not specimen.further
     lines.append((WHICH_FIT if several and advise else "") + NO_INTERVAL)
     if any(result.method in METHODS_WITHOUT_MOUNTING for result in fits):
         lines.append(

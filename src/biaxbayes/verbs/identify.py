@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, make_folder
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, flag, json_option
 
 if TYPE_CHECKING:
-    from biaxbayes.runs.result import RunResult
+    from biaxbayes.runs.run_result import RunResult
 
 
 @for_users
@@ -31,19 +32,19 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     """
     from biaxbayes.figures.identifiability import identifiability_figure
     from biaxbayes.figures.style import save_pictures
-    from biaxbayes.runs.folder import refresh_manifest
-    from biaxbayes.runs.result import write_result
+    from biaxbayes.runs.folder import updated
+    from biaxbayes.runs.run_result import write_result
 
     opened = as_run(run)
     result, verdicts = opened.analyse()
     if out is not None:
         folder = make_folder(out)
-        names = write_result(result, folder)
-        if figure:
-            drawn = identifiability_figure(verdicts, result.rows)
-            names += [path.name for path in save_pictures(drawn, folder, "identifiability")]
-        if folder.resolve() == opened.path.resolve():
-            refresh_manifest(folder, opened.provenance, names)
+        own = folder.resolve() == opened.path.resolve()
+        with updated(opened.path, opened.provenance) if own else nullcontext(folder) as target:
+            write_result(result, target)
+            if figure:
+                drawn = identifiability_figure(verdicts, result.reported)
+                save_pictures(drawn, target, "identifiability")
     return result
 
 
@@ -58,14 +59,15 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
     folder. Exit code 3 if the chains have not converged: nothing is reported then.
     """
     from biaxbayes.errors import printable
-    from biaxbayes.identifiability.reported import row_lines
-    from biaxbayes.runs.result import as_record
+    from biaxbayes.runs.run_result import as_record
 
     result = identify(run, out=run, figure=not no_figure)
     if as_json:
         click.echo(json.dumps(as_record(result), indent=2, allow_nan=False, ensure_ascii=False))
     else:
-        click.echo("\n".join(row_lines(result.rows)) + "\n")
+        for table, heads in ((result.known, True), (result.table, False)):
+            if table:
+                click.echo("\n".join(table.lines(heads=heads)) + "\n")
         more = [result.fit, result.low_information, result.advice, *result.warnings]
         if result.directions:
             more += [result.directions[0]["in_words"], result.same_curves_in_words]

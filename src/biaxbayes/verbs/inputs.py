@@ -40,7 +40,10 @@ def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None =
             raise InputError("give at least one specimen")
         first, *others = (open_specimen(piece) for piece in specimen)
         if mounting_force is not None and others:
-            raise InputError("`mounting_force` is of one piece", remedy="state it in each file")
+            raise InputError(
+                "`mounting_force` cannot be given for several pieces",
+                remedy="state it in each file",
+            )
         first = first if mounting_force is None else open_specimen(specimen[0], mounting_force)
         return first.with_pieces(others)
     file: object
@@ -54,10 +57,10 @@ def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None =
 
 
 def refuse_other_tests(specimen: Specimen, verb: str) -> None:
-    """Refuse a strip or a tube where a verb is for planar biaxial tests alone."""
-    if specimen.test != "biaxial":
+    """Refuse another test where a verb is for planar biaxial tests alone."""
+    if not specimen.experiment.is_biaxial:
         raise InputError(
-            f"`{verb}` is for planar biaxial tests, and this is a {specimen.test.split()[0]}",
+            f"`{verb}` is for planar biaxial tests, and this is a {specimen.test}",
             file=specimen.name,
             remedy="give a square, alone or as the first of several pieces",
         )

@@ -11,14 +11,15 @@ import click
 import biaxbayes
 from biaxbayes.comparison.law_tasks import law_tasks, sample_parts
 from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
-from biaxbayes.errors import InputError, RunError
+from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import LawsPlan, ModelOptions, takes_options
 from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.runs.folder import claim_folder, record_text, stored_identity
+from biaxbayes.runs.folder import claim_folder, refuse_other_work
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.stored_data import json_text
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -63,8 +64,7 @@ def compare_laws(
     ----------
     specimen : Specimen or path-like
     out : path-like, optional
-        Folder for laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the figures and
-        laws.html.
+        Folder for laws.csv, left-out.csv, the figures and laws.html.
     mounting_force, progress, stop : optional
         As in :func:`biaxbayes.sample`.
     resume : bool
@@ -75,12 +75,14 @@ def compare_laws(
         As in :class:`~biaxbayes.options.LawsPlan` and :class:`~biaxbayes.options.ModelOptions`,
         without what belongs to one law.
     """
-    from biaxbayes.reports.comparison import write_law_comparison
+    from biaxbayes.reports.laws import write_law_comparison
 
     plan, others = LawsPlan.split(options)
     for name in SINGLE_LAW_OPTIONS:
         if others.get(name):
-            raise InputError(f"`{name}` belongs to one law", remedy="use sample for that")
+            raise InputError(
+                f"`{name}` cannot be given for several laws", remedy="sample one law with it"
+            )
     model = ModelOptions.from_values(others).keywords()
     common = {k: v for k, v in model.items() if k not in SINGLE_LAW_OPTIONS}
     laws = chosen_laws(plan.laws)
@@ -102,12 +104,12 @@ def compare_laws(
         predictions = sample_parts(tasks, None, executor, progress, stop)
         return weigh_laws(specimen, predictions, laws)
     folder = Path(out)
-    with claim_folder(folder, {RECORD}, "a comparison of laws"):
+    with claim_folder(folder, RECORD):
         _record(folder, specimen, common, laws, plan, resume=resume)
         predictions = sample_parts(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
         result = weigh_laws(specimen, predictions, laws)
-        write_law_comparison(result, specimen, folder)
+        write_law_comparison(result, folder)
     return result
 
 
@@ -130,19 +132,9 @@ def _record(
         "max_steps": plan.max_steps,
         "biaxbayes": biaxbayes.__version__,
     }
-    record = folder / RECORD
-    if record.exists() and not resume:
-        raise InputError(
-            "already holds a comparison of laws",
-            file=folder,
-            remedy="choose another `out`, or continue it with `resume=True`",
-        )
-    if record.exists() and stored_identity(record) != identity:
-        raise RunError(
-            f"{folder}: holds another comparison (specimen, options, laws, seed or version "
-            "differ); choose another `out`"
-        )
-    atomic_write_text(record, record_text({"specimen": specimen.name, "identity": identity}))
+    refuse_other_work(folder, RECORD, identity, resume=resume)
+    record = {"specimen": specimen.name, "identity": identity}
+    atomic_write_text(folder / RECORD, json_text(record))
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -164,13 +156,13 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     r"""Fit and sample every material law on SPECIMEN, and compare their predictions.
 
     Each protocol is left out in turn, or each quarter of the only one, and predicted from the rest.
-    Writes laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures and
-    laws.html. Exit code 3 when a law has not converged on some part of the record.
+    Writes laws.csv, left-out.csv, two figures and laws.html. Exit code 3 when a law has not
+    converged on some part of the record.
 
     \b
     biaxbayes laws media.csv --laws goh,fung
     """
-    from biaxbayes.reports.comparison import laws_text
+    from biaxbayes.reports.laws import laws_text
 
     folder = out or Path(f"{specimen.stem}-laws")
     with opt.progress_and_stop(quiet) as work:

@@ -174,7 +174,12 @@ def model_options(table: type[ModelOptions] = ModelOptions) -> Decorator:
     return together(
         options(table),
         fix_option("Fix a parameter, as kappa=0 or alpha=41 (degrees). Repeatable."),
-        file_option("priors", "Priors, fixed and tied parameters.", "FILE.toml"),
+        file_option(
+            "priors",
+            "Priors, fixed and tied parameters; or the name of a tissue whose fibre angle and "
+            "dispersion are known from imaging (an unknown name lists them).",
+            "FILE.toml|NAME",
+        ),
         mounting_force_option(),
     )
 
@@ -184,11 +189,14 @@ def with_priors(
 ) -> dict[str, Any]:
     """Options of a command as its verb takes them: ``--fix`` and ``--priors`` as one table."""
     from biaxbayes.laws import law_key, law_named
-    from biaxbayes.model.priors import check_fixed, read_priors
+    from biaxbayes.model.priors import check_fixed, named_priors, read_priors
 
     law = law_key(law)
     material_law = law_named(law, fibre_switch=others.get("fibre_switch", False))
     chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors, material_law))
+    if known := named_priors().get(str(priors)):
+        text = f"{priors}: {known['tissue']}; {known['stated']} ({known['source']}). Assumed: "
+        click.echo(f"priors of {text}{known['assumed']}", err=True)
     for name, value in chosen.items():
         if isinstance(value, float):
             _warn_of_radians(name, value)

@@ -25,12 +25,12 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.profile import profiles
 from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option, for_users
+from biaxbayes.profiles.profile import profiles
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.truth import read_truth
 from biaxbayes.tasks import process_lock
-from biaxbayes.text_files import as_path, safe_file_name
+from biaxbayes.text_files import as_path, refuse_foreign, safe_file_name
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, as_style, usable_run
 
@@ -55,7 +55,8 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
     """Draw a figure of a run; ``how`` are the arguments of its function in ``figures``."""
     match kind:
         case "corner":
-            return corner_figure(run.draws, known=run.quantities, law=run.law.short_name, **how)
+            how |= {"law": run.law.short_name, "reported": run.result.reported}
+            return corner_figure(run.draws, known=run.quantities, **how)
         case "bands":
             return bands_figure(run.posterior(), run.draws, **how)
         case "mounting":
@@ -66,7 +67,7 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
             return trace_figure(run.chains, rhat=rhat, **how)
         case "identifiability":
             verdicts = identify_draws(run.posterior(), run.draws, run.state)
-            return identifiability_figure(verdicts, run.result.rows, **how)
+            return identifiability_figure(verdicts, run.result.reported, **how)
         case "profile":
             posterior = run.posterior()
             names = how.pop("names", ()) or [n for n in posterior.law.names if n in posterior.free]
@@ -140,8 +141,12 @@ def plot(
             and target.resolve().parent == opened.path.resolve()
         ):
             raise InputError(
-                "is a figure of the run itself", file=target, remedy="choose another name by `out`"
+                "is a figure of the run itself",
+                file=target,
+                remedy="choose another name with `out`",
             )
+        if target is not None:
+            refuse_foreign(target)
         if len(parameters):
             key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
             how[key] = tuple(dict.fromkeys(parameters))

@@ -25,7 +25,7 @@ from biaxbayes.populations.model import (
     make_layout,
     pooled_values,
 )
-from biaxbayes.populations.result import Population, PopulationResult, draw_sources
+from biaxbayes.populations.population_result import Population, PopulationResult, draw_sources
 from biaxbayes.populations.reweighting import MAX_K
 from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan
 from biaxbayes.populations.specimens import Source, check_stretches, pooled_names
@@ -33,12 +33,13 @@ from biaxbayes.populations.tables import (
     bands_table,
     contradictions,
     contrasts_table,
+    differences_from_study,
     equibiaxial_records,
     groups_table,
     specimens_table,
 )
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.reports.population import (
+from biaxbayes.reports.population_page import (
     BANDS,
     FIGURE_TEXTS,
     LATEX,
@@ -53,12 +54,11 @@ from biaxbayes.runs.folder import (
     POPULATION,
     lock_folder,
     manifest,
-    record_text,
     refuse_finished,
     staged,
 )
 from biaxbayes.runs.provenance import settings_table, specimen_digest
-from biaxbayes.runs.result import json_values
+from biaxbayes.stored_data import json_text, json_values
 from biaxbayes.studies.record import StudyRun, members_of_study
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, first_few, write_csv
 from biaxbayes.verbs import inputs
@@ -118,7 +118,7 @@ def population(
         batch(source, out=folder, progress=progress, stop=stop, **executor)
         source = folder
     elif runs is not None:
-        raise InputError("`runs` goes with a study file", file=source)
+        raise InputError("`runs` can be given only with a study file", file=source)
     name, members = members_of_study(source)
     return sample_population(
         name,
@@ -237,13 +237,10 @@ def write_population(
     folder: Path, result: Population, identity: dict[str, Any]
 ) -> PopulationResult:
     """Write the files of a population, its record last."""
-    specimens = specimens_table(result)
-    result = replace(result, notes=[*result.notes, *contradictions(specimens)])
-    tables = {
-        "groups": groups_table(result),
-        "specimens": specimens,
-        "contrasts": contrasts_table(result),
-    }
+    specimens, contrasts = specimens_table(result), contrasts_table(result)
+    notes = [*contradictions(specimens), *differences_from_study(result, contrasts)]
+    result = replace(result, notes=[*result.notes, *notes])
+    tables = {"groups": groups_table(result), "specimens": specimens, "contrasts": contrasts}
     for key, table in tables.items():
         write_csv(folder / TABLES[key][0], table, digits=8)
     atomic_write_bytes(folder / "population.nc", archive(result))
@@ -279,9 +276,9 @@ def write_population(
     }
     atomic_write_text(folder / LATEX, population_latex(tables, record))
     atomic_write_text(folder / PAGE, population_page(folder, tables, record))
-    record |= {name: json_values(table.to_dict("records")) for name, table in tables.items()}
+    record |= {name: json_values(table) for name, table in tables.items()}
     record["files"] = manifest(folder)
-    atomic_write_text(folder / POPULATION, record_text(record))
+    atomic_write_text(folder / POPULATION, json_text(record))
     return PopulationResult(
         result.name,
         folder,
@@ -295,7 +292,7 @@ def write_population(
 
 def draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFrame]) -> None:
     """Draw forest, pairs and stress bands."""
-    from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
+    from biaxbayes.figures.groups import band_figure, forest_figure, pairs_figure
     from biaxbayes.figures.style import save_pictures
 
     specimen = result.sources[0].run.specimen

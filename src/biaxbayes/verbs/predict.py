@@ -10,7 +10,6 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError, listed
-from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option, takes_options
 from biaxbayes.parameters import STRETCH
@@ -56,11 +55,10 @@ class PathOptions(BandOptions):
         None, "Share of the stretch that x and y take  [default: 1:1]", metavar="X:Y"
     )
     strip: str | None = option(None, "A strip, with free sides.", choices=("x", "y"))
-    reference: str = option(
-        "measured",
-        "Stretches from the mounted state, or from the unloaded one where the mounting stretch is "
-        "known.",
-        choices=("measured", "total"),
+    relative_to: str = option(
+        "mounted",
+        "The state that stretches are relative to.",
+        choices=("mounted", "unloaded"),
     )
     protocol: str | None = option(None, "Whose mounted state, if each has its own.", metavar="NAME")
     stress: str = option(
@@ -99,7 +97,9 @@ def predict(
 
     chosen = PathOptions.from_values(options)
     if path is not None and (chosen.stretch is not None or chosen.ratio is not None):
-        raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
+        raise InputError(
+            "`path` already gives the whole path", remedy="leave `stretch` and `ratio` out"
+        )
     if chosen.strip is not None and chosen.ratio is not None:
         raise InputError("`ratio` does not go with `strip`", remedy="leave it out")
     if path is None and chosen.stretch is None:
@@ -112,15 +112,13 @@ def predict(
             f"unknown protocol {str(chosen.protocol)[:60]!r}",
             remedy=f"the run has {', '.join(names)}",
         )
-    if chosen.reference == "total" and not anyway:
-        _refuse_unknown_total(opened)
     if path is None:
         states = _straight_path(opened, specimen, chosen)
     elif isinstance(path, str | Path):
         states = read_stretches(Path(path))
     else:
         states = inputs.as_numbers(path, "path")
-    where = {name: getattr(chosen, name) for name in ("reference", "protocol", "stress")}
+    where = {name: getattr(chosen, name) for name in ("relative_to", "protocol", "stress")}
     posterior = opened.posterior()
     table = predict_stress(
         posterior,
@@ -136,7 +134,7 @@ def predict(
         with print_style(chosen.style):
             figure = stress_figure(
                 table,
-                reference=chosen.reference,
+                relative_to=chosen.relative_to,
                 probability=chosen.probability,
                 directions=specimen.directions,
                 measured=measured,
@@ -146,20 +144,19 @@ def predict(
     return table
 
 
-def _refuse_unknown_total(run: Run) -> None:
-    """Refuse total stretches where a mounting stretch is neither identified nor measured."""
-    unknown = [
-        r.name
+def _about_total(run: Run) -> str:
+    """What stretches from the unloaded state rest on; nothing where no mounting was inferred."""
+    known = [
+        f"{r.name} ({r.interval})"
         for r in run.result.reported
-        if run.quantities[r.name].parameter.kind == STRETCH and r.verdict != IDENTIFIED
+        if run.quantities[r.name].parameter.kind == STRETCH
     ]
-    if unknown:
-        raise InputError(
-            f"{listed(unknown)} of this run {'is' if len(unknown) == 1 else 'are'} not identified, "
-            "so a total stretch of the tissue is not known",
-            remedy="predict with `reference=measured`, or add `anyway=True` to rest on the law's "
-            "extrapolation to the unloaded state",
-        )
+    if not known:
+        return ""
+    return (
+        f"note: stretches from the unloaded state rest on {listed(known)}, and on the law below "
+        "the mounted state, where nothing was read; the bands are as wide as that leaves them\n"
+    )
 
 
 def _straight_path(run: Run, specimen: Specimen, chosen: PathOptions) -> np.ndarray:
@@ -173,7 +170,7 @@ def _straight_path(run: Run, specimen: Specimen, chosen: PathOptions) -> np.ndar
             remedy="for other paths give `path`, an array of two columns (x, y)",
         )
     if stretch == TESTED:
-        tested = prediction_range(run.draws, specimen, chosen.protocol, chosen.reference)
+        tested = prediction_range(run.draws, specimen, chosen.protocol, chosen.relative_to)
         stretch = float(tested.high.max())
     elif not isinstance(stretch, int | float) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
         remedy = STRETCH_REMEDY
@@ -230,7 +227,7 @@ def inflate(
     pressure_kPa : array_like, shape (m,), optional
         The diameter at these pressures; 0 to 16 kPa by default.
     circumferential_stretch : array_like, shape (m,), optional
-        The pressure at these stretches of the mid wall instead.
+        The pressure at these stretches of the outer surface instead.
     out : path-like, optional
         Folder for inflation.csv and a figure.
     anyway : bool
@@ -251,8 +248,6 @@ def inflate(
             remedy="give one of them",
         )
     opened = inputs.usable_run(run, anyway=anyway)
-    if not anyway:
-        _refuse_unknown_total(opened)
     try:
         tube = ThinTube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
     except ValueError as error:
@@ -296,7 +291,7 @@ TUBE_OPTION_NAMES = (
     ratio={"type": opt.RATIO},
 )
 @opt.file_option("stretches", "Any path instead: columns stretch_x, stretch_y.", "CSV", name="path")
-@opt.options(PathOptions, "strip", "reference", "protocol", "stress")
+@opt.options(PathOptions, "strip", "relative_to", "protocol", "stress")
 @opt.flag("inflate", "A thin-walled tube of this tissue instead.")
 @opt.options(TubeOptions, "radius_mm", "wall_mm", "axial_stretch", "around")
 @click.option(
@@ -310,7 +305,7 @@ TUBE_OPTION_NAMES = (
     "--circumferential-stretch",
     type=opt.Pair("stretch", ":", "1:1.2"),
     metavar="A:B",
-    help="Stretches of the mid wall instead of pressures.",
+    help="Stretches of the outer diameter instead of pressures.",
 )
 @opt.options(PredictionOptions)
 @opt.options(BandOptions, "suffix", "width_mm", "style", style={"type": click.Path(path_type=Path)})
@@ -323,7 +318,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
 
     \b
     biaxbayes predict media-posterior --stretch 1.25 --ratio 1:0.5
-    biaxbayes predict media-posterior --stretches path.csv --reference measured
+    biaxbayes predict media-posterior --stretches path.csv --relative-to mounted
     biaxbayes predict media-posterior --strip x --stretch 1.2
     biaxbayes predict media-posterior --inflate --radius 10 --wall 1.2 --axial-stretch 1.1
     """
@@ -361,9 +356,10 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     stem = folder / ("inflation" if inflated else "prediction")
     click.echo(f"{stem.with_suffix('.csv')}, {stem.with_suffix('.' + given['suffix'])}")
     click.echo(
-        "the credible band is that of the tissue's own response, the law and its misfit; the "
-        "predictive band that of a new reading of it"
+        "credible band: the response of the tissue (law and misfit); predictive band: a new reading"
     )
+    if inflated or given["relative_to"] == "unloaded":
+        click.echo(_about_total(opened), nl=False)
     outside = int((table["extrapolation"] != INSIDE).sum())
     if outside:
         click.echo(

@@ -20,7 +20,7 @@ from biaxbayes.verbs.inputs import PathLike, RunLike, SpecimenLike
 if TYPE_CHECKING:
     import pandas as pd
 
-    from biaxbayes.identifiability.profile import Profile
+    from biaxbayes.profiles.profile import Profile
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ def profile(
     """
     from biaxbayes.figures.profile import profile_figure
     from biaxbayes.figures.style import save_figure
-    from biaxbayes.identifiability.profile import profiles
     from biaxbayes.model.preparation import prepare
+    from biaxbayes.profiles.profile import profiles
 
     if inputs.is_run(source):
         inputs.refuse_model(options, mounting_force)
@@ -116,10 +116,10 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
     """Write both tables and profile-provenance.json into a folder; ``about``: what was profiled."""
     from pandas import concat
 
-    from biaxbayes.identifiability.profile import FLAT_DEVIANCE
-    from biaxbayes.identifiability.profile_curve import THRESHOLD
-    from biaxbayes.runs.folder import record_text
-    from biaxbayes.runs.result import TABLE_DIGITS
+    from biaxbayes.profiles.profile import FLAT_DEVIANCE
+    from biaxbayes.profiles.profile_curve import THRESHOLD
+    from biaxbayes.runs.run_result import TABLE_DIGITS
+    from biaxbayes.stored_data import json_text
 
     record = {
         "about": about,
@@ -137,7 +137,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
     curves = concat(tables, ignore_index=True)
     write_csv(folder / "profile.csv", curves, digits=8)
     write_csv(folder / "profile-intervals.csv", interval_table(profiles), digits=TABLE_DIGITS)
-    atomic_write_text(folder / "profile-provenance.json", record_text(record))
+    atomic_write_text(folder / "profile-provenance.json", json_text(record))
 
 
 def profiles_as_json(profiles: Sequence[Profile]) -> str:

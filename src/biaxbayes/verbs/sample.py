@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError, Interrupted, TaredSpecimen
-from biaxbayes.fitting.result import FitResult
+from biaxbayes.fitting.fit_quality import swapped_columns
+from biaxbayes.fitting.fit_result import FitResult
 from biaxbayes.grips.correction import (
     GripCorrection,
     correct_for_grips,
@@ -23,10 +24,9 @@ from biaxbayes.grips.correction import (
     mark_grip_corrected,
     refuse_other_law,
 )
-from biaxbayes.grips.geometry import stated_hooks
-from biaxbayes.identifiability.fit_quality import swapped_columns
+from biaxbayes.grips.hooks import stated_hooks
 from biaxbayes.laws import law_named
-from biaxbayes.model.draw import draw_posterior
+from biaxbayes.model.draw import as_sampled, draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import fitted
 from biaxbayes.model.prior_checks import (
@@ -51,7 +51,6 @@ from biaxbayes.runs.folder import (
     lock_folder,
     manifest,
     piece_files,
-    record_text,
     staged,
 )
 from biaxbayes.runs.provenance import identity, provenance
@@ -60,6 +59,7 @@ from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.check import Finding, check_round_trip, refuse_no_loading_curve
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.stored_data import json_text
 from biaxbayes.tasks import process_lock
 from biaxbayes.text_files import as_path, atomic_write_text, safe_file_name, write_csv
 from biaxbayes.verbs import inputs
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from biaxbayes.identifiability.identify import Identifiability
-    from biaxbayes.runs.result import RunResult
+    from biaxbayes.runs.run_result import RunResult
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,8 @@ class SampleJob:
         if count < law.least_protocols:
             text = (
                 f"with {count} protocol the posterior of the law {law.name} has several modes of "
-                "similar mass, and the chains may not converge. Test another ratio, or choose "
-                "another law"
+                "similar mass: sampling takes long, and the chains may not converge. Test another "
+                "ratio, or choose another law"
             )
             findings = (*findings, Finding("few-protocols", "warning", text))
         specimen, options = _resolve_mounting(specimen, options, file)
@@ -169,6 +169,7 @@ class SampleJob:
             _show(findings, progress)
             fit_seconds = time.perf_counter() - fit_start
             draws = self._draw(posterior, resume, fit_seconds, progress, stop)
+            posterior = as_sampled(posterior, draws.target.constants)
             names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
             stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
             bracket = bracket_findings(stretches)
@@ -239,8 +240,8 @@ class SampleJob:
         from biaxbayes.figures.mounting import grips_figure
         from biaxbayes.figures.style import save_pictures
         from biaxbayes.identifiability.identify import identify_run
-        from biaxbayes.reports.page import write_report
-        from biaxbayes.runs.result import run_result, write_result
+        from biaxbayes.reports.run_page import write_report
+        from biaxbayes.runs.run_result import run_result, write_result
 
         specimen, status = self.specimen, draws.convergence.state
         record = provenance(posterior, self.plan, draws, self.source)
@@ -269,7 +270,7 @@ class SampleJob:
             posterior.quantities,
             draws.convergence,
         )
-        atomic_write_text(folder / "fit.json", record_text([posterior.fit.record()]))
+        atomic_write_text(folder / "fit.json", json_text([posterior.fit.record()]))
         write_csv(folder / "summary.csv", summary, digits=8)
         table = draw_table(draws.quantities)
         run = Run(folder, record).with_draws(table)
@@ -282,7 +283,7 @@ class SampleJob:
         record["seconds"]["total"] = round(time.perf_counter() - start, 3)
         write_report(folder, run)
         record["files"] = manifest(folder)
-        atomic_write_text(folder / PROVENANCE, record_text(record))
+        atomic_write_text(folder / PROVENANCE, json_text(record))
 
 
 def write_figures(
@@ -306,11 +307,12 @@ def write_figures(
         save_pictures(trace, folder, "trace")
     if result.state == "unusable":
         return
-    save_pictures(corner_figure(table, known=known, law=posterior.law.short_name), folder, "corner")
+    how: dict[str, Any] = {"law": posterior.law.short_name, "reported": result.reported}
+    save_pictures(corner_figure(table, known=known, **how), folder, "corner")
     for i in range(len(posterior.pieces)):
         stem = "stress-bands" if i == 0 else f"stress-bands-{i + 1}"
         save_pictures(bands_figure(posterior, table, piece=i), folder, stem)
-    save_pictures(identifiability_figure(verdicts, result.rows), folder, "identifiability")
+    save_pictures(identifiability_figure(verdicts, result.reported), folder, "identifiability")
 
 
 def _show(findings: Sequence[Finding], progress: OnProgress, phase: str = "fitting") -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,13 +11,13 @@ import click
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.experiments import BIAXIAL, EXPERIMENTS
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.mechanics.experiments import TESTS, Tube
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
-from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS
-from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
+from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS, checked_value
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.verbs.inputs import as_numbers, check_new
 from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, named_number, options
@@ -43,7 +43,7 @@ class SimulateOptions(Options):
 
     material: object = option(None, "A published material; 'list' prints them.", metavar="NAME")
     fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].help)
-    test: str = option("biaxial", "Kind of test.", choices=TESTS)
+    test: str = option(BIAXIAL.name, "Kind of test.", choices=tuple(EXPERIMENTS))
     prestretch: Sequence[float] | None = option(
         None, "Mounting stretches; the published ones by default.", metavar="X Y"
     )
@@ -72,25 +72,27 @@ class SimulateOptions(Options):
         open_ends=True,
         metavar="MM",
     )
+    header: Mapping[str, float] | None = option(
+        None,
+        "Dimension of a test without a mounted state, as unloaded_outer_diameter_mm=8 of a tube; "
+        "repeatable.",
+        metavar="KEY=VALUE",
+    )
     axial_stretches: Sequence[float] = option(
         (),
         "Axial stretch of a tube, one a protocol  [default: 1]",
         metavar="L",
         flag="axial-stretch",
     )
-    outer_diameter: float = option(10.0, "Of an unloaded tube.", minimum=0.1, metavar="MM")
-    opening_angle: float = option(
-        0.0, "Of a tube: half its missing sector.", minimum=0.0, metavar="DEG"
-    )
     noise_kPa: float = option(
-        0.0, "Of a tube: sd of a pressure reading.", minimum=0.0, metavar="KPA"
+        0.0, "Sd of a reading in kPa, such as a pressure.", minimum=0.0, metavar="KPA"
     )
     noise_N: float = option(0.0, "Sd of a force reading.", minimum=0.0, metavar="N")
     misfit: float = option(0.0, "Sd of a smooth error, share of force.", minimum=0.0, metavar="R")
-    stress_pair: str = option(
+    loads: str = option(
         "force",
         "What the file holds: N, or kPa as a lab computes it.",
-        choices=tuple(pair for pair in STRESS_PAIRS if pair != "tube"),
+        choices=tuple(BIAXIAL.loads),
     )
     geometry: str = option(
         "unloaded", "State whose dimensions the file states.", choices=GEOMETRIES
@@ -149,8 +151,8 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     from biaxbayes.specimens.virtual_specimen import (
         Dimensions,
         Machine,
+        virtual_inflation,
         virtual_specimen,
-        virtual_tube,
     )
 
     material, published = _material(test)
@@ -165,13 +167,15 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     keys: dict[str, Any] = {}
     try:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
-            if test.test == "tube":
-                specimen, truth = virtual_tube(
+            if not EXPERIMENTS[test.test].is_mounted:
+                specimen, truth = virtual_inflation(
                     material,
-                    Tube(0.5 * test.outer_diameter, thickness, 2.0 * test.opening_angle),
+                    test.test,
+                    thickness_mm=thickness,
+                    header={k: float(checked_value(k, v)) for k, v in (test.header or {}).items()},
                     largest_stretch=test.total_stretch or 1.0,
                     axial_stretches=_stretches(test.axial_stretches or (1.0,), "axial_stretches"),
-                    noise=(test.noise_kPa, test.noise_N),
+                    noise={"kPa": test.noise_kPa, "N": test.noise_N},
                     misfit=test.misfit,
                     **common,
                 )
@@ -185,14 +189,14 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
                     machine=Machine(
                         noise_N=test.noise_N,
                         misfit=test.misfit,
-                        stress_pair=test.stress_pair,
+                        loads=test.loads,
                         geometry=test.geometry,
                     ),
                     test=test.test,
                     hooks=hooks,
                     **common,
                 )
-                keys = {"grips": NO_GRIPS} if test.test == "biaxial" else {}
+                keys = {"grips": NO_GRIPS} if EXPERIMENTS[test.test].is_biaxial else {}
                 if hooks is not None:
                     keys = {
                         "grips": f"hooks {hooks.count}",
@@ -212,26 +216,35 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     return specimen, truth
 
 
-OF_TUBES = ("axial_stretches", "outer_diameter", "opening_angle", "noise_kPa")
-NOT_OF_TUBES = ("prestretch", "measured_stretch", "ratios", "edge", "stress_pair", "geometry")
+OF_MOUNTED = ("prestretch", "measured_stretch", "ratios", "edge", "loads", "geometry")
+OF_OTHERS = ("axial_stretches", "header", "noise_kPa")
+"""Options of tests that start from a mounted state, and of those that do not."""
 
 
 def _check_options(test: SimulateOptions, material: MaterialResponse) -> None:
     """Refuse options that do not belong to the kind of test."""
     from biaxbayes.laws.goh import GOH
 
-    is_tube, defaults = test.test == "tube", SimulateOptions()
-    for name in NOT_OF_TUBES if is_tube else OF_TUBES:
+    kind, defaults = EXPERIMENTS[test.test], SimulateOptions()
+    for name in OF_OTHERS if kind.is_mounted else OF_MOUNTED:
         if not np.array_equal(getattr(test, name), getattr(defaults, name)):
-            verb = "does not belong" if is_tube else "belongs"
-            raise InputError(f"`{name}` {verb} to a tube", remedy="leave it out")
-    if is_tube and test.total_stretch is None:
+            problem = f"`{name}` does not belong to a {test.test} test"
+            raise InputError(problem, remedy="leave it out")
+    if not kind.is_mounted:
+        header = {"thickness_mm": test.thickness} | dict(test.header or {})
+        for key in kind.needed(next(iter(kind.loads))):
+            if key not in header:
+                problem = f"a {test.test} test needs {key}"
+                raise InputError(problem, remedy=f"give `header={key}=...`")
+        for key in header.keys() - {"thickness_mm", *kind.keys}:
+            problem = f"`header`: a {test.test} test has no key {str(key)[:60]!r}"
+            raise InputError(problem, remedy=f"it has {', '.join(kind.keys)}")
+        if test.total_stretch is None:
+            problem = f"a {test.test} test needs its largest stretch"
+            raise InputError(problem, remedy="give `total_stretch`")
+    if test.hooks and not (kind.is_biaxial and isinstance(material, GOH)):
         raise InputError(
-            "a tube needs its largest stretch around it", remedy="give `total_stretch`"
-        )
-    if test.hooks and not (test.test == "biaxial" and isinstance(material, GOH)):
-        raise InputError(
-            "`hooks` hold a square of goh, whose shear is computed",
+            "tests on `hooks` are simulated for squares of the law goh alone",
             remedy="leave `hooks` out, or give such a test and material",
         )
 
@@ -291,7 +304,8 @@ def _stretches(given: Any, name: str, count: int | None = None) -> list[float]:
     for value in stretches:
         if not LOWEST <= value <= HIGHEST:
             raise InputError(
-                f"`{name}` of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
+                f"`{name}` of {value:g} is out of range",
+                remedy="stretches are ratios near 1, such as 1.02",
             )
     return stretches
 
@@ -321,6 +335,7 @@ def _stretches(given: Any, name: str, count: int | None = None) -> list[float]:
     ratios={"multiple": True, "type": RATIO, "show_default": False},
     axial_stretches={"multiple": True, "type": float, "show_default": False},
     edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
+    header={"multiple": True, "type": str, "show_default": False},
     noise_kPa={"show_default": False},
     noise_N={"show_default": False},
     misfit={"show_default": False},
@@ -347,8 +362,9 @@ def command(
         --total-stretch 1.2 --ratio 1:1 --ratio 1:0.5 --out test.csv
     biaxbayes simulate --law fung --values c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2 \
         --prestretch 1.02 1.02 --total-stretch 1.2 --out fung.csv
-    biaxbayes simulate --goh 15 40 4 40 0.15 --test tube --outer-diameter 8 --thickness 0.9 \
-        --total-stretch 1.28 --axial-stretch 1.1 --axial-stretch 1.2 --out tube.csv
+    biaxbayes simulate --goh 15 40 4 40 0.15 --test tube --thickness 0.9 \
+        --header unloaded_outer_diameter_mm=8 --total-stretch 1.28 \
+        --axial-stretch 1.1 --axial-stretch 1.2 --out tube.csv
     """
     from biaxbayes.laws.goh import GOH
     from biaxbayes.laws.published import MATERIALS
@@ -379,6 +395,8 @@ def command(
             ) from None
     elif law or values:
         chosen = _given_material(law, values)
+    header = dict(named_number(text, "--header", "KEY=8") for text in test["header"])
+    test["header"] = header or None
     specimen, truth = simulate(out, overwrite=overwrite, material=chosen, **test)
     rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
     paths = plural(len(specimen.protocols), "protocol")
@@ -393,11 +411,11 @@ def command(
 def _given_material(law: str | None, values: str | None) -> Any:
     """The material of --law and --values."""
     if law is None:
-        raise InputError("--values without a law", remedy=f"give --law, one of {', '.join(LAWS)}")
+        raise InputError("--values needs --law", remedy=f"give --law, one of {', '.join(LAWS)}")
     chosen = law_named(law)
     example = ",".join(f"{p.label}=..." for p in chosen.parameters)
     if values is None:
-        raise InputError(f"--law {law} without values", remedy=f"give --values {example}")
+        raise InputError(f"--law {law} needs --values", remedy=f"give --values {example}")
     numbers: dict[str, float] = {}
     for text in values.split(","):
         name, value = named_number(text, "--values", example)

@@ -1,0 +1,180 @@
+"""Long work in a process of its own: it outlives the page, and can be stopped and resumed.
+
+Beside the results, in the folder :data:`HIDDEN`, stand for each result the verb with its
+arguments, the progress and the log. The process holds a lock as long as it lives.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from biaxbayes.errors import BiaxbayesError, InputError, Interrupted
+from biaxbayes.progress_bar import Pace, Progress, graceful_stop
+from biaxbayes.text_files import atomic_write_text
+
+HIDDEN = ".biaxbayes-app"
+STOPPABLE = ("sample", "batch", "design")
+"""Verbs that end when asked to: the first two with a checkpoint."""
+FLAGS = {"sets": "set", "sheets": "sheet"}
+PAIRS = ("mounting_force",)
+"""Options with another flag than their name, and with several values behind one flag."""
+EVERY_SECONDS = 0.3
+LOG_LETTERS = 4_000
+"""End of the log that is shown."""
+
+
+def command_line(verb: str, arguments: list[Any], options: dict[str, Any]) -> str:
+    """The command that does what a verb does with these arguments."""
+    words = ["biaxbayes", verb]
+    for argument in arguments:
+        words += argument if isinstance(argument, list) else [argument]
+    for name, value in options.items():
+        flag = f"--{FLAGS.get(name, name).replace('_', '-')}"
+        for one in value if isinstance(value, list) and name not in PAIRS else [value]:
+            several = one if isinstance(one, list) else [] if one is True else [one]
+            texts = (f"{v:.10g}" if isinstance(v, float) else str(v) for v in several)
+            words += [flag, *texts]
+    return shlex.join(words)
+
+
+@dataclass(frozen=True)
+class Job:
+    """The work that makes one result of a folder."""
+
+    folder: Path
+    name: str  # of the result
+
+    def _file(self, end: str) -> Path:
+        return self.folder / HIDDEN / (self.name + end)
+
+    @property
+    def asked(self) -> dict[str, Any] | None:
+        """Verb, arguments and options, if this result was asked for here."""
+        return _read(self._file(".json"))
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the process is alive, whoever started it."""
+        return is_locked(self._file(".lock"))
+
+    @property
+    def progress(self) -> dict[str, Any]:
+        """Phase with time left, and share; how it ended, with the exit code."""
+        return {"phase": "", "message": ""} | (_read(self._file(".progress")) or {})
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether the work was stopped, and can go on."""
+        return self.progress.get("code") == Interrupted.exit_code
+
+    @property
+    def log(self) -> str:
+        """The end of the log."""
+        path = self._file(".log")
+        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+        return text[-LOG_LETTERS:]
+
+    def start(self, verb: str, arguments: list[Any], options: dict[str, Any]) -> None:
+        """Start the work in the folder."""
+        if self.is_running:
+            raise InputError(f"{self.name!r} is being made", remedy="wait for it, or stop it")
+        self._file("").parent.mkdir(exist_ok=True)
+        asked = {"verb": verb, "arguments": arguments, "options": options}
+        atomic_write_text(self._file(".json"), json.dumps(asked, indent=1))
+        self._file(".stop").unlink(missing_ok=True)
+        atomic_write_text(self._file(".progress"), json.dumps({"phase": "starting"}))
+        with self._file(".log").open("a", encoding="utf-8") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", __name__, self.name],
+                cwd=self.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
+        while process.poll() is None and not self.is_running:
+            time.sleep(0.02)
+
+    def stop(self) -> None:
+        """Ask the process to write its checkpoint and end."""
+        self._file(".stop").touch()
+
+    def work(self) -> int:
+        """Do the work, in the process that :meth:`start` started; returns the exit code."""
+        import biaxbayes
+
+        asked = self.asked
+        assert asked is not None
+        pace, shown, phase = Pace(), 0.0, ""
+
+        def show(progress: Progress) -> None:
+            nonlocal shown, phase
+            line, now = pace.line(progress), time.monotonic()
+            if progress.note:
+                print(progress.note, flush=True)
+            if progress.phase == phase and now - shown < EVERY_SECONDS:
+                return
+            shown, phase = now, progress.phase
+            self._write({"phase": line, "share": progress.share})
+
+        with FileLock(self._file(".lock")), graceful_stop() as signalled:
+            options = dict(asked["options"])
+            if asked["verb"] in STOPPABLE:
+                options["stop"] = lambda: signalled() or 2 * self._file(".stop").exists()
+            try:
+                verb = getattr(biaxbayes, asked["verb"])
+                result = verb(*asked["arguments"], progress=show, **options)
+            except BiaxbayesError as error:
+                print(error, flush=True)
+                message = getattr(error, "done", str(error))
+                self._write({"phase": "ended", "code": error.exit_code, "message": message})
+                return error.exit_code
+            except BaseException as error:
+                message = f"internal error: {type(error).__name__}: {error}"
+                self._write({"phase": "ended", "code": 70, "message": message})
+                raise
+            message = getattr(result, "conclusion", "")
+            self._write({"phase": "ended", "code": 0, "message": message})
+        return 0
+
+    def _write(self, progress: dict[str, Any]) -> None:
+        atomic_write_text(self._file(".progress"), json.dumps(progress))
+
+
+def jobs(folder: Path) -> list[Job]:
+    """All work that was asked for in a folder, the latest first."""
+    paths = sorted(
+        (folder / HIDDEN).glob("*.json"), key=lambda path: path.stat().st_mtime, reverse=True
+    )
+    return [Job(folder, path.stem) for path in paths]
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a process holds a lock."""
+    if not path.exists():
+        return False
+    try:
+        with FileLock(path).acquire(timeout=0):
+            return False
+    except Timeout:
+        return True
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return record if isinstance(record, dict) else None
+
+
+if __name__ == "__main__":
+    sys.exit(Job(Path.cwd(), sys.argv[1]).work())

@@ -1,0 +1,1 @@
+"""Quantities that follow from the draws: stresses, stiffnesses and fibre structure."""

@@ -1,0 +1,187 @@
+"""A sheet pulled at its edges from a mounted state: what planar biaxial tests and strips share.
+
+q_k = g_k s_k / l_k     in the directions that are pulled
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.errors import ReadingError
+from biaxbayes.experiments.experiment import (
+    DIMENSIONS,
+    EDGE_MM,
+    LOAD_SD,
+    NONE,
+    OF_FORCES,
+    STRETCH_RANGE,
+    Column,
+    Experiment,
+    Key,
+    LoadingPath,
+    Loads,
+    Points,
+)
+
+ONE_PAIR = "required, or another pair"
+EXACT = "exact"
+ZERO = "no offset"
+SD_MM = (1e-9, 1_000.0)
+STRETCHES_FROM = ("markers", "grips")
+HOOK_WIDTH_MM = 2.0
+REFERENCES = ("each protocol", "common")
+"""References of measured stretches: the first rows of each protocol, or one state for all."""
+SHEET_LOADS = {
+    "force": Loads(("force_x_N", "force_y_N"), ("N", "N"), "force", "forces"),
+    "piola": Loads(
+        ("piola_x_kPa", "piola_y_kPa"),
+        ("kPa", "kPa"),
+        "first Piola-Kirchhoff stress",
+        "first Piola-Kirchhoff stresses",
+    ),
+    "cauchy": Loads(
+        ("cauchy_x_kPa", "cauchy_y_kPa"),
+        ("kPa", "kPa"),
+        "Cauchy stress",
+        "nominal stresses (Cauchy stress over measured stretch)",
+        times_stretch=True,
+    ),
+}
+SHEET_COLUMNS = {
+    "force_x_N": Column("Force along x, tension positive, not tared after mounting", ONE_PAIR),
+    "force_y_N": Column("The same along y", ONE_PAIR),
+    "piola_x_kPa": Column(
+        "First Piola-Kirchhoff stress: force over the section in the state of `geometry`", ONE_PAIR
+    ),
+    "piola_y_kPa": Column("The same along y", ONE_PAIR),
+    "cauchy_x_kPa": Column(
+        "Cauchy stress as the lab computes it: that stress times the measured stretch", ONE_PAIR
+    ),
+    "cauchy_y_kPa": Column("The same along y", ONE_PAIR),
+}
+SHEET_KEYS = {
+    "reference": Key(
+        "State that the stretches are relative to: `each protocol` (the first rows of each) or "
+        "`common` (one for all protocols; those that do not start at it have no rows at rest)",
+        "each protocol; required where first rows differ by more than 2 %",
+        choices=REFERENCES,
+    ),
+    "mounted_state_x": Key(
+        "With a common reference: stretch of the mounted state along x in the columns of the file; "
+        "at least one protocol starts there",
+        "1",
+        STRETCH_RANGE,
+    ),
+    "mounted_state_y": Key("The same along y", "1", STRETCH_RANGE),
+    "edge_x_mm": Key("Edge along x", OF_FORCES, EDGE_MM),
+    "edge_y_mm": Key("Edge along y; the force in x acts on edge_y x thickness", OF_FORCES, EDGE_MM),
+    "edge_sd_mm": Key("Standard deviation of the edges", EXACT, SD_MM, extra=True),
+    "thickness_sd_mm": Key("Standard deviation of the thickness", EXACT, SD_MM, extra=True),
+    "load_offset_sd_N": Key(
+        "Standard deviation of the zero of the load cells, an unknown of each direction",
+        ZERO,
+        LOAD_SD,
+        extra=True,
+    ),
+    "load_offset_sd_kPa": Key("The same of a stress", ZERO, LOAD_SD, extra=True),
+    "mounting_stretch_x": Key(
+        "Mounting stretch along x known from an image, as `1.03 +- 0.01`", "inferred", extra=True
+    ),
+    "mounting_stretch_y": Key("The same along y", "inferred", extra=True),
+    "physiological_stretch_x": Key(
+        "Total stretch along x in the body, from the unloaded state: stress and stiffness there "
+        "are reported",
+        NONE,
+        STRETCH_RANGE,
+        extra=True,
+    ),
+    "physiological_stretch_y": Key("The same along y", NONE, STRETCH_RANGE, extra=True),
+    "grips": Key(
+        "Hooks per edge, as `hooks 5`: `sample` and `fit` correct the loads for them by finite "
+        "elements; `none` for loads of a uniform test",
+        "no correction, with a note",
+        extra=True,
+    ),
+    "grip_inset_mm": Key(
+        "Distance of the hooks from the edge; required with `grips`", NONE, EDGE_MM, extra=True
+    ),
+    "grip_width_mm": Key(
+        "Diameter of the patch of tissue that a hook moves",
+        f"{HOOK_WIDTH_MM:g}, less where hooks are closer to each other or to the edge",
+        EDGE_MM,
+        extra=True,
+    ),
+    "grip_spacing_mm": Key(
+        "Distance between neighbouring hooks",
+        "equal distances from each other and the corners",
+        EDGE_MM,
+        extra=True,
+    ),
+    "stretch_from": Key(
+        "Whether stretches are measured between four markers in the centre or between opposite "
+        "hooks (`grips`); needs `grips`",
+        "markers",
+        choices=STRETCHES_FROM,
+        extra=True,
+    ),
+    "grip_correction": Key(
+        "`applied` in the files that `sample` writes, whose loads are corrected for the grips",
+        "loads as measured",
+        choices=("applied",),
+        extra=True,
+    ),
+    "rest_rows": Key(
+        "Leading rows at rest: one number for all protocols, or one for each with commas; 0 "
+        "for a protocol that starts elsewhere than the common reference",
+        "counted from the stretches",
+    ),
+}
+
+
+class Sheet(Experiment):
+    """A sheet that is pulled at its edges."""
+
+    loads = SHEET_LOADS
+    columns = SHEET_COLUMNS
+    keys = SHEET_KEYS
+
+    def needed(self, loads: str) -> tuple[str, ...]:
+        """Forces need the section, and the state that it is measured in."""
+        return (*DIMENSIONS, "geometry") if loads == "force" else ()
+
+    def check(self, header: Mapping[str, Any], protocols: Sequence[LoadingPath]) -> None:
+        """Refuse a missing stretch."""
+        for p in protocols:
+            for k, axis in enumerate("xy"):
+                if k != self.free_side and np.isnan(p.stretch[0, k]):
+                    raise ReadingError(
+                        "is missing",
+                        argument=f"stretch_{axis}",
+                        protocol=p.name,
+                        remedy="measure it, or state '# test: strip x' (or y) for a strip",
+                    )
+
+    def points(self, stretch: np.ndarray) -> Points:
+        """One point a row."""
+        weight = np.zeros((len(stretch), 2, 2))
+        for k in self.axes:
+            # q_k = g_k s_k / l_k
+            weight[:, k, k] = 1.0 / stretch[:, k]
+        return Points(stretch, weight, np.arange(len(stretch)))
+
+    def size(self, header: Mapping[str, Any]) -> str:
+        """Edges, or the width of a strip, and thickness."""
+        edges = [f"{e:g}" for e in (header["edge_x_mm"], header["edge_y_mm"]) if e is not None]
+        size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}" if edges else ""
+        thickness = header["thickness_mm"]
+        thick = "" if thickness is None else f"{thickness:g} mm thick"
+        return ", ".join(filter(None, (size, thick)))
+
+    def methods(self, header: Mapping[str, Any], paths: str) -> str:
+        """The sheet and how it was pulled."""
+        size = self.size(header)
+        stated = f" ({size}; {header['geometry']} dimensions)" if size else ""
+        return f"A specimen{stated} was tested on {paths} in {self.words}."

@@ -1,0 +1,286 @@
+r"""A pressurised tube: x runs around it, y along it; the radial stress is zero outside.
+
+Stretches are total: those of the outer surface around, relative to the unloaded tube, and along
+it. With the stress-free sector of radii A < B that lacks the angle phi of a circle,
+c = pi / (pi - phi / 2), as long as the unloaded tube, incompressibility gives the inner radius
+
+    (ro^2 - r^2) lz c = B^2 - R^2         stretch around lt = c r / R
+
+and with the stresses of a membrane, s_t - s_r and s_z - s_r,
+
+    p = \int s_t / r dr          pressure, kPa
+    f = pi \int (2 s_z - s_t) r dr      force on the closed tube beside that of the pressure, mN
+
+by Gauss points in r. A thin wall is the limit of one point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.optimize import brentq
+
+from biaxbayes.errors import ReadingError
+from biaxbayes.experiments.experiment import (
+    EDGE_MM,
+    FROM_SCATTER,
+    LOAD_SD,
+    Column,
+    Experiment,
+    Key,
+    LoadingPath,
+    Loads,
+    Points,
+)
+from biaxbayes.mechanics.mounting import N_PER_KPA_MM2
+
+MMHG_PER_KPA = 1.0 / 0.133322387415
+"""Millimetres of mercury per kPa, as in the table of units."""
+GAUSS_POINTS = 5
+"""Points through the wall of a tube: for a wall as thick as its inner radius, pressures of GOH
+materials differ by less than 1e-4 from those of 40 points."""
+STARTS = 400
+"""Radii at which the pressure is computed to find where it is zero."""
+OF_TUBES = "required of a tube"
+NO_RESIDUAL_STRESS = "0, no residual stress"
+PRESSURE_COLUMNS = {
+    "pressure_kPa": Column("Pressure inside less that outside", "required of inflated tests"),
+    "pressure_mmHg": Column(
+        "The same in millimetres of mercury",
+        "pressure_kPa",
+        stands_for=("pressure_kPa",),
+        follows=lambda columns, header: columns["pressure_mmHg"] / MMHG_PER_KPA,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Tube(Experiment):
+    """A pressurised tube; by default one of 10 mm with a wall of 1 mm."""
+
+    outer_radius_mm: float = 5.0
+    thickness_mm: float = 1.0
+    missing_sector_deg: float = 0.0
+    reads_force: bool = True
+    points_through_wall: int = GAUSS_POINTS
+
+    name = "tube"
+    meaning = "a pressurised tube, whose circumference is x and whose axis is y"
+    words = "inflation of a pressurised tube"
+    curves = ("pressure", "axial force")
+    stretches = ("circumferential stretch", "axial stretch")
+    columns: ClassVar[Mapping[str, Column]] = {
+        **PRESSURE_COLUMNS,
+        "axial_force_N": Column(
+            "Of a tube: force of the transducer at its closed end, that is the axial force of the "
+            "wall less pressure times lumen",
+            "not read",
+        ),
+        "outer_diameter_mm": Column(
+            "Of a tube: outer diameter under load; or `stretch_x`, the same over the unloaded one",
+            OF_TUBES,
+            stands_for=("stretch_x",),
+            needs=("unloaded_outer_diameter_mm",),
+            follows=lambda columns, header: (
+                columns["outer_diameter_mm"] / header["unloaded_outer_diameter_mm"]
+            ),
+        ),
+        "length_mm": Column(
+            "Of a tube: length under load between the marks of `unloaded_length_mm`",
+            "stretch_z",
+            stands_for=("stretch_y",),
+            needs=("unloaded_length_mm",),
+            follows=lambda columns, header: columns["length_mm"] / header["unloaded_length_mm"],
+        ),
+        "stretch_z": Column(
+            "Of a tube: axial stretch, relative to the unloaded tube; `stretch_y` means the same",
+            OF_TUBES,
+            stands_for=("stretch_y",),
+        ),
+    }
+    keys: ClassVar[Mapping[str, Key]] = {
+        "unloaded_outer_diameter_mm": Key(
+            "Outer diameter of a tube without pressure and force", OF_TUBES, EDGE_MM, extra=True
+        ),
+        "unloaded_length_mm": Key(
+            "Length of a tube without pressure and force between the same two marks",
+            "required with a column length_mm",
+            EDGE_MM,
+            extra=True,
+        ),
+        "opening_angle_fung_deg": Key(
+            "Opening angle of a ring of a tube cut open, between the lines from the middle of its "
+            "inner wall to the ends of the inner wall; half the missing sector",
+            NO_RESIDUAL_STRESS,
+            (0.0, 175.0),
+            extra=True,
+        ),
+        "missing_sector_deg": Key(
+            "Angle that the opened ring lacks of a full circle, at its centre",
+            NO_RESIDUAL_STRESS,
+            (0.0, 350.0),
+            extra=True,
+        ),
+        "axial_force_noise_N": Key(
+            "Standard deviation of one reading of the axial force of a tube",
+            FROM_SCATTER,
+            LOAD_SD,
+            extra=True,
+        ),
+    }
+    is_mounted = False
+
+    @property
+    def axes(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Pressure, and the axial force where it was read."""
+        return (0, 1) if self.reads_force else (0,)
+
+    @property
+    def loads(self) -> dict[str, Loads]:  # type: ignore[override]
+        """Pressure in x, axial force in y."""
+        words = "pressure and axial force" if self.reads_force else "pressure"
+        compared = "pressures and axial forces" if self.reads_force else "pressures"
+        columns, noise = ("pressure_kPa", "axial_force_N"), "axial_force_noise_N"
+        return {"pressure": Loads(columns, ("kPa", "N"), words, compared, (1,), noise)}
+
+    def needed(self, loads: str) -> tuple[str, ...]:
+        """Dimensions of the unloaded tube."""
+        return ("unloaded_outer_diameter_mm", "thickness_mm")
+
+    def of(self, header: Mapping[str, Any], reads: Sequence[bool]) -> Tube:
+        """The tube of a header."""
+        # Fung's angle has its vertex on the circle, the missing sector at the centre
+        sector = 2.0 * header.get("opening_angle_fung_deg", 0.0)
+        return replace(
+            self,
+            outer_radius_mm=0.5 * header["unloaded_outer_diameter_mm"],
+            thickness_mm=header["thickness_mm"],
+            missing_sector_deg=header.get("missing_sector_deg", sector),
+            reads_force=reads[1],
+        )
+
+    def check(self, header: Mapping[str, Any], protocols: Sequence[LoadingPath]) -> None:
+        """Refuse a tube without a lumen."""
+        if {"opening_angle_fung_deg", "missing_sector_deg"} <= set(header):
+            raise ReadingError(
+                "the opening angle is given twice",
+                argument="missing_sector_deg",
+                remedy="keep opening_angle_fung_deg or missing_sector_deg",
+            )
+        if not self.sector[0] > 0.0 or not self.thickness_mm < self.outer_radius_mm:
+            raise ReadingError(
+                f"a wall of {self.thickness_mm:g} mm leaves no lumen in an outer diameter of "
+                f"{2.0 * self.outer_radius_mm:g} mm",
+                argument="thickness_mm",
+                remedy="both are those of the unloaded tube, in mm",
+            )
+        for p in protocols:
+            for index in np.flatnonzero(np.isnan(self.radii(p.stretch)[0])):
+                raise ReadingError(
+                    f"there is no lumen: at {2.0 * self.outer_radius_mm * p.stretch[index, 0]:.4g} "
+                    f"mm and an axial stretch of {p.stretch[index, 1]:.4g} the wall fills the "
+                    "outer diameter",
+                    argument="stretch_x",
+                    index=int(index),
+                    protocol=p.name,
+                    remedy="check this row, and thickness and diameter of the unloaded tube",
+                )
+
+    @property
+    def sector(self) -> tuple[float, float, float]:
+        """(A, B, c) of the stress-free sector; the thickness is that of the closed, unloaded tube.
+
+        The sector has the wall's thickness and its section.
+        """
+        c = np.pi / (np.pi - 0.5 * np.deg2rad(self.missing_sector_deg))
+        mid = self.outer_radius_mm - 0.5 * self.thickness_mm
+        # equal sections: (pi / c) (B^2 - A^2) = pi (b^2 - a^2), B - A = b - a
+        mid_sector = c * mid
+        half = 0.5 * self.thickness_mm
+        return mid_sector - half, mid_sector + half, float(c)
+
+    def radii(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Inner and outer radius (rows,) of the deformed tube, mm; NaN where there is no lumen."""
+        inside, outside, c = self.sector
+        outer = stretch[:, 0] * self.outer_radius_mm
+        # (ro^2 - ri^2) lz c = B^2 - A^2
+        square = outer**2 - (outside**2 - inside**2) / (stretch[:, 1] * c)
+        return np.sqrt(np.where(square > 0.0, square, np.nan)), outer
+
+    def points(self, stretch: np.ndarray) -> Points:
+        """Gauss points through the wall of each row."""
+        _, outside, c = self.sector
+        inner, outer = self.radii(stretch)
+        place, share = np.polynomial.legendre.leggauss(self.points_through_wall)
+        half = 0.5 * (outer - inner)[:, None]
+        r, dr = 0.5 * (outer + inner)[:, None] + half * place, half * share
+        axial = stretch[:, 1][:, None]
+        # R^2 = B^2 - (ro^2 - r^2) lz c
+        sector = np.sqrt(outside**2 - (outer[:, None] ** 2 - r**2) * axial * c)
+        around = c * r / sector
+        weight = np.zeros((*r.shape, 2, 2))
+        weight[..., 0, 0] = dr / r
+        if self.reads_force:
+            weight[..., 1, 0] = -N_PER_KPA_MM2 * np.pi * r * dr
+            weight[..., 1, 1] = 2.0 * N_PER_KPA_MM2 * np.pi * r * dr
+        count = self.points_through_wall
+        state = np.stack([around, np.broadcast_to(axial, r.shape)], axis=-1).reshape(-1, 2)
+        return Points(state, weight.reshape(-1, 2, 2), np.repeat(np.arange(len(stretch)), count))
+
+    def stresses(self, stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Mean stresses of the wall from pressure and force."""
+        inner, outer = self.radii(stretch)
+        mid, wall = 0.5 * (inner + outer), outer - inner
+        # s_t = p r / h,   s_z = f / (2 pi r h) + s_t / 2
+        around = load[:, 0] * mid / wall
+        along = load[:, 1] / (2.0 * np.pi * mid * wall * N_PER_KPA_MM2) + 0.5 * around
+        if not self.reads_force:
+            along = 0.5 * around
+        return np.column_stack([around, along])
+
+    def paths(
+        self,
+        largest_stretch: float,
+        along: Sequence[float],
+        increments: int,
+        readings: Callable[[np.ndarray], np.ndarray],
+    ) -> dict[str, np.ndarray]:
+        """From no pressure to the largest stretch around, in equal steps of the diameter."""
+        paths = {}
+        for axial in along:
+
+            def state(around: Any, axial: float = axial) -> np.ndarray:
+                return np.column_stack([around, np.full(np.size(around), axial)])
+
+            inner, outer = self.radii(state(largest_stretch))
+            # the wall's section stays, so that without a lumen ro^2 is that of a solid rod
+            solid = np.sqrt(outer**2 - inner**2)[0] / self.outer_radius_mm
+            grid = np.linspace(solid, largest_stretch, STARTS)[1:]
+            below = np.flatnonzero(~(readings(state(grid))[:, 0] > 0.0))
+            if not np.isfinite(solid) or not below.size or below[-1] == grid.size - 1:
+                raise ValueError(f"no pressure holds the tube at an axial stretch of {axial:g}")
+            bracket = grid[below[-1] : below[-1] + 2]
+            start = brentq(lambda r, at=state: float(readings(at(r))[0, 0]), *bracket)
+            paths[f"{axial:g}"] = state(
+                np.linspace(start, largest_stretch, increments + 1).round(6)
+            )
+        return paths
+
+    def size(self, header: Mapping[str, Any]) -> str:
+        """Outer diameter and wall."""
+        return f"outer diameter {2.0 * self.outer_radius_mm:g} mm, {self.thickness_mm:g} mm thick"
+
+    def methods(self, header: Mapping[str, Any], paths: str) -> str:
+        """The tube, its residual stress and what was read."""
+        angle = self.missing_sector_deg
+        residual = f", missing sector {angle:g} degrees" if angle else "; no residual stress"
+        read = "pressure and axial force were" if self.reads_force else "the pressure was"
+        return (
+            f"A tube (unloaded outer diameter {2.0 * self.outer_radius_mm:g} mm, wall "
+            f"{self.thickness_mm:g} mm{residual}) was pressurised on {paths}: at measured outer "
+            f"diameters and axial stretches {read} read. Stresses were integrated through the "
+            "thick wall."
+        )

@@ -1,0 +1,1 @@
+"""Profile likelihoods: the best fit at each value of a parameter."""

@@ -1,0 +1,502 @@
+"""population.html: the result of a population on one page, with a methods paragraph."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from markupsafe import Markup
+
+from biaxbayes.errors import listed, printable
+from biaxbayes.identifiability.verdict import (
+    BOUNDED,
+    FIXED,
+    IDENTIFIED,
+    MEASURED,
+    NOT_IDENTIFIED,
+)
+from biaxbayes.parameters import unit_words
+from biaxbayes.populations.model import LOG
+from biaxbayes.populations.population_result import PopulationResult
+from biaxbayes.report_table import (
+    DASH,
+    Cell,
+    Column,
+    Row,
+    Table,
+    as_html,
+    interval_texts,
+    three_digits,
+    truncate,
+    unit_text,
+)
+from biaxbayes.reports.answers import CHANCE, population_answers
+from biaxbayes.reports.page import (
+    Block,
+    Figure,
+    Heading,
+    Items,
+    Notice,
+    Page,
+    Section,
+    Sentence,
+    prose,
+)
+from biaxbayes.reports.study_page import named
+from biaxbayes.reports.templates import pictures
+from biaxbayes.reports.text import VERDICT_TERMS, plural
+from biaxbayes.studies.groups import KNOWN_QUANTITIES, LARGER, OPEN, SMALLER
+
+PAGE, LATEX = "population.html", "population.tex"
+TABLES = {
+    "groups": ("population.csv", "groups"),
+    "specimens": ("specimens.csv", "every specimen alone and pooled"),
+    "contrasts": ("contrasts.csv", "differences between groups"),
+}
+"""File and content of each table of a population."""
+TERMS = (
+    *("population, group", "posterior", "prior", "median, 90 % interval", "alone, pooled"),
+    *("typical donor", "sd of donors, sd of specimens", "sd (standard deviation)", "factor"),
+    *("donor effect", "new specimen", "new donor", *VERDICT_TERMS, "predictive p"),
+    *("mounting stretch", "structure tensor", "tangent stiffness, small-strain stiffness"),
+    *("Cauchy stress, nominal stress", "ratio", "P(larger)", "likelihood"),
+    *("converged, tentative, unusable", "effective draws (ESS), bulk and tail", "R-hat"),
+)
+BANDS = "new-specimen-bands"
+NO_NUMBERS = (
+    "No number is given: continue with --resume and a larger --max-steps, or compare the groups as "
+    "study.html of batch does, specimen by specimen"
+)
+"""What to do where the chains do not agree."""
+FILES = {
+    **dict(TABLES.values()),
+    f"{BANDS}.csv": "stress of a new specimen",
+    LATEX: "the table of the groups as LaTeX, with both paragraphs",
+    "population.nc": "all draws",
+}
+"""Files of a population, with their content."""
+FIGURE_TEXTS = {
+    "population-forest": (
+        "Specimens alone and pooled",
+        "Medians and 90 % intervals. Grey: the specimen by its own test alone; coloured: together "
+        "with the others (pooled); diamond: the centre of the group; thin line: a new specimen.",
+        "Medians and 90 % intervals of every specimen alone and pooled, with those of its group; "
+        "the numbers are in the tables.",
+    ),
+    "population-pairs": (
+        "New specimens",
+        "Every parameter (diagonal) and every pair. The contours contain 50 and 90 % of new "
+        "specimens; points are the tested ones, pooled.",
+        "Contours of new specimens for every pair of parameters, with the tested specimens as "
+        "points.",
+    ),
+    BANDS: (
+        "Stress of a new specimen",
+        "Equibiaxial Cauchy stress: the band contains 90 % of new specimens; thin lines are the "
+        "records of the tested ones.",
+        "Equibiaxial Cauchy stress of new specimens over total stretch, with the equibiaxial "
+        "records; the numbers are in new-specimen-bands.csv.",
+    ),
+}
+"""Title, caption and alternative text of each figure."""
+
+
+# --- the tables ----------------------------------------------------------------------------------
+
+
+def _words(value: object) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _ratio(log: float) -> str:
+    return three_digits(math.exp(min(log, 700.0)))
+
+
+def quantile_texts(
+    row: Row, part: str, write: Callable[[float], str] = three_digits
+) -> tuple[str, str]:
+    """Median and 90 % interval; a dash and nothing where there are no numbers."""
+    median, low, high = (float(row[f"{part}_{q}"]) for q in ("q50", "q05", "q95"))
+    if math.isnan(median):
+        return DASH, ""
+    return write(median), f"{write(low)} to {write(high)}"
+
+
+def _marked(median: str, identified: bool) -> str | Markup:
+    """Text in italics with an asterisk if it is not identified."""
+    return median if identified else Markup("<i>{}*</i>").format(median)
+
+
+def spread_parts(groups: pd.DataFrame) -> dict[str, str]:
+    """The sds that are given: the total alone where donors and specimens cannot be separated."""
+    split = groups["sd_donors_q50"].notna().any() or groups["sd_total_q50"].isna().all()
+    if split:
+        return {"sd_donors": "Donors differ by", "sd_specimens": "Specimens differ by"}
+    return {"sd_total": "Specimens of different donors differ by"}
+
+
+def group_table(group: str, part: pd.DataFrame) -> Table:
+    """The typical donor of a group, how donors and specimens differ, and new ones."""
+
+    def spread(side: str, r: Row) -> Cell:
+        log, verdict = r["scale"] == LOG, _words(r[f"{side}_verdict"])
+        median, ends = quantile_texts(r, side, _ratio if log else three_digits)
+        text = f"factor {median}" if log and median != DASH else median
+        return (_marked(text, verdict != NOT_IDENTIFIED), ends, verdict)
+
+    columns = [
+        Column("quantity", "Quantity", format=lambda r: named(r["quantity"])),
+        Column("unit", "Unit", format=lambda r: unit_text(r["unit"])),
+        Column("mean_q50", "Typical donor", format=_typical_donor, number=True, term=True),
+        Column("reported", "Interval", format=lambda r: _words(r["reported"]) or DASH, number=True),
+        Column("verdict", "Verdict", format=lambda r: _words(r["verdict"]) or DASH, term=True),
+        *(
+            Column(side, head, format=partial(spread, side), number=True)
+            for side, head in spread_parts(part).items()
+        ),
+        Column(
+            "new_specimen",
+            "New specimen",
+            format=lambda r: quantile_texts(r, "new_specimen")[1] or DASH,
+            number=True,
+            term=True,
+        ),
+        Column(
+            "new_donor",
+            "New donor",
+            format=lambda r: quantile_texts(r, "new_donor")[1] or DASH,
+            number=True,
+            term=True,
+        ),
+    ]
+    return Table(columns, part, truncate(group, 60))
+
+
+def _identified(r: Row) -> bool:
+    return _words(r["verdict"]) in (IDENTIFIED, MEASURED, BOUNDED, FIXED)
+
+
+def _typical_donor(r: Row) -> Cell:
+    return _marked(_centre(r), _identified(r))
+
+
+def _centre(r: Row) -> str:
+    """Median of the typical donor, with the digits of its reported interval."""
+    median, low, high = (float(r[f"mean_{q}"]) for q in ("q50", "q05", "q95"))
+    return interval_texts(median, low, high, log=r["scale"] == LOG)[0]
+
+
+def contrast_table(a: str, b: str, part: pd.DataFrame) -> Table:
+    """The typical donors of group b beside those of group a."""
+    columns = [
+        Column("quantity", "Quantity", format=lambda r: named(r["quantity"])),
+        Column("scale", "Difference", format=_kind),
+        Column("difference_q50", "Median", format=lambda r: _apart(r)[0], number=True),
+        Column("difference_q05", "90 % interval", format=lambda r: _apart(r)[1], number=True),
+        Column("direction", f"In {truncate(b, 40)}", format=_direction),
+        Column("probability_positive", "P(larger)", format=".3f", number=True, term=True),
+    ]
+    return Table(columns, part, f"{truncate(b, 40)} against {truncate(a, 40)}")
+
+
+def _kind(r: Row) -> str:
+    unit = unit_words(str(r["unit"]))
+    return "ratio" if r["scale"] == LOG else f"difference{' in' if unit else ''}{unit}"
+
+
+def _apart(r: Row) -> tuple[str, str]:
+    return quantile_texts(r, "difference", _ratio if r["scale"] == LOG else three_digits)
+
+
+def _direction(r: Row) -> str:
+    """`larger` or `smaller`, else what the interval includes; empty if not converged."""
+    return _words(r["direction"]).replace(OPEN, f"includes {1 if r['scale'] == LOG else 0}")
+
+
+def contrast_tables(contrasts: pd.DataFrame) -> list[Table]:
+    """How each pair of groups differs."""
+    pairs = contrasts.groupby(["group_a", "group_b"], sort=False)
+    return [contrast_table(str(a), str(b), part) for (a, b), part in pairs]
+
+
+def specimens_table(table: pd.DataFrame) -> Table:
+    """Every specimen pooled, and in brackets the interval reported by its own run."""
+    rows = {(str(r["specimen"]), str(r["quantity"])): r for r in table.to_dict("records")}
+
+    def label(r: Row) -> Cell:
+        origin = f"{truncate(r['group'], 40)}, {truncate(r['donor'], 40)}"
+        return (truncate(r["specimen"], 60), origin)
+
+    def quantity(name: str, first: Row) -> Cell:
+        r = rows.get((str(first["specimen"]), name))
+        if r is None:
+            return DASH
+        median, ends = quantile_texts(r, "pooled", KNOWN_QUANTITIES[name].parameter.number)
+        identified = r["pooled_verdict"] in (IDENTIFIED, MEASURED, BOUNDED, FIXED)
+        return (_marked(median, identified), ends, f"({_words(r['reported']) or DASH})")
+
+    known = [KNOWN_QUANTITIES[n] for n in dict.fromkeys(table["quantity"]) if n in KNOWN_QUANTITIES]
+    columns = [
+        Column("specimen", "Specimen, group, donor", format=label),
+        Column(
+            "specimen_predictive_p",
+            "Predictive p",
+            format=lambda r: three_digits(float(r["specimen_predictive_p"])),
+            number=True,
+            term=True,
+        ),
+        *(Column(q.name, q, q.unit, partial(quantity, q.name), number=True) for q in known),
+    ]
+    return Table(columns, table.drop_duplicates("specimen"), "Specimens")
+
+
+# --- the page ------------------------------------------------------------------------------------
+
+
+def population_page(
+    folder: Path, tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]
+) -> str:
+    """The page as HTML from the three tables and the record in population.json."""
+    own = tables["specimens"].drop_duplicates("specimen")
+    usable = record["convergence"]["state"] != "unusable"
+    groups = _groups(tables["groups"], tuple(record["pooled"])) if usable else []
+    drawn = pictures(folder, tuple(FIGURE_TEXTS))
+    figures = [
+        Section(stem, title, [Figure(drawn[stem], alt, caption, title)])
+        for stem, (title, caption, alt) in FIGURE_TEXTS.items()
+        if stem in drawn
+    ]
+    contrasts: list[Block] = []
+    for table in contrast_tables(tables["contrasts"]) if usable else ():
+        contrasts += [Heading(table.label), table]
+    if contrasts:
+        about = prose(
+            "Centre of one group compared with that of the other, as a [ratio] where a quantity "
+            "varies in ratios. [P(larger)]: probability that it is larger in the group that the "
+            "heading names first."
+        )
+        contrasts.insert(0, Sentence(about))
+    specimens: list[Block] = [
+        Sentence(
+            prose(
+                "Median and 90 % interval after [pooling], and in brackets the interval of "
+                "the specimen's own run. In italics with *: not identified even with the other "
+                "specimens. [Predictive p] of the specimen in its group: below 0.05 it does not "
+                "belong there."
+            )
+        ),
+        specimens_table(tables["specimens"]),
+    ]
+    if not tables["specimens"]["quantity"].isin(KNOWN_QUANTITIES).all():
+        more = Markup("Mounting stretches of single protocols are in specimens.csv.")
+        specimens.append(Sentence(more, "soft"))
+    files = [f"{name}: {words}. " for name, words in FILES.items() if (folder / name).is_file()]
+    cards = prose("Material cards of new specimens: `biaxbayes export` on this folder with ")
+    cards += prose("`--population GROUP`.")
+    paragraphs = (population_methods(tables, record), population_results(tables, record))
+    sections = [
+        Section("glance", "At a glance", _glance(tables, record, usable=usable)),
+        Section("groups", "Groups", groups),
+        *figures,
+        Section("specimens", "Specimens", specimens),
+        Section("contrasts", "Differences between groups", contrasts),
+        Section("methods", "Methods and results", [Sentence(t, "paste") for t in paragraphs]),
+        Section("files", "Files", [Sentence(Markup.escape("".join(files)) + cards)]),
+    ]
+    counts = f"{plural(len(own), 'specimen')} of {plural(int(own['donor'].nunique()), 'donor')}"
+    counts += ": what they have in common, how they differ, and what the next one would be"
+    return Page("population", truncate(record["name"]), counts, sections, TERMS).html()
+
+
+def _glance(
+    tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any], *, usable: bool
+) -> list[Block]:
+    state, reason = (record["convergence"][k] for k in ("state", "reason"))
+    converged = state == "converged"
+    left = [f"left out: {truncate(k)}: {truncate(v, 300)}" for k, v in record["left_out"].items()]
+    blocks: list[Block] = [
+        Notice(
+            state,
+            "The chains have converged." if converged else f"The population is {state}:",
+            left,
+            "" if converged else f"{reason}; no verdict on any number.",
+        ),
+        Sentence(
+            "Every specimen keeps its own parameters. Those of one group scatter about a common "
+            "centre; specimens of one donor share its donor effect. All are inferred together, so "
+            "that the other specimens inform a parameter that a specimen's own test leaves open."
+        ),
+    ]
+    said = _answers(tables["contrasts"], tables["groups"]) if usable else []
+    for a, b, sentences in said:
+        blocks += [Heading(f"{b} compared with {a}"), Items(sentences)]
+    if said:
+        blocks.append(Sentence(Markup.escape(CHANCE), "soft"))
+    if record["notes"]:
+        notes = [truncate(n, 500) for n in record["notes"]]
+        blocks.append(Notice("tentative", "Read the numbers with this in mind.", notes))
+    return blocks
+
+
+def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[Block]:
+    about = prose(
+        "[Typical donor]: the centre of the group. [Donors differ by, specimens differ by]: "
+        "standard deviations, a [factor] where a quantity varies in ratios; below each its own "
+        "[verdict]. Small figures and those of new ones are 90 % intervals. In italics with *: "
+        "[not identified] on its own; the number may be mostly that of the prior."
+    )
+    blocks: list[Block] = [Sentence(about)]
+    for group, part in table.groupby("group", sort=False):
+        shown = group_table(str(group), part)
+        blocks += [Heading(shown.label), Sentence(Markup.escape(_members(part)), "soft"), shown]
+        words = [
+            as_html(named(r["quantity"])) + Markup(": {}").format(truncate(r["in_words"], 400))
+            for r in part.to_dict("records")
+            if r["quantity"] in pooled and isinstance(r["in_words"], str)
+        ]
+        if words:
+            blocks += [Sentence("Verdicts on the centre of the group:"), Items(words)]
+    return blocks
+
+
+def _members(part: pd.DataFrame) -> str:
+    specimens, donors = (int(part[k].iloc[0]) for k in ("specimens", "donors"))
+    return f"{plural(specimens, 'specimen')} of {plural(donors, 'donor')}"
+
+
+def _answers(contrasts: pd.DataFrame, groups: pd.DataFrame) -> list[tuple[str, str, list[str]]]:
+    """Both groups, and how they differ in sentences."""
+    return [
+        (truncate(a, 40), truncate(b, 40), population_answers(part, groups))
+        for (a, b), part in contrasts.groupby(["group_a", "group_b"], sort=False)
+    ]
+
+
+def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
+    """One paragraph for a paper, with the numbers of this population."""
+    groups = tables["groups"].drop_duplicates("group")
+    members = "; ".join(
+        f"{truncate(r['group'], 60)}: {plural(r['specimens'], 'specimen')} of "
+        f"{plural(r['donors'], 'donor')}"
+        for r in groups.to_dict("records")
+    )
+    pooled = record["pooled"]
+    logs = [name for name, v in pooled.items() if v["scale"] == "log"]
+    others = [name for name in pooled if name not in logs]
+    scales = []
+    if logs:
+        scales.append(f"the natural logs of {listed(logs)}")
+    if others:
+        scales.append(f"{listed(others)} truncated at their physical limits")
+    values = listed(scales)
+    units = tables["groups"].drop_duplicates("quantity").set_index("quantity")["unit"]
+    priors = "; ".join(
+        f"{name}: mean {v['mean']}{unit_words(units[name])}, sds {v['sd_donors']} between donors "
+        f"and {v['sd_specimens']} between specimens"
+        + (" of its log" if name in logs else unit_words(units[name]))
+        for name, v in pooled.items()
+    )
+    families = ["N(mean, sd) normal", "half-normal(scale)"]
+    families += ["LN(median, sd of the log) lognormal"] if logs else []
+    convergence = record["convergence"]
+    chains = (
+        f"R-hat was at most {convergence['worst_rhat']:.3f} and the effective sample size of "
+        f"every reported quantity at least {convergence['worst_ess']:.0f}."
+        if convergence["state"] == "converged"
+        else f"The chains did not converge ({convergence['reason']})."
+    )
+    names = record["sampled_again"]
+    again = (
+        f"; {listed(names)} {'was' if len(names) == 1 else 'were'} sampled again under the "
+        "population's prior, where the Pareto k of the weights was above 0.7"
+        if names
+        else ""
+    )
+    left = f" Left out: {listed(list(record['left_out']))}." if record["left_out"] else ""
+    return (
+        f"A hierarchical model pooled the specimens ({members}). {values[:1].upper()}{values[1:]} "
+        "of a specimen were normal around the mean of its group plus the effect of its donor, "
+        "which was common to the donor's specimens; each specimen kept the likelihood of its "
+        "single run, and the run's prior of the pooled parameters was divided out. Priors "
+        f"({'; '.join(families)}): {priors}. The draws of the single runs were reweighted (Hogg et "
+        f"al. 2010){again}. {chains}{left}"
+    )
+
+
+def population_results(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
+    """The pooled values and their differences as a paragraph, with the numbers of the tables."""
+    if record["convergence"]["state"] != "converged":
+        return "The chains have not converged: no result to report."
+    sentences = []
+    for name, part in tables["groups"].groupby("group", sort=False):
+        group, rows = truncate(name, 60), part.to_dict("records")[: len(record["pooled"])]
+        known = [
+            f"{r['quantity']} {_centre(r)}{unit_words(r['unit'])} ({r['reported']})"
+            for r in rows
+            if _identified(r) and _words(r["reported"])
+        ]
+        left = [str(r["quantity"]) for r in rows if not _identified(r)]
+        size = plural(int(part.iloc[0]["specimens"]), "specimen")
+        if known:
+            text = f"Medians of a typical donor of the group {group} ({size}) were "
+            sentences.append(f"{text}{listed(known)} (90 % intervals or 95 % bounds).")
+        if left:
+            sentences.append(f"The specimens of {group} did not identify {listed(left)}.")
+    for (a, b), part in tables["contrasts"].groupby(["group_a", "group_b"], sort=False):
+        different = [
+            f"{r['quantity']} ({_kind(r)} {', '.join(_apart(r))})"
+            for r in part.to_dict("records")[: len(record["pooled"])]
+            if r["direction"] in (LARGER, SMALLER)
+        ]
+        words = f"differed in {listed(different)}" if different else "showed no difference in them"
+        sentences.append(f"The groups {truncate(b, 40)} and {truncate(a, 40)} {words}.")
+    return " ".join(sentences)
+
+
+def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
+    """The groups as a LaTeX table with booktabs rules; both paragraphs as comments."""
+    groups = tables["groups"]
+    table = group_table("", groups).without(*spread_parts(groups), "new_specimen", "new_donor")
+    group = Column("group", "Group", format=lambda r: truncate(r["group"], 60))
+    table = replace(table, columns=[group, *table.columns])
+    return "\n".join(
+        [
+            "% needs \\usepackage{booktabs}",
+            f"% Methods: {population_methods(tables, record)}",
+            f"% Results: {population_results(tables, record)}",
+            *table.latex(),
+            "",
+        ]
+    )
+
+
+# --- what the terminal shows ---------------------------------------------------------------------
+
+
+def closing_message(result: PopulationResult) -> str:
+    """Groups, differences between them and notes, for a terminal."""
+    converged = result.state == "converged"
+    state = result.state if converged else f"{result.state.upper()}: {result.reason}"
+    lines = [f"{printable(result.name)}: {state}"]
+    if result.state == "unusable":  # the tables have no numbers
+        return "\n".join([*lines, f"{NO_NUMBERS}.", *_notes(result)])
+    for group, part in result.groups.groupby("group", sort=False):
+        table = group_table(str(group), part).without("new_donor")
+        lines += ["", f"{printable(table.label)}: {_members(part)}", *table.lines(brief=True)]
+    lines += ["", f"* {NOT_IDENTIFIED} on its own: the number may be mostly that of the prior"]
+    for table in contrast_tables(result.contrasts):
+        lines += ["", printable(table.label), *table.lines()]
+    for a, b, said in _answers(result.contrasts, result.groups):
+        lines += ["", f"{printable(b)} compared with {printable(a)}"]
+        lines += [f"  {printable(text)}" for text in said]
+    return "\n".join([*lines, *_notes(result)])
+
+
+def _notes(result: PopulationResult) -> list[str]:
+    notes = [f"note: {printable(note)}" for note in result.notes]
+    return ["", *notes, f"all tables and draws are in {result.folder}"]

@@ -1,0 +1,285 @@
+"""What a user said wrong is named as what it is; what a table has is read as what it is."""
+
+import numpy as np
+import pytest
+
+import biaxbayes
+from biaxbayes.errors import InputError
+from biaxbayes.machines.outcome import OpenQuestions
+
+SIZE = {"edge_x_mm": 20.0, "edge_y_mm": 20.0, "thickness_mm": 1.2, "geometry": "unloaded"}
+T = np.linspace(0.0, 1.0, 30)
+X, Y = 1.0 + 0.2 * T, 1.0 + 0.15 * T
+FX, FY = 0.02 + 0.03 * np.expm1(2.5 * T), 0.015 + 0.02 * np.expm1(2.5 * T)
+DISP = {"Disp X (mm)": 20.0 * (X - 1.0), "Disp Y (mm)": 20.0 * (Y - 1.0)}
+LOADS = {"Load X (N)": FX, "Load Y (N)": FY}
+STRETCHES = ("stretch_x=1 + {Disp X (mm)} / 20", "stretch_y=1 + {Disp Y (mm)} / 20")
+FORCES = ("force_x_N=Load X (N)", "force_y_N=Load Y (N)")
+SAID = (*STRETCHES, *FORCES)
+
+
+def written(folder, columns, *, name="raw.csv", cell="{:.6f}".format, foot="", separator=","):
+    """A table of these columns, and its path."""
+    rows = [separator.join(c if isinstance(c, str) else cell(c) for c in row)
+            for row in zip(*columns.values(), strict=True)]  # fmt: skip
+    path = folder / name
+    path.write_text("\n".join([separator.join(columns), *rows]) + f"\n{foot}", encoding="utf-8")
+    return path
+
+
+def read(path, columns=SAID, **options):
+    options = {"machine": "generic", "header": SIZE} | options
+    return biaxbayes.convert(path, columns=columns, **options)
+
+
+def has_all(result, rows=slice(None), tolerance=1e-5) -> bool:
+    (p,) = result.specimen.protocols
+    truth = np.column_stack([X, Y, FX, FY])[rows]
+    found = np.hstack([p.stretch, p.recorded_load])
+    return found.shape == truth.shape and np.allclose(found, truth, atol=tolerance)
+
+
+def message(path, columns=SAID, **options) -> str:
+    with pytest.raises(InputError) as refused:
+        read(path, columns, **options)
+    return str(refused.value)
+
+
+WRONG = {
+    "no braces": ("stretch_x=1 + Disp X (mm) / 20", "stand in braces: 1 + {Disp X (mm)} / 20"),
+    "brackets": ("stretch_x=1 + [Disp X (mm)] / 20", "stand in braces: 1 + {Disp X (mm)} / 20"),
+    "a decimal comma": ("stretch_x=1 + {Disp X (mm)} / 20,5", "write '1 + {Disp X (mm)} / 20.5'"),
+    "a bracket": ("stretch_x=1 + {Disp X (mm)} / 20)", "a bracket, a brace or an operand"),
+    "a name": (
+        "stretch_x=1 + {Disp X (mm)} / gauge",
+        "'gauge' is neither a function nor a header key",
+    ),
+    "a load": ("stretch_x=1 + {Load X (N)} / 20", "is computed from a load alone"),
+    "a micrometre": ("stretch_x=1 + {Disp X (µm)} / 20", "no column 'Disp X (µm)'"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_is_wrong_in_an_expression_is_named(what, tmp_path):
+    wrong, words = WRONG[what]
+    assert words in message(written(tmp_path, DISP | LOADS), (wrong, *SAID[1:]))
+
+
+def test_a_micro_sign_is_the_letter_u(tmp_path):
+    path = written(tmp_path, {"Disp X (µm)": 20e3 * (X - 1.0), "Y": Y} | LOADS)
+    columns = ("stretch_x=1 + {Disp X (um)} / 20000", "stretch_y={Y}", *FORCES)
+    assert has_all(read(path, columns))
+
+
+def test_a_length_far_from_the_first_distance_is_warned_of(tmp_path):
+    path = written(tmp_path, {"Mark (px)": 500 + 412 * (X - 1.0), "Y": Y} | LOADS)
+    result = read(path, ("stretch_x={Mark (px)} / 412", "stretch_y={Y}", *FORCES))
+    (finding,) = (f for f in result.findings if f.code == "re-referenced")
+    assert finding.severity == "warning" and "off by up to 0.21" in str(finding)
+
+
+def test_a_header_key_that_is_asked_for_stops_nothing_else(tmp_path):
+    path = written(tmp_path, DISP | {"Load X": FX, "Load Y": FY})
+    columns = ("stretch_x=1 + 2 * {Disp X (mm)} / edge_x_mm", STRETCHES[1], "force_x_N=Load X",
+               "force_y_N=Load Y")  # fmt: skip
+    header = {k: v for k, v in SIZE.items() if k != "edge_x_mm"}
+    with pytest.raises(OpenQuestions) as asked:
+        read(path, columns, header=header)
+    assert {q.option for q in asked.value.questions} == {"edge_x_mm", "columns"}
+    assert not asked.value.obstacle
+
+
+def test_loads_of_the_other_direction_are_asked_about(tmp_path):
+    path = written(tmp_path, {"F11": X, "F22": Y, "P11 (kPa)": FX, "P22 (kPa)": FY})
+    columns = ("stretch_x=F11", "stretch_y=F22", "piola_x_kPa=P22 (kPa)", "piola_y_kPa=P11 (kPa)")
+    assert "'F11' and 'P11 (kPa)' are of one direction" in message(path, columns)
+    swapped = "piola_x_kPa=P11 (kPa),piola_y_kPa=P22 (kPa)"
+    assert has_all(read(path, (*columns, swapped)))
+
+
+def test_the_pressure_of_a_bulge_is_no_tension(tmp_path):
+    path = written(tmp_path, {"stretch 1": X, "stretch 2": Y, "P (mmHg)": 100 * FX, "R": 22 - T})
+    columns = ("stretch_x=stretch 1", "stretch_y=stretch 2", "pole_tension_kPa=P (mmHg)")
+    said = message(path, columns, test="bulge", header={"thickness_mm": 0.5})
+    assert "'P (mmHg)' is a pressure" in said
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+CELLS = {
+    "a narrow space": {"cell": lambda v: f"{1e6 * v:,.1f}".replace(",", "\u00a0")},
+    "an apostrophe": {"cell": lambda v: f"{1e6 * v:,.1f}".replace(",", "'")},
+    "an equals sign": {"cell": lambda v: f'="{1e6 * v:.1f}"', "separator": ";"},
+    "quotes": {"cell": lambda v: f"'{1e6 * v:.1f}'"},
+    "a footer": {"cell": lambda v: f"{1e6 * v:.1f}", "foot": "Max,3,200000,49000\nEnd of test\n"},
+}
+
+
+@pytest.mark.parametrize("form", CELLS)
+def test_numbers_are_read_and_summaries_are_left_out(form, tmp_path):
+    columns = (*(f"{t} / 1000000" for t in STRETCHES), "force_x_N={Load X} / 1000000",
+               "force_y_N={Load Y} / 1000000")  # fmt: skip
+    path = written(tmp_path, DISP | {"Load X": FX, "Load Y": FY}, **CELLS[form])
+    assert has_all(read(path, tuple(columns)))
+
+
+def test_a_number_far_off_is_no_compression(tmp_path):
+    columns = {k: v.copy() for k, v in (DISP | LOADS).items()}
+    for curve in columns.values():
+        curve[20] = -999.0
+    said = message(written(tmp_path, columns))
+    assert "jumps in 22" in said and "compression" not in said
+
+
+def test_rows_in_reverse_order_fall_only(tmp_path):
+    said = message(written(tmp_path, {k: v[::-1] for k, v in (DISP | LOADS).items()}))
+    assert "stretch and load fall only" in said
+
+
+def test_time_that_runs_backwards_is_named(tmp_path):
+    path = written(tmp_path, {"T (s)": 30.0 - T} | DISP | LOADS)
+    assert "the time runs backwards in 29 of 30 rows" in message(path, ("time_s=T (s)", *SAID))
+
+
+def test_the_name_that_is_in_no_protocol_is_the_one_that_is_named(tmp_path):
+    names = ("X a", "Y a", "FX a (N)", "FY a (N)", "X b", "Y b", "FX b (N)", "FY b (N)")
+    path = written(tmp_path, dict(zip(names, (X, Y, FX, FY) * 2, strict=True)))
+    columns = ("stretch_x=X *", "stretch_y=Y *", "force_x_N=FX * (N)", "force_y_N=FZ * (N)")
+    assert "no column 'FZ * (N)'" in message(path, columns)
+
+
+def test_a_specimen_that_is_not_in_the_table_is_named(tmp_path):
+    path = written(tmp_path, {"Specimen": ["A"] * 15 + ["B"] * 15} | DISP | LOADS)
+    assert "none is named 'C'" in message(path, specimen_by="Specimen", specimen="C")
+
+
+# --- times ----------------------------------------------------------------------------------------
+
+
+def test_times_before_all_readings_are_of_the_same_rows(tmp_path):
+    times = {"Time (s)": T, "Total time (s)": 5.0 + T**2}
+    assert has_all(read(written(tmp_path, times | DISP | LOADS), ("time_s=Time (s)", *SAID)))
+    path = written(tmp_path, {"Time (s)": T} | DISP | LOADS | {"Clock (s)": 3.0 * T})
+    assert "'Time (s)' and 'Clock (s)' are two times" in message(path)
+    assert has_all(read(path, ("ignore=Clock (s)", *SAID)))
+
+
+def apart(frames, first="t load (s)", second="t video (s)"):
+    """Loads in 30 rows, and stretches in 24 with a time of their own."""
+    short = [[f"{v:.6f}" for v in c[:24]] + [""] * 6 for c in (frames, X, Y)]
+    return {first: 4.0 * T} | LOADS | dict(zip((second, "lx", "ly"), short, strict=True))
+
+
+JOINED = ("stretch_x=lx", "stretch_y=ly", *FORCES)
+
+
+def test_times_that_are_exchanged_are_named(tmp_path):
+    columns = ("time_s=t video (s)", "stretch_time_s=t load (s)", *JOINED)
+    said = message(written(tmp_path, apart(4.0 * T)), columns, join="time")
+    assert "'t video (s)' ends in line 25, before what was read at that time" in said
+
+
+def test_times_of_different_extent_are_asked_about(tmp_path):
+    path = written(tmp_path, apart(np.arange(30.0), second="frame"))
+    columns = ("time_s=t load (s)", "stretch_time_s=frame", *JOINED)
+    assert "are both in the unit that is read?" in message(path, columns, join="time")
+
+
+def test_columns_that_are_in_two_files_are_asked_about(tmp_path):
+    loads = written(tmp_path, {"Time (s)": T} | LOADS, name="loads.csv")
+    camera = written(tmp_path, {"Time (s)": T, "lx": X, "ly": Y}, name="camera.csv")
+    with pytest.raises(OpenQuestions) as asked:
+        read([camera, loads], JOINED)
+    assert "join=time" in asked.value.choices
+    assert "columns=stretch_time_s=Time (s)" in asked.value.choices
+    times = ("time_s=Time (s)", "stretch_time_s=Time (s)")
+    assert has_all(read([camera, loads], (*JOINED, *times), join="time"))
+
+
+def test_an_extensometer_is_no_other_end(tmp_path):
+    path = written(tmp_path, {"Extension (mm)": 15 * (X - 1), "Extensometer (mm)": 12 * (X - 1),
+                              "Load (N)": FX})  # fmt: skip
+    columns = ("stretch_x=1 + {Extension (mm)} / 15", "force_x_N=Load (N)")
+    result = read(path, columns, test="strip x")
+    np.testing.assert_allclose(result.specimen.protocols[0].stretch_x, X, atol=1e-6)
+
+
+def test_numbers_of_cells_are_no_directions(tmp_path):
+    cells = {"Cell 1 (N)": 1.02 * FX, "Cell 2 (N)": 0.98 * FX}
+    cells |= {"Cell 3 (N)": 1.01 * FY, "Cell 4 (N)": 0.99 * FY}
+    path = written(tmp_path, DISP | cells)
+    said = message(path, (*STRETCHES, "force_x_N=Cell 1 (N)", "force_y_N=Cell 3 (N)"))
+    assert "({Cell 1 (N)} + {Cell 2 (N)}) / 2" in said
+
+
+def test_steps_in_which_the_load_relaxes_are_asked_about(tmp_path):
+    stretch, relaxed = np.repeat(X[::3], 6), np.tile(0.8 + 0.2 * np.exp(-np.arange(6) / 2), 10)
+    loads = [np.repeat(f[::3], 6) * relaxed for f in (FX, FY)]
+    names = ("Disp X (mm)", "Disp Y (mm)", *LOADS)
+    steps = dict(zip(names, (20 * (stretch - 1), 15 * (stretch - 1), *loads), strict=True))
+    path = written(tmp_path, steps)
+    assert "while the load relaxes" in message(path)
+    assert read(path, still="last").specimen.protocols[0].rows == 10
+
+
+# --- what is shown and proposed -------------------------------------------------------------------
+
+
+def test_the_account_of_two_files_has_the_cells_of_each(tmp_path):
+    loads = written(tmp_path, {"Time (s)": T} | LOADS, name="loads.csv")
+    camera = written(tmp_path, {"Time (s)": T, "lx": X, "ly": Y}, name="camera.csv")
+    times = ("time_s=Time (s)", "stretch_time_s=Time (s)")
+    account = read([loads, camera], (*JOINED, *times), join="time").account
+    assert f"stretch_x = lx: {X[0]:.6f} {X[1]:.6f} {X[2]:.6f} -> 1" in account
+
+
+def test_empty_rows_of_a_protocol_that_ends_early_are_no_missing_readings(tmp_path):
+    short = [[f"{v:.6f}" for v in c[:20]] + [""] * 10 for c in (X, Y, FX, FY)]
+    names = ("lx a", "ly a", "FX a (N)", "FY a (N)", "lx b", "ly b", "FX b (N)", "FY b (N)")
+    path = written(tmp_path, dict(zip(names, (X, Y, FX, FY, *short), strict=True)))
+    columns = ("stretch_x=lx *", "stretch_y=ly *", "force_x_N=FX * (N)", "force_y_N=FY * (N)")
+    result = read(path, columns, repeats="protocols")
+    assert [p.rows for p in result.specimen.protocols] == [30, 20]
+    assert "no reading" in result.account
+
+
+def test_an_answer_holds_for_all_protocols_side_by_side(tmp_path):
+    names = ("X a", "Y a", "FX a", "FY a", "X b", "Y b", "FX b", "FY b")
+    path = written(tmp_path, dict(zip(names, (X, Y, FX, FY) * 2, strict=True)))
+    columns = ("stretch_x=X *", "stretch_y=Y *", "force_x_N=FX *", "force_y_N=FY *")
+    with pytest.raises(OpenQuestions) as asked:
+        read(path, columns)
+    answers = ("stretch_x={X *}", "stretch_y={Y *}", "force_x_N=FX *:N", "force_y_N=FY *:N")
+    assert {f"columns={answer}" for answer in answers} <= {*asked.value.choices}
+    result = read(path, (*columns, *answers), repeats="protocols")
+    assert [p.rows for p in result.specimen.protocols] == [30, 30]
+
+
+def test_of_a_tube_a_diameter_is_asked_for(tmp_path):
+    path = written(tmp_path, {"OD (mm)": 2.0 * X, "Length (mm)": 12.0 + 0.0 * T, "P (mmHg)": FX})
+    with pytest.raises(OpenQuestions) as asked:
+        read(path, (), header={})
+    assert {"test=tube", "columns=outer_diameter_mm=OD (mm)"} <= {*asked.value.choices}
+    assert not any("stretch_x={OD" in choice for choice in asked.value.choices)
+
+
+def test_no_proposal_has_a_number_that_nobody_gave(tmp_path):
+    with pytest.raises(OpenQuestions) as asked:
+        read(written(tmp_path, DISP | LOADS), ("stretch_x=Disp X (mm)", *FORCES))
+    values = [choice for choice in asked.value.choices if choice.startswith("columns=stretch_y=")]
+    assert "columns=stretch_y=1 + {Disp X (mm)} / LENGTH_MM" in values
+    assert not any(value.rstrip(")").endswith(tuple("0123456789")) for value in values)
+
+
+def test_both_branches_have_the_ratio_of_their_peak(tmp_path):
+    there_and_back = {k: np.append(v, v[-2::-1]) for k, v in (DISP | LOADS).items()}
+    with pytest.raises(OpenQuestions) as asked:
+        read(written(tmp_path, there_and_back))
+    assert "1:0.75" in asked.value.choices["branch=both"]
+
+
+def test_one_protocol_may_carry_no_load_in_a_direction(tmp_path):
+    columns = {"P": ["a"] * 30 + ["b"] * 30, "lx": np.tile(X, 2), "ly": np.append(Y, T * 0 + 1)}
+    columns |= {"Load X (N)": np.tile(FX, 2), "Load Y (N)": np.append(FY, 0.0 * T)}
+    result = read(written(tmp_path, columns), ("protocol=P", *JOINED))
+    assert [p.load_y.any() for p in result.specimen.protocols] == [True, False]
