@@ -224,11 +224,11 @@ def _half_normal(steps: np.ndarray, sd: float) -> np.ndarray:
 
 
 class Level(NamedTuple):
-    """The terms of one structure, amplitude and noise."""
+    """The terms of one structure, amplitude and noise; vectors are combinations of its basis."""
 
     noise: float  # c
     shrinkage: np.ndarray  # a^2 e / (c^2 + a^2 e), (k,)
-    columns: np.ndarray  # P of friction and toe, (n, m)
+    columns: np.ndarray  # P of friction and toe, (basis, m)
     shrinkage_of_terms: np.ndarray  # t^2 / (1 + t^2 g) of them, (m, terms)
     constant: np.ndarray  # log density at zero residual with the log prior weight, (terms,)
 
@@ -236,14 +236,14 @@ class Level(NamedTuple):
 class Quadratics(NamedTuple):
     """The terms as sums of squares of projections of residuals over their noise.
 
-    Terms are in the order of structure, amplitude and noise, as they are given. Projections on
-    vectors are of all terms of a structure, those on columns of all terms of a level.
+    Terms are in the order of structure, amplitude and noise, as they are given. Residuals are
+    projected on the basis of each structure: its vectors U and the F of friction and toe.
     """
 
-    vectors: np.ndarray  # U of each structure, (n, k)
+    bases: list[np.ndarray]  # of each structure, (n, basis)
+    columns: list[np.ndarray]  # P of all its levels, (basis, m)
     shrinkage: csr_array  # of the vectors in each level, (levels, k)
     noise: np.ndarray  # c, (levels,)
-    columns: np.ndarray  # P of each level, (n, m)
     shrinkage_of_terms: csr_array  # of the columns in each term, (terms, m)
     constant: np.ndarray  # (terms,)
     level: np.ndarray  # of each term
@@ -258,9 +258,12 @@ class Added(NamedTuple):
     log_det: np.ndarray  # (terms,)
 
 
-def _added(root: np.ndarray, solved: np.ndarray, variance: np.ndarray) -> Added:
-    """Add variance (terms,) times F F' to M, from F and M^-1 F (Woodbury's identity)."""
-    g, rotation = np.linalg.eigh(root.T @ solved)
+def _added(of_root: np.ndarray, solved: np.ndarray, variance: np.ndarray) -> Added:
+    """Add variance (terms,) times F F' to M by Woodbury's identity.
+
+    ``of_root`` are the products F'B with the basis, ``solved`` is M^-1 F in that basis.
+    """
+    g, rotation = np.linalg.eigh(of_root @ solved)
     used = g * variance.max(initial=0.0) > LEAST_EIGENVALUE
     size = variance * g[used, None]
     return Added(
@@ -343,50 +346,49 @@ class SmoothMisfit:
             values, vectors = np.linalg.eigh(over_noise @ covariance @ over_noise.T)
             used = values * size.max() ** 2 > LEAST_EIGENVALUE
             roots.append(vectors[:, used] * np.sqrt(values[used]))
-        every_vector, by_structure = [], []
+        bases, by_structure = [], []
         for h in np.unique(self.terms.structure):
             own = np.flatnonzero(self.terms.structure == h)
             misfit = self.structures[h].covariance(self.points, self.points)
             values, vectors = np.linalg.eigh(over_noise @ misfit @ over_noise.T)
             used = values * self.terms.amplitude[own].max() ** 2 > LEAST_EIGENVALUE
-            every_vector.append(vectors[:, used])
-            by_structure.append(self._levels(own, values[used], vectors[:, used], *roots))
+            bases.append(np.hstack([vectors[:, used], *roots]))
+            eigenvalues = np.zeros(bases[-1].shape[1])  # none of friction and toe
+            eigenvalues[: used.sum()] = values[used]
+            friction = slice(used.sum(), used.sum() + roots[0].shape[1])
+            by_structure.append(self._levels(own, eigenvalues, bases[-1], friction))
         levels = [level for of_structure in by_structure for level in of_structure]
         return Quadratics(
-            np.hstack(every_vector),
+            bases,
+            [np.hstack([level.columns for level in part]) for part in by_structure],
             csr_array(block_diag([[level.shrinkage for level in part] for part in by_structure])),
             np.array([level.noise for level in levels]),
-            np.hstack([level.columns for level in levels]),
             csr_array(block_diag([level.shrinkage_of_terms.T for level in levels])),
             np.concatenate([level.constant for level in levels]),
             np.repeat(np.arange(len(levels)), [len(level.constant) for level in levels]),
         )
 
     def _levels(
-        self,
-        own: np.ndarray,
-        values: np.ndarray,
-        vectors: np.ndarray,
-        friction: np.ndarray,
-        toe: np.ndarray,
+        self, own: np.ndarray, values: np.ndarray, basis: np.ndarray, friction: slice
     ) -> list[Level]:
-        """The terms of a structure, whose indices are ``own``, by amplitude and noise."""
+        """The terms of a structure, whose indices are ``own``, by amplitude and noise.
+
+        ``basis`` are its vectors, of eigenvalues ``values``, the F of friction, that of the toe.
+        """
         terms, levels = self.terms, []
+        gram, unit, toe = basis.T @ basis, np.eye(len(values)), slice(friction.stop, None)
         for a, c in dict.fromkeys(zip(terms.amplitude[own], terms.noise[own], strict=True)):
             at = own[(terms.amplitude[own] == a) & (terms.noise[own] == c)]
             shrinkage = a**2 * values / (c**2 + a**2 * values)
-            of_friction, of_toe = (
-                (root - vectors @ (shrinkage[:, None] * (vectors.T @ root))) / c**2
-                for root in (friction, toe)
-            )
-            added = [_added(friction, of_friction, terms.friction[at] ** 2)]
+            # M^-1 F = (F - U s U'F) / c^2
+            solved = (unit - shrinkage[:, None] * gram) / c**2
+            added = [_added(gram[friction], solved[:, friction], terms.friction[at] ** 2)]
             motion, g = added[0].columns, added[0].g
             for u in np.unique(terms.friction[at]):
-                taken = motion @ ((motion.T @ toe) * (u**2 / (1.0 + u**2 * g)))
-                added.append(
-                    _added(toe, of_toe - taken, (terms.friction[at] == u) * terms.toe[at] ** 2)
-                )
-            log_det = 2.0 * len(toe) * np.log(c) - np.log1p(-shrinkage).sum()
+                taken = motion @ ((motion.T @ gram[:, toe]) * (u**2 / (1.0 + u**2 * g)))
+                variance = (terms.friction[at] == u) * terms.toe[at] ** 2
+                added.append(_added(gram[toe], solved[:, toe] - taken, variance))
+            log_det = 2.0 * len(basis) * np.log(c) - np.log1p(-shrinkage).sum()
             log_det += 2.0 * np.log(self.noise_sd).sum() + sum(part.log_det for part in added)
             levels.append(
                 Level(
@@ -394,7 +396,7 @@ class SmoothMisfit:
                     shrinkage,
                     np.hstack([part.columns for part in added]),
                     np.vstack([part.shrinkage for part in added]),
-                    terms.log_weight[at] - 0.5 * log_det - len(toe) * HALF_LOG_2PI,
+                    terms.log_weight[at] - 0.5 * log_det - len(basis) * HALF_LOG_2PI,
                 )
             )
         return levels
@@ -406,8 +408,10 @@ class SmoothMisfit:
         """
         q, over_noise = self.quadratics, residual / self.noise_sd
         squares = (over_noise**2).sum(axis=1)
-        by_vector = q.shrinkage @ (q.vectors.T @ over_noise.T) ** 2
-        added = q.shrinkage_of_terms @ (q.columns.T @ over_noise.T) ** 2
+        along = [basis.T @ over_noise.T for basis in q.bases]
+        by_vector = q.shrinkage @ np.concatenate([part**2 for part in along])
+        projected = [columns.T @ part for columns, part in zip(q.columns, along, strict=True)]
+        added = q.shrinkage_of_terms @ np.concatenate(projected) ** 2
         # r' M^-1 r, less what friction and toe explain
         left = (squares - by_vector) / q.noise[:, None] ** 2
         return np.asarray((q.constant[:, None] - 0.5 * (left[q.level] - added)).T)
