@@ -13,7 +13,7 @@ import pytest
 from biaxbayes.fitting.fit_result import FitResult, fit_from_record
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
-from biaxbayes.model.draw import draw_posterior
+from biaxbayes.model.draw import as_sampled, draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
@@ -90,7 +90,8 @@ def sampled(
         target = Posterior(data, **options)
         plan = Plan(ess=ess, seed=seed, workers=2, walkers=walkers)
         result = draw_posterior(target, plan)
-        return target, result.convergence.state, result.quantities
+        as_drawn = as_sampled(target, result.target.constants)
+        return as_drawn, result.convergence.state, result.quantities
 
     target, state, chains = cached((data, ess, seed, walkers, sorted(options.items())), find)
     draws = pd.DataFrame({name: q.ravel() for name, q in chains.items()})

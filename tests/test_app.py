@@ -72,7 +72,11 @@ class App:
 
 def started(folder: Path, *options: str) -> App:
     command = [sys.executable, "-m", "biaxbayes", "app", str(folder), "--no-browser", *options]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True,
+        # a background job ignores it, and what it starts
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
     assert process.stdout is not None
     found = re.search(r"http://\S+", process.stdout.readline())
     assert found

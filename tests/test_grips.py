@@ -80,6 +80,7 @@ def test_the_corrected_loads_are_those_of_a_uniform_test(stretch_from, loads):
     assert correction.specimen.load_noise == pytest.approx(1e-4 / correction.range.mean(), rel=0.02)
 
 
+@pytest.mark.long
 def test_grips_survive_a_file_and_a_corrected_one_is_not_corrected_again(tmp_path):
     specimen, _ = hooked()
     correction = correct_for_grips(specimen, fitted)
@@ -146,6 +147,7 @@ def test_check_draws_a_sketch_to_scale(tmp_path):
         notes_of_check(replace(specimen, metadata={}), sketch=tmp_path / "none.png")
 
 
+@pytest.mark.long
 def test_stated_dimensions_of_the_mounted_state_give_the_same_ratios():
     specimen, _ = hooked()
     mounted = replace(

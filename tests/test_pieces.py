@@ -350,6 +350,7 @@ def run(tmp_path_factory):
     return biaxbayes.open_run(out)
 
 
+@pytest.mark.long
 def test_a_run_of_pieces_reopens(run):
     assert [p.name for p in run.specimen.pieces] == ["test", "strip-x", "strip-y"]
     assert [p.test for p in run.specimen.pieces] == ["biaxial", "strip x", "strip y"]

@@ -127,6 +127,7 @@ def test_a_run_that_did_not_converge_says_so(hostile_run, tmp_path, state, word)
     assert word in text and "the ensembles <disagree>" in text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mounting", ["ignored", "zeroed"])
 def test_a_run_that_ignores_the_mounting_says_so(tmp_path, mounting):
     with quick.runs_without_figures():

@@ -252,6 +252,7 @@ def test_the_terms_that_are_summed_make_up_the_likelihood(run):
     assert 0.0 <= left_out.quantile(0.99) < 0.003 and record["left_out"] < 0.05
 
 
+@pytest.mark.long
 def test_same_seed_same_bytes_whatever_the_workers(run, tmp_path):
     with without_figures():
         again = biaxbayes.sample(

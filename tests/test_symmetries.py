@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -75,6 +76,7 @@ def exchanged(name):
     return stem + bracket + label
 
 
+@pytest.mark.long
 @few
 @given(case=cases())
 def test_axes_may_be_exchanged(case):
@@ -95,6 +97,7 @@ def test_axes_may_be_exchanged(case):
     same(posterior.log_density(values), other.log_density(there))
 
 
+@pytest.mark.long
 @few
 @given(case=cases(), factor=st.sampled_from([1e-3, 0.3, 7.0, 1e3]))
 def test_units_of_load_may_be_changed(case, factor):
@@ -129,6 +132,7 @@ def test_units_of_load_may_be_changed(case, factor):
     )
 
 
+@pytest.mark.long
 @few
 @given(case=cases(), seed=st.integers(0, 1000))
 def test_protocols_may_come_in_any_order(case, seed):

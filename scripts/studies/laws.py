@@ -64,11 +64,13 @@ def simulated(law: str, seed: int) -> tuple[biaxbayes.Specimen, float]:
     return specimen, float(truth["noise_sd"] * np.sqrt(np.mean(kPa_per_N**2)))
 
 
-def weigh(law: str, seed: int, laws: str | None) -> dict[str, Any]:
+def weigh(law: str, seed: int, laws: str | None, ess: float = 1000.0) -> dict[str, Any]:
     """One specimen: by how much the mixture falls short, and what laws that miss it weigh."""
     specimen, noise_kPa = simulated(law, seed)
     with tempfile.TemporaryDirectory() as folder:
-        found = biaxbayes.compare_laws(specimen, out=folder, laws=laws, seed=seed, workers=1)
+        found = biaxbayes.compare_laws(
+            specimen, out=folder, laws=laws, seed=seed, ess=ess, workers=1
+        )
     rows = found.table.set_index("law")
     density = rows["left_out_density_nats"]
     mixture = found.parts[found.parts["law"] == STACKED]
@@ -117,8 +119,8 @@ def main() -> None:
     if options.folders:
         return
     count, true_laws = (1, TRUE_LAWS[1:2]) if options.quick else (options.count, TRUE_LAWS)
-    laws = "goh,fung" if options.quick else None
-    cases = [(law, seed, laws) for law in true_laws for seed in range(FIRST, FIRST + count)]
+    chosen = ("goh,fung", 100.0) if options.quick else (None,)
+    cases = [(law, seed, *chosen) for law in true_laws for seed in range(FIRST, FIRST + count)]
     records = run_all(weigh, cases, options.records / "laws.jsonl", options.workers)
     print_table("specimens of a known law", summary(records))
 

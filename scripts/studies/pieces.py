@@ -46,6 +46,7 @@ PARTS = (
     ("three", "three + strips"),
 )
 """Cases, in the order in which all tissues go through them."""
+TRIAL = ("square", "square + strip x")
 MATERIAL = ("C1", "k1", "k2", "alpha", "kappa")
 PREDICTIONS = 200
 
@@ -377,8 +378,9 @@ def main() -> None:
     arguments.add_argument("--tissues", type=int, default=40)
     arguments.add_argument("--cases", nargs="+", metavar="CASE", help="(default: all)")
     options = options_of(arguments)
-    tissues = 2 if options.quick else options.tissues
-    parts = [[case for case in part if case in (options.cases or part)] for part in PARTS]
+    tissues = 1 if options.quick else options.tissues
+    chosen = TRIAL if options.quick else options.cases
+    parts = [[case for case in part if case in (chosen or part)] for part in PARTS]
     cases = [(case, FIRST_SEED + k) for part in parts for k in range(tissues) for case in part]
     records = run_all(one_case, cases, options.records / "pieces.jsonl", options.workers)
     every = every_interval(records)

@@ -151,7 +151,7 @@ def main() -> None:
     if options.tabulate:
         tabulate(read_records(file), options.records, options.beside)
         return
-    families = options.families or list(FAMILIES)[:: 10 if options.quick else 1]
+    families = options.families or list(FAMILIES)[:: 20 if options.quick else 1]
     seeds = range(options.first, options.first + (1 if options.quick else options.count))
     names = [*products, *(p + INDEPENDENT for p in products if options.independent)]
     for seed in seeds:
