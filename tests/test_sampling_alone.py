@@ -128,12 +128,18 @@ def counting(**more) -> Target:
 def test_quantities_and_reasons_are_those_of_the_target():
     """Assessed, not assessed and counted by name."""
     target = counting(
-        quantities=lambda x: {"ratio": x[:, 1] / (1.0 + x[:, 0]), "noise": np.arange(len(x)) * 1.0},
+        quantities=lambda x, log_prob: {
+            "ratio": x[:, 1] / (1.0 + x[:, 0]),
+            "noise": np.arange(len(x)) * 1.0,
+            "lp": log_prob,
+        },
         skip_diagnostics=("noise",),
     )
     result = sampled(target, np.array([[1.0, 0.0]]), np.ones(2), replace(QUICK, ess=300))
-    assert result.convergence.names == ("ratio",)
-    assert set(result.quantities) == {"ratio", "noise"}
+    assert result.convergence.names == ("ratio", "lp")
+    assert set(result.quantities) == {"ratio", "noise", "lp"}
+    lp = bounded_banana(result.chain.reshape(-1, 2)).reshape(result.chain.shape[:3])
+    np.testing.assert_allclose(result.quantities["lp"], lp)
     assert result.evaluations == {"evaluated": target.counts.sum(), "beyond": target.counts[1]}
 
 

@@ -55,9 +55,9 @@ def _beyond_criterion(posterior: Posterior, seed: int, steps: int) -> Outcome:
     ensembles = restore_ensembles(first.target, plan, kept[-1])
     before = first.target.counts.sum()
     clock = time.perf_counter()
-    chain, _ = ensembles.run(steps)
+    chain, log_prob = ensembles.run(steps)
     seconds = time.perf_counter() - clock
-    draws = _natural(first.target, chain)
+    draws = _natural(first.target, chain, log_prob)
     ess, rhat = judged(draws)
     told = None
     if posterior.settings.noise == "independent":
@@ -90,8 +90,7 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
     blocks: list[dict[str, np.ndarray]] = []
     while len(blocks) < MOST_BLOCKS:
         clock = time.perf_counter()
-        chain, _ = ensembles.run(BLOCK)
-        blocks.append(_natural(target, chain))
+        blocks.append(_natural(target, *ensembles.run(BLOCK)))
         spent += time.perf_counter() - clock
         kept = {k: np.concatenate([b[k] for b in blocks], axis=1) for k in blocks[0]}
         ess, rhat = judged(kept)
@@ -100,9 +99,9 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
     return np.inf
 
 
-def _natural(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
+def _natural(target: Target, chain: np.ndarray, log_prob: np.ndarray) -> dict[str, np.ndarray]:
     """Draws by name."""
-    natural = target.quantities(chain.reshape(-1, chain.shape[-1]))
+    natural = target.quantities(chain.reshape(-1, chain.shape[-1]), log_prob.ravel())
     others = ("lp", "log_likelihood")
     return {k: v.reshape(chain.shape[:3]) for k, v in natural.items() if k not in others}
 

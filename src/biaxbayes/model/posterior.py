@@ -377,14 +377,21 @@ class Posterior:
 
     # --- between coordinates and natural quantities ---
 
-    def natural(self, coordinates: np.ndarray) -> dict[str, np.ndarray]:
+    def natural(
+        self, coordinates: np.ndarray, log_prob: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
         """Natural quantities of draws, by the names of ``summary.csv``, and ``lp``.
 
         ``lp`` is that of :meth:`log_density`, whatever the sampling coordinates;
-        ``log_likelihood`` that of all readings.
+        ``log_likelihood`` that of all readings. ``log_prob`` are the values of :meth:`log_prob`,
+        where they are known.
         """
         u = np.atleast_2d(np.asarray(coordinates, dtype=float))
-        log_density, likelihood, at = self.evaluate(self.assembly.problem, u)
+        if log_prob is None:
+            log_density, likelihood, at = self.evaluate(self.assembly.problem, u)
+        else:
+            at = density.evaluate(self.assembly.problem, u)
+            log_density, likelihood = log_prob, log_prob - at.log_prior
         values = natural_values(self.assembly, at.values, u)
         out = {name: values[name] for name in self.parameter_names}
         lp = likelihood

@@ -20,7 +20,7 @@ from biaxbayes.sampling.sampler import Checkpoint
 from biaxbayes.stored_data import DamagedArchive, pack_record, read_record
 from biaxbayes.text_files import atomic_write_bytes, sync_folder
 
-FORMAT = 8
+FORMAT = 9
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 NAMES = (NAME, PREVIOUS)
@@ -46,6 +46,7 @@ def run_state(record: Mapping[str, Any]) -> Checkpoint:
         proposal=MixtureProposal.from_arrays(record["proposal"]),
         members=[m | {"walker_random": tuple(m["walker_random"])} for m in record["members"]],
         chain=record["chain"],
+        log_prob=record["log_prob"],
         steps=int(record["steps"]),
         thin=int(record["thin"]),
         warmup=WarmUp(**record["warmup"]),
@@ -54,6 +55,7 @@ def run_state(record: Mapping[str, Any]) -> Checkpoint:
     ensembles, stored, walkers, d = state.chain.shape
     fits = [
         np.isfinite(state.chain).all(),
+        state.log_prob.shape == (ensembles, stored, walkers) and np.isfinite(state.log_prob).all(),
         len(state.members) == ensembles >= 1,
         state.steps >= 0 and state.thin >= 1 and -(-state.steps // state.thin) == stored,
         all(part.bounds.shape == (d, 2) for part in state.proposal.parts),

@@ -102,6 +102,8 @@ class Checkpoint:
     members : list of dict
         Snapshot of each ensemble.
     chain : ndarray, shape (ensembles, stored steps, walkers, d)
+    log_prob : ndarray, shape (ensembles, stored steps, walkers)
+        Log densities of the chain.
     steps, thin : int
         Steps of each ensemble so far, of which every ``thin``-th is stored.
     counts : int64 ndarray
@@ -112,6 +114,7 @@ class Checkpoint:
     proposal: MixtureProposal
     members: list[dict[str, Any]]
     chain: np.ndarray
+    log_prob: np.ndarray
     steps: int
     thin: int
     warmup: WarmUp
@@ -188,7 +191,7 @@ def draw(
     convergence = unassessed("stopped")
     quantities: dict[str, np.ndarray] = {}  # those of the chain; empty until it is assessed
     if state.steps == next_check:
-        quantities, convergence = _assess(target, state.chain, plan)
+        quantities, convergence = _assess(target, state, plan)
     rate = 0.0  # effective sample size per step, as a fraction of the goal
     interrupted = False
     while convergence.state != "converged" and state.steps < plan.max_steps:
@@ -202,16 +205,16 @@ def draw(
         # The check for stuck walkers is cheap, the other diagnostics take longer.
         unstuck = longest_stuck(state.chain) <= MAX_STUCK * state.chain.shape[1]
         if state.steps == next_check and (unstuck or state.steps == plan.max_steps):
-            quantities, convergence = _assess(target, state.chain, plan)
+            quantities, convergence = _assess(target, state, plan)
             rate = convergence.worst_ess / plan.ess / state.steps
         progress(Progress("sampling", min(rate * state.steps, 0.99)))
         if on_block:
             on_block(state)
     seconds["sampling"] = time.perf_counter() - clock
     if not quantities and state.steps >= plan.first_block:
-        quantities, convergence = _assess(target, state.chain, plan)
+        quantities, convergence = _assess(target, state, plan)
     elif not quantities:
-        quantities = _quantities(target, state.chain)
+        quantities = _quantities(target, state)
     return Draws(
         target=target,
         chain=state.chain,
@@ -255,6 +258,7 @@ def start_ensembles(
         proposal=ensembles.proposal,
         members=[m.snapshot() for m in ensembles.members],
         chain=np.empty((plan.ensembles, 0, walkers, target.dimension)),
+        log_prob=np.empty((plan.ensembles, 0, walkers)),
         steps=0,
         thin=1,
         warmup=result,
@@ -281,16 +285,20 @@ def restore_ensembles(target: Target, plan: Plan, state: Checkpoint) -> Ensemble
 
 def _advance(ensembles: Ensembles, state: Checkpoint, block: int, target: Target) -> Checkpoint:
     """Run a block and store its steps, thinned so that memory stays bounded."""
-    chain, _ = ensembles.run(block)
+    before, added = (state.chain, state.log_prob), ensembles.run(block)
     # Stored steps are those whose number is a multiple of the thinning.
     first, thin = -state.steps % state.thin, state.thin
-    stored = np.concatenate([state.chain, chain[:, first::thin]], axis=1)
-    while stored.shape[1] > MAX_STORED_STEPS:
-        stored, thin = stored[:, ::2], 2 * thin
+    chain, log_prob = (
+        np.concatenate([old, new[:, first::thin]], axis=1)
+        for old, new in zip(before, added, strict=True)
+    )
+    while chain.shape[1] > MAX_STORED_STEPS:
+        chain, log_prob, thin = chain[:, ::2], log_prob[:, ::2], 2 * thin
     return replace(
         state,
         members=[m.snapshot() for m in ensembles.members],
-        chain=stored,
+        chain=chain,
+        log_prob=log_prob,
         steps=state.steps + block,
         thin=thin,
         counts=target.counts.copy(),
@@ -308,15 +316,16 @@ def _next_assessment(steps: int, plan: Plan) -> int:
 
 
 def _assess(
-    target: Target, chain: np.ndarray, plan: Plan
+    target: Target, state: Checkpoint, plan: Plan
 ) -> tuple[dict[str, np.ndarray], Convergence]:
     """The target's quantities, and the convergence of those that are assessed."""
-    quantities = _quantities(target, chain)
+    quantities = _quantities(target, state)
     assessed = {name: v for name, v in quantities.items() if name not in target.skip_diagnostics}
     return quantities, assess(assessed, target_ess=plan.ess)
 
 
-def _quantities(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
+def _quantities(target: Target, state: Checkpoint) -> dict[str, np.ndarray]:
     """The target's quantities, each of shape (ensembles, steps, walkers)."""
-    values = target.quantities(chain.reshape(-1, chain.shape[-1]))
-    return {name: v.reshape(chain.shape[:3]) for name, v in values.items()}
+    shape, d = state.log_prob.shape, state.chain.shape[-1]
+    values = target.quantities(state.chain.reshape(-1, d), state.log_prob.ravel())
+    return {name: v.reshape(shape) for name, v in values.items()}

@@ -20,7 +20,7 @@ def bounds_array(bounds: Mapping[int, tuple[float, float]], dimension: int) -> n
     return out
 
 
-def _coordinates(u: np.ndarray) -> dict[str, np.ndarray]:
+def _coordinates(u: np.ndarray, log_prob: np.ndarray) -> dict[str, np.ndarray]:
     """The coordinates themselves, named x0, x1, ..."""
     return {f"x{i}": u[:, i] for i in range(u.shape[1])}
 
@@ -37,8 +37,8 @@ class Target:
         Lower and upper bound of each coordinate; infinite where there is none. A coordinate
         with a finite bound may have its largest density there.
     quantities : callable, optional
-        Coordinates (n, d) to the quantities of interest, a dict of arrays (n,). Default: the
-        coordinates.
+        Coordinates (n, d) and their log densities (n,) to the quantities of interest, a dict of
+        arrays (n,). Default: the coordinates.
     skip_diagnostics : tuple of str
         Quantities that are computed and stored, but whose convergence is not assessed.
     counts : int64 ndarray, shape (1 + reasons,), optional
@@ -53,7 +53,7 @@ class Target:
 
     log_prob: LogDensity
     bounds: np.ndarray
-    quantities: Callable[[np.ndarray], Mapping[str, np.ndarray]] = _coordinates
+    quantities: Callable[[np.ndarray, np.ndarray], Mapping[str, np.ndarray]] = _coordinates
     skip_diagnostics: tuple[str, ...] = ()
     counts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     reasons: tuple[str, ...] = ()
