@@ -123,6 +123,25 @@ def test_numbers_are_read_and_summaries_are_left_out(form, tmp_path):
     assert has_all(read(path, tuple(columns)))
 
 
+def test_marks_of_thousands_stay_in_names_and_remarks(tmp_path):
+    remarks = {"Remark": ["", "zoom 1'000"] + [f"frame {k}" for k in range(28)]}
+    loads = {"Load X 1'000 (N)": FX, 'Load Y ="2" (N)': FY}
+    path = written(tmp_path, DISP | loads | remarks, separator=";")
+    assert has_all(
+        read(path, (*STRETCHES, *(f"force_{a}_N={name}" for a, name in zip("xy", loads))))
+    )
+
+
+def test_marks_of_thousands_between_columns_of_spaces(tmp_path):
+    cells = {"x": X, "y": Y, "fx": FX, "fy": FY}
+    path = written(
+        tmp_path, cells, separator=" ", cell=lambda v: f"{1e6 * v:,.0f}".replace(",", "\u00a0")
+    )
+    path.write_text(path.read_text().partition("\n")[2], encoding="utf-8")
+    targets = ("stretch_x", "stretch_y", "force_x_N", "force_y_N")
+    assert has_all(read(path, tuple(f"{t}={{#{k}}} / 1e6" for k, t in enumerate(targets, start=1))))
+
+
 def test_a_number_far_off_is_no_compression(tmp_path):
     columns = {k: v.copy() for k, v in (DISP | LOADS).items()}
     for curve in columns.values():

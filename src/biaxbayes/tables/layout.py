@@ -22,6 +22,7 @@ from biaxbayes.tables.table import (
     Table,
     bare_name,
     in_lines,
+    plain,
 )
 from biaxbayes.tables.units import unit_named
 from biaxbayes.tables.worksheet import Worksheet
@@ -91,8 +92,11 @@ def tables_in(
         raise InputError("no sheet holds a table", file=path, remedy=listing)
     if named and not sheets and len(tables) > 1:
         # sheets without the columns are no choice
-        plain = [names for names in named if "*" not in names[-1]]
-        whole = {k: t for k, t in tables.items() if all(any(map(t.has_column, n)) for n in plain)}
+        whole = {
+            k: t
+            for k, t in tables.items()
+            if all(any(map(t.has_column, n)) for n in named if "*" not in n[-1])
+        }
         others |= {k: "has not the columns" for k in tables if whole and k not in whole}
         tables = whole or tables
     if len(tables) > 1 and not sheets:
@@ -210,11 +214,8 @@ def _is_among(name: str, cells: set[str]) -> bool:
 
 
 def _unit_behind(cells: Sequence[str], j: int) -> str | None:
-    """The unit behind the number of a cell, empty without one; None for any other cell.
-
-    A number may have marks between thousands.
-    """
-    cell = cells[j].strip().strip("'") if j < len(cells) else ""
+    """The unit behind the number of a cell, empty without one; None for any other cell."""
+    cell = plain(cells[j]) if j < len(cells) else ""
     if is_number(cell) or any(pattern.fullmatch(cell) for pattern in GROUPED.values()):
         return ""
     match = NUMBER_AND_UNIT.fullmatch(cell)
@@ -338,7 +339,7 @@ def _first_row_of_numbers(rows: Sequence[Sequence[str]], path: Path) -> int:
 def _are_names(cells: Sequence[str], numeric: Sequence[int]) -> bool:
     """True if most columns of numbers have text in this row."""
     named = sum(j < len(cells) and bool(cells[j].strip()) for j in numeric)
-    numbers = sum(j < len(cells) and is_number(cells[j]) for j in numeric)
+    numbers = sum(j < len(cells) and is_number(plain(cells[j])) for j in numeric)
     return not numbers and named >= max(2, 0.6 * len(numeric))
 
 
@@ -359,7 +360,7 @@ def _is_row_of_units(cells: Sequence[str], above: Sequence[str], numeric: Sequen
 
 def _decimal_comma(rows: Sequence[Sequence[str]], numeric: Sequence[int], path: Path) -> bool:
     """True for decimal commas; mixed ones and thousands separators are refused."""
-    cells = [row[j].strip() for row in rows for j in numeric if j < len(row)]
+    cells = [plain(row[j]) for row in rows for j in numeric if j < len(row)]
     grouped = [any(p.fullmatch(cell) for cell in cells) for p in GROUPED.values()]
     commas = [cell for cell in cells if DECIMAL_COMMA.fullmatch(cell)]
     problem = ""

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from biaxbayes.errors import InputError
 from biaxbayes.tables.child import Reader, read_in_child
+from biaxbayes.tables.table import plain
 from biaxbayes.tables.worksheet import MAX_CELLS, MINUS, Worksheet
 from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of
 
@@ -18,10 +19,8 @@ MAX_ROWS = 500_000
 CONTROL_CHARACTERS = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
 END_OF_FILE = "\x1a"
 """A mark of old programs behind the text."""
-MARK_OF_THOUSANDS = re.compile("(?<=\\d)['\u2019\u00a0\u202f](?=\\d{3}(?!\\d))")
-"""A narrow space or an apostrophe between thousands."""
-NUMBER_AS_TEXT = re.compile(r'="([-+.,\deE]+)"')
-"""A number as ="1.5", which spreadsheets leave as text."""
+WORDS = re.compile(r"[^ \t]+")
+"""What stands between spaces; a narrow space may be a mark between thousands."""
 LINES_OF_A_CELL = 5
 """Largest number of lines of a quoted cell."""
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "spaces", ",": "commas"}
@@ -84,7 +83,7 @@ def _text_sheet(raw: bytes, path: Path) -> Worksheet:
         problem = f"has more than {MAX_ROWS:,} lines or {MAX_CELLS:,} cells"
         raise InputError(problem, file=path, remedy="cut out the cycle of interest")
     if separator == " ":
-        lines = ["\t".join(line.split()) for line in lines]
+        lines = ["\t".join(WORDS.findall(line)) for line in lines]
     sheet = Worksheet([], [], [] if encoding == "UTF-8" else [f"read as {encoding}"], text=True)
     if separator != ",":
         sheet.notes.append(f"columns separated by {SEPARATORS[separator]}")
@@ -118,7 +117,6 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
             ) from None
         encoding, text = "Windows-1252", raw.decode("cp1252", errors="replace")
     text = text.removesuffix(END_OF_FILE).replace(MINUS, "-")
-    text = MARK_OF_THOUSANDS.sub("", NUMBER_AS_TEXT.sub(r"\1", text))
     control = CONTROL_CHARACTERS.search(text)
     if control:
         row = text[: control.start()].count("\n") + 1
@@ -134,14 +132,14 @@ def _separator(lines: Sequence[str], path: Path) -> str:
     for separator in SEPARATORS:
         if separator == " ":
             # Only where all is numbers: decimal commas between spaces look like separators.
-            cells = (line.split() for line in sample)
+            cells = ([*map(plain, WORDS.findall(line))] for line in sample)
             counts = Counter(len(c) - 1 for c in cells if len(c) > 1 and all(map(is_number, c)))
         else:
             counts = Counter(line.count(separator) for line in sample)
         count, often = counts.most_common(1)[0] if counts else (0, 0)
         if count >= 1 and often >= 0.6 * len(sample):
             return separator
-    counts = Counter(len(line.split()) for line in sample)
+    counts = Counter(len(WORDS.findall(line)) for line in sample)
     count, often = counts.most_common(1)[0] if counts else (0, 0)
     if count >= 2 and often >= 0.6 * len(sample) and any(map(is_number, sample[-1].split())):
         return " "

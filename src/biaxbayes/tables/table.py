@@ -22,6 +22,10 @@ GROUPED = {
     True: re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+"),
 }
 """Numbers with marks between thousands and a decimal mark, by whether that is a comma."""
+MARK_OF_THOUSANDS = re.compile("(?<=\\d)['\u2019\u00a0\u202f](?=\\d{3}(?!\\d))")
+"""A narrow space or an apostrophe between thousands."""
+NUMBER_AS_TEXT = re.compile(r'="([-+.,\deE]+)"')
+"""A number as ="1.5", which spreadsheets leave as text."""
 NUMBER_AND_UNIT = re.compile(r"([+-]?\d+(?:[.,]\d*)?(?:[eE][+-]?\d+)?)\s*([^\W\d_][\w/^²°%]*|%)")
 ERROR_WORDS = (
     "#div/0!", "#value!", "#ref!", "#num!", "#name?", "#null!", "#wert!", "ovld", "ovl", "over",
@@ -187,16 +191,16 @@ class Table:
         values = np.full(self.rows, np.nan)
         unit = self.cell_units[index] if self.cell_units else ""
         for row, cell in enumerate(self.columns[index]):
-            plain = cell.strip().strip("'")  # as spreadsheets mark numbers that are text
-            if unit and (match := NUMBER_AND_UNIT.fullmatch(plain)) and match[2] == unit:
-                plain = match[1]
-            if GROUPED[self.decimal_comma].fullmatch(plain):
-                plain = plain.replace("." if self.decimal_comma else ",", "")
+            text = plain(cell)
+            if unit and (match := NUMBER_AND_UNIT.fullmatch(text)) and match[2] == unit:
+                text = match[1]
+            if GROUPED[self.decimal_comma].fullmatch(text):
+                text = text.replace("." if self.decimal_comma else ",", "")
             if self.decimal_comma:
                 # A point among decimal commas separates thousands: 1.034 is 1034.
-                plain = plain.replace(".", "x").replace(",", ".")
+                text = text.replace(".", "x").replace(",", ".")
             with contextlib.suppress(ValueError):
-                values[row] = number_in(plain)
+                values[row] = number_in(text)
         return values
 
     def finite(self, index: int) -> np.ndarray:
@@ -247,6 +251,12 @@ class Table:
             blocks=tuple(self.blocks[i] for i in kept.tolist()) if self.blocks else (),
             notes=(*self.notes, *notes),
         )
+
+
+def plain(cell: str) -> str:
+    """A number without what programs write around it or between its thousands."""
+    text = NUMBER_AS_TEXT.sub(r"\1", cell.strip()).strip("'")
+    return MARK_OF_THOUSANDS.sub("", text)
 
 
 def bare_name(name: str) -> str:
