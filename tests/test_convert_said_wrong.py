@@ -204,6 +204,19 @@ def test_times_of_different_extent_are_asked_about(tmp_path):
     assert "are both in the unit that is read?" in message(path, columns, join="time")
 
 
+def test_loads_whose_clock_is_reset_are_joined_one_run_at_a_time(tmp_path):
+    runs = {name: np.concatenate([v, v[-2::-1], v[1:]]) for name, v in LOADS.items()}
+    clock = {"Time (s)": np.concatenate([T, 1.0 + T[1:], T[1:]])}
+    loads = written(tmp_path, clock | runs, name="loads.csv")
+    times = np.linspace(0.0, 3.0, 13)
+    share = 1.0 - np.abs(times % 2.0 - 1.0)
+    stretches = {"lx": 1.0 + 0.2 * share, "ly": 1.0 + 0.15 * share}
+    camera = written(tmp_path, {"Time (s)": times} | stretches, name="camera.csv")
+    both, columns = [loads, camera], ("time_s=Time (s)", *JOINED)
+    assert "the time of the loads does not increase" in message(both, columns, join="time")
+    assert has_all(read(both, columns, join="time", rows="2:31"))
+
+
 def test_columns_that_are_in_two_files_are_asked_about(tmp_path):
     loads = written(tmp_path, {"Time (s)": T} | LOADS, name="loads.csv")
     camera = written(tmp_path, {"Time (s)": T, "lx": X, "ly": Y}, name="camera.csv")

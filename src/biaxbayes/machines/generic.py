@@ -343,7 +343,8 @@ def joined(tables: Sequence[Table], choice: Choice, header: Mapping[str, object]
         table = _table_with(tables, mine)
         for target in (t for t in times if by_time and times[t] == name and t not in mine):
             _ask_for_time(table, target, name, mine)
-        parts[name] = _part(table, mine, wanted, header)
+        # lines are those of the loads: stretches of another time are in others
+        parts[name] = _part(table, mine, wanted, header, choice.rows if name == "loads" else None)
     expected = ("loads", "stretches") if by_time else ("x", "y")
     if set(parts) != set(expected):
         problem = f"`join={choice.join}` needs {' and '.join(expected)}"
@@ -359,7 +360,8 @@ def joined(tables: Sequence[Table], choice: Choice, header: Mapping[str, object]
     sources.pop("stretch_time_s", None)
     reasons = np.full(table.rows, "no reading", dtype=object)
     reasons[first.rows] = np.where(kept, "", "outside the times of the stretches")
-    reasons = np.where(reasons == "", outside(table.lines, choice.rows, table.path), reasons)
+    others = outside(table.lines, choice.rows, table.path)
+    reasons = np.where(others == "", reasons, others)
     whole = {t: np.full(table.rows, np.nan) for t in values}
     for target, curve in values.items():
         whole[target][first.rows] = curve
@@ -391,12 +393,17 @@ def _ask_for_time(table: Table, target: str, of: str, wanted: Mapping[str, str])
 
 
 def _part(
-    table: Table, mine: Mapping[str, str], wanted: Mapping[str, str], header: Mapping[str, object]
+    table: Table,
+    mine: Mapping[str, str],
+    wanted: Mapping[str, str],
+    header: Mapping[str, object],
+    lines: str | None,
 ) -> Part:
     """The rows of a table that have readings of some sources."""
     sources = {t: Columns(table, wanted, header).said(t) for t in mine}
     numbers = [table.sparse_numbers(i, texts=True) for s in sources.values() for i in s.indices]
-    rows = np.flatnonzero(np.isfinite(numbers).all(axis=0))
+    inside = outside(table.lines, lines, table.path) == ""
+    rows = np.flatnonzero(np.isfinite(numbers).all(axis=0) & inside)
     ends = {
         target: max((_last_filled(table, i) for i in source.indices), default=table.rows)
         for target, source in sources.items()
@@ -430,10 +437,14 @@ def _ask_about_overlap(loads: Part, stretches: Part) -> None:
 def _joined_by_time(loads: Part, stretches: Part) -> tuple[dict[str, np.ndarray], np.ndarray, str]:
     """Loads as they are, with stretches at their times; none outside the times of the stretches."""
     times, at = stretches.values["stretch_time_s"], loads.values["time_s"]
-    if np.any(np.diff(times) <= 0.0):
-        row = int(stretches.rows[np.argmax(np.diff(times) <= 0.0) + 1])
-        problem = "the time of the stretches does not increase"
-        raise stretches.table.error(problem, "give rows that follow each other", row=row)
+    for part, of, back in (
+        (stretches, "stretches", np.diff(times) <= 0.0), (loads, "loads", np.diff(at) < 0.0)
+    ):  # fmt: skip
+        if back.any():
+            row = int(part.rows[np.argmax(back) + 1])
+            remedy = "give a time that goes on, such as {Frame} * 0.1, or one run at a time"
+            remedy += ", the loads' by `rows`" * (of == "loads")
+            raise part.table.error(f"the time of the {of} does not increase", remedy, row=row)
     inside = (at >= times[0]) & (at <= times[-1])
     if inside.sum() < LEAST_JOINED:
         raise loads.table.error(
