@@ -97,6 +97,29 @@ def test_loads_of_the_other_direction_are_asked_about(tmp_path):
     assert has_all(read(path, (*columns, swapped)))
 
 
+def test_what_is_assumed_of_one_stress_is_in_no_proposal_for_the_other(tmp_path):
+    stresses = {"Sigma11 (kPa)": X * FX, "Sigma22 (kPa)": Y * FY}
+    path = written(tmp_path, {"lx": X, "ly": Y} | stresses)
+    columns = (
+        "stretch_x=lx",
+        "stretch_y=ly",
+        "piola_x_kPa=Sigma11 (kPa)",
+        "piola_y_kPa=Sigma22 (kPa)",
+    )
+    with pytest.raises(OpenQuestions) as asked:
+        read(path, columns, header={})
+    for question in asked.value.questions:
+        both = next(p for p in question.proposals if p.label == "it is a Cauchy stress")
+        p, *_ = read(path, (*columns, both.value), header={}).specimen.protocols
+        np.testing.assert_allclose(
+            p.recorded_load, np.column_stack([*stresses.values()]), atol=1e-6
+        )
+    converted = "piola_x_kPa={Sigma11 (kPa)} / ({lx}):kPa"
+    with pytest.raises(OpenQuestions) as asked:
+        read(path, (*columns, converted), header={})
+    assert not any("cauchy" in answer for answer in asked.value.choices)
+
+
 def test_the_pressure_of_a_bulge_is_no_tension(tmp_path):
     path = written(tmp_path, {"stretch 1": X, "stretch 2": Y, "P (mmHg)": 100 * FX, "R": 22 - T})
     columns = ("stretch_x=stretch 1", "stretch_y=stretch 2", "pole_tension_kPa=P (mmHg)")

@@ -497,12 +497,16 @@ class Columns:
                 gives[f"{{{text}}} / thickness_mm"] = f"{kind} in N/m over the thickness"
         gives[f"{{{text}}}{factor}"] = f"it is {own}"
         both = {t: s for t, s in self.wanted.items() if PLANAR_LOADS.get(t) == pair}
-        for k in (k for k in kinds if k in BIAXIAL.loads and k != pair):
-            # both loads are of the other kind
+        plain = [_without_unit(s)[0] for s in both.values()]
+        computed = any(is_expression(s) and not COLUMN.fullmatch(s) for s in plain)
+        for k in (k for k in kinds if k in BIAXIAL.loads and k != pair and not computed):
+            # both loads are of the other kind, and none is converted from it
             moved = (f"{t.replace(pair, k)}={s}" for t, s in (both or {target: text}).items())
             gives[f"columns={','.join(moved)}"] = f"it is {kinds[k]}"
         problem = f"the name {name!r} suggests {' or '.join(kinds.values())}, and {target} is {own}"
-        self._ask(target, problem, gives, likely=False)
+        # what is assumed of one load must not be in the proposals for the other
+        kept = f"{{{text}}}{factor}" if [*kinds] != ["tension"] else ""
+        self._ask(target, problem, gives, likely=False, assumed=kept)
 
     def _stretch(self, target: str, index: int, given: Unit | None) -> Source:
         """A column of stretches; asks how the stretch follows from any other."""
