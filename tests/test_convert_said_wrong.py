@@ -120,6 +120,13 @@ def test_what_is_assumed_of_one_stress_is_in_no_proposal_for_the_other(tmp_path)
     assert not any("cauchy" in answer for answer in asked.value.choices)
 
 
+def test_a_column_of_texts_is_no_stretch_and_no_load(tmp_path):
+    path = written(tmp_path, {"Test": ["specimen one"] * 30} | DISP | LOADS)
+    assert "no number in column 'Test': 'specimen one' is not" in message(
+        path, ("stretch_x=Test", *SAID[1:])
+    )
+
+
 def test_the_pressure_of_a_bulge_is_no_tension(tmp_path):
     path = written(tmp_path, {"stretch 1": X, "stretch 2": Y, "P (mmHg)": 100 * FX, "R": 22 - T})
     columns = ("stretch_x=stretch 1", "stretch_y=stretch 2", "pole_tension_kPa=P (mmHg)")

@@ -32,7 +32,7 @@ from biaxbayes.tables.units import (
     units_of,
     words_of,
 )
-from biaxbayes.text_files import cells_of, first_few, is_number
+from biaxbayes.text_files import cell_fault, cells_of, first_few, is_number
 
 LOADS = {
     name: kind.columns
@@ -398,6 +398,10 @@ class Columns:
         name, text = table.names[index], table.reference(index)
         if quantity == "text":
             return Source(target, text, (index,), None)
+        if not table.finite(index).size:
+            fault, _ = cell_fault(next(filter(None, table.text(index)), ""))
+            remedy = f"name a column of readings; {table.listing}"
+            raise table.error(f"no number in column {text!r}: {fault}", remedy)
         if quantity == "stretch":
             return self._stretch(target, index, given)
         if target in PLANAR_LOADS and quantity == "stress":
@@ -435,7 +439,7 @@ class Columns:
     def _ask_for_unit(self, target: str, index: int, problem: str) -> NoReturn:
         """Ask for the unit of a column, with the largest value in each."""
         quantity, name = TARGETS[target], self.table.reference(index)
-        largest = np.abs(self.table.finite(index)).max(initial=0.0)
+        largest = np.abs(self.table.finite(index)).max()
         usual = {"force": ("N", "mN", "gf"), "stress": ("kPa", "MPa", "Pa", "mmHg")}
         units = usual.get(quantity, tuple(FACTORS[quantity])[:4])
         low, high = (1e-3, 50.0) if quantity == "force" else (0.1, 2000.0)
@@ -512,7 +516,7 @@ class Columns:
         """A column of stretches; asks how the stretch follows from any other."""
         table, name, values = self.table, self.table.names[index], self.table.finite(index)
         units = [u for u in table.units(index) if u.quantity != "fraction" or u.factor != 1.0]
-        start, extent = (float(values[0]), float(np.ptp(values))) if values.size else (np.nan, 1.0)
+        start, extent = float(values[0]), float(np.ptp(values))
         plain = not units and given is None and not table.unknown_unit(index)
         low, high = NEAR_ONE
         is_stretch = names_stretch(name, table.below(index)) and not is_scaled(name)
@@ -520,7 +524,7 @@ class Columns:
             return Source(target, table.reference(index), (index,), UNITS["mm/mm"])
         column, stated = f"{{{table.reference(index)}}}", [given] if given else units
         length = next((u for u in stated if u.quantity == "length"), None)
-        turned = values.size and abs(values.min() - start) > abs(values.max() - start)
+        turned = abs(values.min() - start) > abs(values.max() - start)
         sign = "-" if turned else "+"
         lengths = formulas = self._of_a_length(target, column, sign, start, extent, length)
         if length is None:
