@@ -127,6 +127,13 @@ def test_a_column_of_texts_is_no_stretch_and_no_load(tmp_path):
     )
 
 
+def test_remedies_of_a_table_are_no_lines_of_a_specimen_file(tmp_path):
+    path = written(tmp_path, DISP | {"Load X (N)": 1e5 * FX, "Load Y (N)": FY})
+    assert "if they are right, state 'stress_limit_kPa: " in message(path)
+    path = written(tmp_path, DISP | {"Load X (N)": 0.0 * FX, "Load Y (N)": FY})
+    assert "is stated by 'test: strip x'" in message(path)
+
+
 def test_the_pressure_of_a_bulge_is_no_tension(tmp_path):
     path = written(tmp_path, {"stretch 1": X, "stretch 2": Y, "P (mmHg)": 100 * FX, "R": 22 - T})
     columns = ("stretch_x=stretch 1", "stretch_y=stretch 2", "pole_tension_kPa=P (mmHg)")

@@ -20,8 +20,8 @@ SMALL_SECTION_MM2 = 0.1
 NEGATIVE = 0.3
 """Compression at the largest stretch over the largest load, beyond which signs are wrong."""
 STRIPS = (
-    "no load was recorded in this direction. A uniaxial strip is stated by a line '# test: strip "
-    "x' (or y) at the top; strips of one tissue are a file each, sampled together"
+    "no load was recorded in this direction. A uniaxial strip is stated by 'test: strip x' (or y); "
+    "strips of one tissue are a file each, sampled together"
 )
 
 
@@ -93,7 +93,7 @@ def _check_loads(specimen: Specimen, k: int) -> None:
         problem += "bears"
         remedy = (
             f"if the values are in {FINER[unit]}, divide them by 1000; "
-            f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
+            f"if they are right, state 'stress_limit_kPa: {1.5 * stress:.2g}'"
         )
         if specimen.unit == "N" and section_mm2 < SMALL_SECTION_MM2:
             remedy = f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are "
