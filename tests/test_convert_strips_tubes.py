@@ -119,6 +119,20 @@ def test_a_biotester_export_of_one_direction_is_a_strip(tmp_path):
     assert list(asked.value.choices) == ["test=strip x"]
     (p,) = biaxbayes.convert(path, machine="biotester", test="strip x", **more).specimen.protocols
     np.testing.assert_allclose(p.stretch_x, 1.0 + 0.2 * up[:30], atol=1e-6)
+    gauge = "stretch_x={XSize_um} / 12000"
+    with pytest.raises(InputError, match="stretch_x is not read from a column of a BioTester"):
+        biaxbayes.convert(path, machine="biotester", test="strip x", columns=gauge, **more)
+
+
+def test_compression_of_a_biotester_export_is_named(tmp_path):
+    up = there_and_back(np.linspace(0.0, 1.0, 30))
+    rows = zip(["1-Stretch"] * 30 + ["1-Recover"] * 29, 8000 - 1600 * up, 10 + 200 * up**2)
+    lines = [f"{phase},{size:.3f},{size:.3f},-{f:.4f},-{f:.4f}" for phase, size, f in rows]
+    path = tmp_path / "raw.csv"
+    path.write_text("\n".join(["Cycle,XSize_um,YSize_um,XForce_mN,YForce_mN", *lines]))
+    with pytest.raises(OpenQuestions, match="stretch and load in x both fall from the first row"):
+        biaxbayes.convert(path, machine="biotester", branch="loading", geometry="unloaded",
+                          edge_x_mm=8, edge_y_mm=8, thickness_mm=1)  # fmt: skip
 
 
 # --- tubes ----------------------------------------------------------------------------------------

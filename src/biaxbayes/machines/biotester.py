@@ -138,6 +138,9 @@ def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object
     for phase in set(phases[rows]) - {*PHASES, "rest"}:
         reasons[rows[phases[rows] == phase]] = f"phase {phase}"
     wanted, sources = parse_columns(choice.columns), dict[str, Source]()
+    for target in (t for t in wanted if t not in ("force_x_N", "force_y_N")):
+        problem = f"`columns`: {target} is not read from a column of a BioTester export"
+        raise table.error(problem, "leave it out, or use `machine=generic` for all columns")
     for target, axis in ((f"force_{axis}_N", axis.upper()) for axis in read):
         index = table.by_stem(f"{axis.lower()}force")
         if index is None:

@@ -128,16 +128,20 @@ def ask_about_signs(record: Record, rows: np.ndarray, sources: Mapping[str, Sour
             says += "compression"
         else:
             continue
-        turned = ",".join(_turned(record, sources, k, which) for which in wrong)
+        turned = [_turned(record, sources, k, which) for which in wrong]
         what = " and ".join("extension" if which == "stretch" else "tension" for which in wrong)
-        gives = {f"columns={turned}": f"{what} is counted negative", "rows=LINES": "other rows"}
+        gives = {"rows=LINES": "other rows"}
+        if all(turned):
+            gives = {f"columns={','.join(turned)}": f"{what} is counted negative"} | gives
         raise Question(says, gives, file=record.path)
 
 
 def _turned(record: Record, sources: Mapping[str, Source], k: int, which: str) -> str:
-    """The source of a stretch or load with the opposite sign, as a user writes it."""
+    """The source of a stretch or load with the opposite sign; empty where it is no column."""
     targets = OF_AXES[k] if which == "stretch" else (LOADS[record.stress_pair][k],)
-    source = next(sources[t] for t in targets if t in sources)
+    source = next((sources[t] for t in targets if t in sources), None)
+    if source is None:
+        return ""
     if which == "stretch":
         return f"{source.target}=2 - ({source.formula})"
     again = f"-({source.text})" if source.computed else f"-{source.formula}"
