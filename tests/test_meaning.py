@@ -350,6 +350,7 @@ def test_what_is_not_plainly_the_strain_is_not_taken_for_it(tmp_path, name, valu
         ("Load {} [N] (lbf)", "has two units, lbf and N"),
         ("F{}_mN [N]", "has two units, N and mN"),
         ("Load*1000 {} [N]", "suggests a multiple"),
+        ("Load/10 {} [N]", "suggests a multiple"),
         ("Load {} [1e-3 N]", "'1e-3 N' of .* is not a known unit"),
         ("Load 10 N {} (V)", "'V' of .* is not a known unit"),
     ],

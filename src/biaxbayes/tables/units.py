@@ -123,8 +123,8 @@ def stem_of(column: str) -> str:
 
 
 SCALED = re.compile(
-    r"\^|\*\*|²|³|squared|[*×]\s*\d|(?<!\w)x\s?10+(?!\d)|(?<!\d)1\s*/\s*\D"
-    r"|inverse|reciprocal|(?<![a-z])rate(?![a-z])",
+    r"\^|\*\*|²|³|squared|[*×]\s*\d|(?<=[a-z)])\s*/\s*\d|(?<!\w)x\s?10+(?!\d)"
+    r"|(?<!\d)1\s*/\s*\D|inverse|reciprocal|(?<![a-z])rate(?![a-z])",
     re.IGNORECASE,
 )
 
