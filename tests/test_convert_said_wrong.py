@@ -62,7 +62,8 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 def test_what_is_wrong_in_an_expression_is_named(what, tmp_path):
     wrong, words = WRONG[what]
-    assert words in message(written(tmp_path, DISP | LOADS), (wrong, *SAID[1:]))
+    path = written(tmp_path, {"Time (s)": T} | DISP | LOADS)
+    assert words in message(path, (wrong, *SAID[1:]))
 
 
 def test_a_micro_sign_is_the_letter_u(tmp_path):
@@ -177,6 +178,18 @@ def test_marks_of_thousands_between_columns_of_spaces(tmp_path):
     path.write_text(path.read_text().partition("\n")[2], encoding="utf-8")
     targets = ("stretch_x", "stretch_y", "force_x_N", "force_y_N")
     assert has_all(read(path, tuple(f"{t}={{#{k}}} / 1e6" for k, t in enumerate(targets, start=1))))
+
+
+def test_a_table_may_have_a_preamble_as_long_as_itself(tmp_path):
+    path = written(tmp_path, DISP | LOADS)
+    preamble = "".join(f"Key {k}: value {k}\n" for k in range(30))
+    path.write_text(preamble + path.read_text())
+    assert has_all(read(path))
+
+
+def test_a_file_that_is_given_twice_is_refused(tmp_path):
+    path = written(tmp_path, DISP | LOADS)
+    assert "is given twice" in message([path, path])
 
 
 def test_a_number_far_off_is_no_compression(tmp_path):

@@ -24,8 +24,8 @@ WORDS = re.compile(r"[^ \t]+")
 LINES_OF_A_CELL = 5
 """Largest number of lines of a quoted cell."""
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "spaces", ",": "commas"}
-SEPARATOR_LINES = 200
-"""Lines at the end of the file from which its separator is read; a preamble is at the start."""
+SEPARATOR_LINES, LEAST_LINES = 200, 10
+"""Lines at the end of the file from which its separator is read, at most and at least."""
 
 
 WORKBOOK = Reader("workbook", "workbook", "python-calamine")
@@ -125,10 +125,27 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
 
 
 def _separator(lines: Sequence[str], path: Path) -> str:
-    """The separator that cuts most lines into the same number of cells."""
+    """The separator that cuts most lines into the same number of cells.
+
+    Below a long preamble it is that of the last lines.
+    """
     sample = [line for line in lines if line.strip() and not line.startswith("#")][
         -SEPARATOR_LINES:
     ]
+    last = sample
+    while len(last) >= LEAST_LINES or last is sample:
+        separator = _separator_of(last)
+        if separator:
+            return separator
+        last = last[len(last) // 2 :]
+    shown = sample[0].strip()[:60] if sample else ""
+    problem = f"holds no table with columns; its first line reads {shown!r}"
+    remedy = "export it with commas, semicolons or tabs between the columns"
+    raise InputError(problem, file=path, remedy=remedy)
+
+
+def _separator_of(sample: Sequence[str]) -> str:
+    """The separator of most of some lines; empty without one."""
     for separator in SEPARATORS:
         if separator == " ":
             # Only where all is numbers: decimal commas between spaces look like separators.
@@ -143,7 +160,4 @@ def _separator(lines: Sequence[str], path: Path) -> str:
     count, often = counts.most_common(1)[0] if counts else (0, 0)
     if count >= 2 and often >= 0.6 * len(sample) and any(map(is_number, sample[-1].split())):
         return " "
-    shown = sample[0].strip()[:60] if sample else ""
-    problem = f"holds no table with columns; its first line reads {shown!r}"
-    remedy = "export it with commas, semicolons or tabs between the columns"
-    raise InputError(problem, file=path, remedy=remedy)
+    return ""

@@ -106,7 +106,11 @@ def convert(
 
 
 def _files(raw: PathLike | Sequence[PathLike]) -> list[Path]:
-    return [Path(path) for path in ([raw] if isinstance(raw, str | Path) else raw)]
+    files = [Path(path) for path in ([raw] if isinstance(raw, str | Path) else raw)]
+    for path in files:
+        if files.count(path) > 1:
+            raise InputError("is given twice", file=path, remedy="name each file once")
+    return files
 
 
 def common_stem(files: Sequence[Path]) -> str:
@@ -135,11 +139,9 @@ def _choice(choice: Choice | None, options: Mapping[str, Any]) -> Choice:
 
 def _check_new(files: Sequence[Path], out: Path, overwrite: bool) -> None:
     """Refuse to overwrite an export, or unless asked a specimen file and what is beside it."""
-    for n, path in enumerate(files):
+    for path in files:
         if path.exists() and out.exists() and path.samefile(out):
             raise InputError("would be overwritten", file=path, remedy="choose another `out`")
-        if path in files[:n]:
-            raise InputError("is given twice", file=path, remedy="name each file once")
     for path in (out, *_beside(out)):
         check_new(path, overwrite)
 
