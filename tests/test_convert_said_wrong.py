@@ -55,6 +55,8 @@ WRONG = {
         "'gauge' is neither a function nor a header key",
     ),
     "a load": ("stretch_x=1 + {Load X (N)} / 20", "is computed from a load alone"),
+    "a time": ("stretch_x=1 + {Time (s)} / 20", "is computed from a time alone"),
+    "a function": ("stretch_x=1 + Sqrt({Disp X (mm)})", "'Sqrt' is neither a function"),
     "a micrometre": ("stretch_x=1 + {Disp X (µm)} / 20", "no column 'Disp X (µm)'"),
 }
 

@@ -359,9 +359,10 @@ class Columns:
             raise table.error(f"{target} cannot be computed", remedy)
         indices = tuple(table.column(name) for name in columns_in(text))
         of_columns = {next((u.quantity for u in table.units(i)), "") for i in indices}
-        if quantity == "stretch" and of_columns and of_columns <= {"force", "stress"}:
+        if quantity == "stretch" and of_columns and of_columns <= {"force", "stress", "time"}:
             remedy = f"a stretch follows from lengths, positions or strains; {table.listing}"
-            raise table.error(f"{target} = {text[:60]} is computed from a load alone", remedy)
+            of = "a time" if of_columns == {"time"} else "a load"
+            raise table.error(f"{target} = {text[:60]} is computed from {of} alone", remedy)
         own = UNITS[OWN_UNITS[quantity]]
         fits = quantity if quantity in FACTORS else "fraction"
         if given is not None and given.quantity != fits:

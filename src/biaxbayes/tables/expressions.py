@@ -101,7 +101,7 @@ def evaluated(
     except (InvalidExpression, SyntaxError, TypeError, ValueError, Warning) as error:
         remedy = "it may have numbers, columns in braces, + - * / ** ( ), "
         remedy += f"{', '.join([*FUNCTIONS, FIRST])}, and names of header keys such as edge_x_mm"
-        unknown = re.search(r"'(\w+)' is not defined", str(error))
+        unknown = re.search(r"'(\w+)'(?: is)? not defined", str(error))
         why = "it is not arithmetic"
         if unknown:
             why = f"{unknown[1]!r} is neither a function nor a header key"
