@@ -369,6 +369,7 @@ def creeping(table: np.ndarray) -> np.ndarray:
 
 LOST_LOADS = [
     (put(slice(45, None), 2, lambda c: 0.6 * c), "falls"),
+    (put(slice(22, None), slice(2, 4), lambda c: 0.8 * c), "falls at once behind line 23"),
     (put(slice(40, None), 3, lambda c: c * np.linspace(1.0, 0.3, 20)), "falls"),
     (put(slice(40, None), 2, lambda c: 1.6 * c), "rises at once"),
     (saturated(slice(2, 4), 0.6), "stays at 0.6"),

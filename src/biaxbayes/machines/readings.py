@@ -13,7 +13,7 @@ from biaxbayes.machines.columns import LOADS, OF_AXES, Source
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
 from biaxbayes.machines.lines import ranges_without
 from biaxbayes.machines.record import Record, Recording
-from biaxbayes.specimens.branches import JUMP, SIDES, STEEP, repeats, rows_apart
+from biaxbayes.specimens.branches import JUMP, SIDES, STEEP, jumps, repeats
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
 from biaxbayes.tables.question import Question
@@ -21,6 +21,8 @@ from biaxbayes.tables.table import in_lines
 
 LOST_LOAD = 0.1
 """Fall of the load, as a fraction of its range, that loading does not explain."""
+LEAST_TEAR = 0.03
+"""Least fall, as a fraction of its range, of a load that had risen less than that."""
 FALLS_TOO = 0.3
 """Fall of the load before a rise over its height, below which the load did not fall."""
 LEVEL = 0.01
@@ -33,10 +35,9 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
     """Ask for `rows` where up to three rows lie apart from those on both sides of them."""
     left, jumping = rows, set[str]()
     while left.size > LEAST_ROWS:  # a row far off may hide others
-        curves = np.column_stack([record.stretch, record.load])[left]
-        found = {side: rows_apart(curve) for side, curve in zip(SIDES, curves.T, strict=True)}
-        jumping |= {side for side, at in found.items() if at.size}
-        if not any(at.size for at in found.values()):
+        found = jumps(record.stretch[left], record.load[left])
+        jumping |= set(found)
+        if not found:
             break
         left = np.delete(left, np.unique(np.concatenate(list(found.values()))))
     apart = np.setdiff1d(rows, left)
@@ -54,13 +55,19 @@ def ask_about_steps(record: Record, rows: np.ndarray) -> None:
         return
     way = np.pad(np.sign(np.diff(path)), 1)
     onward = (way[:-2] == way[1:-1]) & (way[1:-1] == way[2:]) & (way[1:-1] != 0.0)
-    even = onward & (_step_over_others(path) < STEEP)  # no turn of the stretch, where loads fall
+    even = onward & (
+        _over_others(np.abs(np.diff(path))) < STEEP
+    )  # no turn of the stretch, where loads fall
     for k, curve in zip(record.axes_of(rows), load.T, strict=True):
-        step = np.diff(curve)
-        limit = max(LOST_LOAD * float(np.ptp(load)), 10.0 * second_difference_scatter(curve))
-        at = np.flatnonzero(
-            even & (np.abs(step) > limit) & (_step_over_others(curve) > 1.5 * STEEP)
-        )
+        step, noise = np.diff(curve), 10.0 * second_difference_scatter(curve)
+        span, fall = float(np.ptp(load)), np.maximum(-step, 0.0)
+        leaps = np.abs(step) > max(LOST_LOAD * span, noise)
+        leaps &= _over_others(np.abs(step)) > 1.5 * STEEP
+        # early in a curve the load is a small part of its range; what is left goes on
+        above = curve - curve.min()
+        torn = fall > np.maximum(LOST_LOAD * above[:-1], max(LEAST_TEAR * span, noise))
+        torn &= (way[1:-1] > 0.0) & (_over_others(fall) > STEEP) & (above[1:] > fall / STEEP)
+        at = np.flatnonzero(even & (leaps | torn))
         if at.size:
             row, verb = int(at[0]), "falls" if step[at[0]] < 0.0 else "rises"
             problem = f"the {record.load_named(k)} {verb} at once behind line "
@@ -68,11 +75,10 @@ def ask_about_steps(record: Record, rows: np.ndarray) -> None:
             _ask_for_rows(record, f"{problem}slip, or another gain", rows[row + 1 :])
 
 
-def _step_over_others(curve: np.ndarray) -> np.ndarray:
-    """Each step of a curve over the largest of the two before and after it."""
-    step = np.abs(np.diff(curve))
+def _over_others(step: np.ndarray) -> np.ndarray:
+    """Each step over the largest of the two before and after it."""
     others = maximum_filter(step, footprint=[1, 1, 0, 1, 1], mode="constant")
-    return step / np.maximum(others, 1e-9 * max(float(np.ptp(curve)), 1e-300))
+    return np.asarray(step / np.maximum(others, 1e-9 * max(float(step.sum()), 1e-300)))
 
 
 def _ask_for_rows(record: Record, problem: str, rows: np.ndarray) -> None:

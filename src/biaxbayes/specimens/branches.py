@@ -88,9 +88,28 @@ def repeats(stretch: np.ndarray, load: np.ndarray, rest: int) -> bool:
     return bool(still.mean(axis=0).max(initial=0.0) > REPEATED)
 
 
-def rows_apart(curve: np.ndarray) -> np.ndarray:
-    """Rows that lie apart, in runs of at most three, those at both ends of a record included."""
+def jumps(stretch: np.ndarray, load: np.ndarray) -> dict[str, np.ndarray]:
+    """Rows that lie apart from those beside them, by curve; none of a curve without any.
+
+    Where rows are missing, a load may step as many times further as the stretches do.
+    """
+    moved = np.abs(np.diff(stretch, axis=0)).sum(axis=1)
+    usual = float(np.median(moved[moved > 0.0])) if moved.any() else np.inf
+    found: dict[str, np.ndarray] = {}
+    for side, curve in zip(SIDES, (*stretch.T, *load.T), strict=True):
+        of_load = side.startswith("load")
+        apart = _rows_apart(curve, np.maximum(moved / usual if of_load else 1.0, 1.0))
+        found |= {side: apart} if apart.size else {}
+    return found
+
+
+def _rows_apart(curve: np.ndarray, pace: np.ndarray | float) -> np.ndarray:
+    """Rows that lie apart, in runs of at most three, those at both ends of a record included.
+
+    `pace`: how much further than usual the path goes in each step.
+    """
     n = curve.size
+    pace = np.broadcast_to(pace, (n - 1,))
     limit = max(JUMP * float(np.ptp(curve)), 8.0 * second_difference_scatter(curve))
     step = np.abs(np.diff(curve))
     apart = np.zeros(n, dtype=bool)
@@ -106,6 +125,7 @@ def rows_apart(curve: np.ndarray) -> np.ndarray:
             # a first step may be as large as any other, a footer is below the last rows
             first, last = (np.abs(c[:width] - c[width]).min() for c in (curve, curve[::-1]))
             usual = step[n - width - 5 : n - width - 1].max()
+            first, last = first / pace[width - 1], last / pace[n - width - 1]
             apart[:width] |= first > max(limit, STEEP * step[width:].max())
             apart[n - width :] |= last > max(limit, STEEP * usual)
     rows = np.flatnonzero(apart)

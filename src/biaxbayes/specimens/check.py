@@ -15,11 +15,11 @@ from biaxbayes.experiments.experiment import DIMENSIONS
 from biaxbayes.specimens.branches import (
     CYCLE_FRACTION,
     SIDES,
+    jumps,
     path_progress,
     path_scatter,
     repeats,
     reversal,
-    rows_apart,
 )
 from biaxbayes.specimens.keys import STRETCHES
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
@@ -354,15 +354,14 @@ def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Iterator[Finding]:
 
 def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
     """Readings off the curve: a wrong digit, a lost marker, a truncated line."""
-    for name, curve in zip(SIDES, (*p.stretch.T, *load.T), strict=True):
-        apart = rows_apart(curve) if p.rows >= LEAST_ROWS_OF_CURVE else np.array([])
-        if apart.size:
-            row = int(apart[0])
-            message = (
-                f"the {name} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
-                f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off"
-            )
-            yield warning("jump", message, p.name)
+    curves = dict(zip(SIDES, (*p.stretch.T, *load.T), strict=True))
+    for name, apart in jumps(p.stretch, load).items() if p.rows >= LEAST_ROWS_OF_CURVE else ():
+        row, curve = int(apart[0]), curves[name]
+        message = (
+            f"the {name} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
+            f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off"
+        )
+        yield warning("jump", message, p.name)
 
 
 def _camera_lag(p: Protocol) -> Iterator[Finding]:
