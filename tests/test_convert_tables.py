@@ -212,11 +212,13 @@ def test_a_rise_that_the_record_ends_in_is_asked_about(tmp_path):
     assert list(asked.value.choices) == ["cycles=2", "cycles=3"]
 
 
-def test_small_loops_before_a_ramp_are_no_part_of_it(tmp_path):
+@pytest.mark.parametrize("toe", [1.0, 1.5])
+def test_small_loops_before_a_ramp_are_no_part_of_it(toe, tmp_path):
     loops = np.tile(np.concatenate([np.linspace(0, 0.14, 8), np.linspace(0.12, 0.02, 6)]), 5)
     t = np.concatenate([loops, np.linspace(0.0, 1.0, 30)])
     stretch = 1.0 + np.outer(t, [0.2, 0.2])
-    (p,) = read(written(tmp_path, [*stretch.T, *force_at(stretch).T])).specimen.protocols
+    loads = force_at(stretch) ** toe
+    (p,) = read(written(tmp_path, [*stretch.T, *loads.T])).specimen.protocols
     assert p.rows == 30
 
 

@@ -18,6 +18,8 @@ TOLERATED_FALL = 0.05
 """Largest fall behind the peak, as a fraction of the rise, that does not count as unloading."""
 SMALL_LOOP = 0.03
 """Fraction of the whole range that a loop must have to cut the record."""
+TOE_LOOP = 0.01
+"""The same of a load, which changes little in the toe of its curve."""
 DIP = 0.02
 """Largest fall before the first rise, as a fraction of it, that is drift of the rest."""
 LEVEL = 0.25
@@ -70,8 +72,12 @@ def quieter_path(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
         path += (curve - curve[0]) * (-1.0 if falls else 1.0)
     if np.ptp(total) == 0.0 or np.ptp(path) == 0.0:
         return path if np.ptp(total) == 0.0 else np.asarray(total)
-    turns = [len(_turning_points(p, SMALL_LOOP * float(np.ptp(p)))) for p in (path, total)]
     noise = [scatter_of(p) / float(np.ptp(p)) for p in (path, total)]
+    loops = SMALL_LOOP, max(TOE_LOOP, 6.0 * noise[1])
+    turns = [
+        len(_turning_points(p, loop * float(np.ptp(p))))
+        for p, loop in zip((path, total), loops, strict=True)
+    ]
     return path if (turns[0], noise[0]) <= (turns[1], noise[1]) else np.asarray(total)
 
 
