@@ -137,6 +137,17 @@ def test_remedies_of_a_table_are_no_lines_of_a_specimen_file(tmp_path):
     assert "is stated by 'test: strip x'" in message(path)
 
 
+def test_a_load_that_is_converted_although_it_is_in_the_unit_is_asked_about(tmp_path):
+    path = written(tmp_path, DISP | LOADS)
+    said = (*SAID, "force_x_N={Load X (N)} / 1000")
+    with pytest.raises(OpenQuestions, match="is in N, which gives N already") as asked:
+        read(path, said)
+    alone, as_it_stands = asked.value.choices
+    assert has_all(read(path, (*said, alone.removeprefix("columns="))))
+    (p,) = read(path, (*said, as_it_stands.removeprefix("columns="))).specimen.protocols
+    np.testing.assert_allclose(p.load_x, FX / 1000, atol=1e-8)
+
+
 def test_the_pressure_of_a_bulge_is_no_tension(tmp_path):
     path = written(tmp_path, {"stretch 1": X, "stretch 2": Y, "P (mmHg)": 100 * FX, "R": 22 - T})
     columns = ("stretch_x=stretch 1", "stretch_y=stretch 2", "pole_tension_kPa=P (mmHg)")

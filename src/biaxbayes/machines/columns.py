@@ -374,22 +374,30 @@ class Columns:
         return Source(target, text, indices, given or own, computed=True)
 
     def _ask_about_unit_of_result(self, target: str, text: str, index: int) -> None:
-        """Ask where a column is in another unit than the result, and no number converts it."""
-        quantity, unit = TARGETS[target], self.table.unit(index)
+        """Ask where a column is in another unit than the result, or converted although it is not.
+
+        Force over mm2 is a stress: of N in MPa, of mN in kPa.
+        """
+        quantity, unit, own = TARGETS[target], self.table.unit(index), OWN_UNITS[TARGETS[target]]
         if unit is None or unit.quantity not in (quantity, "force"):
             return
-        # force over mm2: N gives MPa, mN gives kPa
         over = "over mm2 " if unit.quantity != quantity else ""
         factor = 1e3 * unit.factor if over else unit.factor
         numbers = np.array([1.0, *filter(None, numbers_in(text))])
-        if np.isclose([numbers, 1.0 / numbers], factor, rtol=1e-2).any():
+        converts = np.isclose([numbers, 1.0 / numbers], factor, rtol=1e-2).any()
+        problem = f"{self.table.names[index]!r} is in {unit.name}, {over}which gives "
+        if factor == 1.0 and np.isclose(np.abs(np.log10(numbers)), 3.0).any():
+            alone = {self.table.reference(index): f"the column as it is, in {own}"}
+            gives = alone if len(columns_in(text)) == 1 else {}
+            why = f"{own} already, and {text[:60]!r} converts it"
+        elif not converts:
+            units = [name for name, size in FACTORS[quantity].items() if size == factor][:1]
+            gives = {f"{text}:{name}": f"the result is in {name}" for name in units}
+            why = f"no {own}, and no number in {text[:60]!r} converts it"
+        else:
             return
-        units = [name for name, size in FACTORS[quantity].items() if size == factor][:1]
-        own = OWN_UNITS[quantity]
-        gives = {f"{text}:{name}": f"the result is in {name}" for name in units}
         gives[f"{text}:{own}"] = f"the result is in {own} as it stands"
-        problem = f"{self.table.names[index]!r} is in {unit.name}, {over}which gives no {own}, and "
-        self._ask(target, f"{problem}no number in {text[:60]!r} converts it", gives, other=False)
+        self._ask(target, problem + why, gives, other=False)
 
     # --- a single column ---
 
