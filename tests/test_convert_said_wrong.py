@@ -148,6 +148,17 @@ def test_a_load_that_is_converted_although_it_is_in_the_unit_is_asked_about(tmp_
     np.testing.assert_allclose(p.load_x, FX / 1000, atol=1e-8)
 
 
+def test_phases_of_a_biotester_are_no_cycles_of_a_table(tmp_path):
+    up = DISP | LOADS
+    rows = {name: [*v, *v[-2::-1]] for name, v in up.items()}
+    path = written(
+        tmp_path, {"Cycle": ["1-Rest"] * 3 + ["1-Stretch"] * 27 + ["1-Recover"] * 29} | rows
+    )
+    with pytest.raises(OpenQuestions, match="has phases of cycles, such as '1-Recover'"):
+        read(path, branch="loading")
+    assert has_all(read(path, (*SAID, "ignore=Cycle"), branch="loading"))
+
+
 def test_the_pressure_of_a_bulge_is_no_tension(tmp_path):
     path = written(tmp_path, {"stretch 1": X, "stretch 2": Y, "P (mmHg)": 100 * FX, "R": 22 - T})
     columns = ("stretch_x=stretch 1", "stretch_y=stretch 2", "pole_tension_kPa=P (mmHg)")

@@ -12,6 +12,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.experiments import EXPERIMENTS
+from biaxbayes.machines.biotester import PHASE
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import (
     IGNORE,
@@ -111,6 +112,14 @@ def _labels(table: Table, sources: Mapping[str, Source], choice: Choice) -> dict
         for target in ("protocol", "cycle")
         if target in sources
     }
+    if any(map(PHASE.fullmatch, labels.get("cycle", ()))) and "cycle" not in wanted_of(choice):
+        text = sources["cycle"].text
+        gives = {f"columns=ignore={text}": "cycles are cut from the curves",
+                 f"columns=cycle={text}": "each label is a cycle"}  # fmt: skip
+        problem = (
+            f"{text!r} has phases of cycles, such as {str(labels['cycle'][-1])!r}, as a BioTester "
+        )
+        raise Question(f"{problem}writes them for `machine=biotester`", gives, file=table.path)
     if table.blocks and choice.blocks is None:
         counts = Counter(table.blocks)
         shown = first_few([f"{n}: {count} rows" for n, count in counts.items()], 6)
