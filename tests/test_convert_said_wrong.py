@@ -302,6 +302,21 @@ def test_columns_that_are_in_two_files_are_asked_about(tmp_path):
     assert has_all(read([camera, loads], (*JOINED, *times), join="time"))
 
 
+def test_frames_are_proposed_as_times_and_all_else_is_asked_at_once(tmp_path):
+    loads = written(tmp_path, {"Time (s)": T} | LOADS, name="loads.csv")
+    frames = {"Frame": np.arange(30.0), "exx": X - 1.0, "eyy": Y - 1.0}
+    camera = written(tmp_path, frames, name="camera.csv")
+    with pytest.raises(OpenQuestions) as asked:
+        read([loads, camera], ("stretch_x=exx", "stretch_y=eyy", *FORCES), header={})
+    choices = asked.value.choices
+    assert {"join=time", "columns=stretch_time_s={Frame} * FACTOR", "columns=time_s=Time (s)",
+            "columns=stretch_x=1 + {exx}", "geometry=mounted"} <= set(choices)  # fmt: skip
+    assert sum("FACTOR" in answer for answer in choices) == 1
+    said = ("stretch_x=1 + {exx}", "stretch_y=1 + {eyy}", *FORCES, "time_s=Time (s)")
+    said += ("stretch_time_s={Frame} / 29",)
+    assert has_all(read([loads, camera], said, join="time"))
+
+
 def test_an_extensometer_is_no_other_end(tmp_path):
     path = written(tmp_path, {"Extension (mm)": 15 * (X - 1), "Extensometer (mm)": 12 * (X - 1),
                               "Load (N)": FX})  # fmt: skip

@@ -396,9 +396,24 @@ def _ask_for_time(table: Table, target: str, of: str, wanted: Mapping[str, str])
     first, end = min(columns), max(_last_filled(table, i) for i in columns)
     times = [i for i in times_of(table) if _last_filled(table, i) >= end - ENDS_EARLY]
     times.sort(key=lambda i: (i > first, abs(first - i)))
-    gives = {f"columns={target}={table.names[i]}": f"the time of the {of}" for i in times}
+    gives = {f"columns={target}={table.reference(i)}": f"the time of the {of}" for i in times}
+    counts = [i for i in range(len(table.names)) if not times and _counts(table.finite(i))]
+    gives |= {
+        f"columns={target}={{{table.reference(i)}}} * FACTOR": "a count, times the seconds of each"
+        for i in counts
+    }
     gives[f"columns={target}=COLUMN"] = "another column"
-    raise Question(f"no column for {target}, the time of the {of}", gives, file=table.path)
+    assumed = f"columns={target}={{{table.reference(counts[0])}}}" if counts else ""
+    raise Question(
+        f"no column for {target}, the time of the {of}", gives, file=table.path, assumed=assumed
+    )
+
+
+def _counts(values: np.ndarray) -> bool:
+    """Whether whole numbers increase evenly, as frames do."""
+    steps = np.diff(values)
+    even = steps.size > 1 and steps[0] > 0.0 and bool(np.all(steps == steps[0]))
+    return even and bool(np.all(values == np.round(values)))
 
 
 def _part(
