@@ -185,6 +185,22 @@ def test_numbers_are_read_and_summaries_are_left_out(form, tmp_path):
     assert has_all(read(path, tuple(columns)))
 
 
+def test_a_summary_is_left_out_by_the_name_of_its_row(tmp_path):
+    table = {"Point": [str(k) for k in range(1, 31)]} | DISP | LOADS
+    last = ",".join(f"{v[-1]:.6f}" for v in (DISP | LOADS).values())
+    assert has_all(read(written(tmp_path, table, foot=f"Max,{last}\nSt. dev.,1,1,0.1,0.1\n")))
+    stage = {"Stage": ["min"] * 15 + ["max"] * 15} | DISP | LOADS
+    assert has_all(read(written(tmp_path, stage), ("ignore=Stage", *SAID)))
+
+
+def test_missing_readings_below_the_names_are_no_units(tmp_path):
+    first = "NaN,NaN,NaN,NaN\n"
+    path = written(tmp_path, {"lx": X, "ly": Y} | LOADS)
+    names, rows = path.read_text().split("\n", 1)
+    path.write_text(f"{names}\n{first}{rows}")
+    assert has_all(read(path, ("stretch_x=lx", "stretch_y=ly", *FORCES)))
+
+
 def test_marks_of_thousands_stay_in_names_and_remarks(tmp_path):
     remarks = {"Remark": ["", "zoom 1'000"] + [f"frame {k}" for k in range(28)]}
     loads = {"Load X 1'000 (N)": FX, 'Load Y ="2" (N)': FY}

@@ -43,6 +43,11 @@ MOST_EXTRA = 0.2
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 SUMMARY = re.compile(r"\W*[^\W\d_]{2,}[^\d]*")
 """A word in a column of numbers, as below the readings: Max, Mean, St. dev."""
+OF_ALL = re.compile(
+    r"\W*(max(imum)?|min(imum)?|mean|average|avg|median|mittel(wert)?|s\.?d\.?|st\.? ?d(ev)?)\W*",
+    re.IGNORECASE,
+)
+"""Names of rows below the readings."""
 POSITION = re.compile(r"\s*#\d+")
 """A column by its position, such as #3."""
 Names = Sequence[Sequence[str]]
@@ -144,9 +149,7 @@ def table_from_sheet(sheet: Worksheet, path: Path, named: Names = ()) -> Table:
         for of_row, cells in zip(behind, rows[first:], strict=True)
     ]
     for k in reversed(range(len(reads))):  # a summary stands below the readings
-        cells = [cell for j, cell in enumerate(rows[first + k]) if j in numeric]
-        words = [cell for cell in cells if cell.strip().lower() not in MISSING]
-        if reads[k] and not any(map(SUMMARY.fullmatch, words)):
+        if reads[k] and not _is_summary(rows[first + k], rows[first + k - 1] if k else (), numeric):
             break
         reads[k] = False
     start = first + (reads.index(True) if True in reads else len(reads))
@@ -172,6 +175,15 @@ def table_from_sheet(sheet: Worksheet, path: Path, named: Names = ()) -> Table:
         tuple(blocks) if len(set(blocks)) > 1 else (),
         tuple(_unit_of_cells(column) for column in columns),
     )
+
+
+def _is_summary(cells: Sequence[str], above: Sequence[str], numeric: Sequence[int]) -> bool:
+    """Whether a row has a word where others have readings, or says that it is of all of them."""
+    columns = [j for j in numeric if j < len(cells) and cells[j].strip().lower() not in MISSING]
+    if any(SUMMARY.fullmatch(cells[j]) for j in columns):
+        return True
+    # labels are those of the rows above, too
+    return any(OF_ALL.fullmatch(cell) for cell in cells if cell not in above)
 
 
 def _names_above_numbers(sheet: Worksheet, path: Path, named: Names) -> tuple[list[str], int]:
@@ -345,7 +357,7 @@ def _are_names(cells: Sequence[str], numeric: Sequence[int]) -> bool:
 
 def _is_row_of_units(cells: Sequence[str], above: Sequence[str], numeric: Sequence[int]) -> bool:
     """True if a row below names holds units: known ones, or the same text several times."""
-    filled = [cell.strip() for cell in cells if cell.strip()]
+    filled = [cell.strip() for cell in cells if cell.strip().lower() not in MISSING]
     if (
         not filled
         or not _are_names(above, numeric)
