@@ -257,6 +257,17 @@ def test_the_name_that_is_in_no_protocol_is_the_one_that_is_named(tmp_path):
     assert "no column 'FZ * (N)'" in message(path, columns)
 
 
+def test_a_protocol_side_by_side_that_lacks_a_column_is_asked_about(tmp_path):
+    names = [f"{p} {name}" for p in ("1:1", "1:0.5") for name in ("lx", "ly", "Fx (N)", "Fy (N)")]
+    columns = dict(zip(names, [X, Y, FX, FY, X, 1 + (Y - 1) / 2, 2 + FX], strict=False))
+    path = written(tmp_path, columns)
+    said = ("stretch_x=* lx", "stretch_y=* ly", "force_x_N=* Fx (N)", "force_y_N=* Fy (N)")
+    with pytest.raises(OpenQuestions, match="which has no") as asked:
+        read(path, said)
+    (answer,) = asked.value.choices
+    assert has_all(read(path, (*said, answer.removeprefix("columns="))))
+
+
 def test_a_specimen_that_is_not_in_the_table_is_named(tmp_path):
     path = written(tmp_path, {"Specimen": ["A"] * 15 + ["B"] * 15} | DISP | LOADS)
     assert "none is named 'C'" in message(path, specimen_by="Specimen", specimen="C")

@@ -233,6 +233,20 @@ def side_by_side(
     if lacking and len(lacking) < len(starred):
         raise table.error(f"no column {lacking[0][:60]!r} for any text at *", table.listing)
     protocols = [p for p in (found[0] if found else ()) if all(p in names for names in found)]
+    ignored = wanted.get(IGNORE, "").split("\n")
+    for p in dict.fromkeys(p for names in found for p in names if protocols and p not in protocols):
+        of_one = [names[p] for names in found if p in names]
+        if not set(of_one) <= set(ignored):
+            absent = next(
+                name for name, names in zip(starred, found, strict=True) if p not in names
+            )
+            gives = {
+                f"columns={','.join(f'{IGNORE}={name}' for name in of_one)}": f"{p} is left out"
+            }
+            problem = (
+                f"{first_few([repr(name) for name in of_one], 4)} may be of a protocol {p!r}, "
+            )
+            raise Question(f"{problem}which has no {absent!r}", gives, file=table.path)
     sources = {}
     for p in protocols:
         others = [names[q] for names in found for q in protocols if q != p]
