@@ -268,6 +268,11 @@ def test_a_protocol_side_by_side_that_lacks_a_column_is_asked_about(tmp_path):
     assert has_all(read(path, (*said, answer.removeprefix("columns="))))
 
 
+def test_a_stretch_that_never_changes_is_no_camera(tmp_path):
+    path = written(tmp_path, {"lx": 0 * X + 1, "ly": 0 * Y + 1} | LOADS)
+    assert "the stretch never changes" in message(path, ("stretch_x=lx", "stretch_y=ly", *FORCES))
+
+
 def test_a_specimen_that_is_not_in_the_table_is_named(tmp_path):
     path = written(tmp_path, {"Specimen": ["A"] * 15 + ["B"] * 15} | DISP | LOADS)
     assert "none is named 'C'" in message(path, specimen_by="Specimen", specimen="C")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
+from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import LOADS, OF_AXES, Source
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
@@ -194,6 +195,9 @@ def _one_row_a_step(
     runs = _runs(record.stretch[rows])
     if choice.still is None:
         longest = rows[max(runs, key=len)]
+        if len(runs) == 1:
+            remedy = "check the columns of the stretches"
+            raise InputError("the stretch never changes", file=record.path, remedy=remedy)
         problem = f"the stretch stands still in up to {longest.size} rows (lines "
         problem += f"{in_lines(record.lines[longest])}) while the load {load_does}: a camera slower"
         problem += " than the load cell, a coarse or frozen stretch, or steps with relaxation"
