@@ -27,7 +27,7 @@ from run import LEVELS, tasks
 from studies.benchmark.nested import in_a_narrowed_prior
 from studies.benchmark.outcome import weighted_quantiles
 
-SPECIMENS = ("02-1-misfit-0.25", "09-3-misfit-0.25", "15-3-four-fibre", "18-strips-misfit-0.25")
+SPECIMENS = ("02-1-misfit-0.25", "09-3-misfit-0.25", "18-strips-misfit-0.25")
 ESS, LIVE, LIMIT_S = 4000, 1500, 600
 
 
