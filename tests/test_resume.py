@@ -33,7 +33,7 @@ pytestmark = pytest.mark.usefixtures("usual_signals")
 ROOT = Path(__file__).parents[1]
 LOCK = ".lock"
 SPECIMEN = ROOT / "data" / "donor2-adventitia.csv"
-OPTIONS = ("--ess", "4000", "--seed", "3", "--quiet")
+OPTIONS = ("--ess", "6000", "--seed", "3", "--quiet")
 
 
 @pytest.fixture(scope="module", autouse=True)
