@@ -140,6 +140,11 @@ def spread_parts(groups: pd.DataFrame) -> dict[str, str]:
     return {"sd_total": "Specimens of different donors differ by"}
 
 
+def _interval(name: str, row: Row) -> str:
+    """The 90 % interval of a quantity of a row."""
+    return quantile_texts(row, name)[1] or DASH
+
+
 def group_table(group: str, part: pd.DataFrame) -> Table:
     """The typical donor of a group, how donors and specimens differ, and new ones."""
 
@@ -159,19 +164,9 @@ def group_table(group: str, part: pd.DataFrame) -> Table:
             Column(side, head, format=partial(spread, side), number=True)
             for side, head in spread_parts(part).items()
         ),
-        Column(
-            "new_specimen",
-            "New specimen",
-            format=lambda r: quantile_texts(r, "new_specimen")[1] or DASH,
-            number=True,
-            term=True,
-        ),
-        Column(
-            "new_donor",
-            "New donor",
-            format=lambda r: quantile_texts(r, "new_donor")[1] or DASH,
-            number=True,
-            term=True,
+        *(
+            Column(new, head, format=partial(_interval, new), number=True, term=True)
+            for new, head in (("new_specimen", "New specimen"), ("new_donor", "New donor"))
         ),
     ]
     return Table(columns, part, truncate(group, 60))
