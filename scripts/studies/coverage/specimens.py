@@ -30,7 +30,8 @@ MISFITS = ("misfit-0.1", "misfit-0.25", "misfit-1", "alike", "plane", "toe", "ga
 NOISES = {"noise-0.1": 0.001, "noise-0.5": 0.005, "noise-2": 0.02, "noise-5": 0.05}
 TISSUES = ("four-fibre", "fung", "recruited", "layers", "exponent-1.5", "exponent-2.6")
 FAR = tuple(f"far-{name}" for name in TISSUES)
-FAMILIES = (*MISFITS, *TISSUES, *NOISES, *FAR)
+MACHINES = ("polynomial", "friction", "viscous", "lag", "slip")
+FAMILIES = (*MISFITS, *TISSUES, *NOISES, *FAR, *MACHINES)
 
 
 class Unsuitable(Exception):
@@ -305,10 +306,12 @@ def gaussian_process(at: np.ndarray, length: float, rng: np.random.Generator) ->
 
 
 def misfits(
-    family: str, paths: list[np.ndarray], rng: np.random.Generator
+    family: str, tissue: Tissue, paths: list[np.ndarray], rng: np.random.Generator
 ) -> list[np.ndarray] | None:
     """Relative errors (rows, 2) of the law on each path; None where the family has none."""
     s = np.linspace(0.0, 1.0, ROWS)[:, None]
+    if family in MACHINES:
+        return machine_errors(family, tissue, paths, rng)
     if family.startswith("misfit-"):
         length = float(family.removeprefix("misfit-"))
         return [
@@ -330,6 +333,36 @@ def misfits(
         error = MISFIT * np.column_stack([gaussian_process(at, length, rng) for _ in "xy"])
         return np.split(error, len(paths))
     return None
+
+
+def machine_errors(
+    family: str, tissue: Tissue, paths: list[np.ndarray], rng: np.random.Generator
+) -> list[np.ndarray]:
+    """Relative errors (rows, 2) that are no random process of the path."""
+    s, ds, out = np.linspace(0.0, 1.0, ROWS), 1.0 / (ROWS - 1), []
+    slip, rows_late = MISFIT * np.abs(rng.standard_normal(2)), rng.uniform(0.3, 1.0)
+    viscous, time = rng.uniform(0.02, 0.08), rng.uniform(0.1, 0.5)
+    for path in paths:
+        load = tissue.load(path)
+        if family == "polynomial":
+            terms = np.vstack([np.zeros(2), rng.standard_normal((3, 2))])
+            shape = np.polynomial.legendre.legval(2.0 * s - 1.0, terms).T
+            out.append(MISFIT * shape / np.sqrt(np.mean(shape**2, axis=0)))
+            continue
+        if family == "friction":  # a constant load as soon as the carriage moves
+            size = MISFIT * np.abs(rng.standard_normal(2)) * load.max(axis=0)
+            read = load + size * (1.0 - np.exp(-s[:, None] / 0.02))
+        elif family == "viscous":  # dq = g dF - q ds / time, added
+            q = np.zeros_like(load)
+            for i in range(1, ROWS):
+                q[i] = (q[i - 1] + viscous * (load[i] - load[i - 1])) / (1.0 + ds / time)
+            read = load + q
+        elif family == "lag":  # loads are read late
+            read = np.column_stack([np.interp(s - rows_late * ds, s, f) for f in load.T])
+        else:  # slip: the tissue is stretched by less than is read, more so late in the path
+            read = tissue.load(1.0 + (path - 1.0) * (1.0 - slip * s[:, None] ** 2))
+        out.append(read / load - 1.0)
+    return out
 
 
 # --- the file ------------------------------------------------------------------------------------
@@ -377,7 +410,7 @@ def make_case(family: str, protocols: int, seed: int) -> Case:
     ratios = (*RATIOS[:protocols], LEFT_OUT)
     paths = [stretches(tissue.strain, ratio) for ratio in ratios]
     loads = [tissue.load(path) for path in paths]
-    error = misfits(family, paths, rng)
+    error = misfits(family, tissue, paths, rng)
     if error is not None:
         loads = [load * (1.0 + e) for load, e in zip(loads, error, strict=True)]
     forces = [load * section for load in loads]

@@ -9,6 +9,8 @@ Families of specimens (:mod:`.specimens`), each with one protocol and three:
 - GOH with a smooth misfit of 2 %: of three lengths along the path, the same in x and y, a function
   of the plane of stretches, a toe, a gain of each curve
 - GOH with load noise alone, 0.1 to 5 % of the largest load
+- GOH with an error that is no random process: a polynomial of the path (2 %), friction (2 % of the
+  largest load), a viscous branch (2 to 8 %), loads read late by a row, slip in the grips (2 %)
 - tissue of other laws, mounted at up to 1.12, and at 1.2 to 1.6; a law of the package that is the
   truth is not asked
 
