@@ -11,9 +11,8 @@ import commands
 from biaxbayes import read_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.check import check_specimen
-from biaxbayes.tables.layout import read_tables
 from virtual_biotester import EDGE_MM, THICKNESS_MM, biotester_export
-from workbooks import xlsx
+from workbooks import read_tables, xlsx
 
 DIMENSIONS = [
     "--edge-x-mm", str(EDGE_MM), "--edge-y-mm", str(EDGE_MM),

@@ -17,8 +17,7 @@ from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import convert
 from biaxbayes.machines.outcome import OpenQuestions
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.tables.layout import read_tables
-from workbooks import xlsx
+from workbooks import read_tables, xlsx
 
 T = np.linspace(0.0, 1.0, 31)
 NAMES = ["F11", "F22", "P11_kPa", "P22_kPa"]

@@ -19,8 +19,9 @@ from biaxbayes.specimens.virtual_specimen import (
     Machine,
     virtual_specimen,
 )
-from biaxbayes.tables.layout import ALL_SHEETS, read_tables
+from biaxbayes.tables.layout import ALL_SHEETS
 from make_specimens import make
+from workbooks import read_tables
 
 TABLE2 = {
     "donor1": (1.93, 1.15),

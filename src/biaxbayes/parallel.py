@@ -39,10 +39,7 @@ STOP_POLL_SECONDS = 0.5
 def executor_for(
     workers: int | None = None, scheduler: str | None = None, *, isolated: bool = False
 ) -> Executor:
-    """Executor for `workers` processes (default as many as processors, at most four) or Dask.
-
-    `isolated`: a single worker is a process too, so that its death is not ours.
-    """
+    """Executor for processes or Dask; `isolated`: its death is not ours, also of a single one."""
     if scheduler is not None:
         if workers is not None:
             raise InputError(
@@ -168,10 +165,7 @@ class _Worker:
 
 @contextlib.contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Start processes that leave the signals of the terminal to this one.
-
-    Ctrl-C goes to all of them: the tasks that a stop waits for would end with tracebacks.
-    """
+    """Start processes that leave the signals of the terminal, as of Ctrl-C, to this one."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

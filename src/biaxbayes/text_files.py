@@ -392,11 +392,7 @@ def os_error_text(error: OSError) -> str:
 
 
 def cache_problem(error: Exception) -> str:
-    """What to do about an error in numba's cache of compiled code; empty for other errors.
-
-    Numba raises whatever reading a damaged file raises. Its files are removed then, as they can be
-    compiled again.
-    """
+    """What to do about an error in numba's cache of compiled code; empty for other errors."""
     frames = traceback.walk_tb(error.__traceback__)
     if not any(frame.f_globals.get("__name__") == "numba.core.caching" for frame, _ in frames):
         return ""

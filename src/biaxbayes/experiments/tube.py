@@ -191,10 +191,7 @@ class Tube(Experiment):
 
     @property
     def sector(self) -> tuple[float, float, float]:
-        """(A, B, c) of the stress-free sector; the thickness is that of the closed, unloaded tube.
-
-        The sector has the wall's thickness and its section.
-        """
+        """(A, B, c) of the stress-free sector, of the unloaded wall's thickness and section."""
         c = np.pi / (np.pi - 0.5 * np.deg2rad(self.missing_sector_deg))
         mid = self.outer_radius_mm - 0.5 * self.thickness_mm
         # equal sections: (pi / c) (B^2 - A^2) = pi (b^2 - a^2), B - A = b - a

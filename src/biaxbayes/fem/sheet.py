@@ -37,10 +37,7 @@ from biaxbayes.laws.goh import GOH
 
 
 def membrane_stress_and_tangent(material: GOH, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stress and consistent tangent, kPa, at gradients F (2, 2, ...), real or complex.
-
-    First Piola-Kirchhoff stress P = dW/dF (2, 2, ...), A[i, J, k, L] = d P[i, J] / d F[k, L].
-    """
+    """P = dW/dF (2, 2, ...) and A[i, J, k, L] = d P[i, J] / d F[k, L], kPa, at gradients F."""
     C1, k1, k2, kappa = material.C1_kPa, material.k1_kPa, material.k2, material.kappa
     J = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
     az = 1.0 / (J * J)  # lz^2
@@ -160,11 +157,7 @@ class Sheet:
     def internal_force(
         self, material: GOH, free_values: np.ndarray
     ) -> tuple[np.ndarray, csc_matrix, float]:
-        """Internal force per unit of thickness (n,), kPa mm, at free displacements (n,) in mm.
-
-        Also returns the tangent stiffness (n, n) in kPa and the smallest det F over the Gauss
-        points; the step is unusable if that is not positive.
-        """
+        """Force per thickness (n,), kPa mm, tangent stiffness (n, n) and the smallest det F."""
         F = self.deformation_gradient(free_values)
         area_ratio = float((F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]).min())
         with np.errstate(all="ignore"):  # a wild trial step may overflow; the caller looks

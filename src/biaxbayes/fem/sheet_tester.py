@@ -201,10 +201,7 @@ class SheetTester:
     def stretch_to(
         self, mounted: State, top: tuple[float, float], *, increments: int = 100
     ) -> SheetTest:
-        """Second step: from the mounted state to a measured stretch in equal increments.
-
-        ``top`` is the largest controlled stretch (markers or grips) relative to the mounted state.
-        """
+        """Second step: from the mounted state by a controlled stretch in equal increments."""
         start = self.controlled_stretch(mounted)
         states = self.walk(mounted, start, start * np.asarray(top, dtype=float), increments)
         states = (mounted, *states)

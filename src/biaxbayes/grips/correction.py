@@ -51,14 +51,10 @@ SPREAD_DRAWS = 16
 
 
 class RowRatios(NamedTuple):
-    """Load of the gripped sheet over that of a homogeneous test, by row of a protocol.
+    """Ratios by row of a protocol, (rows, 2)."""
 
-    Also the stretch in the centre over the measured one, both relative to the mounted state; one
-    where stretches are measured by markers.
-    """
-
-    force: np.ndarray  # (rows, 2)
-    stretch: np.ndarray  # (rows, 2)
+    force: np.ndarray  # load of the gripped sheet over that of a homogeneous test
+    stretch: np.ndarray  # in the centre over measured, from the mounted state; one by markers
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +102,7 @@ class GripCorrection:
         return pd.DataFrame(columns)
 
     def sd_log_ratio(self, draws: Mapping[str, np.ndarray], forward: ForwardModel) -> np.ndarray:
-        """Standard deviation of ln r over draws of the posterior, shape (rows, 2).
-
-        It is what the correction leaves out: r is that of one material. Draws at which the sheet
-        has no equilibrium are left out; NaN where fewer than two are left.
-        """
+        """Sd of ln r over draws of the posterior, (rows, 2); NaN of fewer than two equilibria."""
         columns = {name: np.ravel(values) for name, values in draws.items()}
         size = columns["C1"].size
         logs = []
@@ -134,11 +126,7 @@ class GripCorrection:
 def correct_for_grips(
     specimen: Specimen, fitted: Callable[[Specimen], FitResult]
 ) -> GripCorrection:
-    """Correct a specimen for the grips that its file states.
-
-    ``fitted`` is the least-squares fit of a corrected specimen, with the options of what follows.
-    InputError if grips or law cannot be computed, NotConverged if r or the equilibrium does not.
-    """
+    """Correct a specimen for the grips that its file states, by least-squares fits of it."""
     start = time.perf_counter()
     stated_hooks(specimen)
     corrected = mark_grip_corrected(specimen)
@@ -171,10 +159,7 @@ def correct_for_grips(
 
 
 def mark_grip_corrected(specimen: Specimen) -> Specimen:
-    """The specimen with its loads unchanged and its header marked as if they were corrected.
-
-    A posterior refuses uncorrected loads; the fit that starts the correction needs them.
-    """
+    """The specimen with loads as they are, marked as corrected: others have no posterior."""
     if not specimen.needs_grip_correction:
         return specimen
     return replace(specimen, metadata={**specimen.metadata, "grip_correction": "applied"})

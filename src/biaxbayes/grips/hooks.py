@@ -12,23 +12,19 @@ from biaxbayes.specimens.specimen import Specimen
 
 
 def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
-    """The hooks of a specimen file with the key ``grips``, on edges (2,) in mm, else its own.
-
-    InputError if they are incomplete, or do not fit on the sheet.
-    """
+    """The hooks that a specimen file states, on edges (2,) in mm, else its own."""
     stated = specimen.metadata
     count = hook_count(str(stated["grips"]))
     for key in ("edge_x_mm", "edge_y_mm"):
         if getattr(specimen, key) is None:
-            raise InputError(
-                f"the correction for grips needs {key}", file=specimen.name, remedy="add the line"
-            )
+            problem = f"the correction for grips needs {key}"
+            raise InputError(problem, file=specimen.name, remedy="add the line")
     if "grip_inset_mm" not in stated:
-        raise InputError(
-            "the correction for grips needs grip_inset_mm, the distance of the hooks from the edge",
-            file=specimen.name,
-            remedy="add a line '# grip_inset_mm: ...'",
+        problem = (
+            "the correction for grips needs grip_inset_mm, the distance of the hooks from the "
         )
+        remedy = "add a line '# grip_inset_mm: ...'"
+        raise InputError(f"{problem}edge", file=specimen.name, remedy=remedy)
     inset = float(stated["grip_inset_mm"])
     shortest = float(np.min(edges_mm(specimen) if edges is None else edges))
     spacing = float(stated.get("grip_spacing_mm", shortest / (count + 1.0)))

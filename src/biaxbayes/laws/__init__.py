@@ -32,10 +32,7 @@ LAWS = {
 
 
 def law_key(law: object, folder: Path | None = None) -> str:
-    """What a run keeps of its law: a name of :data:`LAWS`, or the text of a user's file.
-
-    A file is given by its path, ``my_law.py``, relative to ``folder``.
-    """
+    """What a run keeps of its law: its name, or the text of a user's file (from ``folder``)."""
     given = str(law)
     if "\n" not in given and given.endswith(".py"):
         from biaxbayes.laws.law_file import read_law
@@ -46,10 +43,7 @@ def law_key(law: object, folder: Path | None = None) -> str:
 
 
 def law_named(name: str, *, fibre_switch: bool = False) -> Law:
-    """A law by its name, or by the file of a user's own: its path or text.
-
-    InputError for an unknown one, and for a switch that the law does not have.
-    """
+    """A law by its name, or by the file of a user's own: its path or text."""
     known = _law_class(name)
     if fibre_switch and not known.has_switch:
         switched = [n for n in LAWS if _law_class(n).has_switch]

@@ -42,54 +42,24 @@ _LOG_2 = math.log(2.0)
 
 
 class Transform(NamedTuple):
-    """What the sampling coordinates of a run depend on; arrays have one entry per parameter.
+    """What the sampling coordinates of a run depend on; arrays have one entry per parameter."""
 
-    Attributes
-    ----------
-    constants : NamedTuple
-        Of the law; only their type matters, which picks its energy.
-    low, high : ndarray
-        Bounds of the coordinates.
-    logarithmic : bool ndarray
-        Parameters whose slots are logs.
-    exponential : int64 ndarray
-        Which exponential of the law it is an exponent of, or -1.
-    first : int64 ndarray
-        The exponent that it shares an exponential with, where both are sampled, or -1.
-    amplitude, sampled : bool ndarray
-        Whether it is an amplitude; whether q or S is sampled in its place.
-    bound : int64 ndarray, shape (3,)
-        The parameter that two others bound, and these; -1 without one.
-    as_share : bool
-        Whether rho is sampled in its place.
-    alpha, kappa : int
-        The angle and the dispersion that are sampled in their chart; -1 without.
-    isotropy_scale : float
-        Of the chart.
-    roots : bool
-        Whether roots are sampled in place of logs.
-    log_scale : float
-        ln s, s in kPa.
-    X, Y, Z : float
-        Squares of the reference stretch.
-    """
-
-    constants: Any
-    low: np.ndarray
+    constants: Any  # of the law; only their type matters, which picks its energy
+    low: np.ndarray  # bounds of the coordinates
     high: np.ndarray
-    logarithmic: np.ndarray
-    exponential: np.ndarray
-    first: np.ndarray
+    logarithmic: np.ndarray  # parameters whose slots are logs
+    exponential: np.ndarray  # which exponential of the law it is an exponent of, or -1
+    first: np.ndarray  # the exponent that it shares one with, where both are sampled, or -1
     amplitude: np.ndarray
-    sampled: np.ndarray
-    bound: np.ndarray
-    as_share: bool
-    alpha: int
+    sampled: np.ndarray  # whether q or S is sampled in its place
+    bound: np.ndarray  # (3,), the parameter that two others bound, and these; -1 without one
+    as_share: bool  # whether rho is sampled in its place
+    alpha: int  # the angle and the dispersion that are sampled in their chart; -1 without
     kappa: int
-    isotropy_scale: float
-    roots: bool
-    log_scale: float
-    X: float
+    isotropy_scale: float  # of the chart
+    roots: bool  # sampled in place of logs
+    log_scale: float  # ln s, s in kPa
+    X: float  # squares of the reference stretch
     Y: float
     Z: float
 
@@ -167,8 +137,7 @@ def root(log_squared: np.ndarray) -> np.ndarray:
 def to_slots(transform, value):
     """Turn sampling coordinates, the first entries of ``value``, into slots in place.
 
-    Slots are logs of positive parameters, angles in radians, and the others as they are. Returns
-    ln |d slots / d sampling coordinates|, -inf outside the law's range.
+    Returns ln |d slots / d sampling coordinates|, -inf outside the law's range.
     """
     t, size = transform, transform.low.size
     for i in range(size):

@@ -167,11 +167,9 @@ class Law:
         return self._constants_type(*values, *switch)
 
     def constants_from_fit(self, *point: Any) -> Any:
-        """Constants at fit coordinates.
-
-        In cos^2 a structure tensor is linear and an angle of 0 or 90 degrees is an ordinary bound;
-        in the angle the stress is stationary there whatever the data say.
-        """
+        """Constants at fit coordinates."""
+        # In cos^2 a structure tensor is linear, and an angle of 0 or 90 degrees an ordinary bound;
+        # in the angle the stress is stationary there whatever the data say.
         return self.constants(*point)
 
     def constants_from_theta(self, *values: Any) -> Any:
@@ -399,13 +397,11 @@ class Law:
     def random_materials(
         self, size: int, max_stretch: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Random materials for fits to start from, with amplitudes of 1.
+        """Random materials for fits to start from, with amplitudes of 1; some are at bounds.
 
-        Exponents q at total stretches ``max_stretch`` (size, 2) are log-uniform from 0.01 to 30
-        (each alone; half of that where two share an exponential), which makes curves more or less
-        bent whatever the strain range; angles and fractions are uniform, others as their priors.
-        Some of them are zero, or at a bound. Returns fit coordinates (size, p) and features
-        (size, k) in which chosen points have to differ, the exponents first.
+        Exponents at total stretches (size, 2) are log-uniform from 0.01 to 30, which bends curves
+        more or less whatever the strain range; angles and fractions are uniform, others as their
+        priors. Returns fit coordinates (size, p) and features (size, k), exponents first.
         """
         points, features = np.ones((size, len(self.parameters))), []
         for i, p in enumerate(self.parameters):
@@ -501,10 +497,7 @@ class Law:
     def bound_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Distances from a bound within which a parameter counts as being at it, natural units.
-
-        ``max_stretches`` are the total stretches (n, 2) of n draws at the end of each protocol.
-        """
+        """Distances within which a parameter is at a bound; stretches of draws at protocol ends."""
         exponents = {}
         largest = self.derived_at(material, max_stretches)
         for name, formula in self.exponents.items():
@@ -521,12 +514,7 @@ class Law:
     def amplitude_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Amplitudes below which their terms count as absent.
-
-        They carry :data:`ABSENT_STRESS_FRACTION` of the largest stress (medians over the draws in
-        which the amplitude is smallest), or :data:`ABSENT_STIFFNESS_FRACTION` of the small-strain
-        stiffness, the trace of d s / d ln l.
-        """
+        """Amplitudes below which their terms carry too little of stress or stiffness to count."""
         indices = [self.names.index(name) for name in self.amplitudes]
         units = {}  # materials with one amplitude of 1 and no other
         for i in indices:

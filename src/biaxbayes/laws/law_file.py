@@ -180,11 +180,9 @@ class Numbers(ast.NodeTransformer):
 
 
 def _refuse_more_than_arithmetic(tree: ast.Module) -> None:
-    """Refuse what is not arithmetic of numbers, and more of it than a law needs.
-
-    Without loops, recursion and functions as values, the operations of a text can be counted
-    before anything of it is run. Texts and tuples, which could grow, are in tables alone.
-    """
+    """Refuse what is not arithmetic of numbers, and more of it than a law needs."""
+    # Without loops, recursion and functions as values, operations can be counted before anything
+    # is run. Texts and tuples, which could grow, are in tables alone.
     functions = {s.name: s for s in tree.body if isinstance(s, ast.FunctionDef)}
     kept: set[int] = {id(s) for s in functions.values()}  # of what is not allowed everywhere
     for node in ast.walk(tree):

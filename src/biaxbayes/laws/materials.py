@@ -85,11 +85,7 @@ def _compiled_constants_at(like, theta):
 def constants_type(
     law_energy: Callable[..., Any], names: Sequence[str], angles: Sequence[bool], *, switch: bool
 ) -> Any:
-    """Type of the constants of a law, with its functions, from its energy.
-
-    The energy takes squared stretches, then the parameters in their order, cos^2 in place of
-    angles, then whether fibres carry no compression (1 or 0) if the law leaves that open.
-    """
+    """Type of the constants of a law, with its functions, from its energy (see ``Law.energy``)."""
     fields = (*names, "switch") if switch else tuple(names)
     stretches = [Expression(n, varies=True) for n in "XYZ"]
     W = law_energy(*stretches, *map(Expression, fields))
@@ -141,11 +137,8 @@ def cauchy_stress(constants, X, Y, Z):
 
 @inlined
 def stress_and_slope(constants, x, y):
-    """(s_x, s_y) and (ds_x/dx, ds_x/dy, ds_y/dy) at the log stretches x, y: numbers only.
-
-    With W a function of (ln lx, ln ly), s_k = dW/d ln lk, so the slope is the Hessian of W, which
-    is symmetric.
-    """
+    """(s_x, s_y) and (ds_x/dx, ds_x/dy, ds_y/dy) at the log stretches x, y: numbers only."""
+    # s_k = dW/d ln lk, so the slope is the Hessian of W in ln l, which is symmetric
     X, Y = np.exp(2.0 * (x + 1j * STEP)), np.exp(2.0 * (y + 0j))
     sx, sy = cauchy_stress(constants, X, Y, 1.0 / (X * Y))
     X, Y = np.exp(2.0 * (x + 0j)), np.exp(2.0 * (y + 1j * STEP))

@@ -35,9 +35,8 @@ class Screening(NamedTuple):
 def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
     """Many random materials with their best amplitudes, by nonnegative least squares.
 
-    Returns fit coordinates (S, p), mounting stretches (S, 2; slightly above one, one for a fifth),
-    sums of squares (S,; infinite where a material cannot be evaluated), and features (S, k) in
-    which chosen points have to differ.
+    Returns fit coordinates (S, p), mounting stretches (S, 2), sums of squares (S,; infinite where
+    a material cannot be evaluated), and features (S, k) in which chosen points have to differ.
     """
     mounting = np.ones((data.size, 2))
     if data.with_mounting:

@@ -27,12 +27,7 @@ LEAST_TRACKED = 5
 
 
 def records(table: Table, choice: Choice, header: Mapping[str, object]) -> list[Record]:
-    """The record of each selected set of a BioTester export, with its cycles.
-
-    Columns: Cycle (1-Preload, 1-Stretch, 1-Hold, 1-Recover ...), XForce_mN, YForce_mN, and the
-    rake (XSize_um, XDisplacement_um ...) or tracked points (X1, Y1 to X4, Y4); optionally SetName
-    and Time_S. A branch is the Stretch phase, the reversed Recover phase, or both.
-    """
+    """The record of each selected set of a BioTester export, with its cycles."""
     index = table.by_stem("setname")
     sets = np.full(table.rows, "") if index is None else np.array(table.text(index))
     counts = Counter(sets.tolist())

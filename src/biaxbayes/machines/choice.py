@@ -11,9 +11,6 @@ from biaxbayes.tables.expressions import FIRST, FUNCTIONS
 from biaxbayes.tables.units import units_of
 
 BRANCHES = ("loading", "unloading", "both")
-STRETCH_SOURCES = ("auto", "tracked", "rake")
-JOINS = ("time", "stretch", "rows")
-PROTOCOLS_BY = ("ratio", "load-ratio", "level", "none")
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,7 @@ class Choice(Options):
         "How columns of their own time or length belong together, in one table, two sheets or two "
         "files: time (stretches, at stretch_time_s, are interpolated at the loads' time_s), "
         "stretch (curves of one ratio: each load over the stretch of its direction), or rows.",
-        choices=JOINS,
+        choices=("time", "stretch", "rows"),
     )
     blocks: str | None = option(
         None,
@@ -121,7 +118,7 @@ class Choice(Options):
     stretch_from: str = option(
         "auto",
         "biotester: points tracked on the tissue, or the distance of the rakes.",
-        choices=STRETCH_SOURCES,
+        choices=("auto", "tracked", "rake"),
     )
     sets: tuple[str, ...] = option(
         (),
@@ -150,11 +147,6 @@ class Choice(Options):
 
     specimen: str | None = None
     """Specimen to take where ``specimen_by`` names several; its name in the header."""
-
-    @property
-    def separating_column(self) -> str | None:
-        """The column that separates protocols, if one does."""
-        return None if self.protocols_by in (None, *PROTOCOLS_BY) else self.protocols_by
 
     def __post_init__(self) -> None:
         if self.machine not in FORMATS:

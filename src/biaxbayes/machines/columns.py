@@ -163,11 +163,7 @@ class Source:
 
 
 def parse_columns(texts: Sequence[str]) -> dict[str, str]:
-    """Sources by target from ``target=source,...``; a name of a column may contain commas.
-
-    A later text replaces the targets of an earlier one, as the answer to a question does; so do
-    loads of another kind.
-    """
+    """Sources by target from ``target=source,...``; a later text replaces those of an earlier."""
     wanted: dict[str, str] = {}
     for text in texts:
         here: dict[str, str] = {}
@@ -217,45 +213,36 @@ def names_needed(sources: Iterable[str]) -> list[list[str]]:
 def side_by_side(
     table: Table, wanted: Mapping[str, str]
 ) -> dict[str, tuple[dict[str, str], dict[str, str]]]:
-    """Sources by protocol, where an asterisk in the names of columns stands for its name.
-
-    Columns of the other protocols are ignored in each. Beside the sources, names with the asterisk
-    by those of the columns.
-    """
-    starred = [n[-1] for n in names_needed(v for k, v in wanted.items() if k != IGNORE)]
-    starred = [name for name in starred if "*" in name and not table.has_column(name)]
-    found: list[dict[str, str]] = []
-    for name in starred:
-        pattern = re.escape(name).replace(r"\*", "(.+?)", 1).replace(r"\*", r"\1")
-        matches = [(re.fullmatch(pattern, n.strip()), n) for n in table.names]
-        found.append({match[1]: column for match, column in matches if match})
-    lacking = [name for name, names in zip(starred, found, strict=True) if not names]
-    if lacking and len(lacking) < len(starred):
+    """Sources by protocol, whose name an asterisk stands for; and starred names by the columns."""
+    found: dict[str, dict[str, str]] = {}  # columns of a starred name by what the asterisk is
+    for *_, name in names_needed(v for k, v in wanted.items() if k != IGNORE):
+        if "*" in name and not table.has_column(name):
+            pattern = re.escape(name).replace(r"\*", "(.+?)", 1).replace(r"\*", r"\1")
+            matches = [(re.fullmatch(pattern, n.strip()), n) for n in table.names]
+            found[name] = {match[1]: column for match, column in matches if match}
+    lacking = [name for name, columns in found.items() if not columns]
+    if lacking and len(lacking) < len(found):
         raise table.error(f"no column {lacking[0][:60]!r} for any text at *", table.listing)
-    protocols = [p for p in (found[0] if found else ()) if all(p in names for names in found)]
+    texts = dict.fromkeys(p for columns in found.values() for p in columns)
+    protocols = [p for p in texts if all(p in columns for columns in found.values())]
     ignored = wanted.get(IGNORE, "").split("\n")
-    for p in dict.fromkeys(p for names in found for p in names if protocols and p not in protocols):
-        of_one = [names[p] for names in found if p in names]
+    for p in (p for p in texts if protocols and p not in protocols):
+        of_one = [columns[p] for columns in found.values() if p in columns]
         if not set(of_one) <= set(ignored):
-            absent = next(
-                name for name, names in zip(starred, found, strict=True) if p not in names
-            )
-            gives = {
-                f"columns={','.join(f'{IGNORE}={name}' for name in of_one)}": f"{p} is left out"
-            }
-            problem = (
-                f"{first_few([repr(name) for name in of_one], 4)} may be of a protocol {p!r}, "
-            )
-            raise Question(f"{problem}which has no {absent!r}", gives, file=table.path)
+            absent = next(name for name, columns in found.items() if p not in columns)
+            answer = ",".join(f"{IGNORE}={name}" for name in of_one)
+            problem = f"{first_few([*map(repr, of_one)], 4)} may be of a protocol {p!r}, which has "
+            gives = {f"columns={answer}": f"{p} is left out"}
+            raise Question(f"{problem}no {absent!r}", gives, file=table.path)
     sources = {}
     for p in protocols:
-        others = [names[q] for names in found for q in protocols if q != p]
+        others = [columns[q] for columns in found.values() for q in protocols if q != p]
         mine = dict(wanted)
         for target in wanted:
-            for name, names in zip(starred, found, strict=True):
-                mine[target] = mine[target].replace(name, names[p])
-        mine[IGNORE] = "\n".join([*wanted.get(IGNORE, "").split("\n"), *others]).strip("\n")
-        sources[p] = mine, {names[p]: n for n, names in zip(starred, found, strict=True)}
+            for name, columns in found.items():
+                mine[target] = mine[target].replace(name, columns[p])
+        mine[IGNORE] = "\n".join([*ignored, *others]).strip("\n")
+        sources[p] = mine, {columns[p]: name for name, columns in found.items()}
     return sources
 
 
@@ -388,13 +375,11 @@ class Columns:
         return Source(target, text, indices, given or own, computed=True)
 
     def _ask_about_unit_of_result(self, target: str, text: str, index: int) -> None:
-        """Ask where a column is in another unit than the result, or converted although it is not.
-
-        Force over mm2 is a stress: of N in MPa, of mN in kPa.
-        """
+        """Ask where a column is in another unit than the result, or converted for nothing."""
         quantity, unit, own = TARGETS[target], self.table.unit(index), OWN_UNITS[TARGETS[target]]
         if unit is None or unit.quantity not in (quantity, "force"):
             return
+        # force over mm2 is a stress: of N in MPa, of mN in kPa
         over = "over mm2 " if unit.quantity != quantity else ""
         factor = 1e3 * unit.factor if over else unit.factor
         numbers = np.array([1.0, *filter(None, numbers_in(text))])

@@ -41,11 +41,7 @@ def convert(
     header: Header,
     protocol_names: Sequence[str] = (),
 ) -> Conversion:
-    """Read machine exports as one specimen, as :func:`biaxbayes.convert` does.
-
-    Where an answer is missing, the conversion goes on with one that is assumed, so that all that is
-    open is asked at once.
-    """
+    """Read machine exports as one specimen; all that is open is asked at once."""
     files = {path: read_sheets(path) for path in paths}
     open_ones: dict[tuple[str, str, str], Question] = {}
     seen, obstacle = set[tuple[str, str]](), ""

@@ -58,10 +58,9 @@ class Cycle:
 
 
 def quieter_path(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Progress of a record, shape (n,), in stretch or load: the one that turns less often.
+    """Progress of a record, shape (n,), in stretch or load: what turns less often, with less noise.
 
-    Stretches are added with the sign with which they follow the loads: a contracting direction
-    counts as progress. Of paths that turn as often the one with less noise decides.
+    Stretches are added with the sign with which they follow the loads.
     """
     total = sum((curve - curve[0]) / max(float(np.ptp(load)), 1e-300) for curve in load.T)
     path = np.zeros(len(stretch))
@@ -91,11 +90,9 @@ def scatter_of(path: np.ndarray) -> float:
 
 
 def cut(path: np.ndarray, label: str = "", breaks: np.ndarray | None = None) -> list[Cycle]:
-    """Cycles of a record from its path: rises of enough rows with what follows them.
+    """Cycles of a record from its path, none beyond `breaks`: rises with what follows them.
 
-    A cycle begins at its valley, with the rows at rest before it, and its rise ends where the peak
-    is reached. No cycle goes beyond `breaks`, the first rows of parts. Loops of less than
-    ``AMPLITUDE`` of the range cut the record, but are no cycles.
+    Loops of less than ``AMPLITUDE`` of the range cut the record, but are no cycles.
     """
     cycles: list[Cycle] = []
     span = float(np.ptp(path))
@@ -283,8 +280,7 @@ def settling(
 ) -> tuple[str, bool]:
     """Change between the loading sides of two cycles as text, and whether they repeat.
 
-    Loads are compared as curves over the sum of the stretches, and at the peak by the mean of the
-    last tenth of that curve: no single reading decides.
+    Loads are compared as curves over the sum of the stretches, and over the last tenth of these.
     """
     paths = [np.maximum.accumulate(stretch[rows].sum(axis=1)) for rows in (before, last)]
     low, high = max(path[0] for path in paths), min(path[-1] for path in paths)

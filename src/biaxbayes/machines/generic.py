@@ -92,9 +92,12 @@ def _record(
 
 def wanted_of(choice: Choice) -> dict[str, str]:
     """Sources by target, with columns that separate specimens and protocols."""
-    by = {"specimen": choice.specimen_by, "protocol": choice.separating_column}
-    named = {target: column for target, column in by.items() if column is not None}
-    return parse_columns(choice.columns) | named
+    wanted = parse_columns(choice.columns)
+    if choice.specimen_by is not None:
+        wanted["specimen"] = choice.specimen_by
+    if choice.protocols_by not in (None, "ratio", "load-ratio", "level", "none"):
+        wanted["protocol"] = choice.protocols_by
+    return wanted
 
 
 def recognises(table: Table, choice: Choice) -> bool:
@@ -332,11 +335,7 @@ class Part(NamedTuple):
 
 
 def joined(tables: Sequence[Table], choice: Choice, header: Mapping[str, object]) -> list[Record]:
-    """The record of loads and stretches that are two tables, or two parts of one.
-
-    By time, stretches are interpolated at the times of the loads; by stretch, each load is a curve
-    over the stretch of its own direction, and the directions go on in proportion.
-    """
+    """The record of loads and stretches, or of x and y, that are two tables or parts of one."""
     wanted, by_time = wanted_of(choice), choice.join == "time"
     times = {"time_s": "loads", "stretch_time_s": "stretches"}
     if by_time and "time_s" in wanted and len(tables) > 1:

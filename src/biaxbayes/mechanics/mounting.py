@@ -41,17 +41,7 @@ def newtons_per_kPa(edge_x_mm: float, edge_y_mm: float, thickness_mm: float) -> 
 
 @inlined
 def mounted_section(section, mounting, mounted_dimensions):
-    """Section of the mounted state in a direction, g of f = g s / l; arguments broadcast.
-
-    Parameters
-    ----------
-    section : float or ndarray
-        Load per kPa in the state that the dimensions refer to.
-    mounting : float or ndarray
-        Mounting stretch.
-    mounted_dimensions : bool
-        Whether the dimensions refer to the mounted state.
-    """
+    """Section of the mounted state in a direction, g of f = g s / l; arguments broadcast."""
     if mounted_dimensions:
         # f = Am s / l
         return section
@@ -99,25 +89,10 @@ def balance(constants, px, py, mounted_dimensions, x, y):
 
 @compiled(error_model="numpy", nogil=True, forceinline=True)
 def solve_balance(constants, px, py, mounted_dimensions):
-    """Newton's method from the unloaded state.
+    """Newton's method from the unloaded state, for a mounting force over the section (kPa).
 
-    Parameters
-    ----------
-    constants : NamedTuple
-        Of the law; numbers.
-    px, py : float
-        Mounting force over the section, kPa.
-    mounted_dimensions : bool
-        Whether the section is that of the mounted state.
-
-    Returns
-    -------
-    ok : bool
-        True if the iteration converged to a stable root inside the bracket.
-    x, y : float
-        Log mounting stretches.
-    jxx, jxy, jyy : float
-        Jacobian of the balance with respect to the log stretches, at the root.
+    (ok, x, y, jxx, jxy, jyy): if there is a stable root inside the bracket, its log mounting
+    stretches, and the Jacobian of the balance with respect to these.
     """
     x = y = 0.0
     for _ in range(MAX_NEWTON_STEPS):
@@ -151,27 +126,13 @@ def solve_balance(constants, px, py, mounted_dimensions):
 
 @dataclass(frozen=True)
 class MountedState:
-    """Root of the force balance at the mounted state and its implicit derivatives.
+    """Root of the force balance at the mounted state and its implicit derivatives."""
 
-    Attributes
-    ----------
-    exists : bool
-        False when no stable root exists inside :data:`BRACKET`; the rest is then NaN.
-    stretch : ndarray, shape (2,)
-        Mounting stretches (lm_x, lm_y).
-    by_parameter : ndarray, shape (2, p)
-        Derivative d lm / d theta with respect to the parameters of the law, angles in radians.
-    by_reading : ndarray, shape (2, 2)
-        Derivative d lm / d p0, per kPa.
-    log_determinant : float
-        ln |det d p0 / d lm|, the change of variables from p0 to lm.
-    """
-
-    exists: bool
-    stretch: np.ndarray
-    by_parameter: np.ndarray
-    by_reading: np.ndarray
-    log_determinant: float
+    exists: bool  # False without a stable root inside the bracket; the rest is then NaN
+    stretch: np.ndarray  # (2,), mounting stretches
+    by_parameter: np.ndarray  # (2, p), d lm / d theta, angles in radians
+    by_reading: np.ndarray  # (2, 2), d lm / d p0, per kPa
+    log_determinant: float  # ln |det d p0 / d lm|, the change of variables from p0 to lm
 
 
 def mounted_state(
@@ -181,21 +142,7 @@ def mounted_state(
     *,
     geometry: str = "unloaded",
 ) -> MountedState:
-    """Mounting stretches that balance a mounting force.
-
-    Parameters
-    ----------
-    material : Material
-    reading_x_kPa, reading_y_kPa : float
-        Mounting force over the section in the stated geometry: a first Piola-Kirchhoff stress
-        for ``unloaded``, a Cauchy stress for ``mounted`` dimensions.
-    geometry : {"unloaded", "mounted"}
-        The state that the specimen's dimensions refer to.
-
-    Returns
-    -------
-    MountedState
-    """
+    """Mounting stretches that balance a mounting force over the section in the stated geometry."""
     mounted_dimensions = geometry == "mounted"
     ok, x, y, jxx, jxy, jyy = solve_balance(
         material.constants, reading_x_kPa, reading_y_kPa, mounted_dimensions
@@ -228,11 +175,7 @@ FREE_SIDE_STEPS = 60
 
 
 def with_free_side(cauchy: Any, total: np.ndarray, side: int) -> np.ndarray:
-    """Total stretches (..., 2) with the stretch of a free side where it is NaN, the root of s = 0.
-
-    ``cauchy`` gives the stresses (s_x, s_y) at stretches x and y, complex ones too. NaN where
-    Newton's method from an isotropic solid's stretch finds no stable root.
-    """
+    """Total stretches (..., 2) with that of a free side where it is NaN: a stable root of s = 0."""
     loaded = total[..., 1 - side]
     unknown = np.isnan(total[..., side])
     if not unknown.any():
@@ -258,22 +201,7 @@ def with_free_side(cauchy: Any, total: np.ndarray, side: int) -> np.ndarray:
 
 @compiled(error_model="numpy", nogil=True)
 def solve_free_side(constants, x, y, side):
-    """Newton's method for the log stretch of a free side, where its stress is zero.
-
-    Parameters
-    ----------
-    x, y : float
-        Log stretches; that of the free side is where the search starts.
-    side : int
-        The free side: 0 for x, 1 for y.
-
-    Returns
-    -------
-    ok : bool
-        True if the root is stable.
-    x, y : float
-        Log stretches.
-    """
+    """Newton's method for the log stretch of a free side (0, 1), from its value; ok if stable."""
     for _ in range(MAX_NEWTON_STEPS):
         # one complex step gives stress and slope
         if side == 1:

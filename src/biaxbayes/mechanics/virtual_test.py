@@ -72,11 +72,7 @@ def virtual_test(
 def simulate_smooth_misfit(
     stretch: np.ndarray, relative_sd: float, rng: np.random.Generator, *, length: float = 0.25
 ) -> np.ndarray:
-    """Relative model error (n,) that varies smoothly along a monotone path (n,).
-
-    A squared-exponential Gaussian process over the path coordinate, scaled to 0-1, with a
-    correlation ``length`` there; multiply the true force by one plus this.
-    """
+    """Relative model error (n,), a Gaussian process over a path (n,) of a length of 1."""
     span = np.ptp(stretch)
     s = (stretch - stretch[0]) / (span if span > 0 else 1.0)
     covariance = squared_exponential((s[:, None] - s[None, :]) / length)

@@ -40,10 +40,7 @@ class AveragedSpecimen:
 
 
 def rows_to_keep(specimen: Specimen, max_rows: int | str, *, automatic: bool) -> int:
-    """Maximum number of rows per protocol; 0 keeps all. ``auto``: 100 if a protocol has over 200.
-
-    `automatic` is False if readings are independent: then their number matters.
-    """
+    """Maximum number of rows per protocol; 0 keeps all, as ``auto`` does if not `automatic`."""
     if max_rows == "auto":
         longest = max(p.rows - p.rest_rows for p in specimen.protocols)
         return AUTO_ROWS if automatic and longest > AUTO_ABOVE else 0
@@ -100,12 +97,7 @@ def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
 
 
 def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Mean square about a line in each group of rows, shape (groups, 2).
-
-    The residuals about a line have k - 2 degrees of freedom, those about the mean k - 1, so the
-    mean square is scaled by (k - 1) / (k - 2). Groups of two have no residual about a line; theirs
-    is estimated from second differences.
-    """
+    """Mean square about a line in each group of rows, shape (groups, 2)."""
     out = np.full((len(starts), 2), np.nan)
     ends = [*starts[1:], len(load)]
     for i, (first, last) in enumerate(zip(starts, ends, strict=True)):
@@ -113,6 +105,7 @@ def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:
         if k == 1:
             out[i] = 0.0
         elif k > 2:
+            # k - 2 degrees of freedom about a line, k - 1 about the mean
             t = np.arange(k) - 0.5 * (k - 1)
             y = load[first:last] - load[first:last].mean(axis=0)
             slope = t @ y / (t @ t)

@@ -33,11 +33,8 @@ TOLERATED_DROP = 0.05
 
 
 def path_progress(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Progress of a test, shape (n,), from 0 at its first row to about 1 at its furthest point.
-
-    Mean of the paths in stretch and load: stretch alone wanders in load-controlled tests,
-    load alone is flat in the toe.
-    """
+    """Progress of a test, shape (n,), from 0 at its first row to about 1 at its furthest point."""
+    # stretch alone wanders in load-controlled tests, load alone is flat in the toe
     total = np.zeros(len(stretch))
     for curves in (stretch, load):
         change = curves - curves[0]
@@ -70,11 +67,8 @@ def reversal(path: np.ndarray) -> int | None:
 
 
 def repeats(stretch: np.ndarray, load: np.ndarray, rest: int) -> bool:
-    """True if a stretch stands still in many rows after those at rest, while the load goes on.
-
-    It stands still where a step is a small fraction of the largest step near it, and that of the
-    load is not: steps of noise, of another speed or of uneven sampling are not.
-    """
+    """True if a stretch stands still in many rows after those at rest, while the load goes on."""
+    # steps are compared with the largest near them: noise, speed and sampling do not count
     extent = np.ptp(stretch, axis=0)
     moves = extent > MOVES * extent.max()
     share = [
@@ -89,10 +83,8 @@ def repeats(stretch: np.ndarray, load: np.ndarray, rest: int) -> bool:
 
 
 def jumps(stretch: np.ndarray, load: np.ndarray) -> dict[str, np.ndarray]:
-    """Rows that lie apart from those beside them, by curve; none of a curve without any.
-
-    Where rows are missing, a load may step as many times further as the stretches do.
-    """
+    """Rows that lie apart from those beside them, by curve; none of a curve without any."""
+    # where rows are missing, a load may step as many times further as the stretches do
     moved = np.abs(np.diff(stretch, axis=0)).sum(axis=1)
     usual = float(np.median(moved[moved > 0.0])) if moved.any() else np.inf
     found: dict[str, np.ndarray] = {}
@@ -104,10 +96,7 @@ def jumps(stretch: np.ndarray, load: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _rows_apart(curve: np.ndarray, pace: np.ndarray | float) -> np.ndarray:
-    """Rows that lie apart, in runs of at most three, those at both ends of a record included.
-
-    `pace`: how much further than usual the path goes in each step.
-    """
+    """Rows that lie apart, in runs of at most three; `pace`: steps of the path over usual ones."""
     n = curve.size
     pace = np.broadcast_to(pace, (n - 1,))
     limit = max(JUMP * float(np.ptp(curve)), 8.0 * second_difference_scatter(curve))

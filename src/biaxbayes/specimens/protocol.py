@@ -211,16 +211,13 @@ def second_difference_scatter(curve: np.ndarray) -> float:
 
 
 def _tolerance(curve: np.ndarray, other: np.ndarray | None = None) -> float:
-    """Largest distance between rows at rest of one curve.
-
-    Steps of both stretches at once are of the path, as where rows are missing, and no scatter:
-    without the part in proportion to the `other` stretch, the scatter may be much less.
-    """
+    """Largest distance between rows at rest of one curve."""
     steps = np.abs(np.diff(curve))
     typical = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
     increment = min(float(np.abs(curve - curve[0]).max()) / max(curve.size - 1, 1), typical)
     scatter = second_difference_scatter(curve)
     if other is not None and np.ptp(other) > 0.0 and curve.size >= 3:
+        # steps of both stretches at once are of the path, as where rows are missing
         bends, others = np.diff(curve, 2), np.diff(other, 2)
         share = float(bends @ others) / max(float(others @ others), 1e-300)
         alone = second_difference_scatter(curve - share * other)

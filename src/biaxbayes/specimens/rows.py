@@ -35,10 +35,7 @@ class MeasuredRows:
     def from_specimen(
         cls, specimen: Specimen, *, shared: bool, mounting: str = "", max_rows: int = 0
     ) -> MeasuredRows:
-        """Rows of a tissue with one mounted state for all protocols of a piece, or one each.
-
-        As a mounting mode compares them, and averaged to at most ``max_rows`` rows of a protocol.
-        """
+        """Rows as a mounting mode compares them; shared: one mounted state for each piece."""
         recorded = [piece.as_compared(mounting) for piece in specimen.pieces]
         loads, sds = zip(*(p.mounting_readings(shared=shared) for p in recorded), strict=True)
         averaged = [average_rows(piece, max_rows) for piece in recorded]

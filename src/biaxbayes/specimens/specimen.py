@@ -515,10 +515,7 @@ def _checked(key: str, value: object) -> Any:
 
 
 def pooled_reading(reading: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (..., 2) of readings (..., m, 2) of one mounting load, and its sd.
-
-    The sd is propagated from those of the readings, or their scatter if that is larger.
-    """
+    """Mean (..., 2) of readings (..., m, 2) of one load; its sd from theirs, or their scatter."""
     count = reading.shape[-2]
     pooled = np.sqrt((sd**2).sum(axis=-2)) / count
     if count > 1:

@@ -75,7 +75,7 @@ def read_table(
     labels = table.text(names.index("protocol")) if "protocol" in names else ["1"] * table.rows
     return SpecimenTable(
         path,
-        columns={names[index]: table.numbers(index) for index in numeric},
+        columns={names[index]: table.values(index, np.arange(table.rows)) for index in numeric},
         lines=table.lines,
         groups=_protocol_rows(labels, table.lines, path),
         names_line=first + 1,
@@ -191,7 +191,9 @@ def read_stretches(path: str | os.PathLike) -> np.ndarray:
     cells = [_row(cells, names, row, path) for row, cells in rows[1:]]
     numbers = np.array([row for row, _ in rows[1:]])
     table = Table(path, tuple(names), tuple(zip(*cells, strict=True)), numbers)
-    stretches = np.column_stack([table.numbers(names.index(column)) for column in STRETCHES])
+    stretches = np.column_stack(
+        [table.values(names.index(column), np.arange(table.rows)) for column in STRETCHES]
+    )
     low, high = STRETCH_RANGE
     for row, k in np.argwhere((stretches < low) | (stretches > high)):
         problem, where = f"{stretches[row, k]:g} is not a stretch", int(numbers[row])

@@ -66,11 +66,7 @@ def truth_file(out: Path) -> Path:
 
 
 def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
-    """Known values by the names of ``summary.csv``.
-
-    The JSON is what ``simulate`` writes, an object of such by specimen, or a flat object such as
-    ``{"C1": 2.98, "kappa": 0.0}``.
-    """
+    """Known values by the names of ``summary.csv``, as ``simulate`` writes them or as a table."""
     path = Path(path)
     content = read_json(path)
     if not isinstance(content, dict) or not content:

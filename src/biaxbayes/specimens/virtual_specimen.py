@@ -192,8 +192,7 @@ def virtual_inflation(
 ) -> tuple[Specimen, Truth]:
     """Test a specimen of known material that has no mounted state, such as a pressurised tube.
 
-    ``header`` holds the dimensions that this kind of test states, ``noise`` the sd of a reading by
-    its unit, misfit as in :class:`Machine`. ValueError if the test cannot be carried out.
+    ``header`` holds the dimensions that this test states, ``noise`` sds by unit of the reading.
     """
     experiment = EXPERIMENTS[test].of({**header, "thickness_mm": thickness_mm}, (True, True))
     [(kind, loads)] = experiment.loads.items()

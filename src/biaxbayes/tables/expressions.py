@@ -61,22 +61,9 @@ def evaluated(
     constants: Mapping[str, float],
     rows: np.ndarray,
 ) -> np.ndarray:
-    """Values of an expression, shape (n,).
+    """Values of an expression over columns, names in braces, and constants, names without.
 
-    Parameters
-    ----------
-    expression : str
-    columns : mapping of array (n,)
-        By the names in braces, which are text and need not be Python's.
-    constants : mapping of float
-        Names without braces.
-    rows : array of int
-        Rows that are read; ``first`` is the value in the first of them.
-
-    Raises
-    ------
-    InputError
-        For anything but arithmetic of these.
+    ``first`` is the value in the first of the rows; InputError for anything but arithmetic.
     """
     names = {name: f"c{number}_" for number, name in enumerate(columns)}
     if len(expression) > LONGEST:

@@ -14,7 +14,6 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.tables.question import Question
-from biaxbayes.tables.sheets import read_sheets
 from biaxbayes.tables.table import (
     GROUPED,
     MISSING,
@@ -54,13 +53,6 @@ Names = Sequence[Sequence[str]]
 """For each column that is needed the names that it may have."""
 
 
-def read_tables(
-    path: Path, sheets: Sequence[str] = (), hidden: str | None = None
-) -> tuple[dict[str, Table], dict[str, str]]:
-    """Tables of a file by sheet, and why other sheets hold none."""
-    return tables_in(read_sheets(path), path, sheets, hidden)
-
-
 def tables_in(
     available: dict[str, Worksheet],
     path: Path,
@@ -68,10 +60,7 @@ def tables_in(
     hidden: str | None = None,
     named: Names = (),
 ) -> tuple[dict[str, Table], dict[str, str]]:
-    """Tables by sheet, and why other sheets hold none.
-
-    `sheets` selects by name, or ``all``; `hidden` is what to do with hidden rows, keep or drop.
-    """
+    """Tables by sheet, and why other sheets hold none."""
     listing = f"sheets are {', '.join(available)[:300]}"
     wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
     if sheets and "" in available:
@@ -249,18 +238,14 @@ def _readings(
     needed: int,
     path: Path,
 ) -> tuple[list[list[str]], list[int], list[int], list[str]]:
-    """Cells, lines and blocks of the rows with readings, and notes on all others.
-
-    A line that repeats the names begins a block; in text, a row of less than the `needed` cells may
-    be cut off.
-    """
+    """Cells, lines and blocks of the rows with readings, and notes on all others."""
     width, unit_row = len(names), [one_line(unit) for unit in without_empty_end(list(units))]
     body, kept, blocks, others, extra = [], [], [], [], []
     block = 1
     for cells, line, reads in found:
         if not reads:
             texts = [one_line(cell) for cell in without_empty_end(list(cells))]
-            block += texts == list(names)
+            block += texts == list(names)  # a line that repeats the names begins one
             if texts not in (list(names), unit_row):
                 others.append(line)
             continue
@@ -295,10 +280,7 @@ def _readings(
 def _numeric_columns(
     rows: Sequence[Sequence[str]], named: Names = (), names: Sequence[str] = ()
 ) -> list[int]:
-    """Columns that hold a number in half of the rows, if any are named only among those.
-
-    A named column that is shorter than the others counts where a tenth of its cells are numbers.
-    """
+    """Columns that hold a number in half of the rows, or in half of their cells if named."""
     bare = [bare_name(name) for name in names]
     wanted = {j for alternatives in named for n in alternatives for j in _places(n, bare)}
     middle = rows if wanted else rows[len(rows) // 3 :][:SAMPLE_ROWS]

@@ -100,10 +100,7 @@ def _text_sheet(raw: bytes, path: Path) -> Worksheet:
 
 
 def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
-    """Text and its encoding: Unicode, otherwise the code page of instruments on Windows.
-
-    That code page matters for names only, and columns may be given by position.
-    """
+    """Text and its encoding: Unicode, otherwise the code page of instruments on Windows."""
     encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     nulls = raw[:2000:2].count(0), raw[1:2000:2].count(0)
     if encoding == "utf-8-sig" and max(nulls) > 0.4 * len(raw[:2000:2]):
@@ -125,14 +122,9 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
 
 
 def _separator(lines: Sequence[str], path: Path) -> str:
-    """The separator that cuts most lines into the same number of cells.
-
-    Below a long preamble it is that of the last lines.
-    """
-    sample = [line for line in lines if line.strip() and not line.startswith("#")][
-        -SEPARATOR_LINES:
-    ]
-    last = sample
+    """The separator that cuts most of the last lines into the same number of cells."""
+    sample = [line for line in lines if line.strip() and not line.startswith("#")]
+    last = sample = sample[-SEPARATOR_LINES:]
     while len(last) >= LEAST_LINES or last is sample:
         separator = _separator_of(last)
         if separator:

@@ -144,10 +144,6 @@ class Table:
         cells = self.columns[index]
         return [cell.strip() for cell in (cells if rows is None else [cells[i] for i in rows])]
 
-    def numbers(self, index: int) -> np.ndarray:
-        """Numbers of a column; any other cell is refused."""
-        return self.values(index, np.arange(self.rows))
-
     def values(self, index: int, rows: np.ndarray) -> np.ndarray:
         """Numbers of a column; NaN for any other cell, which is refused in some rows."""
         values = self.sparse_numbers(index, texts=True)
@@ -211,10 +207,7 @@ class Table:
     def lacking(
         self, indices: Sequence[int], rows: np.ndarray, *, drop: bool, remedy: str = ""
     ) -> np.ndarray:
-        """Those of some rows that lack a reading of these columns; refused unless `drop`.
-
-        Without a `remedy` it is asked about.
-        """
+        """Rows that lack a reading of these columns; unless `drop`, asked about or refused."""
         lacks = np.array([np.isnan(self.sparse_numbers(i, rows)) for i in indices])
         at = np.flatnonzero(lacks.any(axis=0))
         if not at.size or (drop and at.size < rows.size):

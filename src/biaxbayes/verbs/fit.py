@@ -137,13 +137,10 @@ def _write_fits(
 def _record(
     specimen: Specimen, result: FitResult, truth: Mapping[str, float] | None
 ) -> dict[str, Any]:
-    """The fit as plain values, with its parameter error where true values are known.
-
-    A tube, whose stretches are total, has no mounting stretch.
-    """
+    """The fit as plain values, with its parameter error where true values are known."""
     record: dict[str, Any] = result.record()
     shared = len(result.mounting_stretch) == len(specimen.pieces)
-    mounted = [
+    mounted = [  # stretches of a tube are total
         piece.experiment.is_mounted
         for piece in specimen.pieces
         for _ in range(1 if shared else len(piece.protocols))
