@@ -227,11 +227,6 @@ def test_a_table_may_have_a_preamble_as_long_as_itself(tmp_path):
     assert has_all(read(path))
 
 
-def test_a_file_that_is_given_twice_is_refused(tmp_path):
-    path = written(tmp_path, DISP | LOADS)
-    assert "is given twice" in message([path, path])
-
-
 def test_a_number_far_off_is_no_compression(tmp_path):
     columns = {k: v.copy() for k, v in (DISP | LOADS).items()}
     for curve in columns.values():

@@ -246,12 +246,6 @@ def test_time_that_steps_back_is_a_cut(tmp_path):
     assert is_made_of(read(path, cycles="last"))
 
 
-def test_what_a_record_without_a_loading_branch_does_is_said(tmp_path):
-    path = written(tmp_path, [*STRETCH[::-1].T, *FORCE[::-1].T])
-    with pytest.raises(InputError, match="stretch and load"):
-        read(path)
-
-
 def test_columns_of_one_name_are_read_and_proposed_by_position(tmp_path):
     """Two samples side by side, with the letter of typesetters, and stresses without a unit."""
     names = ["𝜆x", "𝜆y", "Pxx", "Pyy"] * 2

@@ -10,7 +10,7 @@ from biaxbayes.laws import LAWS, law_named
 from biaxbayes.laws.coordinates import constants_from_theta, to_slots
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.law import TransformInputs
-from biaxbayes.laws.materials import cauchy_stress, energy, squared_stretches
+from biaxbayes.laws.materials import cauchy_stress, energy, exponents, squared_stretches
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.assembly import to_slot
 from biaxbayes.specimens.specimen import Protocol, Specimen
@@ -218,5 +218,5 @@ def test_exponents_of_a_typical_material_are_one(name, stretch):
     )
     material = law.material(values)
     squared = stretch**2, stretch**2, stretch**-4
-    exponents = law.exponents_at(material.constants, *squared)
-    np.testing.assert_allclose(np.ravel(exponents), 1.0, rtol=1e-12)
+    found = exponents(material.constants, *squared)[: len(law.formulas)]
+    np.testing.assert_allclose(np.ravel(found), 1.0, rtol=1e-12)

@@ -137,19 +137,6 @@ def package_versions() -> dict[str, str]:
     return {"biaxbayes": biaxbayes.__version__, **{name: version(name) for name in SAME_VERSIONS}}
 
 
-def _check_versions(wanted: dict[str, str]) -> None:
-    """In a worker: refuse to draw differently."""
-    own = package_versions()
-    others = [name for name in wanted if own[name] != wanted[name]]
-    if others:
-        raise InputError(
-            f"a worker of the cluster has {', '.join(f'{name} {own[name]}' for name in others)}, "
-            f"here is {', '.join(f'{name} {wanted[name]}' for name in others)}: the draws would "
-            "differ",
-            remedy="install the same versions for all workers",
-        )
-
-
 _one_at_a_time = threading.Lock()
 """In a worker of a cluster: one task at a time, also with several threads."""
 
@@ -162,7 +149,13 @@ def _answer(work: bytes, versions: dict[str, str]) -> bytes:
     # xarray would otherwise take its file locks from the cluster
     plain = dask.config.set(scheduler="synchronous")
     try:
-        _check_versions(versions)
+        own = package_versions()
+        if others := [name for name in versions if own[name] != versions[name]]:
+            there, here = (
+                ", ".join(f"{name} {each[name]}" for name in others) for each in (own, versions)
+            )
+            problem = f"a worker of the cluster has {there}, here is {here}: the draws would differ"
+            raise InputError(problem, remedy="install the same versions for all workers")
         with _one_at_a_time, plain:
             function, task = pickle.loads(work)
             reply = with_one_blas_thread(function, task), None

@@ -12,7 +12,7 @@ import pandas as pd
 from biaxbayes.fitting.fit import METHODS, FitResult, fit
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
-from biaxbayes.mechanics.mounting import mounted_state
+from biaxbayes.mechanics.mounting import mounting_stretches
 from studies.common import write_table
 from studies.paper.experiments import (
     PRESTRETCHES,
@@ -261,7 +261,7 @@ def write_table6(out: Path) -> None:
             ("force_it_takes_mN", mounting_force_mN(name)),
             ("force_between_printed_rows_mN", implied_force_mN(name)),
             ("force_between_virtual_rows_mN", implied_force_mN(name, virtual=True)),
-            ("stretch_at_17.5_mN", mounted_state(MATERIALS[name].material, *middle).stretch),
+            ("stretch_at_17.5_mN", mounting_stretches(MATERIALS[name].material, *middle)),
         ):
             row |= {f"{what}_{axis}": float(v) for axis, v in zip("xy", pair, strict=True)}
         forces.append(row)

@@ -17,7 +17,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from biaxbayes.errors import BiaxbayesError, InputError, Interrupted
+from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.progress_bar import Pace, Progress, graceful_stop
 from biaxbayes.text_files import atomic_write_text
 
@@ -70,11 +70,6 @@ class Job:
     def progress(self) -> dict[str, Any]:
         """Phase with time left, and share; how it ended, with the exit code."""
         return {"phase": "", "message": ""} | (_read(self._file(".progress")) or {})
-
-    @property
-    def was_stopped(self) -> bool:
-        """Whether the work was stopped, and can go on."""
-        return self.progress.get("code") == Interrupted.exit_code
 
     @property
     def log(self) -> str:

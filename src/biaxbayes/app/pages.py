@@ -17,7 +17,7 @@ from biaxbayes.app.explore import explore
 from biaxbayes.app.jobs import STOPPABLE, Job, command_line, is_locked, jobs
 from biaxbayes.app.read import read, write
 from biaxbayes.app.server import Answer, Page, Place
-from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.errors import BiaxbayesError, InputError, Interrupted
 from biaxbayes.file_lock import NAME as LOCK
 from biaxbayes.laws import LAWS
 from biaxbayes.options import (
@@ -95,7 +95,7 @@ def result_at(place: Place, name: str) -> Result | None:
         if (path / file).exists():
             return Result(name, job, kind, "finished", message * (kind == "design"))
     unfinished = any((path / file).exists() for file in (*CHECKPOINTS, STUDY))
-    if unfinished or job.was_stopped:
+    if unfinished or job.progress.get("code") == Interrupted.exit_code:
         return Result(name, job, "", "stopped", message)
     return Result(name, job, "", "failed", message) if job.asked else None
 

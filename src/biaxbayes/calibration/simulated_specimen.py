@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.mechanics.mounting import BRACKET, balance, mounting_stretches
 from biaxbayes.model.assembly import peak_stress
 from biaxbayes.model.misfit import CurvePoints
 from biaxbayes.model.posterior import Posterior
@@ -194,9 +194,8 @@ def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
                 good = bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
             else:
                 geometry = piece.specimen.geometry
-                found = mounted_state(material, *(force / section), geometry=geometry)
-                near = np.allclose(found.stretch, lm, rtol=ROOT_TOLERANCE, atol=0.0)
-                good = found.exists and bool(near)
+                found = mounting_stretches(material, *(force / section), geometry=geometry)
+                good = np.allclose(found, lm, rtol=ROOT_TOLERANCE, atol=0.0)
             if not good:
                 return False
             stretches, forces = (mounting_names(what, state) for what in ("stretch", "force"))

@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -65,22 +65,6 @@ class Loads(NamedTuple):
     optional: tuple[int, ...] = ()  # readings that a file may lack
     noise_key_y: str = ""  # header key of the noise in y where its unit is another one
     times_stretch: bool = False  # a nominal load times the measured stretch
-
-
-class LoadingPath(Protocol):
-    """What a kind of test asks of a protocol."""
-
-    @property
-    def name(self) -> str:
-        """Of the protocol."""
-
-    @property
-    def stretch(self) -> np.ndarray:
-        """Measured stretches, (rows, 2)."""
-
-    @property
-    def recorded_load(self) -> np.ndarray:
-        """Loads as a file has them, (rows, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +135,8 @@ class Experiment(ABC):
         """Header keys that a file of such loads must have."""
         return ()
 
-    def check(self, header: Mapping[str, Any], protocols: Sequence[LoadingPath]) -> None:  # noqa: B027
-        """Refuse readings that this test cannot have, by a ReadingError."""
+    def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:  # noqa: B027
+        """Refuse protocols of a specimen that this test cannot have, by a ReadingError."""
 
     def warnings(self, header: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Code and message of what may mislead."""
@@ -171,15 +155,7 @@ class Experiment(ABC):
     ) -> dict[str, np.ndarray]:
         """Stretches (rows, 2) of the protocols of a virtual test, by name.
 
-        Parameters
-        ----------
-        largest_stretch : float
-            In x.
-        along : sequence of float
-            Stretches in y, a protocol each, of a test that holds them.
-        increments : int
-        readings : callable
-            Readings (rows, 2) of the material to be tested, at stretches (rows, 2).
+        Up to one in x, `along` y held, a protocol each; `readings` of the material at stretches.
         """
         raise NotImplementedError(f"no virtual {self.name} test without a mounted state")
 

@@ -21,7 +21,6 @@ from biaxbayes.experiments.experiment import (
     Column,
     Experiment,
     Key,
-    LoadingPath,
     Loads,
     Points,
 )
@@ -152,7 +151,7 @@ class Sheet(Experiment):
         """Forces need the section, and the state that it is measured in."""
         return (*DIMENSIONS, "geometry") if loads == "force" else ()
 
-    def check(self, header: Mapping[str, Any], protocols: Sequence[LoadingPath]) -> None:
+    def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:
         """Refuse a missing stretch."""
         for p in protocols:
             for k, axis in enumerate("xy"):

@@ -7,58 +7,36 @@ q_k = g_k s_k / l_k     along it
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from biaxbayes.errors import ReadingError
-from biaxbayes.experiments.experiment import LoadingPath
 from biaxbayes.experiments.sheet import Sheet
 
 LEAST_WIDTHS = 4.0
 """Gauge length of a strip over its width below which its clamps hold back more than its ends."""
 
 
-@dataclass(frozen=True)
 class Strip(Sheet):
     """A strip pulled along one direction."""
 
-    axis: int
+    free_side: int
 
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """With the direction."""
-        return f"strip {'xy'[self.axis]}"
-
-    @property
-    def words(self) -> str:  # type: ignore[override]
-        """With the direction."""
-        return f"uniaxial tension of a strip along {'xy'[self.axis]} with free sides"
-
-    @property
-    def meaning(self) -> str:  # type: ignore[override]
-        """With the direction."""
-        if self.axis:
-            return "the same along y"
-        return (
-            "a strip pulled along x, whose file has stretch and load of that direction, and the "
-            "other stretch if the width was measured"
-        )
-
-    @property
-    def axes(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The direction of the strip."""
-        return (self.axis,)
-
-    @property
-    def free_side(self) -> int:  # type: ignore[override]
-        """The direction across it."""
-        return 1 - self.axis
+    def __init__(self, axis: int) -> None:
+        self.axis, self.axes, self.free_side = axis, (axis,), 1 - axis
+        self.name = f"strip {'xy'[axis]}"
+        self.words = f"uniaxial tension of a strip along {'xy'[axis]} with free sides"
+        self.meaning = "the same along y"
+        if axis == 0:
+            self.meaning = (
+                "a strip pulled along x, whose file has stretch and load of that direction, and "
+                "the other stretch if the width was measured"
+            )
 
     def needed(self, loads: str) -> tuple[str, ...]:
         """No section depends on the length of a strip."""
         return tuple(key for key in super().needed(loads) if key != f"edge_{'xy'[self.axis]}_mm")
 
-    def check(self, header: Mapping[str, Any], protocols: Sequence[LoadingPath]) -> None:
+    def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:
         """Refuse a load across the strip, too."""
         super().check(header, protocols)
         side = "xy"[self.free_side]

@@ -31,7 +31,6 @@ from biaxbayes.experiments.experiment import (
     Column,
     Experiment,
     Key,
-    LoadingPath,
     Loads,
     Points,
 )
@@ -162,7 +161,7 @@ class Tube(Experiment):
             reads_force=reads[1],
         )
 
-    def check(self, header: Mapping[str, Any], protocols: Sequence[LoadingPath]) -> None:
+    def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:
         """Refuse a tube without a lumen."""
         if {"opening_angle_fung_deg", "missing_sector_deg"} <= set(header):
             raise ReadingError(

@@ -21,7 +21,9 @@ compressed, so the energy need not be convex there: steps are damped until the r
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.linalg import splu
@@ -50,14 +52,10 @@ class Grips:
 
 @dataclass(frozen=True)
 class Hooks:
-    """Hooks pierced through the sheet along each edge.
+    """Hooks along each edge, pierced through the sheet; along the edge each is free, on a thread.
 
-    The hooks of an edge stand on a line ``inset_mm`` inside the edge. A hook moves a small round
-    patch of tissue: the mean displacement over it, weighted with (1 - r^2/R^2)^2, follows the
-    carriage in the direction of the pull, and the hook's force spreads over the patch with the
-    same weight. (A hook that moves a mathematical point would carry no force at all on a fine
-    mesh.) All hooks of an edge have the same travel; along the edge each is free to follow the
-    tissue, as on a thread.
+    A hook moves a round patch of tissue, as a point would carry no force on a fine mesh: the mean
+    displacement over it, weighted with (1 - r^2/R^2)^2, follows the carriage.
     """
 
     count: int = 5  # per edge
@@ -120,21 +118,16 @@ MAX_ITERATIONS = 20
 MAX_HALVINGS = 12
 
 
-@dataclass(frozen=True)
-class State:
+class State(NamedTuple):
     """Equilibrium: free displacement (mm), grip reactions (kPa mm), carriage travel (mm)."""
 
     u: np.ndarray
     reaction: np.ndarray
     travel: np.ndarray
 
-    def extrapolated(self, before: State, factor: float) -> State:
-        """Linear continuation of the path from ``before`` through this state."""
-        return State(
-            self.u + factor * (self.u - before.u),
-            self.reaction + factor * (self.reaction - before.reaction),
-            self.travel + factor * (self.travel - before.travel),
-        )
+    def moved(self, step: Iterable[np.ndarray], share: float) -> State:
+        """The state a share of a step further."""
+        return State(*(v + share * d for v, d in zip(self, step, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -220,9 +213,10 @@ class SheetTester:
             step, halvings = goal - reached, 0
             while reached < goal - 1e-12:
                 trial = min(reached + step, goal)
-                guess = (
-                    state if before is None else state.extrapolated(before, (trial - reached) / gap)
-                )
+                guess = state
+                if before is not None:  # linear continuation of the path
+                    last = (a - b for a, b in zip(state, before, strict=True))
+                    guess = state.moved(last, (trial - reached) / gap)
                 try:
                     new = self.equilibrium(guess, start + trial * (end - start))
                 except NotConverged:
@@ -247,12 +241,10 @@ class SheetTester:
                 return state
             if not (area_ratio > 0.0 and np.isfinite(norm)):
                 break
-            du, dr, dd = self._newton_step(stiffness, residual)
+            step = self._newton_step(stiffness, residual)
             before, share = norm, 1.0
             while share > 1e-3:
-                trial = State(
-                    state.u + share * du, state.reaction + share * dr, state.travel + share * dd
-                )
+                trial = state.moved(step, share)
                 force, stiffness, area_ratio = self.sheet.internal_force(self.material, trial.u)
                 residual, norm = self._residual(trial, force, stretch)
                 # nan compares false, so a wild step is shortened as well

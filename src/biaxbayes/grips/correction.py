@@ -35,7 +35,7 @@ from biaxbayes.grips.hooks import describe_hooks, edges_mm, stated_hooks
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.mounting import newtons_per_kPa
 from biaxbayes.specimens.check import Finding
-from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.protocol import CURVES, Protocol
 from biaxbayes.specimens.specimen import Specimen
 
 ELEMENTS, COARSE_ELEMENTS = 32, 16
@@ -146,7 +146,9 @@ def correct_for_grips(
             mesh = float(np.abs(coarse - _logs(ratios)).max())
             seconds = time.perf_counter() - start
             fits = (first, coarse_fit, fit)
-            return GripCorrection(specimen, corrected, ratios, *fits, rounds, mesh, seconds)
+            found = GripCorrection(specimen, corrected, ratios, *fits, rounds, mesh, seconds)
+            noted = replace(corrected, notes=(*corrected.notes, found.sentence))
+            return replace(found, specimen=noted)
         if converged:
             coarse_fit, elements = fit, ELEMENTS
             ratios = grip_ratios(specimen, fit.material, mounting, elements)
@@ -243,10 +245,8 @@ def _apply_ratios(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen
     protocols = []
     for p, r in zip(specimen.protocols, ratios, strict=True):
         stretch = p.stretch * r.stretch
-        load = np.column_stack([p.load_x, p.load_y]) / r.force * specimen.per_nominal(r.stretch)
-        columns = dict(zip(("stretch_x", "stretch_y"), stretch.T, strict=True))
-        columns |= dict(zip(("load_x", "load_y"), load.T, strict=True))
-        protocols.append(replace(p, **columns))
+        load = p.recorded_load / r.force * specimen.per_nominal(r.stretch)
+        protocols.append(replace(p, **dict(zip(CURVES, (*stretch.T, *load.T), strict=True))))
     # single numbers, so divided by the mean ratio
     mean = float(np.mean(np.concatenate([r.force for r in ratios])))
     noise = None if specimen.load_noise is None else specimen.load_noise / mean

@@ -61,9 +61,3 @@ def chart_from_angles(alpha, kappa, scale):
     h_max = 1.0 / np.cosh(0.5 * d)  # 2 sqrt(t (1 - t))
     v = np.arcsinh(h / scale) / np.arcsinh(h_max / scale)
     return d, np.clip(v, 0.0, 1.0)
-
-
-def median_isotropy_scale(alpha, kappa) -> float:
-    """Median |Hx - Hy|, at least 0.02, of tissue around these angles (radians) and dispersions."""
-    D = (1.0 - 3.0 * np.asarray(kappa)) * np.cos(2.0 * np.asarray(alpha))
-    return float(np.clip(np.median(np.abs(D)), 0.02, 1.0))

@@ -33,7 +33,7 @@ from biaxbayes.compilation import inlined
 from biaxbayes.laws.chart import angles_from_chart, chart_from_angles
 from biaxbayes.laws.materials import cauchy_stress, constants_at, exponents
 
-_STRESS_SHARE, _EXPONENT = 0.01, 0.1
+STRESS_SHARE, _EXPONENT = 0.01, 0.1
 """s over the largest stress of a specimen, and r; tuned on an aorta under five protocols."""
 LOG_EXPONENT = math.log(_EXPONENT)
 ROOT_WIDTH = 1.0
@@ -62,11 +62,6 @@ class Transform(NamedTuple):
     X: float  # squares of the reference stretch
     Y: float
     Z: float
-
-
-def log_stress_scale(peak_kPa: float) -> float:
-    """Log of s (kPa) of a specimen, by its largest stress."""
-    return math.log(_STRESS_SHARE * peak_kPa)
 
 
 # --- the reference state: slots are (p,) in compiled code, (p, n) in NumPy -----------------------

@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.chart import median_isotropy_scale
 from biaxbayes.laws.coordinates import Transform
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
@@ -105,8 +104,10 @@ class DispersedFibreLaw(Law):
         return {} if self.has_isotropy_scale(transform) else {"kappa": 0.06}
 
     def isotropy_scale(self, values: Mapping[str, Any]) -> float:
-        """Scale of the chart near isotropy for materials by parameter, in their own units."""
-        return median_isotropy_scale(np.deg2rad(values["alpha"]), values["kappa"])
+        """Median |Hx - Hy|, at least 0.02, of materials by parameter, in their own units."""
+        cos_2_alpha = np.cos(2.0 * np.asarray(np.deg2rad(values["alpha"])))
+        D = (1.0 - 3.0 * np.asarray(values["kappa"])) * cos_2_alpha
+        return float(np.clip(np.median(np.abs(D)), 0.02, 1.0))
 
     def derived_quantities(self, material: MaterialResponse) -> dict[str, np.ndarray]:
         """The structure tensor: what an axis-aligned test sees of the fibres."""

@@ -26,7 +26,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.coordinates import ROOT_WIDTH, Transform, from_slots, log_stress_scale
+from biaxbayes.laws.coordinates import ROOT_WIDTH, STRESS_SHARE, Transform, from_slots
 from biaxbayes.laws.materials import (
     STEP,
     CheckedMaterial,
@@ -182,10 +182,6 @@ class Law:
         """Formulas of the exponents, each once."""
         return tuple(dict.fromkeys(self.exponents.values()))
 
-    def exponents_at(self, constants: Any, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:
-        """The exponents of the law's exponentials at squared stretches."""
-        return exponents(constants, X, Y, Z)[: len(self.formulas)]
-
     def exponent_per_unit(self, name: str, constants: Any, X: Any, Y: Any, Z: Any) -> Any:
         """The exponent at squared stretches where one parameter is 1 and the others are 0."""
         none = dict.fromkeys((*self.exponents, *self.bound_by[:1]), 0.0)
@@ -305,7 +301,7 @@ class Law:
             kappa=kappa,
             isotropy_scale=float(inputs.isotropy_scale),
             roots=self.roots,
-            log_scale=log_stress_scale(inputs.peak_kPa),
+            log_scale=math.log(STRESS_SHARE * inputs.peak_kPa),
             **dict(zip("XYZ", reference, strict=True)),
         )
 
@@ -355,21 +351,19 @@ class Law:
             return 0.0 if value == 90.0 else float(np.cos(np.deg2rad(value)) ** 2)
         return float(value)
 
-    def from_fit_coordinate(self, i: int, coordinate: float) -> float:
-        """Natural value of parameter i, clipped to its range."""
-        p = self.parameters[i]
-        if p.mirror:
-            t = min(max(float(coordinate), 0.0), 1.0)
-            return min(float(np.rad2deg(np.arccos(np.sqrt(t)))), p.high)
-        return min(max(float(coordinate), p.low), p.high) if p.bounded else float(coordinate)
-
     def to_fit_coordinates(self, values: Sequence[float]) -> np.ndarray:
         """Fit coordinates at natural values in the order of the parameters."""
         return np.array([self.to_fit_coordinate(i, v) for i, v in enumerate(values)])
 
     def from_fit_coordinates(self, point: Any) -> tuple[float, ...]:
-        """Natural values in the order of the parameters, from fit coordinates."""
-        return tuple(self.from_fit_coordinate(i, v) for i, v in enumerate(point))
+        """Natural values in the order of the parameters, in their ranges, from fit coordinates."""
+        values = []
+        for p, value in zip(self.parameters, map(float, point), strict=True):
+            if p.mirror:
+                t = min(max(value, 0.0), 1.0)
+                value = min(float(np.rad2deg(np.arccos(np.sqrt(t)))), p.high)
+            values.append(min(max(value, p.low), p.high) if p.bounded else value)
+        return tuple(values)
 
     def clip_inside(self, values: Sequence[float]) -> tuple[float, ...]:
         """Natural values moved off their bounds, where sampling coordinates may be singular."""
@@ -491,7 +485,7 @@ class Law:
     ) -> list[np.ndarray]:
         """Largest value of each exponent and draw at some total stretches, shape (n,) each."""
         states = [squared_stretches(top[:, :1], top[:, 1:]) for top in max_stretches]
-        at_states = [self.exponents_at(constants, *state) for state in states]
+        at_states = [exponents(constants, *state)[: len(self.formulas)] for state in states]
         return [np.max(list(q), axis=0)[:, 0] for q in zip(*at_states, strict=True)]
 
     def bound_tolerances(

@@ -205,16 +205,6 @@ class MaterialResponse:
         xx, yx, xy, yy = np.broadcast_arrays(*by_x, *by_y)
         return np.imag(np.array([[xx, xy], [yx, yy]])) / STEP
 
-    def cauchy_by_parameter(self, stretch_x: Any, stretch_y: Any) -> np.ndarray:
-        """D (s_x, s_y) / d theta, kPa per unit or radian, shape (2, p, ...)."""
-        columns = []
-        for i in range(len(self.theta)):
-            moved = [complex(v) for v in self.theta]
-            moved[i] += 1j * STEP
-            stepped = Material(self.law, tuple(moved)).cauchy(stretch_x, stretch_y)
-            columns.append(np.imag(np.array(stepped)) / STEP)
-        return np.stack(columns, axis=1)
-
 
 @dataclass(frozen=True)
 class Material(MaterialResponse):

@@ -13,19 +13,13 @@ from biaxbayes.tables.units import units_of
 BRANCHES = ("loading", "unloading", "both")
 
 
-@dataclass(frozen=True)
-class Format:
-    """Text for the help, and the fields of :class:`Choice` that only this format takes."""
-
-    description: str
-    options: tuple[str, ...] = ()
-
-
 FORMATS = {
-    "biotester": Format("exports of a CellScale BioTester", ("sets", "stretch_from")),
-    "generic": Format("any table, by its columns", ("join", "blocks")),
+    "biotester": "exports of a CellScale BioTester",
+    "generic": "any table, by its columns",
 }
 """Formats by the name that ``--machine`` takes, which is that of their module."""
+OF_ONE_FORMAT = {"biotester": ("sets", "stretch_from"), "generic": ("join", "blocks")}
+"""Fields of :class:`Choice` that only one format takes."""
 
 
 def cycle_number(value: str | int | None) -> str | None:
@@ -151,8 +145,8 @@ class Choice(Options):
     def __post_init__(self) -> None:
         if self.machine not in FORMATS:
             raise InputError(f"machine must be one of {', '.join(FORMATS)}, not {self.machine!r}")
-        for machine, format_ in FORMATS.items():
-            given = [n for n in format_.options if getattr(self, n) != getattr(Choice, n)]
+        for machine, names in OF_ONE_FORMAT.items():
+            given = [n for n in names if getattr(self, n) != getattr(Choice, n)]
             if given and machine != self.machine:
                 raise InputError(f"`{given[0]}` is for `machine={machine}`", remedy="leave it out")
         super().__post_init__()

@@ -47,14 +47,13 @@ OF_ALL_TESTS = {
     "stretch_x": "stretch", "stretch_y": "stretch", "time_s": "time", "stretch_time_s": "time",
     "protocol": "text", "cycle": "text", "specimen": "text",
 }  # fmt: skip
-OF_ONE_TEST = {
+TARGETS = OF_ALL_TESTS | {
     "force_x_N": "force", "force_y_N": "force",
     **dict.fromkeys((*LOADS["piola"], *LOADS["cauchy"]), "stress"),
     **dict.fromkeys(SHEAR, "fraction"),
     "pressure_kPa": "stress", "axial_force_N": "force", "outer_diameter_mm": "length",
     "length_mm": "length", "stretch_z": "stretch", "pole_tension_kPa": "stress",
 }  # fmt: skip
-TARGETS = OF_ALL_TESTS | OF_ONE_TEST
 """Targets and their quantity."""
 OWN_UNITS = {
     "force": "N", "stress": "kPa", "length": "mm", "time": "s", "stretch": "mm/mm",

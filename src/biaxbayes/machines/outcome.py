@@ -33,8 +33,17 @@ class Conversion:
 
     @property
     def account(self) -> str:
-        """What became of every row, as the command prints it."""
-        return "\n".join(_account(self))
+        """What became of every row, as the command prints it; columns and units as understood."""
+        lines, records = [], self.records
+        common = [n for n in records[0].notes if all(n in record.notes for record in records)]
+        for record in records:
+            lines.append(f"{record.source}: {record.lines.size} rows read")
+            lines += [f"  {line}" for line in aligned(_rows_of(record, self), right=(1,))]
+            lines += [f"  {note}" for note in record.notes if note not in common]
+        notes = [note for r in self.recordings for note in r.notes]
+        assumed = str(self.specimen.metadata.get("conversion", "")).split("; ")
+        assumed = [text for text in assumed if not any(n.startswith(f"{text}:") for n in common)]
+        return "\n".join([*lines, *filter(None, dict.fromkeys([*common, *notes, *assumed]))])
 
     def __repr__(self) -> str:
         sources = ", ".join(r.record.source for r in self.recordings)
@@ -70,20 +79,6 @@ class OpenQuestions(InputError):
             for each in ([q.text for q in questions], [q.answers for q in questions])
         )
         super().__init__(f"{len(questions)} questions: {texts}", file=first.file, remedy=answers)
-
-
-def _account(conversion: Conversion) -> list[str]:
-    """Rows read, kept by protocol and left out by reason; columns and units as understood."""
-    lines, records = [], conversion.records
-    common = [n for n in records[0].notes if all(n in record.notes for record in records)]
-    for record in records:
-        lines.append(f"{record.source}: {record.lines.size} rows read")
-        lines += [f"  {line}" for line in aligned(_rows_of(record, conversion), right=(1,))]
-        lines += [f"  {note}" for note in record.notes if note not in common]
-    notes = [note for r in conversion.recordings for note in r.notes]
-    assumed = str(conversion.specimen.metadata.get("conversion", "")).split("; ")
-    assumed = [text for text in assumed if not any(n.startswith(f"{text}:") for n in common)]
-    return [*lines, *filter(None, dict.fromkeys([*common, *notes, *assumed]))]
 
 
 def _rows_of(record: Record, conversion: Conversion) -> list[Sequence[str]]:

@@ -46,11 +46,6 @@ class Record:
         axes = self.axes_of(rows)
         return self.stretch[rows][:, axes], self.load[rows][:, axes]
 
-    @property
-    def read(self) -> list[int]:
-        """Directions whose load was read."""
-        return [k for k in (0, 1) if self.columns[2 + k]]
-
     def load_named(self, axis: int) -> str:
         """What the load of a direction is called."""
         return Tube.curves[axis] if self.stress_pair == "pressure" else f"load in {'xy'[axis]}"
@@ -72,7 +67,7 @@ class Record:
 
     def loads_text(self, load: np.ndarray, digits: int) -> str:
         """Loads of the directions that were read, with their unit."""
-        texts = [self.load_text(k, load[k], digits) for k in self.read]
+        texts = [self.load_text(k, load[k], digits) for k in (0, 1) if self.columns[2 + k]]
         if self.stress_pair != "pressure":  # one unit
             texts[:-1] = [text.removesuffix(f" {self.unit}") for text in texts[:-1]]
         return ", ".join(texts)

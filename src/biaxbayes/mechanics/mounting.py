@@ -21,7 +21,6 @@ Jacobian is positive definite, which is where the balance is stable and locally 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -124,41 +123,12 @@ def solve_balance(constants, px, py, mounted_dimensions):
     return False, x, y, jxx, jxy, jyy
 
 
-@dataclass(frozen=True)
-class MountedState:
-    """Root of the force balance at the mounted state and its implicit derivatives."""
-
-    exists: bool  # False without a stable root inside the bracket; the rest is then NaN
-    stretch: np.ndarray  # (2,), mounting stretches
-    by_parameter: np.ndarray  # (2, p), d lm / d theta, angles in radians
-    by_reading: np.ndarray  # (2, 2), d lm / d p0, per kPa
-    log_determinant: float  # ln |det d p0 / d lm|, the change of variables from p0 to lm
-
-
-def mounted_state(
-    material: MaterialResponse,
-    reading_x_kPa: float,
-    reading_y_kPa: float,
-    *,
-    geometry: str = "unloaded",
-) -> MountedState:
-    """Mounting stretches that balance a mounting force over the section in the stated geometry."""
-    mounted_dimensions = geometry == "mounted"
-    ok, x, y, jxx, jxy, jyy = solve_balance(
-        material.constants, reading_x_kPa, reading_y_kPa, mounted_dimensions
-    )
-    if not ok:
-        nowhere = np.full((2, len(material.theta)), np.nan)
-        return MountedState(False, np.full(2, np.nan), nowhere, np.full((2, 2), np.nan), np.nan)
-    lm = np.exp([x, y])
-    inverse = np.array([[jyy, -jxy], [-jxy, jxx]]) / (jxx * jyy - jxy * jxy)
-    ds = material.cauchy_by_parameter(*lm)
-    # Implicit function theorem: J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
-    by_parameter = lm[:, None] * (-inverse @ ds)
-    load = np.eye(2) if mounted_dimensions else np.diag(lm)
-    by_reading = lm[:, None] * (inverse @ load)
-    change = log_change_of_variables(x, y, jxx, jxy, jyy, mounted_dimensions)
-    return MountedState(True, lm, by_parameter, by_reading, change)
+def mounting_stretches(
+    material: MaterialResponse, x_kPa: float, y_kPa: float, *, geometry: str = "unloaded"
+) -> np.ndarray:
+    """Those (2,) that balance a force over the stated section; NaN without a stable root."""
+    ok, x, y, *_ = solve_balance(material.constants, x_kPa, y_kPa, geometry == "mounted")
+    return np.exp([x, y]) if ok else np.full(2, np.nan)
 
 
 @inlined

@@ -19,7 +19,6 @@ class VirtualTest:
     total: np.ndarray  # relative to the unloaded state
     force_N: np.ndarray
     piola_kPa: np.ndarray  # nominal (first Piola-Kirchhoff) stress, of the unloaded section
-    cauchy_kPa: np.ndarray
 
 
 def virtual_test(
@@ -66,7 +65,7 @@ def virtual_test(
     piola = cauchy / total
     # f_x = P_x * edge_y * thickness
     force = piola * newtons_per_kPa(edge_x_mm, edge_y_mm, thickness_mm)
-    return VirtualTest(measured, total, force, piola, cauchy)
+    return VirtualTest(measured, total, force, piola)
 
 
 def simulate_smooth_misfit(

@@ -111,7 +111,7 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     checks = (
         _mounting_force, _clipped, _unequal, _references,
         _paths, _resampled, _stiff_start,
-        _stress, _sign, _dimensions, _of_test, _noise, _origin,
+        _stress, _sign, _dimensions, _noise, _origin,
     )  # fmt: skip
     findings = []
     for piece in specimen.pieces:
@@ -503,7 +503,7 @@ def _sign(specimen: Specimen) -> Iterator[Finding]:
 
 
 def _dimensions(specimen: Specimen) -> Iterator[Finding]:
-    """Unusual stretches, edges and thickness, or a specimen too thick for a membrane."""
+    """Unusual stretches, edges and thickness, and what may mislead in this kind of test."""
     top, (low, high) = max(float(p.stretch.max()) for p in specimen.protocols), USUAL_STRETCH
     stated = {key: value for key in DIMENSIONS if (value := getattr(specimen, key)) is not None}
     thickness = stated.get("thickness_mm", 0.0)
@@ -522,10 +522,6 @@ def _dimensions(specimen: Specimen) -> Iterator[Finding]:
             "does not hold": thickness > 0.5 * width,
         }
     )
-
-
-def _of_test(specimen: Specimen) -> Iterator[Finding]:
-    """What may mislead in this kind of test."""
     for code, message in specimen.experiment.warnings(specimen.header):
         yield warning(code, message)
 

@@ -116,6 +116,12 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     arguments: dict[str, Any] = {key: values.get(key) for key in ARGUMENT_KEYS}
     try:
         protocols = _protocols(table, values, rows, test, kind, path)
+        changes = [
+            f"protocol {p.name}: stretches divided by their value at rest "
+            f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
+            for p in protocols
+            if max(abs(value - 1.0) for value in p.reference) > 1e-9
+        ]
         specimen = Specimen(
             name=values.get("specimen") or one_line(path.stem),
             protocols=protocols,
@@ -124,7 +130,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
             test=test.name,
             load_noise=values.get(f"load_noise_{unit}"),
             metadata={key: values[key] for key in METADATA_KEYS if key in values},
-            notes=(*table.notes, *_notes_of(protocols)),
+            notes=(*table.notes, *changes),
             **arguments,
         )
         check_readings(specimen)
@@ -278,16 +284,6 @@ def _protocols(
             p = p.divided_by_rest(loads_too=loads.times_stretch)
         protocols.append(p)
     return tuple(protocols)
-
-
-def _notes_of(protocols: Sequence[Protocol]) -> list[str]:
-    """Changes of the stretches of a file."""
-    return [
-        f"protocol {p.name}: stretches divided by their value at rest "
-        f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
-        for p in protocols
-        if max(abs(value - 1.0) for value in p.reference) > 1e-9
-    ]
 
 
 # --- writing -------------------------------------------------------------------------------------

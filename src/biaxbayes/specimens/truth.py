@@ -21,22 +21,16 @@ REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa"
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """True values behind a record, and how its readings were disturbed.
-
-    ``mounting_force_x, _y`` is the force of the material at the true mounting stretch, in
-    ``unit`` (that of the record: N, or kPa over the section of the record's geometry);
-    ``disturbed_mounting_force`` is the load on the cells before their noise: with the
-    model error of the first row, and for hooks the sum over them. One pair per protocol.
-    ``grips`` is None for a homogeneous specimen.
-    """
+    """True values behind a record, and how its readings were disturbed."""
 
     specimen: str
     material: dict[str, float | bool | str]
     mounting_stretch_x: float = 1.0
     mounting_stretch_y: float = 1.0
-    unit: str
-    mounting_force_x: float = 0.0
+    unit: str  # of the record: N, or kPa over the section of its geometry
+    mounting_force_x: float = 0.0  # of the material at the true mounting stretch
     mounting_force_y: float = 0.0
+    # by protocol, on the cells before their noise: with the misfit of the first row, over all hooks
     disturbed_mounting_force: dict[str, tuple[float, float]] = field(default_factory=dict)
     unloaded_dimensions: dict[str, float]
     load_noise_N: float
@@ -44,7 +38,7 @@ class Truth:
     misfit_length: float
     seed: int
     source: str
-    grips: dict[str, float] | None = None
+    grips: dict[str, float] | None = None  # None for a homogeneous specimen
 
     def __repr__(self) -> str:
         values = ", ".join(

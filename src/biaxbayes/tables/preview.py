@@ -14,31 +14,14 @@ SHOWN_ROWS = 20
 
 @dataclass(frozen=True)
 class Preview:
-    """A sheet as it is read.
+    """A sheet as it is read."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the columns; empty where no table was found.
-    units : tuple of str
-        What the names or the row below them give; empty texts without a unit.
-    rows : int
-        Number of rows below the names.
-    lines : tuple of int
-        Line in the file, or row of the sheet, of each of ``cells``, from 1.
-    cells : tuple of tuple of str
-        The first rows: those of the table, or those of the sheet where there is none.
-    problem : str
-        Why no table was found; empty otherwise.
-    hidden : bool
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    rows: int
-    lines: tuple[int, ...]
-    cells: tuple[tuple[str, ...], ...]
-    problem: str = ""
+    names: tuple[str, ...]  # of the columns; empty where no table was found
+    units: tuple[str, ...]  # of the names or the row below them; empty texts without a unit
+    rows: int  # below the names
+    lines: tuple[int, ...]  # line in the file, or row of the sheet, of each of `cells`, from 1
+    cells: tuple[tuple[str, ...], ...]  # first rows of the table, or of a sheet without one
+    problem: str = ""  # why no table was found; empty otherwise
     hidden: bool = False
 
 

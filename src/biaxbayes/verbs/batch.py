@@ -14,6 +14,7 @@ import uuid
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -190,21 +191,12 @@ def _sample(task: SpecimenTask, notes: list[str]) -> Run:
     return open_run(folder)
 
 
-@dataclass(frozen=True)
-class StretchTask:
-    """A run whose stresses are wanted at total equibiaxial stretches."""
-
-    label: str
-    folder: Path
-    stretches: tuple[float, ...]
-
-
-def rows_of_stretches(task: StretchTask) -> tuple[list[dict[str, Any]], str]:
+def rows_of_stretches(folder: Path, stretches: Sequence[float]) -> tuple[list[dict[str, Any]], str]:
     """Stresses and stiffnesses of a run, or why there are none; nothing is raised."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            return rows_at_stretches(open_run(task.folder), task.stretches), ""
+            return rows_at_stretches(open_run(folder), stretches), ""
         except BiaxbayesError as error:
             return [], str(error)
 
@@ -270,10 +262,10 @@ def _add_common_stretches(
     stretches = common_stretches([outcomes[slug].largest_stretch for slug in known])
     if not stretches:
         return []
-    tasks = [StretchTask(slug, runs / slug, tuple(stretches)) for slug in known]
-    notes = []
-    for outcome in executor.run(rows_of_stretches, tasks):
-        slug = tasks[outcome.index].label
+    slugs, notes = list(known), []
+    at_stretches = partial(rows_of_stretches, stretches=tuple(stretches))
+    for outcome in executor.run(at_stretches, [runs / slug for slug in slugs]):
+        slug = slugs[outcome.index]
         rows, failure = ([], outcome.failure) if outcome.failure else outcome.value
         if failure:
             notes.append(f"{known[slug].listing.label}: no stresses: {failure}")

@@ -21,6 +21,7 @@ from biaxbayes.calibration.calibration import (
     run_replications,
 )
 from biaxbayes.calibration.ranks import (
+    MIN_REPLICATIONS,
     calibration_table,
     rank_rows,
     rank_table,
@@ -214,8 +215,6 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 def closing_message(folder: Path, outcome: CalibrationResult) -> str:
     """Uniformity and coverage of each quantity, and the conclusion."""
-    from biaxbayes.calibration.ranks import MIN_REPLICATIONS
-
     total = sum(outcome.states.values())
     columns = [
         Column("parameter", "Parameter"),

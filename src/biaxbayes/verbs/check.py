@@ -7,7 +7,7 @@ import textwrap
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -17,13 +17,11 @@ from biaxbayes.experiments.sheet import REFERENCES
 from biaxbayes.mechanics.mounting import N_PER_KPA_MM2
 from biaxbayes.options import for_users
 from biaxbayes.reports.text import plural
+from biaxbayes.specimens.check import Finding, alignment_note, check_specimen, sorted_findings
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import aligned, refuse_foreign
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
 from biaxbayes.verbs.options import argument, file_option, flag, json_option
-
-if TYPE_CHECKING:
-    from biaxbayes.specimens.check import Finding
 
 
 @dataclass(frozen=True)
@@ -86,13 +84,6 @@ def check(
     InputError
         For a sketch of a specimen whose header states no hooks.
     """
-    from biaxbayes.specimens.check import (
-        Finding,
-        alignment_note,
-        check_specimen,
-        sorted_findings,
-    )
-
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
     if "grips" not in data.metadata and data.experiment.is_biaxial:

@@ -8,13 +8,14 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, Choice
-from biaxbayes.machines.outcome import OpenQuestions
+from biaxbayes.machines.outcome import Conversion, OpenQuestions
+from biaxbayes.machines.recipe import read_recipe, recipe_text, refuse_other_content
 from biaxbayes.options import takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
@@ -23,10 +24,6 @@ from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import aligned, atomic_write_text
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, check_new
-
-if TYPE_CHECKING:
-    from biaxbayes.machines.outcome import Conversion
-
 
 BESIDE = ("-record.png", "-recipe.toml")
 """Ends of the names of the picture and the recipe beside a specimen file."""
@@ -88,12 +85,13 @@ def convert(
     keys = {k: options.pop(k) for k in {*HEADER_OPTIONS, *METADATA_KEYS} & {*options} - own}
     header = {**(header or {}), **keys}
     if recipe is not None:
-        from biaxbayes.machines.recipe import read_recipe, refuse_other_content
-
         answers, lab, found = read_recipe(Path(recipe))
         options, header = answers | options, lab | header
     choice = _choice(choice, options)
-    files = _files(raw)
+    files = [Path(path) for path in ([raw] if isinstance(raw, str | Path) else raw)]
+    for path in files:
+        if files.count(path) > 1:
+            raise InputError("is given twice", file=path, remedy="name each file once")
     if out is not None:
         _check_new(files, Path(out), overwrite)
     values = _checked_header(header)
@@ -103,14 +101,6 @@ def convert(
     if recipe is not None:
         refuse_other_content(found, result, Path(recipe))
     return result if out is None else _written(result, Path(out))
-
-
-def _files(raw: PathLike | Sequence[PathLike]) -> list[Path]:
-    files = [Path(path) for path in ([raw] if isinstance(raw, str | Path) else raw)]
-    for path in files:
-        if files.count(path) > 1:
-            raise InputError("is given twice", file=path, remedy="name each file once")
-    return files
 
 
 def common_stem(files: Sequence[Path]) -> str:
@@ -170,7 +160,6 @@ def _written(result: Conversion, out: Path) -> Conversion:
     """The conversion as its file reads back, with the file, its picture and its recipe written."""
     from biaxbayes.figures.record import conversion_figure
     from biaxbayes.figures.style import save_figure
-    from biaxbayes.machines.recipe import recipe_text
 
     text = specimen_text(result.specimen, result.protocols_as_measured)
     specimen = parse_specimen(text.split("\n"), out)
@@ -216,7 +205,7 @@ def _header_option(key: str) -> opt.Decorator:
 @click.option(
     "--machine",
     type=click.Choice(list(FORMATS)),
-    help="; ".join(f"{name}: {format_.description}" for name, format_ in FORMATS.items()) + ".",
+    help="; ".join(": ".join(described) for described in FORMATS.items()) + ".",
 )
 @opt.file_option("out", "Specimen file.", required=True)
 @opt.options(

@@ -9,6 +9,7 @@ import click
 
 from biaxbayes.options import DesignOptions, takes_options
 from biaxbayes.progress_bar import Progress, with_progress
+from biaxbayes.reports.text import GLOSSARY
 from biaxbayes.text_files import write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -81,8 +82,6 @@ def command(run: Path, out: Path | None, **given: Any) -> int:
 
 def print_design(result: Design) -> None:
     """Print a row per candidate, cautions, and what to measure next."""
-    from biaxbayes.reports.text import GLOSSARY
-
     table = result.table
     click.echo(f"{table.label}; nats: {GLOSSARY['nats']}\n")
     click.echo("\n".join(table.lines()))

@@ -6,7 +6,6 @@ import json
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,13 +22,13 @@ from biaxbayes.options import (
     FitOptions,
     takes_options,
 )
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import aligned, write_csv
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, PiecesLike, make_folder, open_specimen
 
 if TYPE_CHECKING:
     from biaxbayes.fitting.fit_result import FitResult
-    from biaxbayes.specimens.specimen import Specimen
 
 
 @takes_options(FitOptions)
@@ -104,9 +103,7 @@ def correct_for_hooks(specimen: Specimen, **options: Any) -> Specimen:
     if not specimen.needs_grip_correction:
         return specimen
     method = "zeroed" if specimen.is_tared else "constrained"
-    correction = correct_for_grips(specimen, lambda data: fitted(data, method, **options))
-    notes = (*specimen.notes, correction.sentence)
-    return replace(correction.specimen, notes=notes)
+    return correct_for_grips(specimen, lambda data: fitted(data, method, **options)).specimen
 
 
 def _write_fits(

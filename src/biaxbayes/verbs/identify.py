@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from biaxbayes.errors import printable
 from biaxbayes.options import for_users
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run, make_folder
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, flag, json_option
@@ -58,7 +59,6 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
     Writes results.json, report.csv, the tables in evidence and identifiability.pdf into the run
     folder. Exit code 3 if the chains have not converged: nothing is reported then.
     """
-    from biaxbayes.errors import printable
     from biaxbayes.runs.run_result import as_record
 
     result = identify(run, out=run, figure=not no_figure)

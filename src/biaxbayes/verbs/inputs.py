@@ -119,16 +119,6 @@ def is_run(source: RunLike | SpecimenLike) -> bool:
     return isinstance(source, Run)
 
 
-def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
-    """Refuse model options together with a run, which has its own model."""
-    names = [*(["mounting_force"] if mounting_force is not None else []), *given]
-    if names:
-        raise InputError(
-            f"`{names[0][:60]}` does not go with a run, which has its own",
-            remedy="give the specimen's CSV instead",
-        )
-
-
 def as_style(style: Any) -> dict[str, Any] | None:
     """Settings of matplotlib, read from a file if it is a path."""
     import matplotlib as mpl

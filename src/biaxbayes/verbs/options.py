@@ -23,35 +23,28 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 NOT_CONVERGED = NotConverged.exit_code
 
 
-class Pair(click.ParamType):
-    """Two positive numbers with a separator, or one number for both, as in the example."""
+def pair(separator: str, example: str, *, single: bool = False, zero: bool = False) -> Any:
+    """Type of an option: two positive numbers with a separator, or one number for both."""
 
-    def __init__(
-        self, name: str, separator: str, example: str, *, single: bool = False, zero: bool = False
-    ) -> None:
-        self.name, self.separator, self.example = name, separator, example
-        self.single, self.zero = single, zero
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Numbers from the text of the option."""
+    def numbers(value: Any) -> tuple[float, float]:
         if isinstance(value, tuple):
             return value
-        parts = str(value).split(self.separator)
-        if len(parts) == 1 and self.single:
+        parts = str(value).split(separator)
+        if len(parts) == 1 and single:
             parts *= 2
         try:
             x, y = (float(part) for part in parts)
         except ValueError:
             x = y = math.nan
         lowest = min(x, y)
-        if not (math.isfinite(x + y) and (lowest > 0.0 or (self.zero and lowest == 0.0))):
-            self.fail(f"{value!r} is not of the form {self.example}", param, ctx)
+        if not (math.isfinite(x + y) and (lowest > 0.0 or (zero and lowest == 0.0))):
+            raise click.BadParameter(f"{value!r} is not of the form {example}")
         return x, y
 
+    return numbers
 
-RATIO = Pair("ratio", ":", "1:0.5", zero=True)
+
+RATIO = pair(":", "1:0.5", zero=True)
 
 
 # --- options of a table --------------------------------------------------------------------------
@@ -203,14 +196,6 @@ def with_priors(
     for name, value in fixed_values(fix, material_law).items():
         chosen[name] = check_fixed(name, value, law=material_law)
     return {**others, "law": law, "priors": chosen}
-
-
-def model_of(source: Path, **given: Any) -> dict[str, Any]:
-    """Options of a command for a specimen; for a run, which has a model, without defaults of it."""
-    if not source.is_dir():
-        return with_priors(**given)
-    own = (*MODEL, "fix", "priors")
-    return {name: v for name, v in given.items() if name not in own or was_given(name)}
 
 
 def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,8 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIGURE_FORMATS, PredictionOptions, option, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.table import read_stretches
 from biaxbayes.text_files import atomic_write_all, csv_text
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
@@ -24,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from biaxbayes.runs.run import Run
-    from biaxbayes.specimens.specimen import Specimen
 
 TESTED = "tested"
 """Value of ``stretch`` for the largest tested stretch."""
@@ -90,10 +92,8 @@ def predict(
         As in :class:`PathOptions`.
     """
     from biaxbayes.figures.prediction import stress_figure
-    from biaxbayes.figures.style import print_style
     from biaxbayes.prediction.draws import with_free_sides
     from biaxbayes.prediction.stress import measured_stress, predict_stress
-    from biaxbayes.specimens.table import read_stretches
 
     chosen = PathOptions.from_values(options)
     if path is not None and (chosen.stretch is not None or chosen.ratio is not None):
@@ -131,16 +131,9 @@ def predict(
     if out is not None:
         states = table[["stretch_x", "stretch_y"]].to_numpy()
         measured = measured_stress(posterior, opened.draws, states, **where)
-        with print_style(chosen.style):
-            figure = stress_figure(
-                table,
-                relative_to=chosen.relative_to,
-                probability=chosen.probability,
-                directions=specimen.directions,
-                measured=measured,
-                width_mm=chosen.width_mm,
-            )
-            _write(inputs.make_folder(out) / "prediction", table, figure, chosen)
+        look = {"directions": specimen.directions, "measured": measured}
+        look["relative_to"] = chosen.relative_to
+        _write(inputs.make_folder(out) / "prediction", table, chosen, stress_figure, **look)
     return table
 
 
@@ -181,14 +174,16 @@ def _straight_path(run: Run, specimen: Specimen, chosen: PathOptions) -> np.ndar
     return stretch_path(stretch, ratio=chosen.ratio or (1.0, 1.0), points=chosen.points)
 
 
-def _write(stem: Path, table: pd.DataFrame, figure: Figure, chosen: BandOptions) -> None:
+def _write(
+    stem: Path, table: pd.DataFrame, chosen: BandOptions, draw: Callable[..., Figure], **look: Any
+) -> None:
     """Write table and figure together: a new one never stands beside an old one."""
-    from biaxbayes.figures.style import figure_bytes
+    from biaxbayes.figures.style import figure_bytes, print_style
 
-    contents = {
-        ".csv": csv_text(table).encode("utf-8"),
-        f".{chosen.suffix}": figure_bytes(figure, chosen.suffix),
-    }
+    with print_style(chosen.style):
+        figure = draw(table, probability=chosen.probability, width_mm=chosen.width_mm, **look)
+        drawn = figure_bytes(figure, chosen.suffix)
+    contents = {".csv": csv_text(table).encode("utf-8"), f".{chosen.suffix}": drawn}
     atomic_write_all({stem.with_suffix(suffix): content for suffix, content in contents.items()})
 
 
@@ -236,7 +231,6 @@ def inflate(
         As in :class:`TubeOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
-    from biaxbayes.figures.style import print_style
     from biaxbayes.prediction.inflation import ThinTube, predict_diameter, predict_pressure
 
     chosen = TubeOptions.from_values(options)
@@ -261,10 +255,7 @@ def inflate(
         pressure = inputs.as_numbers(pressure, "pressure_kPa")
         table = predict_diameter(*data, pressure, probability=chosen.probability, seed=chosen.seed)
     if out is not None:
-        with print_style(chosen.style):
-            look = {"probability": chosen.probability, "width_mm": chosen.width_mm}
-            figure = inflation_figure(table, **look)
-            _write(inputs.make_folder(out) / "inflation", table, figure, chosen)
+        _write(inputs.make_folder(out) / "inflation", table, chosen, inflation_figure)
     return table
 
 
@@ -272,13 +263,8 @@ def inflate(
 
 
 PATH_OPTION_NAMES = ("path", "stretch", "ratio", "strip", "protocol")
-TUBE_OPTION_NAMES = (
-    "radius_mm",
-    "wall_mm",
-    "axial_stretch",
-    "pressure_kPa",
-    "circumferential_stretch",
-)
+OF_TUBE = ("pressure_kPa", "circumferential_stretch")
+TUBE_OPTION_NAMES = ("radius_mm", "wall_mm", "axial_stretch", *OF_TUBE)
 
 
 @click.command("predict")
@@ -297,13 +283,13 @@ TUBE_OPTION_NAMES = (
 @click.option(
     "--pressure",
     "pressure_kPa",
-    type=opt.Pair("pressure", ":", "0:16", zero=True),
+    type=opt.pair(":", "0:16", zero=True),
     metavar="A:B",
     help="Pressures, kPa  [default: 0:16]",
 )
 @click.option(
     "--circumferential-stretch",
-    type=opt.Pair("stretch", ":", "1:1.2"),
+    type=opt.pair(":", "1:1.2"),
     metavar="A:B",
     help="Stretches of the outer diameter instead of pressures.",
 )
@@ -331,16 +317,15 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
         f"{{}} does not go {relation} `inflate`",
     )
     own = {f.name for f in fields(TubeOptions if inflated else PathOptions)}
-    own |= {"pressure_kPa", "circumferential_stretch"} if inflated else {"path"}
+    own |= {*OF_TUBE} if inflated else {"path"}
     chosen = {n: v for n, v in given.items() if v is not None and n in own}
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
     if inflated:
         PredictionOptions.check("points", chosen["points"])
-        for name in ("pressure_kPa", "circumferential_stretch"):
-            if name in chosen:
-                low, high = chosen[name]
-                chosen[name] = np.linspace(low, high, chosen["points"])
+        for name in set(OF_TUBE) & set(chosen):
+            low, high = chosen[name]
+            chosen[name] = np.linspace(low, high, chosen["points"])
         table = inflate(opened, out=folder, anyway=anyway, **chosen)
     else:
         if "path" not in chosen:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from biaxbayes.errors import InputError
 from biaxbayes.options import MOUNTING_MODES, ModelOptions, option, takes_options
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
@@ -68,7 +69,9 @@ def profile(
     from biaxbayes.profiles.profile import profiles
 
     if inputs.is_run(source):
-        inputs.refuse_model(options, mounting_force)
+        for name in (*["mounting_force"] * (mounting_force is not None), *options):
+            problem = f"`{name[:60]}` does not go with a run, which has its own"
+            raise InputError(problem, remedy="give the specimen's CSV instead")
         posterior = inputs.as_run(source).posterior()  # type: ignore[arg-type]
     else:
         model = ProfileOptions.from_values(options)
@@ -181,7 +184,12 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
     biaxbayes profile media.csv --parameter kappa
     """
     folder = out or Path(f"{source.name if source.is_dir() else source.stem}-profile")
-    result = profile(source, out=folder, **opt.model_of(source, **given))
+    if source.is_dir():  # a run has a model: no defaults of another
+        own = (*opt.MODEL, "fix", "priors")
+        given = {k: v for k, v in given.items() if k not in own or opt.was_given(k)}
+    else:
+        given = opt.with_priors(**given)
+    result = profile(source, out=folder, **given)
     if as_json:
         click.echo(profiles_as_json(result))
         return

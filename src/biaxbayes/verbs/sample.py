@@ -223,10 +223,9 @@ class SampleJob:
             return posterior.least_squares(self.plan.seed)
 
         correction = correct_for_grips(self.specimen, fit_specimen)
-        specimen = correction.specimen
-        specimen = replace(specimen, notes=(*specimen.notes, correction.sentence))
-        posterior = Posterior(specimen, **self.options)
-        return replace(self, specimen=specimen, posterior=posterior, correction=correction)
+        posterior = Posterior(correction.specimen, **self.options)
+        own: dict[str, Any] = {"specimen": correction.specimen, "correction": correction}
+        return replace(self, posterior=posterior, **own)
 
     def _write_files(
         self,

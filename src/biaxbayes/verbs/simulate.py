@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -13,20 +13,18 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.experiments import BIAXIAL, EXPERIMENTS
 from biaxbayes.laws import LAWS, law_named
+from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.materials import CheckedMaterial, MaterialResponse
+from biaxbayes.laws.published import MATERIALS, PublishedMaterial
 from biaxbayes.options import Options, Settings, option, options_of, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.check import check_round_trip
 from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS, checked_value
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.specimens.truth import Truth, truth_file, write_truth
 from biaxbayes.verbs.inputs import as_numbers, check_new
-from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, named_number, options
-
-if TYPE_CHECKING:
-    from biaxbayes.laws.materials import MaterialResponse
-    from biaxbayes.laws.published import PublishedMaterial
-    from biaxbayes.specimens.truth import Truth
-
+from biaxbayes.verbs.options import RATIO, file_option, flag, named_number, options, pair
 
 DEFAULT_HOOKS = 5
 LOWEST, HIGHEST = 0.5, 3.0
@@ -129,8 +127,6 @@ def simulate(
     InputError
         For an impossible test, or a file that exists already.
     """
-    from biaxbayes.specimens.truth import truth_file, write_truth
-
     test = SimulateOptions.from_values(options)
     if out is not None:
         if not Path(out).parent.is_dir():
@@ -223,8 +219,6 @@ OF_OTHERS = ("axial_stretches", "header", "noise_kPa")
 
 def _check_options(test: SimulateOptions, material: MaterialResponse) -> None:
     """Refuse options that do not belong to the kind of test."""
-    from biaxbayes.laws.goh import GOH
-
     kind, defaults = EXPERIMENTS[test.test], SimulateOptions()
     for name in OF_OTHERS if kind.is_mounted else OF_MOUNTED:
         if not np.array_equal(getattr(test, name), getattr(defaults, name)):
@@ -251,10 +245,6 @@ def _check_options(test: SimulateOptions, material: MaterialResponse) -> None:
 
 def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
     """The material to test, and what is published with it."""
-    from biaxbayes.laws.goh import GOH
-    from biaxbayes.laws.materials import CheckedMaterial, MaterialResponse
-    from biaxbayes.laws.published import MATERIALS, PublishedMaterial
-
     if isinstance(test.material, MaterialResponse):
         published = PublishedMaterial(test.material, "command line")
     elif isinstance(test.material, str) and test.material in MATERIALS:
@@ -334,7 +324,7 @@ def _stretches(given: Any, name: str, count: int | None = None) -> list[float]:
     prestretch={"nargs": 2, "type": float},
     ratios={"multiple": True, "type": RATIO, "show_default": False},
     axial_stretches={"multiple": True, "type": float, "show_default": False},
-    edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
+    edge={"type": pair("x", "20 or 20x15", single=True), "show_default": False},
     header={"multiple": True, "type": str, "show_default": False},
     noise_kPa={"show_default": False},
     noise_N={"show_default": False},
@@ -366,10 +356,6 @@ def command(
         --header unloaded_outer_diameter_mm=8 --total-stretch 1.28 \
         --axial-stretch 1.1 --axial-stretch 1.2 --out tube.csv
     """
-    from biaxbayes.laws.goh import GOH
-    from biaxbayes.laws.published import MATERIALS
-    from biaxbayes.specimens.truth import truth_file
-
     if material == "list":
         for name, published in MATERIALS.items():
             m = published.material
