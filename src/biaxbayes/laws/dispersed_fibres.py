@@ -15,7 +15,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.coordinates import Transform
-from biaxbayes.laws.law import Law
+from biaxbayes.laws.law import Law, stiffening
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.parameters import Parameter, fibre_angle, positive_parameter
 
@@ -77,9 +77,7 @@ class DispersedFibreLaw(Law):
     has_switch = True
     fibre_parameters: ClassVar[tuple[Parameter, ...]] = (
         positive_parameter("k1", "k_1", "fibre stiffness", "kPa", 30.0, 2.5, 1e6, "no fibres"),
-        positive_parameter(
-            "k2", "k_2", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"
-        ),
+        stiffening("k2", "k_2", "fibre stiffening"),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
         Parameter(
             "kappa",

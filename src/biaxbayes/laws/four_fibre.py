@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from biaxbayes.laws.differentiation import exponential
-from biaxbayes.laws.law import MATRIX_STRESS_FRACTION, Law
+from biaxbayes.laws.law import MATRIX_STRESS_FRACTION, Law, matrix_stiffness, stiffening
 from biaxbayes.parameters import Parameter, fibre_angle, positive_parameter
 
 
@@ -32,17 +32,11 @@ def energy(X, Y, Z, c, k1_x, k2_x, k1_y, k2_y, k1_d, k2_d, cos2):
 
 def _family(axis: str, words: str) -> tuple[Parameter, Parameter]:
     """Stiffness and stiffening of a family."""
-    stiffness, stiffening = (
-        f"{what} of the fibres {words}" for what in ("stiffness", "stiffening")
-    )
-    ends = f"no fibres {words}", f"no exponential stiffening {words}"
+    of, none = f"of the fibres {words}", f"no fibres {words}"
+    k1, k2 = f"k_{{1{axis}}}", f"k_{{2{axis}}}"
     return (
-        positive_parameter(
-            f"k1_{axis}", f"k_{{1{axis}}}", stiffness, "kPa", 30.0, 2.5, 1e6, ends[0]
-        ),
-        positive_parameter(
-            f"k2_{axis}", f"k_{{2{axis}}}", stiffening, "1", 10.0, 2.0, 1e4, ends[1]
-        ),
+        positive_parameter(f"k1_{axis}", k1, f"stiffness {of}", "kPa", 30.0, 2.5, 1e6, none),
+        stiffening(f"k2_{axis}", k2, f"stiffening {of}", f"no exponential stiffening {words}"),
     )
 
 
@@ -60,9 +54,7 @@ class FourFibreLaw(Law):
     )
     # As those of GOH: c is twice its C1, and fibres of any family are as stiff.
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        positive_parameter(
-            "c", "c", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True
-        ),
+        matrix_stiffness("c", "c", 20.0),
         *_family("x", "along x"),
         *_family("y", "along y"),
         *_family("d", "along the diagonals"),

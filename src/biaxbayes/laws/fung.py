@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from biaxbayes.laws.law import Law
+from biaxbayes.laws.law import Law, matrix_stiffness, stiffening
 from biaxbayes.parameters import Parameter, positive_parameter
 
 
@@ -40,18 +40,12 @@ class FungLaw(Law):
         "in a neo-Hookean matrix"
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        positive_parameter(
-            "c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
-        ),
+        matrix_stiffness("c0", "c_0", 10.0),
         positive_parameter(
             "c", "c", "stiffness of the exponential", "kPa", 10.0, 2.5, 1e6, "no exponential"
         ),
-        positive_parameter(
-            "b_x", "b_x", "exponent in x", "1", 10.0, 2.0, 1e4, "no stiffening in x"
-        ),
-        positive_parameter(
-            "b_y", "b_y", "exponent in y", "1", 10.0, 2.0, 1e4, "no stiffening in y"
-        ),
+        stiffening("b_x", "b_x", "exponent in x", "no stiffening in x"),
+        stiffening("b_y", "b_y", "exponent in y", "no stiffening in y"),
         Parameter(
             "b_xy",
             "b_{xy}",

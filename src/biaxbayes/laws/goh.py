@@ -21,8 +21,9 @@ import numpy as np
 
 from biaxbayes.laws.differentiation import exponential
 from biaxbayes.laws.dispersed_fibres import DispersedFibreLaw, structure_tensor
+from biaxbayes.laws.law import matrix_stiffness
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.parameters import Parameter, positive_parameter
+from biaxbayes.parameters import Parameter
 
 
 def energy(X, Y, Z, C1, k1, k2, cos2, kappa, switch):
@@ -47,9 +48,7 @@ class GOHLaw(DispersedFibreLaw):
         "the x axis and equal properties; fibres carried load {load}"
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        positive_parameter(
-            "C1", "C_1", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
-        ),
+        matrix_stiffness("C1", "C_1", 10.0),
         *DispersedFibreLaw.fibre_parameters,
     )
     amplitudes = ("C1", "k1")

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from biaxbayes.laws.differentiation import exponential
-from biaxbayes.laws.law import Law
+from biaxbayes.laws.law import Law, matrix_stiffness, stiffening
 from biaxbayes.parameters import Parameter, fibre_angle, fraction_parameter, positive_parameter
 
 
@@ -43,15 +43,11 @@ class Holzapfel2005Law(Law):
         "carried load in extension only"
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        positive_parameter(
-            "mu", r"\mu", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True
-        ),
+        matrix_stiffness("mu", r"\mu", 20.0),
         positive_parameter(
             "k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e6, "no exponential"
         ),
-        positive_parameter(
-            "k2", "k_2", "stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"
-        ),
+        stiffening("k2", "k_2", "stiffening"),
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
         fraction_parameter(
             "rho",

@@ -37,7 +37,7 @@ from biaxbayes.laws.materials import (
     exponents,
     squared_stretches,
 )
-from biaxbayes.parameters import DEGREE, Parameter
+from biaxbayes.parameters import DEGREE, Parameter, positive_parameter
 
 MATRIX_STRESS_FRACTION = 0.3
 """Fraction of the peak stress that the matrix carries at the medians of a scaled prior."""
@@ -55,6 +55,19 @@ amplitude and exponent are correlated, so that a small amplitude may carry as mu
 INTERIOR_MINIMUM = {"kPa": 1e-3, "1": 1e-2}
 """Smallest stiffness and exponent of a material that is moved off its bounds, by unit."""
 INTERIOR_MARGIN, INTERIOR_MARGIN_DEG = 0.02, 3.0  # fraction of a range; degrees
+
+
+def matrix_stiffness(name: str, symbol: str, median_kPa: float) -> Parameter:
+    """The stiffness of a matrix, which is never zero."""
+    of = ("kPa", median_kPa, 2.0, 1e5, "no matrix")
+    return positive_parameter(name, symbol, "matrix stiffness", *of, positive=True)
+
+
+def stiffening(
+    name: str, symbol: str, words: str, at_low: str = "no exponential stiffening"
+) -> Parameter:
+    """A parameter that an exponent is proportional to."""
+    return positive_parameter(name, symbol, words, "1", 10.0, 2.0, 1e4, at_low)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from biaxbayes.laws.law import Law
+from biaxbayes.laws.law import Law, matrix_stiffness, stiffening
 from biaxbayes.parameters import Parameter, fibre_angle, fraction_parameter, positive_parameter
 
 
@@ -41,16 +41,12 @@ class LeeSacksLaw(Law):
     # Stiffnesses and exponents of soft tissue lie within two decades of these medians either way;
     # the prior of the isotropic fraction is uniform.
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        positive_parameter(
-            "c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
-        ),
+        matrix_stiffness("c0", "c_0", 10.0),
         positive_parameter(
             "c1", "c_1", "stiffness of the exponentials", "kPa", 10.0, 2.5, 1e6, "no exponentials"
         ),
-        positive_parameter(
-            "c2", "c_2", "isotropic stiffening", "1", 10.0, 2.0, 1e4, "no isotropic stiffening"
-        ),
-        positive_parameter("c3", "c_3", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no fibres"),
+        stiffening("c2", "c_2", "isotropic stiffening", "no isotropic stiffening"),
+        stiffening("c3", "c_3", "fibre stiffening", "no fibres"),
         fraction_parameter(
             "delta", r"\delta", "isotropic share", "no isotropic exponential", "no fibres"
         ),

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from biaxbayes.laws.law import Law
+from biaxbayes.laws.law import Law, matrix_stiffness
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.parameters import Parameter, fibre_angle, positive_parameter
 
@@ -46,9 +46,7 @@ class MayNewmanLaw(Law):
         "extension and compression"
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        positive_parameter(
-            "c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True
-        ),
+        matrix_stiffness("c0", "c_0", 10.0),
         positive_parameter(
             "k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e7, "no exponential"
         ),

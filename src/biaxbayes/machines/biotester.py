@@ -13,9 +13,8 @@ from biaxbayes.experiments import EXPERIMENTS
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import Columns, Source, parse_columns
 from biaxbayes.machines.cycles import Cycle
-from biaxbayes.machines.lines import outside
 from biaxbayes.machines.readings import ask_about_jumps, ask_about_signs
-from biaxbayes.machines.record import Record
+from biaxbayes.machines.record import Record, outside
 from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table

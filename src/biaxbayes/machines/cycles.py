@@ -112,16 +112,12 @@ def _cut_part(path: np.ndarray, span: float) -> list[Cycle]:
     least = AMPLITUDE * span
     rises: list[tuple[int, int]] = []
     for low, high in _turning_points(path, loop):
-        before = rises[-1] if rises else None
-        begun = before is not None and path[before[1]] - path[before[0]] >= least
-        fall = path[before[1]] - path[low] if before is not None else 0.0
-        if before is not None and begun and fall < least:
+        valley, peak = rises[-1] if rises else (low, low)
+        if rises and path[peak] - path[valley] < least:  # not begun
+            rises[-1] = (valley if path[low] - path[valley] > 0.5 * loop else low, high)
+        elif rises and path[peak] - path[low] < least:
             # a dip of a rise, or a small loop behind its peak
-            rises[-1] = (before[0], high if path[high] > path[before[1]] else before[1])
-        elif before is not None and not begun and path[low] - path[before[0]] > 0.5 * loop:
-            rises[-1] = (before[0], high)
-        elif before is not None and not begun:
-            rises[-1] = (low, high)
+            rises[-1] = (valley, high if path[high] > path[peak] else peak)
         else:
             rises.append((low, high))
     rises = [

@@ -34,14 +34,13 @@ from biaxbayes.machines.cycles import (
     scatter_of,
     what_it_does,
 )
-from biaxbayes.machines.lines import outside
 from biaxbayes.machines.readings import (
     ask_about_falls_of_one,
     ask_about_jumps,
     ask_about_signs,
     ask_about_steps,
 )
-from biaxbayes.machines.record import Record
+from biaxbayes.machines.record import Record, outside
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
 from biaxbayes.text_files import first_few

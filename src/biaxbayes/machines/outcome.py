@@ -9,8 +9,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.lines import ranges_without
-from biaxbayes.machines.record import Record, Recording
+from biaxbayes.machines.record import Record, Recording, ranges_without
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen

@@ -12,8 +12,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import LOADS, OF_AXES, Source
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
-from biaxbayes.machines.lines import ranges_without
-from biaxbayes.machines.record import Record, Recording
+from biaxbayes.machines.record import Record, Recording, ranges_without
 from biaxbayes.specimens.branches import JUMP, SIDES, STEEP, jumps, repeats
 from biaxbayes.specimens.plausibility import NEGATIVE
 from biaxbayes.specimens.protocol import rest_rows, second_difference_scatter
