@@ -39,7 +39,7 @@ STOP_POLL_SECONDS = 0.5
 def executor_for(
     workers: int | None = None, scheduler: str | None = None, *, isolated: bool = False
 ) -> Executor:
-    """Executor for processes or Dask; `isolated`: its death is not ours, also of a single one."""
+    """Executor for processes or Dask; `isolated`: also a single worker is a process of its own."""
     if scheduler is not None:
         if workers is not None:
             raise InputError(

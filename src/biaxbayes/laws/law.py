@@ -504,7 +504,7 @@ class Law:
     def bound_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Distances within which a parameter is at a bound; stretches of draws at protocol ends."""
+        """Distances from a bound within which a parameter of draws counts as being at it."""
         exponents = {}
         largest = self.derived_at(material, max_stretches)
         for name, formula in self.exponents.items():

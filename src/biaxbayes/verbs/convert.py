@@ -205,7 +205,7 @@ def _header_option(key: str) -> opt.Decorator:
 @click.option(
     "--machine",
     type=click.Choice(list(FORMATS)),
-    help="; ".join(": ".join(described) for described in FORMATS.items()) + ".",
+    help="; ".join(f"{name}: {words}" for name, words in FORMATS.items()) + ".",
 )
 @opt.file_option("out", "Specimen file.", required=True)
 @opt.options(

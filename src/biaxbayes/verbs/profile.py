@@ -69,8 +69,9 @@ def profile(
     from biaxbayes.profiles.profile import profiles
 
     if inputs.is_run(source):
-        for name in (*["mounting_force"] * (mounting_force is not None), *options):
-            problem = f"`{name[:60]}` does not go with a run, which has its own"
+        given = [*["mounting_force"] * (mounting_force is not None), *options]
+        if given:
+            problem = f"`{given[0][:60]}` does not go with a run, which has its own"
             raise InputError(problem, remedy="give the specimen's CSV instead")
         posterior = inputs.as_run(source).posterior()  # type: ignore[arg-type]
     else:
