@@ -210,7 +210,7 @@ def test_what_a_tube_does_not_have_is_refused(tmp_path):
     path = table(tmp_path, names, 8.0 * stretch[:, 0], stretch[:, 1], load[:, 0])
     for more, says in (
         ({}, "needs the unloaded_outer_diameter_mm"),
-        ({"unloaded_outer_diameter_mm": 8.0}, "pressures need thickness_mm"),
+        ({"unloaded_outer_diameter_mm": 8.0}, "readings of a tube need thickness_mm"),
         ({"columns": "force_x_N=pressure_kPa:N"}, "force_x_N is not read from a tube test"),
         ({"columns": "stretch_x=stretch_z"}, "both give stretch_x"),
     ):

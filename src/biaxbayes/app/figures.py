@@ -39,8 +39,10 @@ def record_figure(conversion: Conversion, record: Record) -> Any:
     shown = evenly_chosen(record.lines.size, MAX_POINTS)
     lines, panels = record.lines[shown], []
     span = Range1d(int(record.lines[0]), int(record.lines[-1]))
-    tube = record.stress_pair == "pressure"
-    loads = "pressure (kPa), force (N)" if tube else f"load ({record.unit})"
+    units = record.units
+    loads = f"load ({units[0]})"
+    if units[0] != units[1]:
+        loads = ", ".join(f"{record.load_named(k)} ({units[k]})" for k in (0, 1))
     for curves, title, read in (
         (record.stretch, "stretch", record.columns[:2]), (record.load, loads, record.columns[2:])
     ):  # fmt: skip

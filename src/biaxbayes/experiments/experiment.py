@@ -142,6 +142,10 @@ class Experiment(ABC):
         """Code and message of what may mislead."""
         return iter(())
 
+    def pulled(self, load: np.ndarray) -> tuple[int, ...]:
+        """Directions that a path with these loads (rows, 2) is pulled in."""
+        return self.axes
+
     @abstractmethod
     def points(self, stretch: np.ndarray) -> Points:
         """Points of rows at measured stretches (rows, 2)."""

@@ -43,6 +43,8 @@ GAUSS_POINTS = 5
 materials differ by less than 1e-4 from those of 40 points."""
 STARTS = 400
 """Radii at which the pressure is computed to find where it is zero."""
+INFLATES = 0.5
+"""Change of a pressure over its largest value, from which a tube is inflated."""
 OF_TUBES = "required of a tube"
 NO_RESIDUAL_STRESS = "0, no residual stress"
 PRESSURE_COLUMNS = {
@@ -187,6 +189,11 @@ class Tube(Experiment):
                     protocol=p.name,
                     remedy="check this row, and thickness and diameter of the unloaded tube",
                 )
+
+    def pulled(self, load: np.ndarray) -> tuple[int, ...]:
+        """Around while it is inflated, along at constant pressure."""
+        pressure = load[:, 0]
+        return (0,) if np.ptp(pressure) > INFLATES * np.abs(pressure).max() else (1,)
 
     @property
     def sector(self) -> tuple[float, float, float]:

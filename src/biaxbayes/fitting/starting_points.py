@@ -45,8 +45,8 @@ def screened_points(
         stresses = of_piece.experiment.stresses(stretch[own], load[own])
         if stresses is None:  # in kPa of the unloaded or mounted section
             load[own] /= of_piece.area
-        else:  # P = s / l
-            load[own] = stresses / stretch[own]
+        else:  # P = s / l, none across free sides
+            load[own] = np.nan_to_num(stresses / stretch[own])
     side = np.array([-1 if p.experiment.free_side is None else p.experiment.free_side
                      for p in data.pieces])[piece]  # fmt: skip
     unloaded = np.array([p.geometry != "mounted" for p in data.pieces])[piece, None]

@@ -156,12 +156,12 @@ def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object
             for of in (f" {source}", "Force")
             for axis in "xy"
         ),
-        stress_pair="force",
+        experiment=EXPERIMENTS[choice.test or "biaxial"],
+        loads="force",
         cycles={name: [cycle.only(reasons == "") for cycle in cycles]},
         reasons=reasons,
         notes=(*table.notes, note),
         assumptions=tuple(f"{t} = {s}" for t, s in sources.items() if s.computed),
-        axes=tuple("xy".index(axis) for axis in read),
     )
     taken = np.sort(np.concatenate([c.rows("both") for c in record.cycles[name]]))
     if choice.rows is None:

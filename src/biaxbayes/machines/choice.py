@@ -6,11 +6,18 @@ from dataclasses import dataclass
 
 from biaxbayes.errors import InputError
 from biaxbayes.experiments import EXPERIMENTS
+from biaxbayes.machines.columns import targets_of
 from biaxbayes.options import Options, option
 from biaxbayes.tables.expressions import FIRST, FUNCTIONS
 from biaxbayes.tables.units import units_of
 
 BRANCHES = ("loading", "unloading", "both")
+OF_OTHER_TESTS = ", ".join(
+    f"of a {test.name} {', '.join(t for t in targets_of(test.name) if t not in targets_of(None))}"
+    for test in EXPERIMENTS.values()
+    if not set(targets_of(test.name)) <= set(targets_of(None))
+)
+"""What is read from tests that are not planar."""
 
 
 FORMATS = {
@@ -46,11 +53,11 @@ class Choice(Options):
         f"(mm)}} / 20.6, with + - * / ** ( ), {', '.join([*FUNCTIONS, FIRST])} ({FIRST}: value in "
         "the first row) and header keys such as edge_x_mm, which is in the target's unit. Targets: "
         "stretch_x, force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, stretch_time_s, "
-        "protocol, cycle, shear_xy, shear_yx (F12, F21: then stretches are F11, F22), of a tube "
-        "outer_diameter_mm, length_mm or stretch_z, pressure_kPa, axial_force_N, of a bulge "
-        "pole_tension_kPa (pressure times radius of curvature over twice the thickness), and "
-        "ignore for a column of labels that separates nothing. {#3} and #3 are the third column; "
-        "in names of columns that stand side by side, * stands for the name of the protocol. "
+        "protocol, cycle, shear_xy, shear_yx (F12, F21: then stretches are F11, F22), "
+        f"{OF_OTHER_TESTS} (pole_tension_kPa: pressure times radius of curvature over twice the "
+        "thickness), and ignore for a column of labels that separates nothing. {#3} and #3 are the "
+        "third column; in names of columns that stand side by side, * stands for the name of the "
+        "protocol. "
         "Units: "
         f"{units_of('force', 'stress', 'length', 'time')}. Repeatable.",
         metavar="TARGET=SOURCE,...",
@@ -58,7 +65,7 @@ class Choice(Options):
     test: str | None = option(
         None,
         "Kind of test; a strip has columns of its direction alone (the other stretch "
-        "where its width was measured), a tube or a bulge those named above.",
+        "where its width was measured), the others those named above.",
         choices=tuple(EXPERIMENTS),
     )
     rows: str | None = option(

@@ -13,7 +13,7 @@ from typing import NoReturn
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import BIAXIAL, EXPERIMENTS
+from biaxbayes.experiments import BIAXIAL, EXPERIMENTS, LOADS, Experiment
 from biaxbayes.specimens.keys import KEYS
 from biaxbayes.tables.expressions import COLUMN, columns_in, evaluated, is_expression, numbers_in
 from biaxbayes.tables.question import Question
@@ -34,36 +34,35 @@ from biaxbayes.tables.units import (
 )
 from biaxbayes.text_files import cell_fault, cells_of, first_few, is_number
 
-LOADS = {
-    name: kind.columns
-    for test in (BIAXIAL, EXPERIMENTS["tube"], EXPERIMENTS["bulge"])
-    for name, kind in test.loads.items()
+STRETCHES = ("stretch_x", "stretch_y")
+STRETCH_OF = {
+    name: column.stands_for[0]
+    for test in EXPERIMENTS.values()
+    for name, column in test.columns.items()
+    if column.stands_for and column.stands_for[0] in STRETCHES
 }
-"""Load columns in x and y, by what the loads are."""
-OF_AXES = ("stretch_x", "outer_diameter_mm"), ("stretch_y", "length_mm", "stretch_z")
+"""The stretch that follows from a column of one kind of test, such as a diameter."""
+OF_AXES = tuple((s, *(name for name, of in STRETCH_OF.items() if of == s)) for s in STRETCHES)
 """Targets that the stretches in x and y follow from."""
 SHEAR = {"shear_xy": ("f12", "fxy"), "shear_yx": ("f21", "fyx")}
 OF_ALL_TESTS = {
     "stretch_x": "stretch", "stretch_y": "stretch", "time_s": "time", "stretch_time_s": "time",
     "protocol": "text", "cycle": "text", "specimen": "text",
 }  # fmt: skip
+PLANAR_LOADS = {column: name for name, of in BIAXIAL.loads.items() for column in of.columns}
+"""Kinds of planar loads by their columns."""
+OF_UNIT = {"N": "force", "kPa": "stress", "mm": "length"}
 TARGETS = OF_ALL_TESTS | {
-    "force_x_N": "force", "force_y_N": "force",
-    **dict.fromkeys((*LOADS["piola"], *LOADS["cauchy"]), "stress"),
-    **dict.fromkeys(SHEAR, "fraction"),
-    "pressure_kPa": "stress", "axial_force_N": "force", "outer_diameter_mm": "length",
-    "length_mm": "length", "stretch_z": "stretch", "pole_tension_kPa": "stress",
-}  # fmt: skip
+    name: OF_UNIT.get(name.rpartition("_")[2], "stretch")
+    for name in (*PLANAR_LOADS, *SHEAR, *(c for of in LOADS.values() for c in of.columns if c),
+                 *STRETCH_OF)
+} | dict.fromkeys(SHEAR, "fraction")  # fmt: skip
 """Targets and their quantity."""
 OWN_UNITS = {
     "force": "N", "stress": "kPa", "length": "mm", "time": "s", "stretch": "mm/mm",
     "fraction": "mm/mm",
 }  # fmt: skip
 """Units that the quantities of targets are in."""
-PLANAR_LOADS = {n: kind for kind in BIAXIAL.loads for n in LOADS[kind]}
-"""Kinds of planar loads by their columns."""
-TUBE_COLUMNS = {n: c.stands_for[0] for n, c in EXPERIMENTS["tube"].columns.items() if c.stands_for}
-"""Columns of a tube that stand for another one."""
 IGNORE = "ignore"
 """Target of columns that mean nothing here."""
 OPTIONAL = ("time_s", *SHEAR)
@@ -100,8 +99,8 @@ OF_QUANTITY = {
     "length": r"diameter|od|length|l[äa]nge",
 }
 """Words of a column's name that suggest a quantity."""
-AXIS_OF = {"stretch_z": "y", "length_mm": "y", "axial_force_N": "y"}
-"""Directions of targets of a tube that are not x."""
+OF_Y = (*OF_AXES[1], *(of.columns[1] for of in LOADS.values()))
+"""Targets of the direction y."""
 EXAMPLES = {
     "": "1 + {Disp X (mm)} / 20.6",
     "pole_tension_kPa": "{P (kPa)} * {Radius of curvature (mm)} / (2 * thickness_mm)",
@@ -256,8 +255,12 @@ def targets_of(test: str | None) -> list[str]:
     """Targets of a kind of test as a specimen file names it; of a biaxial one without a name."""
     kind = EXPERIMENTS[test or "biaxial"]
     loads = [of.columns[k] for of in kind.loads.values() for k in kind.axes]
-    others = TUBE_COLUMNS if test == "tube" else SHEAR if kind.is_biaxial else ()
-    return [t for t in TARGETS if t in OF_ALL_TESTS or t in loads or t in others]
+    others = {
+        *loads,
+        *(kind.columns.keys() & STRETCH_OF.keys()),
+        *(SHEAR if kind.is_biaxial else ()),
+    }
+    return [t for t in TARGETS if t in OF_ALL_TESTS or t in others]
 
 
 @dataclass(frozen=True)
@@ -269,11 +272,16 @@ class Columns:
     header: Mapping[str, object]
     test: str | None = None  # as a specimen file names it; a biaxial one if it is not stated
 
+    @property
+    def experiment(self) -> Experiment:
+        """The kind of test."""
+        return EXPERIMENTS[self.test or "biaxial"]
+
     def sources(self) -> dict[str, Source]:
         """The source of each target: as the user said, or a column that is named as the target."""
         table, wanted, targets = self.table, self.wanted, targets_of(self.test)
         for target in (t for t in wanted if t not in (*targets, IGNORE)):
-            others = [name for name in ("tube", "bulge") if target in targets_of(name)]
+            others = [name for name in EXPERIMENTS if target in targets_of(name)]
             if self.test is None and others:
                 gives = {f"test={name}": EXPERIMENTS[name].words for name in others}
                 raise Question(f"{target} is read from a {others[0]}", gives, file=table.path)
@@ -286,7 +294,9 @@ class Columns:
                 for names in names_needed([text]):
                     table.column(names[-1])  # says so if there is none
         ignored = {table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name}
-        named = self.test != "tube" and any(TARGETS.get(t) in ("force", "stress") for t in wanted)
+        # a reading that a file may lack is read where it is, whatever else is said
+        named = not any(of.optional for of in self.experiment.loads.values())
+        named = named and any(TARGETS.get(t) in ("force", "stress") for t in wanted)
         sources: dict[str, Source] = {}
         for target in targets:
             if target in wanted:
@@ -585,7 +595,7 @@ class Columns:
     def _check_complete(self, sources: dict[str, Source]) -> None:
         """Ask for missing stretches and loads; refuse two of one, and two kinds of loads."""
         table, wanted = self.table, self.wanted
-        for name, standard in TUBE_COLUMNS.items():
+        for name, standard in STRETCH_OF.items():
             if name not in sources or standard not in sources:
                 continue
             if standard not in wanted and name in wanted:
@@ -596,10 +606,10 @@ class Columns:
                 names = f"{sources[name].text!r} and {sources[standard].text!r}"
                 remedy = f"keep one, and write --columns {IGNORE}=COLUMN for the other"
                 raise table.error(f"{names} both give {standard}", remedy)
-        kinds = EXPERIMENTS[self.test or "biaxial"].loads
-        pairs = [p for p in kinds if any(name in sources for name in LOADS[p])]
+        kinds = self.experiment.loads
+        pairs = [p for p, of in kinds.items() if any(name in sources for name in of.columns)]
         if len(pairs) > 1:
-            raise table.error("more than one stress pair", f"map one of them; {table.listing}")
+            raise table.error("loads of more than one kind", f"map one of them; {table.listing}")
         if missing := self._missing(sources, pairs):
             self._ask_for_columns(missing, sources, bool(pairs))
         used: dict[int, str] = {}
@@ -611,8 +621,8 @@ class Columns:
                 raise table.error(problem, table.listing)
             self._ask(target, problem, {source.formula: f"it serves {first} as well"})
         for pair in pairs if PLANAR_LOADS.keys() & sources.keys() else ():
-            self._ask_about_swapped(*(sources[t] for t in ("stretch_x", "stretch_y", *LOADS[pair])
-                                      if t in sources))  # fmt: skip
+            of_axes = (*STRETCHES, *kinds[pair].columns)
+            self._ask_about_swapped(*(sources[t] for t in of_axes if t in sources))
 
     def _ask_about_swapped(self, *columns: Source) -> None:
         """Ask where the names of both loads suggest the direction of the other stretch."""
@@ -633,23 +643,21 @@ class Columns:
 
     def _missing(self, sources: Mapping[str, Source], pairs: Sequence[str]) -> list[str]:
         """Targets that the test needs, of the likely loads, and that have no source."""
-        kind = EXPERIMENTS[self.test or "biaxial"]
+        kind = self.experiment
         likely = [
-            p for p in kind.loads
-            if any(self.likely_columns(t, sources) for t in LOADS[p] if t)
+            p for p, of in kind.loads.items()
+            if any(self.likely_columns(t, sources) for t in of.columns if t)
         ]  # fmt: skip
         loads = kind.loads[[*pairs, *likely, *kind.loads][0]]
-        given = {TUBE_COLUMNS.get(name, name) for name in sources}
+        given = {STRETCH_OF.get(name, name) for name in sources}
         needed = [f"stretch_{axis}" for k, axis in enumerate("xy") if k != kind.free_side]
         needed += [loads.columns[k] for k in kind.axes if k not in loads.optional]
-        missing = [target for target in needed if target not in given]
-        lengths = {"stretch_x": "outer_diameter_mm", "stretch_y": "length_mm"}
-        if self.test == "tube":
-            missing = [
-                lengths[t] if t in lengths and self.likely_columns(lengths[t], sources) else t
-                for t in missing
-            ]
-        return missing
+        lengths = {STRETCH_OF[t]: t for t in targets_of(self.test) if TARGETS[t] == "length"}
+        return [
+            lengths[t] if t in lengths and self.likely_columns(lengths[t], sources) else t
+            for t in needed
+            if t not in given
+        ]
 
     def likely_columns(self, target: str, sources: Mapping[str, Source]) -> list[int]:
         """Columns that may be read for a target by unit and name, the likeliest first."""
@@ -684,7 +692,8 @@ class Columns:
                 others[f"test=strip {axis}"] = f"a strip pulled along {axis}, whose sides are free"
         planar = has_loads or any(key.startswith("edge") for key in self.header)
         if self.test is None and not planar and any(map(_is_pressure, table.names)):
-            others |= {f"test={name}": EXPERIMENTS[name].words for name in ("tube", "bulge")}
+            inflated = {n: e for n, e in EXPERIMENTS.items() if "pressure_kPa" in e.columns}
+            others |= {f"test={name}": e.words for name, e in inflated.items()}
         same = next((s for t, s in sources.items() if TARGETS[t] == TARGETS[target]), None)
         both = {}
         if same is not None and TARGETS[target] == "stretch":
@@ -777,7 +786,7 @@ def _directions(name: str, axes: Sequence[Mapping[str, str]] = AXES) -> set[str]
 
 
 def _axis_of(target: str) -> str:
-    return AXIS_OF.get(target) or "xy"["_y" in target]
+    return "y" if target in OF_Y or "_y" in target else "x"
 
 
 def _is_pressure(name: str) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError, ReadingError
-from biaxbayes.experiments import EXPERIMENTS, Experiment
+from biaxbayes.experiments import LOADS, Experiment
 from biaxbayes.machines import generic
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import names_needed
@@ -119,10 +119,9 @@ def _converted(
         header = {k: v for k, v in header.items() if k not in MOUNTED_STATE}
         header["reference"] = "common"
     records, recordings = _named_recordings(files, choice, header, protocol_names)
-    stress_pair = recordings[0].record.stress_pair
-    experiment = EXPERIMENTS[choice.test or "biaxial"]
-    _check_header(header, stress_pair, experiment, paths[0])
-    noise = header.get("load_noise_N" if stress_pair == "force" else "load_noise_kPa")
+    loads, experiment = recordings[0].record.loads, recordings[0].record.experiment
+    _check_header(header, loads, experiment, paths[0])
+    noise = header.get(f"load_noise_{LOADS[loads].units[0]}")
     in_doubt = experiment.is_mounted and "reference" not in header
     try:
         protocols = _protocols(recordings, mounted)
@@ -131,7 +130,7 @@ def _converted(
         specimen = Specimen(
             name=name or paths[0].stem,
             protocols=tuple(protocols),
-            loads=stress_pair,
+            loads=loads,
             test=experiment.name,
             geometry=str(header.get("geometry", "unloaded")),
             load_noise=None if noise is None else float(noise),
@@ -170,14 +169,14 @@ def _protocols(recordings: Sequence[Recording], mounted: Sequence[float]) -> lis
     return protocols
 
 
-def _check_header(header: Header, stress_pair: str, test: Experiment, file: Path) -> None:
+def _check_header(header: Header, loads: str, test: Experiment, file: Path) -> None:
     """Ask for the dimensions that loads of the test need; refuse the noise of other loads."""
-    unit, other = ("N", "kPa") if stress_pair == "force" else ("kPa", "N")
+    unit = LOADS[loads].units[0]
+    other = "kPa" if unit == "N" else "N"
     if f"load_noise_{other}" in header:
         problem = f"`load_noise_{other}` does not fit: the columns are in {unit}"
         raise InputError(problem, remedy=f"give `load_noise_{unit}`")
-    words = {"force": "forces", "pressure": "pressures", "tension": "tensions"}
-    for key in (key for key in test.needed(stress_pair) if key not in header):
+    for key in (key for key in test.needed(loads) if key not in header):
         gives, likely = {f"{key}=MM": KEYS[key].meaning}, True
         assumed, of = f"{key}={1.0 if key == 'thickness_mm' else 10.0:g}", ""
         if key == "geometry":
@@ -186,7 +185,8 @@ def _check_header(header: Header, stress_pair: str, test: Experiment, file: Path
                 "geometry=mounted": "they were measured after mounting",
             }
             assumed, of, likely = "", f": {KEYS[key].meaning}", False
-        problem = f"{words.get(stress_pair, 'stresses')} need {key}{of}"
+        readings = LOADS[loads].compared if test.is_mounted else f"readings of a {test.name}"
+        problem = f"{readings} need {key}{of}"
         raise Question(problem, gives, file=file, assumed=assumed, likely=likely)
 
 
@@ -279,9 +279,9 @@ def _named_recordings(
             recordings.append(replace(r, name=path.stem if len(in_file) == 1 else name))
         records += of_file
     recordings = without_repeats(recordings, choice)
-    pairs = {r.record.stress_pair for r in recordings}
-    if len(pairs) > 1:
-        problem = f"the files hold different stress pairs ({', '.join(sorted(pairs))})"
+    kinds = {LOADS[r.record.loads].words for r in recordings}
+    if len(kinds) > 1:
+        problem = f"the files hold different loads ({', '.join(sorted(kinds))})"
         raise InputError(problem, remedy="convert them with the same columns")
     names = list(protocol_names) or [r.name for r in recordings]
     if len(names) != len(recordings):

@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import EXPERIMENTS
+from biaxbayes.experiments import EXPERIMENTS, LOADS
 from biaxbayes.machines.biotester import PHASE
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import (
     IGNORE,
-    LOADS,
     OF_AXES,
     SHEAR,
     TARGETS,
@@ -229,8 +228,9 @@ def _of_values(
 ) -> Record:
     """The record of the values of each target, whose first cells are `before`."""
     rows = np.flatnonzero(reasons == "")
-    pair = next(p for p, names in LOADS.items() if set(names) & set(sources))
-    load = np.column_stack([values.get(t, np.zeros(table.rows)) for t in LOADS[pair]])
+    loads = next(name for name, of in LOADS.items() if set(of.columns) & set(sources))
+    of_loads = LOADS[loads].columns
+    load = np.column_stack([values.get(t, np.zeros(table.rows)) for t in of_loads])
     stretch = np.ones((table.rows, 2))
     for k, names in enumerate(OF_AXES):
         for target in (target for target in names if target in values):
@@ -261,14 +261,14 @@ def _of_values(
         gradient=gradient,
         columns=tuple(
             next((sources[t].text for t in names if t in sources), "")
-            for names in (*OF_AXES, *((name,) for name in LOADS[pair]))
+            for names in (*OF_AXES, *((name,) for name in of_loads))
         ),
-        stress_pair=pair,
+        experiment=EXPERIMENTS[choice.test or "biaxial"],
+        loads=loads,
         cycles={},
         reasons=reasons,
         notes=(*table.notes, *shown, *notes),
         assumptions=(*conflicts, *computed, *notes),
-        axes=EXPERIMENTS[choice.test or "biaxial"].axes,
     )
 
 

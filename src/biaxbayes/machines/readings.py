@@ -9,8 +9,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
 from biaxbayes.errors import InputError
+from biaxbayes.experiments import LOADS
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.columns import LOADS, OF_AXES, Source
+from biaxbayes.machines.columns import OF_AXES, Source
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
 from biaxbayes.machines.record import Record, Recording, ranges_without
 from biaxbayes.specimens.branches import JUMP, SIDES, STEEP, jumps, repeats
@@ -120,7 +121,7 @@ def ask_about_signs(record: Record, rows: np.ndarray, sources: Mapping[str, Sour
         change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
         strain, rise = stretch - stretch[0], load - load[0]
         shortens = -strain.min() > strain.max()
-        of_load = record.stress_pair == "pressure" or not shortens
+        of_load = not record.experiment.is_mounted or not shortens
         if change < -NEGATIVE * largest:
             wrong = ["load"] if of_load or rise[np.abs(strain).argmax()] < 0.0 else ["stretch"]
             says = f"the {record.load_named(k)} falls by {-change:.3g} while the stretch in "
@@ -144,7 +145,7 @@ def ask_about_signs(record: Record, rows: np.ndarray, sources: Mapping[str, Sour
 
 def _turned(record: Record, sources: Mapping[str, Source], k: int, which: str) -> str:
     """The source of a stretch or load with the opposite sign; empty where it is no column."""
-    targets = OF_AXES[k] if which == "stretch" else (LOADS[record.stress_pair][k],)
+    targets = OF_AXES[k] if which == "stretch" else (LOADS[record.loads].columns[k],)
     source = next((sources[t] for t in targets if t in sources), None)
     if source is None:
         return ""

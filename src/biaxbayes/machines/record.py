@@ -9,11 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import Tube
+from biaxbayes.experiments import Experiment
 from biaxbayes.machines.cycles import Cycle, peak_change, ratio_name
-
-INFLATES = 0.5
-"""Change of a pressure over its largest value, from which a tube is inflated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,19 +25,16 @@ class Record:
     time_s: np.ndarray | None
     gradient: np.ndarray | None  # (n, 2, 2), if the file has its off-diagonal components
     columns: tuple[str, ...]  # raw columns of stretch x, y and load x, y
-    stress_pair: str
+    experiment: Experiment
+    loads: str  # their name among those of the experiment
     cycles: dict[str, list[Cycle]]  # by protocol; of one without a name if the file names none
     reasons: np.ndarray  # why each row was left out; empty for a row that was not
     notes: tuple[str, ...]  # how the file was read
     assumptions: tuple[str, ...]  # of stretches and loads; written into the specimen file
-    axes: tuple[int, ...] = (0, 1)  # directions that are pulled
 
     def axes_of(self, rows: np.ndarray) -> tuple[int, ...]:
-        """Directions that are pulled in some rows; at constant pressure a tube is pulled along."""
-        if self.stress_pair != "pressure":
-            return self.axes
-        pressure = self.load[rows, 0]
-        return (0,) if np.ptp(pressure) > INFLATES * np.abs(pressure).max() else (1,)
+        """Directions that are pulled in some rows."""
+        return self.experiment.pulled(self.load[rows])
 
     def pulled(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Stretch and load (rows, directions) in the directions that are pulled."""
@@ -49,7 +43,8 @@ class Record:
 
     def load_named(self, axis: int) -> str:
         """What the load of a direction is called."""
-        return Tube.curves[axis] if self.stress_pair == "pressure" else f"load in {'xy'[axis]}"
+        curve = self.experiment.curves[axis]
+        return f"load in {curve}" if curve in ("x", "y") else curve
 
     @property
     def source(self) -> str:
@@ -57,20 +52,19 @@ class Record:
         return self.path.name + (f", {self.name}" if self.name else "")
 
     @property
-    def unit(self) -> str:
-        """Unit of the loads, of a tube of its pressure."""
-        return "N" if self.stress_pair == "force" else "kPa"
+    def units(self) -> tuple[str, str]:
+        """Units of both loads."""
+        return self.experiment.loads[self.loads].units
 
     def load_text(self, axis: int, load: float, digits: int = 4) -> str:
         """A load with its unit."""
-        unit = "N" if self.stress_pair == "pressure" and axis == 1 else self.unit
-        return f"{load:.{digits}g} {unit}"
+        return f"{load:.{digits}g} {self.units[axis]}"
 
     def loads_text(self, load: np.ndarray, digits: int) -> str:
         """Loads of the directions that were read, with their unit."""
         texts = [self.load_text(k, load[k], digits) for k in (0, 1) if self.columns[2 + k]]
-        if self.stress_pair != "pressure":  # one unit
-            texts[:-1] = [text.removesuffix(f" {self.unit}") for text in texts[:-1]]
+        if len(set(self.units)) == 1:
+            texts[:-1] = [text.removesuffix(f" {self.units[0]}") for text in texts[:-1]]
         return ", ".join(texts)
 
     def stretches_text(self, stretch: Sequence[float] | np.ndarray, form: str) -> str:

@@ -22,7 +22,7 @@ from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.mounting import newtons_per_kPa
+from biaxbayes.mechanics.mounting import newtons_per_kPa, with_free_side
 from biaxbayes.mechanics.virtual_test import VirtualTest, simulate_smooth_misfit, virtual_test
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -199,8 +199,11 @@ def virtual_inflation(
     sd = [noise[unit] if k in experiment.axes else 0.0 for k, unit in enumerate(loads.units)]
 
     def readings(stretch: np.ndarray) -> np.ndarray:
-        points = experiment.points(stretch)
-        return points.sums(np.stack(material.cauchy(*points.stretch.T), axis=-1))
+        points, side = experiment.points(stretch), experiment.free_side
+        total = points.stretch
+        if side is not None:
+            total = with_free_side(material.cauchy, total, side)
+        return points.sums(np.stack(material.cauchy(*total.T), axis=-1))
 
     rng, protocols = np.random.default_rng(seed), []
     paths = experiment.paths(largest_stretch, axial_stretches, increments, readings)

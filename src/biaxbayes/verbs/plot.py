@@ -117,7 +117,7 @@ def plot(
     compare : Run, path-like or DataFrame, optional
         Another run, or its draws, to draw over this one: corner.
     parameters : sequence of str
-        What to show: profile and trace.
+        What to show: corner, profile and trace.
     anyway : bool
         Use the draws of a run that has not converged.
     """
