@@ -14,7 +14,7 @@ from biaxbayes.figures.comparisons import forest_figure, matrix_figure
 from biaxbayes.figures.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.identifiability.reported import report_table
-from biaxbayes.report_table import Column, Row, Table, number, unit_text
+from biaxbayes.report_table import Column, Row, Table, number
 from biaxbayes.reports.page import (
     Block,
     Figure,
@@ -24,8 +24,10 @@ from biaxbayes.reports.page import (
     Section,
     Sentence,
     prose,
+    remarks,
+    titled,
 )
-from biaxbayes.reports.study_page import named
+from biaxbayes.reports.study_page import UNIT, named
 from biaxbayes.reports.templates import embedded
 from biaxbayes.reports.text import VERDICT_TERMS
 from biaxbayes.text_files import atomic_write_text, make_folder, write_csv
@@ -72,7 +74,7 @@ def distance_tables(distances: pd.DataFrame) -> list[Table]:
 def _distance_table(a: str, b: str, rows: pd.DataFrame) -> Table:
     columns = [
         Column("quantity", "Quantity", format=lambda r: named(_at_stretch(r))),
-        Column("unit", "Unit", format=lambda r: unit_text(r["unit"])),
+        UNIT,
         Column("median_a", a, format=lambda r: _median(r, "median_a"), number=True),
         Column("median_b", b, format=lambda r: _median(r, "median_b"), number=True),
         Column(
@@ -121,22 +123,17 @@ def _at_stretch(row: Row) -> str:
 def comparison_page(comparison: Comparison, drawings: Mapping[str, Drawing]) -> str:
     """The page of a comparison of runs, with its figures by the stems of their files."""
     figures = {name: embedded(figure_bytes(figure, "png")) for name, figure in drawings.items()}
-    report: list[Block] = []
+    report: list[Block | None] = []
     if not comparison.converged:
         states = [f"{m.label} is {m.state}" for m in comparison.members if m.state != "converged"]
         text = f"{', '.join(states)}. Nothing is reported of its parameters."
         report.append(Notice("tentative", "Not every run has converged:", text=text))
-    if comparison.notes:
-        head = "These runs differ in more than the tissue."
-        report.append(Notice("tentative", head, comparison.notes))
     about = "One 90 % interval or 95 % bound per parameter, with its [verdict]."
+    report.append(remarks("These runs differ in more than the tissue.", comparison.notes))
     report.append(Sentence(prose(about)))
-    contents = "90 % intervals and 95 % bounds of "
     for label, rows in zip(comparison.labels, comparison.reported, strict=True):
-        report += [
-            Heading(label),
-            report_table(rows, f"What {label} reports", contents + label),
-        ]
+        caption = f"90 % intervals and 95 % bounds of {label}"
+        report += [Heading(label), report_table(rows, f"What {label} reports", caption)]
     alt = "Verdict and reported interval of every parameter of every run"
     report.append(Figure(figures["matrix"], alt, "The same at a glance."))
     forest = prose(
@@ -159,7 +156,7 @@ def comparison_page(comparison: Comparison, drawings: Mapping[str, Drawing]) -> 
         ),
     ]
     for table in distance_tables(comparison.distances):
-        distances += [Heading(table.label), table]
+        distances += titled(table)
     overlay: list[Block] = []
     if "overlay" in figures:
         alt = "Pairwise posteriors of the runs over one another"

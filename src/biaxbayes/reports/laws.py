@@ -13,7 +13,7 @@ from biaxbayes.figures.comparisons import by_weight, law_misfit_figure, law_moun
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.report_table import DASH, Column, Row, Table, interval_texts
-from biaxbayes.reports.page import Block, Figure, Notice, Page, Section, Sentence, prose
+from biaxbayes.reports.page import Block, Figure, Page, Section, Sentence, prose, remarks
 from biaxbayes.reports.templates import embedded
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -46,7 +46,7 @@ def laws_table(compared: LawComparison) -> Table:
         return Column(q.name, q, format=lambda r: stretch_text(r, q), number=True)
 
     columns = [
-        Column("law", "Law", format=lambda r: _law_name(r["law"])),
+        Column("law", "Law", format=lambda r: "mixture" if r["law"] == STACKED else r["law"]),
         Column("state", "Chains"),
         Column("rms_kPa", "Misfit", "kPa", ".3g", number=True, term=True),
         Column("left_out_rms_kPa", "Left out", "kPa", ".3g", number=True),
@@ -56,10 +56,6 @@ def laws_table(compared: LawComparison) -> Table:
     ]
     caption = "Laws by weight; mounting stretches: median and 90 % interval"
     return Table(columns, by_weight(compared.table), "Laws", caption)
-
-
-def _law_name(law: str) -> str:
-    return "mixture" if law == STACKED else law
 
 
 def _weight(r: Row) -> str:
@@ -105,7 +101,9 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Drawing]) -> str:
     table = compared.table
     best = table[table["law"] != STACKED].sort_values("left_out_rms_kPa").iloc[0]
     mixture = table.set_index("law").loc[STACKED]
-    weights: list[Block] = [
+    left = [f"{law} is left out: {why}" for law, why in sorted(compared.left_out.items())]
+    weights = [
+        remarks("Not every law could be sampled.", left),
         Sentence(
             f"{best['law']} predicts left-out parts best: its rms error is "
             f"{best['left_out_rms_kPa']:.3g} kPa, that of the mixture of all laws "
@@ -121,9 +119,6 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Drawing]) -> str:
         ),
         laws_table(compared),
     ]
-    if compared.left_out:
-        left = [f"{law} is left out: {why}" for law, why in sorted(compared.left_out.items())]
-        weights.insert(0, Notice("tentative", "Not every law could be sampled.", left))
     mounting: list[Block] = []
     if "law-mounting" in figures:
         about = prose(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from markupsafe import Markup, escape
@@ -117,13 +117,24 @@ class Figure:
 Block: TypeAlias = Sentence | Heading | Items | Notice | Facts | Figure | Table
 
 
+def remarks(head: str, texts: Sequence[str | Markup]) -> Notice | None:
+    """A box of remarks; None where there are none."""
+    return Notice("tentative", head, texts) if texts else None
+
+
+def titled(table: Table, about: str | Markup = "", heading: str = "") -> list[Block]:
+    """A table below its label and a sentence on it; nothing of an empty table."""
+    sentences = [Sentence(about)] if about else []
+    return [Heading(heading or table.label), *sentences, table] if table else []
+
+
 @dataclass(frozen=True)
 class Section:
-    """A section of a page."""
+    """A section of a page; a block that is None has nothing to say."""
 
     id: str
     title: str
-    blocks: Sequence[Block]
+    blocks: Sequence[Block | None]
 
 
 # --- the page ------------------------------------------------------------------------------------
@@ -131,29 +142,19 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A result on one page.
+    """A result on one page."""
 
-    Attributes
-    ----------
-    kind : str
-        In the title of the page, such as ``report``.
-    heading : str
-    about : str or Markup
-        Sentence below the heading.
-    sections : sequence of Section
-        Those without blocks are left out.
-    terms : sequence of str
-        Of the glossary.
-    """
-
-    kind: str
+    kind: str  # in the title of the page, such as ``report``
     heading: str
-    about: str | Markup
-    sections: Sequence[Section]
-    terms: Sequence[str]
+    about: str | Markup  # sentence below the heading
+    sections: Sequence[Section]  # those without blocks are left out
+    terms: Sequence[str]  # of the glossary
 
     def html(self) -> str:
         """The page."""
-        shown = [s for s in self.sections if s.blocks]
+        sections = [
+            replace(s, blocks=[b for b in s.blocks if b is not None]) for s in self.sections
+        ]
+        shown = [s for s in sections if s.blocks]
         titles = {s.id: s.title for s in shown} | {"words": "Words"}
         return page_template("page.html.jinja").render(page=self, shown=shown, sections=titles)

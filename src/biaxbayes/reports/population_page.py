@@ -33,7 +33,6 @@ from biaxbayes.report_table import (
     interval_texts,
     three_digits,
     truncate,
-    unit_text,
 )
 from biaxbayes.reports.answers import CHANCE, population_answers
 from biaxbayes.reports.page import (
@@ -46,8 +45,10 @@ from biaxbayes.reports.page import (
     Section,
     Sentence,
     prose,
+    remarks,
+    titled,
 )
-from biaxbayes.reports.study_page import named
+from biaxbayes.reports.study_page import QUANTITY, UNIT, named
 from biaxbayes.reports.templates import pictures
 from biaxbayes.reports.text import VERDICT_TERMS, plural
 from biaxbayes.studies.groups import KNOWN_QUANTITIES, LARGER, OPEN, SMALLER
@@ -148,6 +149,9 @@ def _interval(name: str, row: Row) -> str:
 def group_table(group: str, part: pd.DataFrame) -> Table:
     """The typical donor of a group, how donors and specimens differ, and new ones."""
 
+    def typical(r: Row) -> Cell:
+        return _marked(_centre(r), _identified(r))
+
     def spread(side: str, r: Row) -> Cell:
         log, verdict = r["scale"] == LOG, _words(r[f"{side}_verdict"])
         median, ends = quantile_texts(r, side, _ratio if log else three_digits)
@@ -155,9 +159,9 @@ def group_table(group: str, part: pd.DataFrame) -> Table:
         return (_marked(text, verdict != NOT_IDENTIFIED), ends, verdict)
 
     columns = [
-        Column("quantity", "Quantity", format=lambda r: named(r["quantity"])),
-        Column("unit", "Unit", format=lambda r: unit_text(r["unit"])),
-        Column("mean_q50", "Typical donor", format=_typical_donor, number=True, term=True),
+        QUANTITY,
+        UNIT,
+        Column("mean_q50", "Typical donor", format=typical, number=True, term=True),
         Column("reported", "Interval", format=lambda r: _words(r["reported"]) or DASH, number=True),
         Column("verdict", "Verdict", format=lambda r: _words(r["verdict"]) or DASH, term=True),
         *(
@@ -176,10 +180,6 @@ def _identified(r: Row) -> bool:
     return _words(r["verdict"]) in (IDENTIFIED, MEASURED, BOUNDED, FIXED)
 
 
-def _typical_donor(r: Row) -> Cell:
-    return _marked(_centre(r), _identified(r))
-
-
 def _centre(r: Row) -> str:
     """Median of the typical donor, with the digits of its reported interval."""
     median, low, high = (float(r[f"mean_{q}"]) for q in ("q50", "q05", "q95"))
@@ -189,7 +189,7 @@ def _centre(r: Row) -> str:
 def contrast_table(a: str, b: str, part: pd.DataFrame) -> Table:
     """The typical donors of group b beside those of group a."""
     columns = [
-        Column("quantity", "Quantity", format=lambda r: named(r["quantity"])),
+        QUANTITY,
         Column("scale", "Difference", format=_kind),
         Column("difference_q50", "Median", format=lambda r: _apart(r)[0], number=True),
         Column("difference_q05", "90 % interval", format=lambda r: _apart(r)[1], number=True),
@@ -266,17 +266,16 @@ def population_page(
         for stem, (title, caption, alt) in FIGURE_TEXTS.items()
         if stem in drawn
     ]
-    contrasts: list[Block] = []
-    for table in contrast_tables(tables["contrasts"]) if usable else ():
-        contrasts += [Heading(table.label), table]
-    if contrasts:
-        about = prose(
-            "Centre of one group compared with that of the other, as a [ratio] where a quantity "
-            "varies in ratios. [P(larger)]: probability that it is larger in the group that the "
-            "heading names first."
-        )
-        contrasts.insert(0, Sentence(about))
-    specimens: list[Block] = [
+    differences = contrast_tables(tables["contrasts"]) if usable else []
+    contrasts = [block for table in differences for block in titled(table)]
+    about = prose(
+        "Centre of one group compared with that of the other, as a [ratio] where a quantity "
+        "varies in ratios. [P(larger)]: probability that it is larger in the group that the "
+        "heading names first."
+    )
+    every = tables["specimens"]["quantity"].isin(KNOWN_QUANTITIES).all()
+    more = Markup("Mounting stretches of single protocols are in specimens.csv.")
+    specimens: list[Block | None] = [
         Sentence(
             prose(
                 "Median and 90 % interval after [pooling], and in brackets the interval of "
@@ -286,10 +285,8 @@ def population_page(
             )
         ),
         specimens_table(tables["specimens"]),
+        None if every else Sentence(more, "soft"),
     ]
-    if not tables["specimens"]["quantity"].isin(KNOWN_QUANTITIES).all():
-        more = Markup("Mounting stretches of single protocols are in specimens.csv.")
-        specimens.append(Sentence(more, "soft"))
     files = [f"{name}: {words}. " for name, words in FILES.items() if (folder / name).is_file()]
     cards = prose("Material cards of new specimens: `biaxbayes export` on this folder with ")
     cards += prose("`--population GROUP`.")
@@ -299,7 +296,9 @@ def population_page(
         Section("groups", "Groups", groups),
         *figures,
         Section("specimens", "Specimens", specimens),
-        Section("contrasts", "Differences between groups", contrasts),
+        Section(
+            "contrasts", "Differences between groups", contrasts and [Sentence(about), *contrasts]
+        ),
         Section("methods", "Methods and results", [Sentence(t, "paste") for t in paragraphs]),
         Section("files", "Files", [Sentence(Markup.escape("".join(files)) + cards)]),
     ]
@@ -310,11 +309,12 @@ def population_page(
 
 def _glance(
     tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any], *, usable: bool
-) -> list[Block]:
+) -> list[Block | None]:
     state, reason = (record["convergence"][k] for k in ("state", "reason"))
     converged = state == "converged"
     left = [f"left out: {truncate(k)}: {truncate(v, 300)}" for k, v in record["left_out"].items()]
-    blocks: list[Block] = [
+    said = _answers(tables["contrasts"], tables["groups"]) if usable else []
+    return [
         Notice(
             state,
             "The chains have converged." if converged else f"The population is {state}:",
@@ -326,16 +326,10 @@ def _glance(
             "centre; specimens of one donor share its donor effect. All are inferred together, so "
             "that the other specimens inform a parameter that a specimen's own test leaves open."
         ),
+        *(block for title, texts in said for block in (Heading(title), Items(texts))),
+        Sentence(Markup.escape(CHANCE), "soft") if said else None,
+        remarks("Read the numbers with this in mind.", [truncate(n, 500) for n in record["notes"]]),
     ]
-    said = _answers(tables["contrasts"], tables["groups"]) if usable else []
-    for a, b, sentences in said:
-        blocks += [Heading(f"{b} compared with {a}"), Items(sentences)]
-    if said:
-        blocks.append(Sentence(Markup.escape(CHANCE), "soft"))
-    if record["notes"]:
-        notes = [truncate(n, 500) for n in record["notes"]]
-        blocks.append(Notice("tentative", "Read the numbers with this in mind.", notes))
-    return blocks
 
 
 def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[Block]:
@@ -364,10 +358,10 @@ def _members(part: pd.DataFrame) -> str:
     return f"{plural(specimens, 'specimen')} of {plural(donors, 'donor')}"
 
 
-def _answers(contrasts: pd.DataFrame, groups: pd.DataFrame) -> list[tuple[str, str, list[str]]]:
-    """Both groups, and how they differ in sentences."""
+def _answers(contrasts: pd.DataFrame, groups: pd.DataFrame) -> list[tuple[str, list[str]]]:
+    """How two groups differ in sentences, with a title."""
     return [
-        (truncate(a, 40), truncate(b, 40), population_answers(part, groups))
+        (f"{truncate(b, 40)} compared with {truncate(a, 40)}", population_answers(part, groups))
         for (a, b), part in contrasts.groupby(["group_a", "group_b"], sort=False)
     ]
 
@@ -486,9 +480,8 @@ def closing_message(result: PopulationResult) -> str:
     lines += ["", f"* {NOT_IDENTIFIED} on its own: the number may be mostly that of the prior"]
     for table in contrast_tables(result.contrasts):
         lines += ["", printable(table.label), *table.lines()]
-    for a, b, said in _answers(result.contrasts, result.groups):
-        lines += ["", f"{printable(b)} compared with {printable(a)}"]
-        lines += [f"  {printable(text)}" for text in said]
+    for title, said in _answers(result.contrasts, result.groups):
+        lines += ["", printable(title), *(f"  {printable(text)}" for text in said)]
     return "\n".join([*lines, *_notes(result)])
 
 

@@ -31,6 +31,8 @@ from biaxbayes.reports.page import (
     Section,
     Sentence,
     prose,
+    remarks,
+    titled,
 )
 from biaxbayes.reports.templates import Picture, pictures
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, GLOSSARY, capital, tests_in_words
@@ -113,42 +115,41 @@ Draw: TypeAlias = Callable[[str, str, str], Figure]
 """A figure of the folder by its stem, with its alternative text and caption."""
 
 
-def _what_to_report(run: Run, figure: Draw) -> list[Block]:
-    result = run.result
-    blocks: list[Block] = [
-        Notice(
-            run.state,
-            CONVERGENCE_TEXTS[run.state],
-            text=truncate(run.provenance["convergence"]["reason"], 400),
-        )
-    ]
-    if result.findings:
-        blocks.append(Notice("tentative", "Look at the record first.", result.findings))
-    if result.known:
-        blocks.append(result.known)
-    blocks.append(
-        report_table((*result.reported, *result.stiffnesses), caption=REPORT_CAPTION, meaning=True)
-    )
-    blocks += [Sentence(f"{capital(text)}.") for text in (result.fit, *result.pieces) if text]
-    if result.low_information:
-        low = f"{capital(result.low_information)}."
-        blocks.append(Notice("tentative", "Most parameters are not determined.", [low]))
-    if result.warnings:
-        blocks.append(Notice("tentative", "The law misses some protocols.", result.warnings))
-    if result.advice:
-        blocks.append(Sentence(prose(f"{capital(result.advice)}.")))
-    blocks.append(
+def _what_to_report(run: Run, figure: Draw) -> list[Block | None]:
+    result, reason = run.result, run.provenance["convergence"]["reason"]
+    rows = (*result.reported, *result.stiffnesses)
+    low = [f"{capital(result.low_information)}."] if result.low_information else []
+    return [
+        Notice(run.state, CONVERGENCE_TEXTS[run.state], text=truncate(reason, 400)),
+        remarks("Look at the record first.", result.findings),
+        result.known or None,
+        report_table(rows, caption=REPORT_CAPTION, meaning=True),
+        *(Sentence(f"{capital(text)}.") for text in (result.fit, *result.pieces) if text),
+        remarks("Most parameters are not determined.", low),
+        remarks("The law misses some protocols.", result.warnings),
+        Sentence(prose(f"{capital(result.advice)}.")) if result.advice else None,
         figure(
             "identifiability",
             "Prior and posterior of every parameter beside its row of the table above.",
             "Prior (grey) and posterior (blue) of every parameter, beside its row of the table.",
-        )
-    )
-    return blocks
+        ),
+    ]
 
 
 def _stress(run: Run, figure: Draw, further: Mapping[str, str]) -> list[Block]:
-    blocks: list[Block] = [
+    table = _determined_table(
+        run.result.stresses,
+        "Stresses to report",
+        "Posterior median and 90 % intervals at stretches in x and y",
+    )
+    about = (
+        "Stresses of the tissue: of the law and its misfit. `report-stresses.csv` has them at "
+        "more stretches. A nominal stress is the force over the section of the unloaded "
+        "specimen. Stresses at total stretches rest on the mounting stretches and on the law "
+        "below the mounted state, where nothing was read: their intervals hold what is not "
+        "known of these."
+    )
+    return [
         figure(
             "stress-bands",
             "Measured load of every protocol in x and y against stretch, with the credible and the "
@@ -157,32 +158,18 @@ def _stress(run: Run, figure: Draw, further: Mapping[str, str]) -> list[Block]:
             "Measured points with the credible band (of the tissue) and the predictive band (of a "
             "new reading), protocol by protocol; dotted the law nearest to the tissue, as on the "
             "median card for a simulation. Residuals about the median below.",
-        )
+        ),
+        *(
+            figure(
+                stem,
+                "Measured load of a further piece against stretch with both bands, and the "
+                "residuals below.",
+                f"The same of {truncate(piece, 60)}.",
+            )
+            for piece, stem in further.items()
+        ),
+        *titled(table.without("relative_width"), prose(about)),
     ]
-    blocks += [
-        figure(
-            stem,
-            "Measured load of a further piece against stretch with both bands, and the residuals "
-            "below.",
-            f"The same of {truncate(piece, 60)}.",
-        )
-        for piece, stem in further.items()
-    ]
-    table = _determined_table(
-        run.result.stresses,
-        "Stresses to report",
-        "Posterior median and 90 % intervals at stretches in x and y",
-    ).without("relative_width")
-    if table:
-        about = prose(
-            "Stresses of the tissue: of the law and its misfit. `report-stresses.csv` has them at "
-            "more stretches. A nominal stress is the force over the section of the unloaded "
-            "specimen. Stresses at total stretches rest on the mounting stretches and on the law "
-            "below the mounted state, where nothing was read: their intervals hold what is not "
-            "known of these."
-        )
-        blocks += [Heading(table.label), Sentence(about), table]
-    return blocks
 
 
 def _simulation(run: Run) -> list[Section]:
@@ -212,8 +199,7 @@ def _simulation(run: Run) -> list[Section]:
 def _test(run: Run, figure: Draw) -> list[Block]:
     provenance = run.provenance
     blocks: list[Block] = [Facts(_specimen_facts(run)), _test_table(run)]
-    grips = _grip_table(run)
-    if grips:
+    if grips := _grip_table(run):
         blocks += [
             Heading("Correction for the hooks"),
             figure(
@@ -230,46 +216,53 @@ def _test(run: Run, figure: Draw) -> list[Block]:
     return [*blocks, Heading("Notes"), Items(notes)] if notes else blocks
 
 
-def _evidence(run: Run, figure: Draw) -> list[Block]:
+def _evidence(run: Run, figure: Draw) -> list[Block | None]:
     result, noise, smooth = run.result, run.provenance["noise"], run.provenance["misfit"]
+    same = result.same_curves_in_words
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
-    blocks: list[Block] = [
+    misfit = (
+        f"The {noise['readings']} readings were taken as independent. If the law misses "
+        "smoothly, the intervals are too narrow."
+        if smooth["amplitude"] is None
+        else "A smooth misfit of the law is part of the model, so the intervals hold it: by "
+        f"the readings its relative size is {100 * smooth['amplitude']:.2g} %. Near the "
+        f"mounted state this record follows the law to {100 * smooth['toe']:.2g} %, where "
+        f"{100 * run.settings.toe:g} % was allowed for. Friction in the loads (or an error of "
+        f"the first readings) has a probability of {_percent(smooth['friction'])}."
+    )
+    fit = f"{capital(result.fit)}: readings minus the law at its least-squares fit."
+    found = checks_in_words(checks) if len(checks) else []
+    better = f" {capital(result.better_law)}." if result.better_law else ""
+    determined = result.determined
+    if len(determined):
+        determined = determined[~determined["quantity"].str.contains(" stress ")]
+    return [
         Sentence(prose("Evidence for the table above. The tables are in the folder `evidence`.")),
         Heading("Misfit"),
-    ]
-    if result.fit:
-        blocks.append(
-            Sentence(f"{capital(result.fit)}: readings minus the law at its least-squares fit.")
-        )
-    blocks.append(
-        Sentence(
-            f"The {noise['readings']} readings were taken as independent. If the law misses "
-            "smoothly, the intervals are too narrow."
-            if smooth["amplitude"] is None
-            else "A smooth misfit of the law is part of the model, so the intervals hold it: by "
-            f"the readings its relative size is {100 * smooth['amplitude']:.2g} %. Near the "
-            f"mounted state this record follows the law to {100 * smooth['toe']:.2g} %, where "
-            f"{100 * run.settings.toe:g} % was allowed for. Friction in the loads (or an error of "
-            f"the first readings) has a probability of {_percent(smooth['friction'])}."
-        )
-    )
-    if len(checks):
-        blocks += [Sentence(truncate(text, 400)) for text in checks_in_words(checks)]
-        blocks.append(_misfit_table(checks))
-    if laws := _law_table(run):
-        better = f" {capital(result.better_law)}." if result.better_law else ""
-        about = "Other laws fitted to the same record by least squares, for information: nothing "
-        text = prose(f"{about}above depends on them.{better}")
-        blocks += [Heading(laws.label), Sentence(text), laws]
-    if information := _information_table(run):
-        about = "A parameter that the data determine has a contraction near 100 %; one that trades "
-        about += "with others would be much narrower if these were known."
-        heading = "Information of the data on each parameter"
-        blocks += [Heading(heading), Sentence(about), information]
-    app = "`biaxbayes app` shows these draws to brush, with their curves and other priors."
-    blocks += [
+        Sentence(fit) if result.fit else None,
+        Sentence(misfit),
+        *(Sentence(truncate(text, 400)) for text in found),
+        _misfit_table(checks) if len(checks) else None,
+        *titled(
+            _law_table(run),
+            prose(
+                "Other laws fitted to the same record by least squares, for information: nothing "
+                f"above depends on them.{better}"
+            ),
+        ),
+        *titled(
+            _information_table(run),
+            "A parameter that the data determine has a contraction near 100 %; one that trades "
+            "with others would be much narrower if these were known.",
+            heading="Information of the data on each parameter",
+        ),
         Heading("Joint posterior"),
-        Sentence(prose(app), "soft"),
+        Sentence(
+            prose(
+                "`biaxbayes app` shows these draws to brush, with their curves and other priors."
+            ),
+            "soft",
+        ),
         figure(
             "corner",
             "Corner plot: marginal density of every parameter on the diagonal, every pair below "
@@ -277,19 +270,16 @@ def _evidence(run: Run, figure: Draw) -> list[Block]:
             "The posterior: every parameter (diagonal) and every pair. A narrow ridge is a "
             "combination that the data determine although its parts stay open.",
         ),
+        Sentence(f"{capital(same)}.") if same else None,
+        *titled(
+            _determined_table(
+                determined,
+                "Stiffnesses and fibre structure",
+                "Posterior median and 90 % intervals, at stretches in x and y",
+            ),
+            "The data can determine these even if single parameters stay open.",
+        ),
     ]
-    if result.same_curves_in_words:
-        blocks.append(Sentence(f"{capital(result.same_curves_in_words)}."))
-    table = result.determined
-    if len(table):
-        determined = _determined_table(
-            table[~table["quantity"].str.contains(" stress ")],
-            "Stiffnesses and fibre structure",
-            "Posterior median and 90 % intervals, at stretches in x and y",
-        )
-        about = "The data can determine these even if single parameters stay open."
-        blocks += [Heading(determined.label), Sentence(about), determined]
-    return blocks
 
 
 def _convergence(run: Run, trace: Picture | None) -> list[Block]:
@@ -305,13 +295,10 @@ def _convergence(run: Run, trace: Picture | None) -> list[Block]:
     text += f"{sampler['steps']:,} steps each"
     if isinstance(sampler.get("acceptance"), float):
         text += f", {100 * sampler['acceptance']:.0f} % accepted"
-    blocks: list[Block] = [Sentence(f"{text}."), _convergence_table(run)]
-    if trace:
-        alt = "Traces of every quantity, one line per ensemble; R-hat is in the table above."
-        blocks.append(
-            Figure(trace, alt, "The chains over the steps, ensemble by ensemble.", "trace")
-        )
-    return blocks
+    alt = "Traces of every quantity, one line per ensemble; R-hat is in the table above."
+    caption = "The chains over the steps, ensemble by ensemble."
+    figures = [Figure(trace, alt, caption, "trace")] if trace else []
+    return [Sentence(f"{text}."), _convergence_table(run), *figures]
 
 
 def _paragraphs(run: Run) -> list[Block]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,6 +41,7 @@ from biaxbayes.reports.page import (
     Section,
     Sentence,
     prose,
+    remarks,
 )
 from biaxbayes.reports.templates import pictures
 from biaxbayes.reports.text import VERDICT_TERMS, derived_text, plural
@@ -112,15 +112,19 @@ def _reported(row: Row | None) -> Cell:
     return (median, interval, verdict)
 
 
-def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, str, Table]]:
-    """Each group with its specimens counted, and the properties of their tissue and test."""
+def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, Table]]:
+    """The specimens of each group counted, and the properties of their tissue and test."""
     columns = [
         QUANTITY,
         UNIT,
         Column("converged", "Specimens", format="d", number=True),
         Column("mean", "Mean", format=lambda r: _mean(r)[0], number=True, term=True),
-        Column("mean_low", "90 % interval", format=_mean_ends, number=True),
-        Column("lowest", "Range of medians", format=_range_of_medians, number=True),
+        Column(
+            "mean_low", "90 % interval", format=lambda r: " to ".join(_mean(r)[1:]), number=True
+        ),
+        Column(
+            "lowest", "Range of medians", format=partial(_ends, "lowest", "highest"), number=True
+        ),
         Column("sd_between", "Sd between", format=_spread, number=True, term=True),
     ]
     out = []
@@ -128,8 +132,7 @@ def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, str, Table]]:
         counts = f"{plural(int(part['specimens'].max()), 'specimen')}, "
         counts += f"{part['converged'].max():.0f} converged"
         shown = part[(part["converged"] > 0) & part["quantity"].map(_is_of_tissue)]
-        name = truncate(group, 60)
-        out.append((name, counts, Table(columns, shown, name)))
+        out.append((counts, Table(columns, shown, truncate(group, 60))))
     return out
 
 
@@ -137,12 +140,8 @@ def _mean(r: Row) -> tuple[str, str, str]:
     return interval_texts(r["mean"], r["mean_low"], r["mean_high"], log=True)
 
 
-def _mean_ends(r: Row) -> str:
-    return " to ".join(_mean(r)[1:])
-
-
-def _range_of_medians(r: Row) -> str:
-    return f"{three_digits(r['lowest'])} to {three_digits(r['highest'])}"
+def _ends(low: str, high: str, r: Row) -> str:
+    return f"{three_digits(r[low])} to {three_digits(r[high])}"
 
 
 def _spread(r: Row) -> str:
@@ -161,33 +160,19 @@ def _is_of_tissue(name: str) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class GroupDifferences:
-    """How group b differs from group a: sentences, and a table."""
-
-    a: str
-    b: str
-    answers: list[str]
-    table: Table
-
-    @property
-    def heading(self) -> str:
-        """The groups that are compared."""
-        return f"{self.b} compared with {self.a}"
-
-
-def group_differences(contrasts: pd.DataFrame) -> list[GroupDifferences]:
-    """The contrasts of the groups of a study, the same on the page and in a terminal."""
+def group_differences(contrasts: pd.DataFrame) -> list[tuple[list[str], Table]]:
+    """How groups differ, in sentences and a table, the same on the page and in a terminal."""
     out = []
     for (first, second), part in contrasts.groupby(["group_a", "group_b"], sort=False):
         a, b = truncate(first, 40), truncate(second, 40)
+        ends = partial(_ends, "difference_low", "difference_high")
         columns = [
             QUANTITY,
             UNIT,
             Column("mean_a", f"Mean, {a}", format=partial(_mean_of, "a"), number=True),
             Column("mean_b", f"Mean, {b}", format=partial(_mean_of, "b"), number=True),
             Column("difference", "Difference", format=_difference, number=True),
-            Column("difference_low", "90 % interval", format=_difference_ends, number=True),
+            Column("difference_low", "90 % interval", format=ends, number=True),
             Column(
                 "detectable",
                 "Could show",
@@ -198,7 +183,7 @@ def group_differences(contrasts: pd.DataFrame) -> list[GroupDifferences]:
         ]
         known = part[part["direction"].map(lambda text: isinstance(text, str))]
         table = Table(columns, known, f"{b} compared with {a}")
-        out.append(GroupDifferences(a, b, answers(part.to_dict("records")), table))
+        out.append((answers(part.to_dict("records")), table))
     return out
 
 
@@ -210,10 +195,6 @@ def _difference(r: Row) -> str:
     return f"{'ratio ' if r['scale'] == LOG else ''}{three_digits(r['difference'])}"
 
 
-def _difference_ends(r: Row) -> str:
-    return f"{three_digits(r['difference_low'])} to {three_digits(r['difference_high'])}"
-
-
 def _direction(r: Row) -> str:
     none = f"includes {1 if r['scale'] == LOG else 0}"
     return none if r["direction"] == OPEN else str(r["direction"])
@@ -223,27 +204,20 @@ def _direction(r: Row) -> str:
 
 
 def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> str:
-    """The page as HTML, with its files and their content: no scripts, no network.
-
-    The links lead to the reports of the runs.
-    """
+    """The page as HTML, with its files and their content; links lead to the reports of the runs."""
     specimens = prose(
         "What the run of each specimen reports: the median, the 90 % interval or a 95 % bound, and "
         "the [verdict]. The specimen's name leads to its report, with the reasons."
     )
+    about = prose(
+        "Of all converged specimens, with their number. [Mean]: of the group, with its 90 % "
+        "interval. [Sd between]: spread of the specimens beyond the width of their own "
+        "intervals; a [factor] for stiffnesses and k2."
+    )
     groups: list[Block] = []
-    for name, counts, table in group_tables(
-        result.groups, "all" if result.own_columns else "layer"
-    ):
-        groups += [Heading(name), Sentence(Markup.escape(counts), "soft")]
+    for counts, table in group_tables(result.groups, "all" if result.own_columns else "layer"):
+        groups += [Heading(table.label), Sentence(Markup.escape(counts), "soft")]
         groups.append(table if table else Sentence("No specimen has converged.", "soft"))
-    if groups:
-        about = prose(
-            "Of all converged specimens, with their number. [Mean]: of the group, with its 90 % "
-            "interval. [Sd between]: spread of the specimens beyond the width of their own "
-            "intervals; a [factor] for stiffnesses and k2."
-        )
-        groups.insert(0, Sentence(about))
     written = "".join(f"{name}: {content}. " for name, content in files)
     runs = "runs: a run folder of every specimen with its own report."
     total = sum(result.states.values())
@@ -251,7 +225,7 @@ def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> st
     sections = [
         Section("glance", "At a glance", _glance(result)),
         Section("specimens", "Specimens", [Sentence(specimens), specimens_table(result)]),
-        Section("groups", "Groups", groups),
+        Section("groups", "Groups", groups and [Sentence(about), *groups]),
         Section("files", "Files", [Sentence(written + runs)]),
     ]
     about_study = f"{plural(total, 'specimen')}: what their tests say of the parameters of a "
@@ -259,12 +233,12 @@ def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> st
     return Page("study", truncate(result.name), about_study, sections, terms).html()
 
 
-def _glance(result: StudyResult) -> list[Block]:
+def _glance(result: StudyResult) -> list[Block | None]:
     states, total = result.states, sum(result.states.values())
     converged = states.get("converged", 0)
     others = ", ".join(f"{n} {state}" for state, n in states.items() if state != "converged")
     text = f"{others}: no verdict on their parameters, and no part in the summaries."
-    blocks: list[Block] = [
+    blocks: list[Block | None] = [
         Notice(
             "converged" if converged == total else "tentative" if converged else "unusable",
             f"{converged} of {total} specimens have converged.",
@@ -273,10 +247,9 @@ def _glance(result: StudyResult) -> list[Block]:
         )
     ]
     differences = group_differences(result.group_contrasts)
-    for d in differences:
-        blocks += [Heading(d.heading), Items(d.answers)]
-        too_few = "There are fewer than two converged specimens of a group: nothing to compare."
-        blocks.append(d.table if d.table else Sentence(too_few))
+    too_few = "There are fewer than two converged specimens of a group: nothing to compare."
+    for answered, table in differences:
+        blocks += [Heading(table.label), Items(answered), table if table else Sentence(too_few)]
     if differences:
         about = prose(
             "From the draws of every converged specimen, each donor once (n): one that knows "
@@ -286,11 +259,8 @@ def _glance(result: StudyResult) -> list[Block]:
         )
         blocks.append(Sentence(about, "soft"))
     missed = [f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()]
-    if missed:
-        blocks.append(Notice("tentative", "The law misses these specimens.", missed))
-    if result.notes:
-        notes = [truncate(n, 400) for n in result.notes]
-        blocks.append(Notice("tentative", "Before comparing.", notes))
+    blocks.append(remarks("The law misses these specimens.", missed))
+    blocks.append(remarks("Before comparing.", [truncate(n, 400) for n in result.notes]))
     if picture := pictures(result.folder, (FIGURE,)).get(FIGURE):
         alt = "Medians and 90 % intervals of every specimen, one panel per quantity, ordered by "
         caption = (
@@ -345,9 +315,9 @@ def closing_message(result: StudyResult) -> str:
     """How groups differ, what the law misses, and where the numbers are."""
     counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
     lines = [f"{len(result.specimens)} specimens: {counts}"]
-    for d in group_differences(result.group_contrasts):
-        lines += ["", f"{printable(d.b)} compared with {printable(d.a)}"]
-        lines += [f"  {printable(text)}" for text in d.answers or [TOO_FEW]]
+    for answered, table in group_differences(result.group_contrasts):
+        lines += ["", printable(table.label)]
+        lines += [f"  {printable(text)}" for text in answered or [TOO_FEW]]
     missed = [f"{printable(k)}: {printable(v)}" for k, v in result.missed.items()]
     lines += ["", *missed] if missed else []
     lines += [f"note: {printable(note)}" for note in result.notes]

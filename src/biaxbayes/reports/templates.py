@@ -1,4 +1,4 @@
-"""Templates of pages and paragraphs, and their contents: cells of tables, figures as data URIs.
+"""Templates of pages and paragraphs, and figures as data URIs.
 
 Text in a template of a page is escaped.
 """
@@ -14,7 +14,7 @@ from typing import NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 import biaxbayes
-from biaxbayes.report_table import as_html, truncate
+from biaxbayes.report_table import truncate
 from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, capital
 
 
@@ -28,14 +28,11 @@ def page_template(name: str, package: str = "biaxbayes.reports") -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"cell": as_html, "one_line": truncate, "capital": capital}
+    environment.filters |= {"one_line": truncate, "capital": capital}
     environment.policies["json.dumps_kwargs"] = {}  # unsorted: Bokeh refers to what came before
-    terms = list(GLOSSARY)
     environment.globals |= {
         "version": biaxbayes.__version__,
         "glossary": lambda terms: [(term, (GLOSSARY | SEVERAL_GLOSSARY)[term]) for term in terms],
-        "run_terms": terms,
-        "verdict_terms": terms[terms.index("verdict") : terms.index("fixed") + 1],
     }
     return environment.get_template(name)
 
