@@ -415,8 +415,8 @@ def test_the_stiff_direction_is_the_known_one():
     made = made_up(C1=C1, k1=k1, alpha=rng.uniform(20.0, 60.0, 8000), **rest)
     stiff = sloppiness(made.target, made.draws).directions[0]
     # k1 C1^0.5 is known to 1.645 % (90 %)
-    assert stiff.text.startswith("best known: C1^0.5 k1,")
-    assert "to 1.7 % (90 %)" in stiff.text
+    assert stiff["in_words"].startswith("best known: C1^0.5 k1,")
+    assert "to 1.7 % (90 %)" in stiff["in_words"]
 
 
 def test_ties_and_fixed_materials_have_no_sloppy_direction():

@@ -14,14 +14,10 @@ import numpy as np
 HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
-def log_likelihood(mean: Any, sd: Any, measured: Any, scatter: Any = 0.0) -> Any:
-    """Log likelihood of each reading, broadcast.
-
-    ``scatter`` is the mean square scatter of the readings that a measured load is the mean of.
-    """
+def log_likelihood(mean: Any, sd: Any, measured: Any) -> Any:
+    """Log likelihood of each reading, broadcast."""
     # ln N(y | m, sd) = -(1/2) (y - m)^2 / sd^2 - ln sd - ln sqrt(2 pi)
-    square = (measured - mean) ** 2 + scatter
-    return -0.5 * square / sd**2 - np.log(sd) - HALF_LOG_2PI
+    return -0.5 * (measured - mean) ** 2 / sd**2 - np.log(sd) - HALF_LOG_2PI
 
 
 def simulate(mean: Any, sd: Any, rng: np.random.Generator) -> Any:
@@ -32,17 +28,3 @@ def simulate(mean: Any, sd: Any, rng: np.random.Generator) -> Any:
 def squared_exponential(distance: np.ndarray) -> np.ndarray:
     """Correlation of a smooth error at two points, by their distance in correlation lengths."""
     return np.asarray(np.exp(-0.5 * distance**2))
-
-
-def standard_cdf(z: Any) -> Any:
-    """Probability that an error is less than z of its standard deviations."""
-    from scipy.special import ndtr
-
-    return ndtr(z)
-
-
-def standard_quantile(probability: Any) -> Any:
-    """Standard deviations below which an error lies with a probability."""
-    from scipy.special import ndtri
-
-    return ndtri(probability)

@@ -19,11 +19,10 @@ from markupsafe import Markup, escape
 
 from biaxbayes.errors import printable
 from biaxbayes.parameters import Parameter, Quantity
-from biaxbayes.text_files import aligned, csv_text, one_line
+from biaxbayes.text_files import aligned, one_line
 
 Cell: TypeAlias = str | Quantity | Markup | tuple[str | Quantity | Markup, ...]
 """A text, a quantity (its symbol), or several, of which the further ones are in small print."""
-Cells: TypeAlias = tuple[Cell, ...]
 Row: TypeAlias = Mapping[Any, Any]
 """A row of the DataFrame, by its columns."""
 DASH = "–"
@@ -34,31 +33,16 @@ MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
 
 @dataclass(frozen=True)
 class Column:
-    """A printed column.
+    """A printed column."""
 
-    Attributes
-    ----------
-    name : str
-        Column of the rows; of none where ``format`` makes the cell of several.
-    heading : str or Quantity
-        In print; the name where empty.
-    unit : str
-        Printed behind the heading, in brackets.
-    format : str or callable
-        Format specification of a number, such as ``.3g``, or ``.0f %`` of a share; or a function
-        from a row to its cell.
-    number : bool
-        Right-aligned.
-    term : bool
-        The glossary of the page explains the heading.
-    """
-
-    name: str
-    heading: str | Quantity = ""
-    unit: str = ""
+    name: str  # of the rows; of none where ``format`` makes the cell of several
+    heading: str | Quantity = ""  # in print; the name where empty
+    unit: str = ""  # printed behind the heading, in brackets
+    # format specification of a number, such as ``.3g``, or ``.0f %`` of a share; or a function
+    # from a row to its cell
     format: str | Callable[[Row], Cell] = ""
-    number: bool = False
-    term: bool = False
+    number: bool = False  # right-aligned
+    term: bool = False  # the glossary of the page explains the heading
 
     def cell(self, row: Row) -> Cell:
         """What is printed of a row; a dash where there is no number."""
@@ -81,23 +65,12 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a result.
+    """A table of a result."""
 
-    Attributes
-    ----------
-    columns : sequence of Column
-        As printed; CSV and JSON have every column of the rows instead.
-    rows : DataFrame
-    label : str
-        What the table is, in a few words.
-    caption : str
-        Sentence above the table of a page; the label where empty.
-    """
-
-    columns: Sequence[Column]
+    columns: Sequence[Column]  # as printed; CSV and JSON have every column of the rows instead
     rows: pd.DataFrame
-    label: str = ""
-    caption: str = ""
+    label: str = ""  # what the table is, in a few words
+    caption: str = ""  # sentence above the table of a page; the label where empty
 
     @classmethod
     def of_texts(
@@ -125,10 +98,6 @@ class Table:
     def cells(self) -> list[list[Cell]]:
         """What is printed, row by row."""
         return [[c.cell(row) for c in self.columns] for row in self.rows.to_dict("records")]
-
-    def csv(self, digits: int | None = None) -> str:
-        """The rows as CSV."""
-        return csv_text(self.rows, digits=digits)
 
     def lines(self, *, heads: bool = True, brief: bool = False) -> list[str]:
         """Aligned lines for a terminal; ``brief``: without what is in small print."""

@@ -16,10 +16,9 @@ from biaxbayes.cards import abaqus, febio
 from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, safe_label
 from biaxbayes.cards.febio import MIXTURES
 from biaxbayes.errors import InputError
-from biaxbayes.evenly import evenly_chosen
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.prediction.draws import mounting_labels, protocol_mounting, with_free_sides
+from biaxbayes.prediction.draws import common_states, mounting_labels, with_free_sides
 from biaxbayes.prediction.nearest_law import TO_READINGS, TO_TISSUE
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_all, csv_text, make_folder
@@ -33,7 +32,6 @@ PROGRAMS: dict[str, tuple[Callable[[Card, str], str], str]] = {
 MANIFEST = "manifest.csv"
 DISTANCES = (TO_TISSUE, TO_READINGS)
 BULK_RATIO = 1000.0  # FEBio's material is nearly incompressible, never exactly
-STATES_PER_PROTOCOL = 60
 CARD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*-\d{4,}\.(inp|feb)")
 
 
@@ -79,7 +77,7 @@ def made_cards(
     records, files = [], {}
     for row in rows:
         draw = draws.iloc[[int(row)]]
-        states = _tested_states(draw, with_free_sides(draw, specimen, law))
+        states = np.vstack(common_states(draw, with_free_sides(draw, specimen, law)))
         values = [float(draw.iloc[0][name]) for name in law.names]
         fitted, written, shear_kPa, notes, columns = _exported(law, values, states)
         bulk_kPa = None
@@ -179,16 +177,6 @@ def _exported(
         notes = (*notes, warning)
     columns = {"smallest_fibre_strain": smallest, "switch_changes_stress_kPa": change}
     return goh, written, 2.0 * goh.C1_kPa, notes, columns
-
-
-def _tested_states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
-    """Total stretches (m, 2) of the tested states for one draw."""
-    return np.vstack(
-        [
-            p.stretch[evenly_chosen(p.rows, STATES_PER_PROTOCOL)] * protocol_mounting(draw, p)
-            for p in specimen.protocols
-        ]
-    )
 
 
 def write_cards(files: Mapping[Path, bytes]) -> None:

@@ -251,7 +251,6 @@ def _distances(
     for a in [*_parameters(members[i]), *derived[i]]:
         if (b := others.get(a.key)) is None:
             continue  # of another law
-        apart = distance(a.values, b.values)
         known_a, known_b = (identified[k].get(a.key, False) for k in (i, j))
         rows.append(
             {
@@ -265,12 +264,7 @@ def _distances(
                 "identified_in_b": known_b,
                 "median_a": float(np.median(a.values)),
                 "median_b": float(np.median(b.values)),
-                "difference_q05": apart.low,
-                "difference_q50": apart.median,
-                "difference_q95": apart.high,
-                "standardised": apart.standardised,
-                "probability_b_greater": apart.probability_greater,
-                "kolmogorov": apart.kolmogorov,
+                **distance(a.values, b.values),
                 "identified_in_both": known_a and known_b,
             }
         )

@@ -7,7 +7,6 @@ parameters' priors make of it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -17,51 +16,22 @@ from biaxbayes.identifiability.marginals import parameter_scales
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
-from biaxbayes.prediction.percentiles import quantiles
+from biaxbayes.prediction.percentiles import quantile_columns
 
 # --- how far two posteriors of one quantity lie apart --------------------------------------------
 
 
-@dataclass(frozen=True)
-class Distance:
-    """Difference of a quantity between two posteriors whose draws are independent.
+def distance(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
+    """Columns on the difference b - a of finite draws (n,) and (m,) of two independent runs.
 
-    Attributes
-    ----------
-    low, median, high : float
-        90 % interval and median of b - a.
-    standardised : float
-        (mean b - mean a) / sqrt(var a + var b).
-    probability_greater : float
-        Probability that b is larger than a.
-    kolmogorov : float
-        Largest difference of the two cumulative distributions: 0 where they are the same, 1
-        where they do not overlap. It does not depend on the scale of the quantity.
-    """
-
-    low: float
-    median: float
-    high: float
-    standardised: float
-    probability_greater: float
-    kolmogorov: float
-
-
-def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
-    """Compare draws of one quantity.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (n,), (m,)
-        Finite draws of two runs.
-    seed : int
-        For the random pairing behind the interval of the difference.
+    ``standardised`` is (mean b - mean a) / sqrt(var a + var b); ``kolmogorov`` the largest
+    difference of the two cumulative distributions: 0 where they are the same, 1 where they do not
+    overlap, whatever the scale of the quantity.
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)  # pairs the draws
     n = max(a.size, b.size)
     difference = np.resize(rng.permutation(b), n) - np.resize(rng.permutation(a), n)
-    low, median, high = quantiles(difference)
     spread = float(np.sqrt(a.var() + b.var()))
     apart = float(b.mean() - a.mean())
     if spread > 0.0:
@@ -73,14 +43,11 @@ def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
     below = np.searchsorted(ordered_a, b, "left") + np.searchsorted(ordered_a, b, "right")
     pooled = np.concatenate([ordered_a, ordered_b])
     cumulative = [np.searchsorted(s, pooled, "right") / s.size for s in (ordered_a, ordered_b)]
-    return Distance(
-        float(low),
-        float(median),
-        float(high),
-        standardised,
-        float(0.5 * below.mean() / a.size),
-        float(np.abs(cumulative[0] - cumulative[1]).max()),
-    )
+    return quantile_columns("difference", difference) | {
+        "standardised": standardised,
+        "probability_b_greater": float(0.5 * below.mean() / a.size),
+        "kolmogorov": float(np.abs(cumulative[0] - cumulative[1]).max()),
+    }
 
 
 # --- materials drawn from the priors of a run, and how much less its posterior spreads -----------

@@ -28,25 +28,13 @@ STRESS, STIFFNESS, TENSOR = "stress", "stiffness", "structure tensor"
 
 @dataclass(frozen=True)
 class Derived:
-    """A quantity that follows from the material parameters.
+    """A quantity that follows from the material parameters."""
 
-    Attributes
-    ----------
-    kind : {"stress", "stiffness", "structure tensor"}
-    name : str
-        ``Hx``, ``cauchy_x``, ``stiffness_x`` and the like.
-    unit : str
-        Empty for pure numbers.
-    stretch : float or None
-        Total equibiaxial stretch it is taken at.
-    values : ndarray, shape (n,)
-    """
-
-    kind: str
-    name: str
-    unit: str
-    stretch: float | None
-    values: np.ndarray
+    kind: str  # stress, stiffness or structure tensor
+    name: str  # ``Hx``, ``cauchy_x``, ``stiffness_x`` and the like
+    unit: str  # empty for pure numbers
+    stretch: float | None  # total equibiaxial stretch it is taken at
+    values: np.ndarray  # (n,)
 
     @property
     def key(self) -> str:
@@ -59,31 +47,15 @@ def derived_quantities(
     law: Law,
     stress_at: Sequence[float],
     stiffness_at: Sequence[float] = (),
-    *,
-    tensor: bool = True,
 ) -> list[Derived]:
-    """Quantities of every draw.
+    """The structure tensor of every draw, stresses and stiffnesses.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        With the parameters of the law.
-    stress_at, stiffness_at : sequence of float
-        Total equibiaxial stretches. The stress is the Cauchy stress; the stiffness is
-        d s_x / d ln l_x at constant l_y (and vice versa), kPa. At a stretch of one that is the
-        small-strain stiffness.
-    tensor : bool
-        Whether to give quantities of the law itself, as the structure tensor.
-
-    Returns
-    -------
-    list of Derived
+    At total equibiaxial stretches: the Cauchy stress, and the stiffness d s_x / d ln l_x at
+    constant l_y (and vice versa), kPa; at a stretch of one that is the small-strain stiffness.
     """
     material = law.material(draws)
-    out = []
-    if tensor:
-        described = law.derived_quantities(material)
-        out += [Derived(TENSOR, name, "", None, v[:, 0]) for name, v in described.items()]
+    described = law.derived_quantities(material)
+    out = [Derived(TENSOR, name, "", None, v[:, 0]) for name, v in described.items()]
     with np.errstate(over="ignore", invalid="ignore"):
         for stretch in stiffness_at:
             jacobian = material.cauchy_by_log_stretch(stretch, stretch)
@@ -142,30 +114,20 @@ def determined(
 ) -> pd.DataFrame:
     """Quantities that do not depend on how the parameters are split, with 90 % intervals.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        Posterior draws by the names of ``summary.csv``.
-    stretches : sequence of (float, float), optional
-        Total stretches (x, y). Default: half-way and at the end of every protocol, the measured
-        stretches times the posterior median of the mounting stretch, to three decimals.
+    ``stretches`` are total (x, y). Default: half-way and at the end of every protocol, the measured
+    stretches times the posterior median of the mounting stretch, to three decimals.
 
-    Returns
-    -------
-    DataFrame
-        Columns quantity, unit, stretch_x, stretch_y (NaN where there is none), median, low, high
-        and relative_width, the interval over the median's magnitude.
+    Columns quantity, unit, stretch_x, stretch_y (NaN where there is none), median, low, high and
+    relative_width, the interval over the median's magnitude. Stretches are total, but for
+    quantities "at the measured stretch", half-way and at the end of every protocol and relative to
+    its mounted state. Nominal stresses are forces over the section of the unloaded specimen.
+    Quantities at total stretches rest on the law between the unloaded and the mounted state; their
+    intervals hold what is not known of the mounting stretch.
 
-        Stretches are total, but for quantities "at the measured stretch", half-way and at the end
-        of every protocol and relative to its mounted state. Nominal stresses are forces over the
-        section of the unloaded specimen. Quantities at total stretches rest on the law between the
-        unloaded and the mounted state; their intervals hold what is not known of the mounting
-        stretch.
-
-        Hx, Hy, Hz are the diagonal of the generalised structure tensor. Stiffnesses are derivatives
-        of the Cauchy stress with respect to the log stretch: d s_x / d ln l_x (xx),
-        d s_y / d ln l_y (yy) and d s_x / d ln l_y (xy); the ratio is that of xx to yy. The exponent
-        is k2 E^2 at the largest stretch of the tests.
+    Hx, Hy, Hz are the diagonal of the generalised structure tensor. Stiffnesses are derivatives of
+    the Cauchy stress with respect to the log stretch: d s_x / d ln l_x (xx), d s_y / d ln l_y (yy)
+    and d s_x / d ln l_y (xy); the ratio is that of xx to yy. The exponent is k2 E^2 at the largest
+    stretch of the tests.
     """
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)
     states = list(stretches or ())
@@ -283,10 +245,7 @@ def _ratio(tangent: np.ndarray) -> np.ndarray:
 def _measured_rows(
     posterior: Posterior, specimen: Specimen, draws: pd.DataFrame
 ) -> Iterator[dict[str, object]]:
-    """Nominal stresses and stiffnesses half-way and at the end of every protocol.
-
-    Each at stretches relative to the mounted state of its protocol.
-    """
+    """Nominal stresses and stiffnesses half-way and at the end of each protocol, from mounting."""
     if not mounting_labels(draws, specimen):
         return
     tissue, material = Tissue(posterior, draws), posterior.law.material(draws)

@@ -184,7 +184,6 @@ def _peaks(shape: Density) -> int:
 
 PRIOR_TAIL = 0.025  # fraction of a prior without bounds that counts as its end
 BOUND_TAIL = 0.05  # fraction of a prior that counts as near a bound
-OUT_OF_REACH = 1e-3  # fraction of a prior near an end of the law: with less, the prior excludes it
 OUT_OF_REACH = 1e-3  # fraction of a prior near an end of the law below which the prior excludes it
 
 

@@ -9,7 +9,7 @@ up to three is tried: a greedy search stops where two explain nothing alone and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations
 
@@ -40,10 +40,10 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
     sd = thinned.std(axis=0)
     z = (thinned - thinned.mean(axis=0)) / np.where(sd > 0.0, sd, 1.0)
     # an outlying draw must not determine the polynomial
-    regressions = _Regressions.from_draws(np.clip(z, -6.0, 6.0))
+    residual_sd = _regressions(np.clip(z, -6.0, 6.0))
     pair = np.ones((len(names), len(names)))
     for i, j in permutations(range(len(names)), 2):
-        pair[i, j] = regressions.residual_sd(i, (j,))
+        pair[i, j] = residual_sd(i, (j,))
     pair = np.minimum(pair, pair.T)
     out = {}
     for i, name in enumerate(names):
@@ -52,14 +52,14 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
         if not others:
             out[name] = Partners((), 1.0, 1.0)
             continue
-        full = regressions.residual_sd(i, others)
+        full = residual_sd(i, others)
         near = sorted(others, key=lambda j, row=pair[i]: row[j])  # type: ignore[misc]
         together = [j for j in near if pair[i, j] <= PAIR_SPREAD_RATIO][:MAX_PARTNERS]
         remaining = [j for j in others if j not in together]
         best: list[tuple[float, list[int]]] = []  # of each size
         for more in range(min(MAX_PARTNERS - len(together), len(remaining)) + 1):
             tried = [[*together, *added] for added in combinations(remaining, more)]
-            best.append(min((regressions.residual_sd(i, given), given) for given in tried))
+            best.append(min((residual_sd(i, given), given) for given in tried))
         enough = max(NEAR_ALL * full, NEAR_THREE * best[-1][0])
         sd_given_chosen, chosen = next(candidate for candidate in best if candidate[0] <= enough)
         if sd_given_chosen > MAX_SPREAD_RATIO and not together:
@@ -69,41 +69,35 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
     return out
 
 
-@dataclass(frozen=True)
-class _Regressions:
-    """Sums of products of all terms, from which every regression follows."""
+def _regressions(z: np.ndarray) -> Callable[[int, Sequence[int]], float]:
+    """Residual sd of a parameter given others, over its marginal sd, of standardised draws (n, d).
 
-    gram: np.ndarray  # (m, m), of: one, the first three powers of each parameter, products of two
-    power: np.ndarray  # (d, 3): columns of the powers
-    product: np.ndarray  # (d, d): columns of the products of two different ones
-    draws: int
+    Every regression follows from the sums of products of all terms: one, the first three powers of
+    each parameter, products of two.
+    """
+    n, d = z.shape
+    product = np.zeros((d, d), dtype=int)  # their columns
+    columns = [np.ones(n), *z.T, *(z**2).T, *(z**3).T]
+    for i, j in combinations(range(d), 2):
+        product[i, j] = product[j, i] = len(columns)
+        columns.append(z[:, i] * z[:, j])
+    terms = np.array(columns)
+    sums = terms @ terms.T
+    power = 1 + np.arange(d)[:, None] + d * np.arange(3)  # (d, 3): columns of the powers
 
-    @classmethod
-    def from_draws(cls, z: np.ndarray) -> _Regressions:
-        """Regressions of standardised draws, shape (n, d)."""
-        d = z.shape[1]
-        product = np.zeros((d, d), dtype=int)
-        columns = [np.ones(len(z)), *z.T, *(z**2).T, *(z**3).T]
-        for i, j in combinations(range(d), 2):
-            product[i, j] = product[j, i] = len(columns)
-            columns.append(z[:, i] * z[:, j])
-        terms = np.array(columns)
-        power = 1 + np.arange(d)[:, None] + d * np.arange(3)
-        return cls(terms @ terms.T, power, product, len(z))
-
-    def residual_sd(self, response: int, given: Sequence[int]) -> float:
-        """Residual sd of a parameter given others, over its marginal sd."""
-        y = self.power[response, 0]
-        total = self.gram[y, y] - self.gram[0, y] ** 2 / self.draws
+    def residual_sd(response: int, given: Sequence[int]) -> float:
+        y = power[response, 0]
+        total = sums[y, y] - sums[0, y] ** 2 / n
         if not total > 0.0:
             return 1.0
-        used = [0, *self.power[list(given)].ravel()]
-        used += [self.product[i, j] for i, j in combinations(given, 2)]
-        gram, with_y = self.gram[np.ix_(used, used)], self.gram[used, y]
+        used = [0, *power[list(given)].ravel()]
+        used += [product[i, j] for i, j in combinations(given, 2)]
+        gram, with_y = sums[np.ix_(used, used)], sums[used, y]
         # normal equations with a ridge penalty: neighbouring powers are nearly collinear
-        ridged = gram + 1e-9 * self.draws * np.eye(len(used))
-        c = np.linalg.solve(ridged, with_y)
+        c = np.linalg.solve(gram + 1e-9 * n * np.eye(len(used)), with_y)
         # |y - F c|^2 = y.y - 2 c.F'y + c.F'F c
-        residual = max(self.gram[y, y] - 2.0 * c @ with_y + c @ gram @ c, 0.0)
-        freedom = max(self.draws - len(used), 1)
-        return float(min(np.sqrt(residual / freedom * self.draws / total), 1.0))
+        residual = max(sums[y, y] - 2.0 * c @ with_y + c @ gram @ c, 0.0)
+        freedom = max(n - len(used), 1)
+        return float(min(np.sqrt(residual / freedom * n / total), 1.0))
+
+    return residual_sd

@@ -11,6 +11,7 @@ mounting force. What is left over is how much the curves change.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -168,19 +169,12 @@ MAX_PERCENT_WIDTH = 0.7  # in ln: wider is given as a factor
 
 
 @dataclass(frozen=True)
-class Direction:
-    """A direction in scaled parameter space."""
-
-    loadings: dict[str, float]  # by parameter, per prior sd; the squares sum to one
-    spread: float  # posterior sd along it, in prior sds
-    text: str
-
-
-@dataclass(frozen=True)
 class Sloppiness:
     """Directions of a posterior, the stiffest first."""
 
-    directions: tuple[Direction, ...]
+    # posterior sd along each, in prior sds; loadings by parameter, per prior sd, whose squares sum
+    # to one; words
+    directions: tuple[dict[str, Any], ...]
     path: SameCurves  # along the sloppy direction
     text: str  # what moves along it and what that changes
 
@@ -197,7 +191,7 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     if not scales or tied:
         return None
     directions = _directions(scales, thinned)
-    loadings = directions[-1].loadings
+    loadings = directions[-1]["loadings"]
     moved = max(loadings, key=lambda name: abs(loadings[name]))
     row = median_draw(thinned, posterior.specimen, posterior.law)
     low, high = np.quantile(thinned[moved], INTERVAL)
@@ -221,7 +215,7 @@ def _reading_error(posterior: Posterior, draws: pd.DataFrame) -> float:
     return float(np.median(np.sqrt(np.mean(residual**2, axis=1))))
 
 
-def _directions(scales: list[ComparisonScale], draws: pd.DataFrame) -> tuple[Direction, ...]:
+def _directions(scales: list[ComparisonScale], draws: pd.DataFrame) -> tuple[dict[str, Any], ...]:
     columns, units = [], []
     for scale in scales:
         assert isinstance(scale.prior, Prior)
@@ -229,14 +223,14 @@ def _directions(scales: list[ComparisonScale], draws: pd.DataFrame) -> tuple[Dir
         columns.append(scale.to_scale(draws[scale.name].to_numpy(dtype=float)) / unit)
         units.append(unit)
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(np.array(columns))))
-    out: list[Direction] = []
+    out: list[dict[str, Any]] = []
     for value, vector in zip(values, vectors.T, strict=True):
         vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
         spread = float(np.sqrt(max(value, 0.0)))
         rank = "known" if out else "best known"
         text = f"{rank}: {_combination(scales, vector, np.array(units), spread)}"
         loadings = {s.name: float(v) for s, v in zip(scales, vector, strict=True)}
-        out.append(Direction(loadings, spread, text))
+        out.append({"spread": spread, "loadings": loadings, "in_words": text})
     return tuple(out)
 
 

@@ -106,17 +106,11 @@ class Diagnostics:
 
 @dataclass(frozen=True)
 class Assessment:
-    """A verdict with its reason.
-
-    Attributes
-    ----------
-    bound : {"", "low", "high"}
-        The end that holds, of a bounded parameter.
-    """
+    """A verdict with its reason."""
 
     verdict: str
     reason: str
-    bound: str = ""
+    bound: str = ""  # of a bounded parameter the end that holds: low or high
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -134,31 +134,3 @@ def true_loads(
             load = load - load[0]
         loads.append(load.T.ravel())
     return np.concatenate(loads)
-
-
-@dataclass(frozen=True)
-class DrawnCurves:
-    """Curves of one protocol, one per draw; loads in the unit of the file, Cauchy stress too."""
-
-    protocol: str
-    rows: np.ndarray  # (rows,), of the protocol, from 0
-    stretch: np.ndarray  # (rows, 2), measured
-    measured: np.ndarray  # (rows, 2)
-    load: np.ndarray  # (draws, rows, 2)
-
-
-def curves_of_draws(
-    posterior: Posterior, draws: pd.DataFrame, *, piece: int = 0, max_rows: int | None = None
-) -> list[DrawnCurves]:
-    """The law's curves, one per draw; arguments as of :func:`bands`."""
-    out, specimen = [], posterior.pieces[piece].specimen
-    forward = posterior.pieces[piece].forward
-    for protocol in specimen.as_compared(posterior.settings.mounting).protocols:
-        rows = evenly_spaced(protocol.rows, max_rows)
-        stretch = protocol.stretch[rows]
-        scale = specimen.per_nominal(stretch)
-        with np.errstate(over="ignore", invalid="ignore"):
-            load = forward.load(draws, stretch, protocol.name) + forward.offset(draws)
-        measured = specimen.load(protocol)[rows]
-        out.append(DrawnCurves(protocol.name, rows, stretch, measured * scale, load * scale))
-    return out

@@ -67,18 +67,10 @@ class _Curve:
 
 
 def nearest_laws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
-    """The draws with the parameters of the law nearest to the tissue of each.
+    """The draws with the parameters of the law nearest to the tissue of each, 30 to 60 ms a draw.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        One row per draw, columns as in ``summary.csv``; 30 to 60 ms each.
-
-    Returns
-    -------
-    DataFrame
-        The same columns, and the relative root mean square distances ``distance_to_tissue`` and
-        ``distance_to_readings``. Fixed and tied parameters stay as drawn.
+    Fixed and tied parameters stay as drawn; ``distance_to_tissue`` and ``distance_to_readings`` are
+    relative root mean squares.
     """
     law = posterior.law
     free = [i for i, n in enumerate(law.names) if isinstance(posterior.priors[n], Prior)]
@@ -134,11 +126,7 @@ def median_nearest_law(posterior: Posterior, draws: pd.DataFrame) -> tuple[pd.Da
 
 
 def simulation_table(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
-    """What to put into a simulation: the median nearest law, and the spread of all of them.
-
-    One row per parameter, and one per distance: ``quantity``, ``unit``, ``median_card``, ``q05``
-    and ``q95`` over the nearest laws.
-    """
+    """The median nearest law, and the spread of all: a row per parameter, and per distance."""
     laws, row = median_nearest_law(posterior, draws)
     units = {p.name: p.unit for p in posterior.law.parameters}
     return pd.DataFrame(

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from biaxbayes.errors import InputError
-from biaxbayes.normal_errors import standard_cdf, standard_quantile
 
 BANDS = ("median", "credible_low", "credible_high", "predictive_low", "predictive_high")
 """Endings of the columns of a predicted quantity."""
@@ -48,19 +48,7 @@ def percentiles(mean: np.ndarray, sd: np.ndarray, levels: Sequence[float]) -> np
 def band_columns(
     name: str, mean: np.ndarray, sd: np.ndarray, reading_sd: np.ndarray, probability: float
 ) -> dict[str, np.ndarray]:
-    """The five columns of a quantity.
-
-    Parameters
-    ----------
-    name : str
-        Stem of the columns, with the unit.
-    mean : ndarray, shape (draws, m)
-        Of the tissue, draw by draw.
-    sd, reading_sd : ndarray, broadcast with it
-        Of the tissue about the mean, and of a new measurement.
-    probability : float
-        Content of each band.
-    """
+    """The five columns of a quantity (draws, m) of the tissue, and of a new measurement."""
     low, high = tails(probability)
     credible = percentiles(mean, sd, (0.5, low, high))
     predictive = percentiles(mean, reading_sd, (low, high))
@@ -71,25 +59,22 @@ def band_columns(
 def mixture_percentiles(
     model: np.ndarray, noise: np.ndarray, levels: tuple[float, ...]
 ) -> list[np.ndarray]:
-    """Percentiles (m,) of the equal mixture of N(model, noise) over the draws, by root finding.
-
-    No random numbers are drawn, so the band has no Monte Carlo error of its own.
-    """
+    """Percentiles (m,) of the equal mixture of N(model, noise) over draws; no random numbers."""
     step = -(-len(model) // MIXTURE_DRAWS)
     mean = np.ascontiguousarray(model[::step].T)
     sd = np.maximum(np.broadcast_to(noise, model.shape)[::step].T, 1e-300)
     out = []
     for level in levels:
-        ends = mean + standard_quantile(level) * sd  # of the single draws: the root lies between
+        ends = mean + ndtri(level) * sd  # of the single draws: the root lies between
         low, high = ends.min(axis=1), ends.max(axis=1)
         accuracy = 1e-9 * (high - low)
         # Start: the normal distribution of the same mean and variance.
         spread = np.sqrt(mean.var(axis=1) + (sd**2).mean(axis=1))
-        q = np.clip(mean.mean(axis=1) + standard_quantile(level) * spread, low, high)
+        q = np.clip(mean.mean(axis=1) + ndtri(level) * spread, low, high)
         for _ in range(MAX_ITERATIONS):
             # F(q) = mean over draws of Phi((q - m) / sd), by Newton's method within [low, high]
             z = (q[:, None] - mean) / sd
-            excess = standard_cdf(z).mean(axis=1) - level
+            excess = ndtr(z).mean(axis=1) - level
             low, high = np.where(excess < 0.0, q, low), np.where(excess < 0.0, high, q)
             before = q
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtr
 
 from biaxbayes.errors import load_text
 from biaxbayes.evenly import evenly_chosen
 from biaxbayes.fitting.fit_result import EXPLAINED
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.normal_errors import standard_cdf
 from biaxbayes.prediction.tissue import Tissue
 
 # --- residuals of the model compared with the load cell's noise ----------------------------------
@@ -31,28 +31,15 @@ def predictive_checks(
 ) -> pd.DataFrame:
     """Compare every curve with the median of the law, and with the predictive band of the tissue.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        One row per draw, columns as in ``summary.csv``.
-    piece : int
-        Index of the piece of the tissue.
-    max_draws : int
-        Largest number of draws, evenly chosen.
-
-    Returns
-    -------
-    DataFrame
-        One row per protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
-        reading minus median model, in ``unit``), ``largest`` (of the same, with its
-        sign) and ``at`` (the measured stretch there), ``peak`` (largest absolute load),
-        ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``
-        of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
-        errors), ``inside`` (fraction of the readings inside their own 90 % predictive
-        band), ``share`` (largest residual over the largest load of the protocol, both directions),
-        ``unit`` and ``agreement``: ``noise`` (no more than the load cell's), ``misses`` (above 5 %
-        of the peak, and an rms above 1.5 times the noise), ``small``. A Cauchy file is compared as
-        nominal stress.
+    One row per protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
+    reading minus median model, in ``unit``), ``largest`` (of the same, with its sign) and ``at``
+    (the measured stretch there), ``peak`` (largest absolute load), ``noise`` (of the load cell),
+    ``autocorrelation`` (of neighbouring residuals), ``runs`` of one sign, ``expected_runs`` and
+    ``runs_z`` (in standard deviations of independent errors), ``inside`` (fraction of the readings
+    inside their own 90 % predictive band), ``share`` (largest residual over the largest load of the
+    protocol, both directions), ``unit`` and ``agreement``: ``noise`` (no more than the load
+    cell's), ``misses`` (above 5 % of the peak, and an rms above 1.5 times the noise), ``small``. A
+    Cauchy file is compared as nominal stress.
     """
     tissue = Tissue(posterior, draws.iloc[evenly_chosen(len(draws), max_draws)], piece=piece)
     specimen, rows = posterior.pieces[piece].specimen, []
@@ -65,7 +52,7 @@ def predictive_checks(
         with np.errstate(over="ignore", invalid="ignore"):
             # F(y) = mean over draws of Phi((y - m) / sd)
             z = (measured - loads.reading) / np.maximum(loads.reading_sd, 1e-300)
-            below = standard_cdf(z).mean(axis=0)
+            below = ndtr(z).mean(axis=0)
         inside = ((below >= BAND_TAILS[0]) & (below <= BAND_TAILS[1])).mean(axis=0)
         residuals = measured - np.median(loads.law, axis=0)
         for axis in specimen.experiment.axes:

@@ -42,22 +42,14 @@ ABSOLUTE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class CoveredStretches:
-    """Convex hull of the tested states.
+    """Convex hull of the tested states."""
 
-    Attributes
-    ----------
-    hull : ndarray, shape (m, 2)
-        Corners, anticlockwise; one or two when the states lie on a point or a line.
-    low, high : ndarray, shape (2,)
-        Component-wise range.
-    shift : float
-        Distance by which the mounting stretch moved the tested paths: a path that starts at the
-        unloaded state and runs beside a tested one within it was tested as well as it could be.
-    """
-
+    # (m, 2): corners, anticlockwise; one or two when the states lie on a point or a line
     hull: np.ndarray
-    low: np.ndarray
+    low: np.ndarray  # (2,), component-wise range
     high: np.ndarray
+    # distance by which the mounting stretch moved the tested paths: a path that starts at the
+    # unloaded state and runs beside a tested one within it was tested as well as it could be
     shift: float = 0.0
 
     @property
@@ -69,11 +61,8 @@ class CoveredStretches:
     def extrapolation(self, stretch_x, stretch_y) -> np.ndarray:
         """Position of states (n,) relative to the tested ones.
 
-        Returns
-        -------
-        ndarray of str, shape (n,)
-            :data:`INSIDE`; :data:`BELOW` a smallest, :data:`BEYOND` a largest tested stretch;
-            or :data:`OFF_PATH`: each stretch was tested, but not together.
+        :data:`INSIDE`; :data:`BELOW` a smallest, :data:`BEYOND` a largest tested stretch; or
+        :data:`OFF_PATH`: each stretch was tested, but not together.
         """
         state = np.column_stack([np.ravel(stretch_x), np.ravel(stretch_y)]).astype(float)
         label = np.full(len(state), INSIDE, dtype=object)
@@ -88,14 +77,7 @@ class CoveredStretches:
 def covered_stretches(
     specimen: Specimen, mounting_stretch: tuple[float, float] | np.ndarray = (1.0, 1.0)
 ) -> CoveredStretches:
-    """The states of stretch that a specimen's protocols visited.
-
-    Parameters
-    ----------
-    mounting_stretch : (float, float) or ndarray, shape (protocols, 2)
-        Factor from measured to total stretch, one for all or one for each protocol; (1, 1) for
-        the range of measured stretches.
-    """
+    """States that protocols visited; ``mounting_stretch`` is one pair, or (protocols, 2)."""
     factor = np.broadcast_to(np.asarray(mounting_stretch, float), (len(specimen.protocols), 2))
     state = np.vstack([p.stretch * lm for p, lm in zip(specimen.protocols, factor, strict=True)])
     shift = float(np.max(np.linalg.norm(factor - 1.0, axis=1)))
@@ -103,23 +85,16 @@ def covered_stretches(
 
 
 def _convex_hull(points: np.ndarray) -> np.ndarray:
-    """Corners of the convex hull, anticlockwise, by Andrew's monotone chain."""
-    ordered = [tuple(p) for p in np.unique(points, axis=0)]  # sorted by x, then y
+    """Corners of the convex hull, anticlockwise; of points on a line its ends."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    ordered = np.unique(points[np.isfinite(points).all(axis=1)], axis=0)  # by x, then y
     if len(ordered) < 3:
-        return np.array(ordered)
-
-    def chain(sequence) -> list[tuple[float, ...]]:
-        corners: list[tuple[float, ...]] = []
-        for p in sequence:
-            while len(corners) > 1:
-                (ax, ay), (bx, by) = corners[-2], corners[-1]
-                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0.0:
-                    break
-                corners.pop()
-            corners.append(p)
-        return corners
-
-    return np.array(chain(ordered)[:-1] + chain(reversed(ordered))[:-1])
+        return ordered
+    try:
+        return np.asarray(ordered[ConvexHull(ordered).vertices])
+    except QhullError:
+        return ordered[[0, -1]]
 
 
 def _distance(hull: np.ndarray, points: np.ndarray, *, closed: bool = True) -> np.ndarray:
@@ -149,19 +124,7 @@ MAX_STRESS_BLOCK = 2_000_000  # numbers in memory at once
 def stretch_path(
     largest: float, *, ratio: tuple[float, float] = (1.0, 1.0), points: int = 51
 ) -> np.ndarray:
-    """A straight path of stretches from 1.
-
-    Parameters
-    ----------
-    largest : float
-        Largest stretch of the leading direction.
-    ratio : (float, float)
-        Fraction of the stretch beyond 1 that each direction takes, as in a ``1:0.5`` protocol.
-
-    Returns
-    -------
-    ndarray, shape (points, 2)
-    """
+    """A straight path (points, 2) from 1 to the largest stretch; ``ratio`` is each share of it."""
     rise = np.asarray(ratio, dtype=float)
     if not np.isfinite(rise).all() or np.abs(rise).max() == 0.0:
         raise InputError(f"a stretch ratio of {rise[0]:g}:{rise[1]:g} stretches nothing")
@@ -179,37 +142,17 @@ def predict_stress(
     strip: str | None = None,
     probability: float = PredictionOptions.probability,
 ) -> pd.DataFrame:
-    """Stress along a path of stretches, with credible and predictive bands.
+    """Stress along a path of stretches (m, 2), with credible and predictive bands.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        Posterior draws by the names of ``summary.csv``.
-    path : ndarray, shape (m, 2)
-        Stretches in x and y.
-    relative_to : {"mounted", "unloaded"}
-        Relative to the mounted or to the unloaded state.
-    protocol : str, optional
-        Whose mounted state measured stretches refer to, where each protocol has its own.
-    stress : {"cauchy", "piola"}
-        Cauchy, or first Piola-Kirchhoff with the unloaded state as reference; kPa.
-    strip : {"x", "y"}, optional
-        Of a strip along this direction: its side takes the stretch at which it carries no stress,
-        in each draw, whatever the path says.
-    probability : float
-        Content of each band.
+    ``path`` is ``relative_to`` the mounted state (of a ``protocol``, where each has its own) or the
+    unloaded one; ``stress`` is cauchy, or piola with the unloaded state as reference. Of a
+    ``strip`` along x or y the side takes the stretch at which it carries no stress, in each draw,
+    whatever the path says. ``probability`` is the content of each band.
 
-    Returns
-    -------
-    DataFrame
-        One row per state: ``stretch_x``, ``stretch_y`` as given (across a strip the median),
-        ``total_stretch_x`` and ``total_stretch_y`` (posterior medians), five columns of each
-        direction that is pulled such as ``cauchy_x_kPa_median``, and ``extrapolation``.
-
-    Raises
-    ------
-    InputError
-        If an option does not fit the run, a stretch is not positive, or a stress overflows.
+    One row per state: ``stretch_x``, ``stretch_y`` as given (across a strip the median),
+    ``total_stretch_x`` and ``total_stretch_y`` (posterior medians), five columns of each direction
+    that is pulled such as ``cauchy_x_kPa_median``, and ``extrapolation``. InputError if an option
+    does not fit the run, a stretch is not positive, or a stress overflows.
     """
     path = np.asarray(path, dtype=float)
     if path.ndim != 2 or path.shape[1] != 2 or not len(path):
@@ -292,19 +235,13 @@ def measured_stress(
     protocol: str | None = None,
     stress: str = "cauchy",
 ) -> pd.DataFrame:
-    """Measured stresses along a path of stretches.
+    """Measured stresses along a path of stretches; arguments as in :func:`predict_stress`.
 
-    Arguments as in :func:`predict_stress`.
-
-    Returns
-    -------
-    DataFrame
-        One row per reading of a protocol that runs along the path, at most 200 of each:
-        ``protocol``, ``stretch_x`` and ``stretch_y`` relative to the chosen state, and for each
-        direction medians over the draws such as ``cauchy_x_kPa`` and ``cauchy_x_kPa_residual``,
-        the reading less that of the tissue, the law and its misfit, at the state it was taken at. A
-        file's sections and the mounting stretch, which make a stress of a reading, are those of
-        each draw.
+    One row per reading of a protocol that runs along the path, at most 200 of each: ``protocol``,
+    ``stretch_x`` and ``stretch_y`` relative to the chosen state, and for each direction medians
+    over the draws such as ``cauchy_x_kPa`` and ``cauchy_x_kPa_residual``, the reading less that of
+    the tissue, the law and its misfit, at the state it was taken at. A file's sections and the
+    mounting stretch, which make a stress of a reading, are those of each draw.
     """
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)
     specimen = specimen.as_compared(posterior.settings.mounting)
@@ -345,11 +282,7 @@ def measured_stress(
 def prediction_mounting(
     draws: pd.DataFrame, specimen: Specimen, protocol: str | None, *, needed: bool = False
 ) -> np.ndarray:
-    """Mounting stretches (n, 2): of a protocol, or the mean over the mounted states.
-
-    Raises InputError if the protocol has no mounted state of its own, or, where one is
-    ``needed``, none was named and the run has several.
-    """
+    """Mounting stretches (n, 2) of a protocol, or the mean over several if none is ``needed``."""
     labels = mounting_labels(draws, specimen)
     if labels in ((), ("",)):
         return mounting_stretch(draws)

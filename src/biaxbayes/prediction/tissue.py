@@ -88,10 +88,7 @@ class Tissue:
     def tested(
         self, protocol: int, stretch: np.ndarray, rows: np.ndarray | None = None
     ) -> TissueLoads:
-        """Loads at ``rows`` (default all) of the stretches (m, 2) of a protocol, by its index.
-
-        The offset of the load cell is included, as in readings.
-        """
+        """Loads at ``rows`` of a protocol's stretches (m, 2), the cell's offset included."""
         rows = np.arange(len(stretch)) if rows is None else rows
         name = self._model.specimen.protocols[protocol].name
         law = self.law(stretch[rows], name) + self._model.forward.offset(self.draws)
@@ -111,10 +108,7 @@ class Tissue:
     def misfit(
         self, stretch: np.ndarray, protocol: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and sd of the misfit on a path of measured stretches, (draws, m, 2).
-
-        ``protocol`` is the index of the one that the path runs along; by default one is looked for.
-        """
+        """Mean and sd (draws, m, 2) of the misfit on a path; ``protocol``: that it runs along."""
         if not self.posterior.settings.has_misfit:
             nothing = np.zeros((len(self.draws), len(stretch), 2))
             return nothing, nothing

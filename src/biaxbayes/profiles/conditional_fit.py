@@ -21,7 +21,7 @@ from biaxbayes.model.preparation import start_parameters
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.sampling.modes import BOUND_MARGIN, local_mode
-from biaxbayes.sampling.target import LogDensity, bounds_array
+from biaxbayes.sampling.target import LogDensity
 
 CLIMBS, LEAST_RISE = 10, 1e-7
 """Climbs in a row, and the rise of ln L below which a climb has arrived."""
@@ -73,7 +73,9 @@ class ConditionalLikelihood:
             return self.posterior.evaluate(assembly.problem, points)[1]
 
         if free.size:
-            scale, bounds = self._scale(assembly)[free], self._bounds(assembly)[free]
+            scale = self._scale(assembly)[free]
+            # a climb stays off its bounds by so much
+            bounds = assembly.bounds[free] + [-BOUND_MARGIN, BOUND_MARGIN]
             point[free] = _climb(log_likelihood, point[free], scale, bounds, least_rise)
         _, (height,), at = self.posterior.evaluate(assembly.problem, point[None])
         natural = natural_values(assembly, at.values, point[None])
@@ -120,12 +122,6 @@ class ConditionalLikelihood:
         return np.array(
             [widths.get(n, 1.0 if n == NOISE_SD.name else STRETCH_WIDTH) for n in assembly.free]
         )
-
-    def _bounds(self, assembly: Assembly) -> np.ndarray:
-        limits = assembly.law.sampling_bounds(assembly.problem.transform)
-        finite = {i: limits[n] for i, n in enumerate(assembly.free) if n in limits}
-        # a climb stays off its bounds by so much
-        return bounds_array(finite, len(assembly.free)) + [-BOUND_MARGIN, BOUND_MARGIN]
 
 
 def _climb(

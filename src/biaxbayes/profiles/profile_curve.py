@@ -65,10 +65,8 @@ class ProfiledParameter:
 def profile_axis(parameter: Parameter) -> ProfiledParameter:
     """The parameter as it is profiled."""
     if parameter.logarithmic:
-        ends, steps = (
-            (float(np.log(MIN_STEP_OF_SCALE)), float(np.log(parameter.largest))),
-            STEPS_OF_SCALE,
-        )
+        ends = float(np.log(MIN_STEP_OF_SCALE)), float(np.log(parameter.largest))
+        steps = STEPS_OF_SCALE
     elif parameter.bounded:
         ends = parameter.range
         steps = STEPS_OF_ANGLE if parameter.unit == DEGREE else STEPS_OF_SHARE

@@ -6,7 +6,7 @@ order, so that the autocorrelation that ArviZ sees is that of a walker.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ import pandas as pd
 
 from biaxbayes.errors import RunError
 from biaxbayes.evenly import evenly_chosen
-from biaxbayes.model.piece import Piece
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.normal_errors import simulate
 from biaxbayes.parameters import name_of
@@ -93,10 +92,11 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     predictive: dict[str, Any] = {}
     rows: dict[str, Any] = {"direction": ["x", "y"]}
     for i, piece in enumerate(posterior.pieces):
-        of_piece, unit = (
-            name_of_piece(piece),
-            _units(", ".join(dict.fromkeys(piece.specimen.units))),
-        )
+
+        def of_piece(name: str, label: str = piece.labels.label) -> str:
+            return name_of(name, label).replace("/", SLASH)
+
+        unit = _units(", ".join(dict.fromkeys(piece.specimen.units)))
         row, mount = of_piece("row"), of_piece("mount")
         rows[row] = np.arange(len(piece.rows.load))
         observed[of_piece("load")] = ((row, "direction"), piece.rows.load, unit)
@@ -119,15 +119,6 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "observed_data": xr.Dataset(observed, rows),
         "constant_data": xr.Dataset(constant, rows),
     }
-
-
-def name_of_piece(piece: Piece) -> Callable[[str], str]:
-    """Names of variables and dimensions of a piece: as they are, or with its label."""
-
-    def named(name: str) -> str:
-        return name_of(name, piece.labels.label).replace("/", SLASH)
-
-    return named
 
 
 def _predictive(

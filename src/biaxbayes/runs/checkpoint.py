@@ -98,10 +98,7 @@ def load(
     identity: dict[str, Any],
     from_record: Callable[[dict[str, Any]], Any] = run_state,
 ) -> tuple[Any | None, str]:
-    """Read the newest intact checkpoint, or None, and a note if a damaged one was skipped.
-
-    Raises RunError for a checkpoint of another run or version, or if none is readable.
-    """
+    """The newest intact checkpoint of this run, or None; a note if a damaged one was skipped."""
     damaged = []
     now = json.loads(json.dumps(identity))
     for name in NAMES:

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from biaxbayes.derived.determined import determined
 from biaxbayes.derived.known import known_table
-from biaxbayes.derived.piece_stiffness import differences, piece_stiffnesses
+from biaxbayes.derived.piece_stiffness import piece_stiffnesses
 from biaxbayes.errors import RunError, listed
 from biaxbayes.fitting.fit_result import POOR_MISFIT, misfit_sentence, root_mean_square
 from biaxbayes.identifiability.identify import Identifiability
@@ -183,9 +183,8 @@ def run_result(
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
     checks = verdicts.checks
-    pieces = piece_stiffnesses(posterior, draws) if usable else ()
+    alike, different = piece_stiffnesses(posterior, draws) if usable else ([], [])
     curves = sloppiness(posterior, draws) if converged else None
-    directions = () if curves is None else curves.directions
     reported = verdicts.reported
     fits = nothing
     if verdicts.fits is not None:
@@ -196,18 +195,13 @@ def run_result(
         reported=reported,
         fit=_fit_in_words(posterior) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior),
-        warnings=(
-            *differences(pieces),
-            *(path_warnings(checks, law.key) if usable else ()),
-        ),
-        pieces=tuple(str(piece) for piece in pieces if not piece.differs),
+        warnings=(*different, *(path_warnings(checks, law.key) if usable else ())),
+        pieces=tuple(alike),
         findings=tuple(findings),
         better_law=verdicts.better_law,
         convergence=dict(convergence),
         thresholds=verdicts.all_thresholds,
-        directions=tuple(
-            {"spread": d.spread, "loadings": d.loadings, "in_words": d.text} for d in directions
-        ),
+        directions=() if curves is None else curves.directions,
         same_curves_in_words="" if curves is None else curves.text,
         summary=summary,
         identifiability=verdicts.to_frame(),
