@@ -41,60 +41,30 @@ def unit_words(unit: str) -> str:
 
 @dataclass(frozen=True)
 class Parameter:
-    """Description of an inferred quantity.
+    """Description of an inferred quantity."""
 
-    Attributes
-    ----------
-    name : str
-        As in ``summary.csv``, priors files and ``--fix``.
-    symbol : str
-        In LaTeX, for figures; may be empty.
-    unit : str
-        ``kPa``, ``deg``, ``1``, or :data:`LOAD`.
-    words : str
-        Description on a page.
-    low, high : float
-        Physical bounds. Draws may lie on a finite one, except on zero for a positive parameter.
-    logarithmic : bool
-        A positive parameter: sampled and compared as its natural log.
-    positive : bool
-        Whether it cannot be fixed at zero.
-    at_low, at_high : str
-        Kind of material at that bound; may be empty.
-    mirror : bool
-        The material is mirrored at the bounds (an angle at 0 and 90 degrees): they limit nothing.
-    sharp : float
-        A 90 % interval narrower than this determines the parameter for practical purposes, whatever
-        it correlates with. The ratio of the limits for logarithmic parameters.
-    digits : str
-        Format of a single value.
-    width : float
-        Width of dispersed starting points, on the sampled scale.
-    axis : int or None
-        0 for x, 1 for y, None for quantities without a direction.
-    largest : float
-        Upper bound in a fit, where the range has none.
-    prior : (str, float, float), optional
-        Default prior: its distribution and two numbers, as in a priors file.
-    """
-
-    name: str
-    symbol: str = ""
-    unit: str = "1"
-    words: str = ""
+    name: str  # as in ``summary.csv``, priors files and ``--fix``
+    symbol: str = ""  # in LaTeX, for figures; may be empty
+    unit: str = "1"  # ``kPa``, ``deg``, ``1``, or LOAD
+    words: str = ""  # description on a page
+    # physical bounds; draws may lie on a finite one, except on zero for a positive parameter
     low: float = -math.inf
     high: float = math.inf
-    logarithmic: bool = False
-    positive: bool = False
-    at_low: str = ""
+    logarithmic: bool = False  # a positive parameter: sampled and compared as its natural log
+    positive: bool = False  # it cannot be fixed at zero
+    at_low: str = ""  # kind of material at that bound; may be empty
     at_high: str = ""
+    # the material is mirrored at the bounds (an angle at 0 and 90 degrees): they limit nothing
     mirror: bool = False
+    # a 90 % interval narrower than this determines the parameter for practical purposes, whatever
+    # it correlates with; the ratio of the limits for logarithmic parameters
     sharp: float = math.inf
-    digits: str = ".3g"
-    width: float = 0.3
+    digits: str = ".3g"  # format of a single value
+    width: float = 0.3  # of dispersed starting points, on the sampled scale
     kind: Kind = MATERIAL
-    axis: int | None = None
-    largest: float = math.inf
+    axis: int | None = None  # 0 for x, 1 for y, None without a direction
+    largest: float = math.inf  # upper bound in a fit, where the range has none
+    # default: its distribution and two numbers, as in a priors file
     prior: tuple[str, float, float] | None = None
 
     @property
@@ -291,20 +261,13 @@ def mounting_names(what: str, state: str = "") -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A parameter of one run.
-
-    Attributes
-    ----------
-    state : str
-        Mounted state or further piece it belongs to: the name of a protocol or piece; empty where
-        all protocols share one state, for the first piece, and for parameters of the material.
-    load_unit : str
-        Unit of the loads of the run.
-    """
+    """A parameter of one run."""
 
     parameter: Parameter
+    # mounted state or further piece it belongs to: the name of a protocol or piece; empty where
+    # all protocols share one state, for the first piece, and for parameters of the material
     state: str = ""
-    load_unit: str = ""
+    load_unit: str = ""  # of the run
 
     @property
     def name(self) -> str:
@@ -327,37 +290,19 @@ class Quantity:
 
 @dataclass(frozen=True)
 class PieceLabels:
-    """What the quantities of a piece are called.
+    """What the quantities of a piece are called."""
 
-    Attributes
-    ----------
-    label : str
-        Empty for the first piece.
-    states : tuple of str
-        Labels of its mounted states: its own where all protocols share one; empty where no mounting
-        stretch is inferred.
-    axes : tuple of int
-        Directions in which it has a mounting stretch and a mounting force.
-    load_unit : str
-        Unit of its loads, N or kPa.
-    """
-
-    label: str = ""
+    label: str = ""  # empty for the first piece
+    # labels of its mounted states: its own where all protocols share one; none where no mounting
+    # stretch is inferred
     states: tuple[str, ...] = ("",)
+    # directions in which it has a mounting stretch and a mounting force
     axes: tuple[int, ...] = (0, 1)
-    load_unit: str = ""
+    load_unit: str = ""  # N or kPa
 
 
 class Quantities(Mapping[str, Quantity]):
-    """Quantities of a run by name, in the order of its columns.
-
-    Parameters
-    ----------
-    material : sequence of Parameter
-        Parameters of the law.
-    pieces : sequence of PieceLabels
-        The pieces of the tissue.
-    """
+    """Quantities of a run (parameters of the law, and its pieces) by name, in column order."""
 
     def __init__(
         self, material: Sequence[Parameter], pieces: Sequence[PieceLabels] = (PieceLabels(),)

@@ -16,22 +16,11 @@ from studies.benchmark.outcome import LEVELS, Outcome, weighted_quantiles
 
 @dataclass(frozen=True)
 class Agreement:
-    """Quantiles of all parameters against those of another sampler.
+    """Quantiles of all parameters against those of another sampler."""
 
-    Attributes
-    ----------
-    largest : float
-        Largest difference in standard errors of both.
-    where : str
-        Its parameter and level.
-    rms : float
-        Root mean square over parameters and levels; about one where the errors are honest.
-    count : int
-    """
-
-    largest: float
-    where: str
-    rms: float
+    largest: float  # difference in standard errors of both
+    where: str  # its parameter and level
+    rms: float  # over parameters and levels; about one where the errors are honest
     count: int
 
 

@@ -13,27 +13,15 @@ LEVELS = (0.05, 0.5, 0.95)
 
 @dataclass
 class Outcome:
-    """One sampler on one posterior.
+    """One sampler on one posterior."""
 
-    Attributes
-    ----------
-    ess : float
-        Effective sample size of the worst parameter.
-    evaluations : int
-        Density evaluations (gradients for NUTS) behind it, warm-up left out.
-    seconds, warmup_seconds : float
-        Wall time on one core.
-    rhat : float
-        Largest over the parameters; NaN where it has no meaning.
-    draws : dict of ndarray, shape (chains, steps, walkers)
-        For the comparison of quantiles; ``weight`` holds weights where there are some.
-    """
-
-    ess: float
-    evaluations: int
-    seconds: float
+    ess: float  # of the worst parameter
+    evaluations: int  # of the density (gradients for NUTS) behind it, warm-up left out
+    seconds: float  # wall time on one core, as the next
     warmup_seconds: float
-    rhat: float
+    rhat: float  # largest over the parameters; NaN where it has no meaning
+    # (chains, steps, walkers), to compare quantiles; ``weight`` holds weights where there are
+    # some
     draws: dict[str, np.ndarray]
     note: str = ""
     log_evidence: tuple[float, float] | None = None
@@ -43,11 +31,6 @@ class Outcome:
     def rate(self) -> float:
         """Effective draws a second, warm-up excluded."""
         return self.ess / self.seconds
-
-    @property
-    def rate_with_warmup(self) -> float:
-        """Effective draws a second, warm-up included."""
-        return self.ess / (self.seconds + self.warmup_seconds)
 
 
 def judged(draws: dict[str, np.ndarray]) -> tuple[float, float]:

@@ -81,15 +81,7 @@ def simulate_specimen(
     truth: Mapping[str, float],
     rng: np.random.Generator,
 ) -> SimulatedSpecimen:
-    """Simulate readings of a material on the protocols of a specimen.
-
-    Parameters
-    ----------
-    model : Posterior
-        The statistical model, with the fit that its misfit is relative to.
-    truth : mapping of str to float
-        From :func:`draw_truth`.
-    """
+    """Simulate readings of a material, from :func:`draw_truth`, on the protocols of a specimen."""
     pieces = [_simulated_piece(model, i, truth, rng) for i in range(len(model.pieces))]
     return replace(pieces[0], further=tuple(pieces[1:]))
 

@@ -86,10 +86,7 @@ def forest_figure(comparison: Comparison) -> Figure:
 def _forest_rows(
     comparison: Comparison,
 ) -> list[tuple[AxisText, dict[int, np.ndarray], list[bool]]]:
-    """Quantity, draws by run, and whether each run identifies it.
-
-    Parameters; structure tensor, stiffness, and stresses at the largest common stretch.
-    """
+    """Quantity, draws by run, and whether each identifies it; stresses at the largest stretch."""
     rows = []
     for name, known in _judged(comparison).items():
         of_runs = [m.draws for m in comparison.members]

@@ -168,10 +168,7 @@ def band_figure(
     *,
     directions: tuple[str, str] = ("x", "y"),
 ) -> Figure:
-    """Draw equibiaxial Cauchy stress of a new specimen over the records, a panel per group.
-
-    `records` are (group, total stretch (n, 2), Cauchy stress in kPa (n, 2)).
-    """
+    """Stress of a new specimen over records: group, total stretch and Cauchy stress (n, 2), kPa."""
     groups = list(bands["group"].unique())
     figure = blank_figure(PAGE_MM, 48.0 * len(groups) + 6.0)
     highest = max((float(stress.max()) for _, _, stress in records), default=0.0)

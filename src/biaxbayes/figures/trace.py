@@ -43,10 +43,7 @@ def trace_figure(
     width_mm: float = PAGE_MM,
     known: Quantities | None = None,
 ) -> Figure:
-    """Draw the traces of the ensembles (median, 5 to 95 % of walkers) and the ranks of their draws.
-
-    `chains` by name have shape (ensembles, steps, walkers).
-    """
+    """Draw traces of chains (ensembles, steps, walkers) by name, and the ranks of their draws."""
     quantities = known_or_default(known, unit)
     rows = list(names) if names is not None else _default_rows(chains, quantities)
     for name in rows:

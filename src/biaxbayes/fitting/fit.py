@@ -155,7 +155,12 @@ def fit(
         return setup.fitted(starts, seed, initial)
     points, stretches = setup.starting_points(starts, seed, initial)
     data, free = setup.data, setup.free
-    refuse_other_tests(specimen, method)
+    if specimen.further or not specimen.experiment.is_biaxial:
+        raise InputError(
+            f"the fit {method} is for one planar biaxial test",
+            file=specimen.name,
+            remedy="use `method=constrained`",
+        )
     scale = max(float(np.abs(data.load * data.stretch / specimen.area).max()), 1e-300)
     if method == "fip":
         known = np.setdiff1d(np.arange(setup.point.size), free)
@@ -174,16 +179,6 @@ def fit(
     end = best_descent(problem, unknowns, lower, upper)
     theta, lm = problem.fit_coordinates(end.unknowns), problem.mounting(end.unknowns)
     return setup.result(method, theta, lm, end)
-
-
-def refuse_other_tests(specimen: Specimen, method: str) -> None:
-    """Refuse a method that is for one planar biaxial test alone."""
-    if specimen.further or not specimen.experiment.is_biaxial:
-        raise InputError(
-            f"the fit {method} is for one planar biaxial test",
-            file=specimen.name,
-            remedy="use `method=constrained`",
-        )
 
 
 def fit_all(specimen: Specimen, **options: Any) -> list[FitResult]:

@@ -107,13 +107,8 @@ class FitResult:
     def parameter_error(self, truth: Mapping[str, float]) -> float:
         """Mean relative error of the material parameters, the MAE of the method paper (Eq. 8).
 
-        (1/n) sum |P_true - P| / |P_true| over the parameters whose true value is known and not
-        zero; NaN if there is none.
-
-        Parameters
-        ----------
-        truth : mapping
-            True values by label, such as ``{"C1_kPa": 10.0}``, or by name.
+        (1/n) sum |P_true - P| / |P_true| over the parameters whose true value is known, by label
+        (``C1_kPa``) or name, and not zero; NaN if there is none.
         """
         values = zip(self.material.law.parameters, self.material.values, strict=True)
         known = [(v, truth.get(p.label, truth.get(p.name, 0.0))) for p, v in values]
@@ -130,11 +125,7 @@ class FitResult:
 
 
 def fit_from_record(record: Mapping[str, Any], law: Law, states: int) -> FitResult:
-    """The material and mounting stretches of :meth:`FitResult.record`, without residuals.
-
-    ValueError (or KeyError, TypeError) if they are not numbers of this law and so many mounted
-    states.
-    """
+    """Material and mounting stretches of a record, no residuals; ValueError if out of range."""
     values = [float(record[p.label]) for p in law.parameters]
     stretch = np.column_stack(
         [np.atleast_1d(np.asarray(record[f"mounting_stretch_{a}"], dtype=float)) for a in "xy"]

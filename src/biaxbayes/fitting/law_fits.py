@@ -65,10 +65,7 @@ class LawFit:
 def fit_law(
     specimen: Specimen, law: str, *, starts: int = 3, rows: int = LAW_FIT_ROWS, **options: Any
 ) -> LawFit:
-    """Least-squares fit of a law to the load; options as in :meth:`.FitSetup.from_options`.
-
-    To averaged rows; residuals are those of all readings.
-    """
+    """A law fitted to averaged rows, compared with all; options of `FitSetup.from_options`."""
     averaged = averaged_specimen(specimen, rows)
     setup, of_all = (FitSetup.from_options(s, law=law, **options) for s in (averaged, specimen))
     fitted = setup.fitted(starts, compiled=False, compared=of_all, **LAW_FIT_LIMITS)
@@ -135,10 +132,7 @@ def fit_laws(
     options_by_law: Mapping[str, Mapping[str, Any]] | None = None,
     known: Mapping[str, FitResult] | None = None,
 ) -> LawFits | None:
-    """Fit laws to a record; `options_by_law` are further arguments of `fit_law`.
-
-    `known` are fits of laws that are there already, with the same mounting constraint.
-    """
+    """Fit laws to a record; ``known`` fits stay, ``options_by_law`` are arguments of `fit_law`."""
     common: dict[str, Any] = {
         "mounting": mounting,
         "mounting_stretch": mounting_stretch,

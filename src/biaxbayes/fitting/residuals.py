@@ -107,10 +107,7 @@ class LoadResiduals:
     def _rows(
         self, point: np.ndarray, lm: np.ndarray, stiffness: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals (2n,), and their derivatives with respect to fit coordinates, ln lm and ln c.
-
-        Shapes (2n, p), (2n, 2m) and (2n, pieces).
-        """
+        """Residuals (2n,); derivatives by point (2n, p), ln lm (2n, 2m), ln c (2n, pieces)."""
         data, piece = self.data, self.data.piece
         rows = self.response(point, lm, stiffness)
         residual, by_lm, by_log_stiffness = rows.load - data.load, rows.by_log_mounting, rows.load

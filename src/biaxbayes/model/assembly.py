@@ -52,23 +52,17 @@ from biaxbayes.parameters import (
     mounting_names,
     name_of,
 )
+from biaxbayes.sampling.target import bounds_array
 from biaxbayes.specimens.specimen import Specimen
 
 
 @dataclass(frozen=True)
 class SamplingConstants:
-    """Constants of the sampling coordinates; only the efficiency of a sampler depends on them.
+    """Constants of the sampling coordinates; only the efficiency of a sampler depends on them."""
 
-    Attributes
-    ----------
-    isotropy_scale : float
-        Scale near isotropy (see :mod:`~biaxbayes.laws.dispersed_fibres`).
-    reference_stretch : (float, float) or None
-        Total stretches at which the fibre stress and exponent are taken as coordinates; None for
-        the largest measured ones.
-    """
-
-    isotropy_scale: float = DEFAULT_ISOTROPY_SCALE
+    isotropy_scale: float = DEFAULT_ISOTROPY_SCALE  # near isotropy, see laws/dispersed_fibres.py
+    # total stretches at which fibre stress and exponent are coordinates; None: the largest
+    # measured
     reference_stretch: tuple[float, float] | None = None
 
 
@@ -94,6 +88,13 @@ class Assembly:
         return self.quantities.states
 
     @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the coordinates, shape (d, 2); infinite where there is none."""
+        limits = self.law.sampling_bounds(self.problem.transform)
+        finite = {i: limits[n] for i, n in enumerate(self.free) if n in limits}
+        return bounds_array(finite, len(self.free))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
         inferred = (self.problem.mounting_mode != MODE_UNSTRETCHED).any()
@@ -112,10 +113,7 @@ def assemble(
     determinant: bool = True,
     sampling: bool = True,
 ) -> Assembly:
-    """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots.
-
-    ``determinant`` as in :class:`.density.Problem`.
-    """
+    """Lay out the density of a specimen; without ``sampling`` its coordinates are the slots."""
     law = settings.material_law
     pieces = Piece.of_tissue(specimen, settings)
     quantities = specimen.quantities(law.parameters, shared=settings.shared)

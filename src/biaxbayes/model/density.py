@@ -48,77 +48,40 @@ REASONS = ("out_of_range", "no_mounting_root", "overflow")
 
 
 class Problem(NamedTuple):
-    """Everything the compiled density needs; arrays are float64 unless stated.
+    """Everything the compiled density needs, in s slots; arrays are float64 unless stated."""
 
-    Attributes
-    ----------
-    slot : int64 ndarray, shape (s,)
-        Index of each slot in a walker's coordinates, or -1 where the slot is fixed.
-    fixed : ndarray, shape (s,)
-        Value of a fixed slot, on the scale of the slot (logs for positive quantities).
-    tie : int64 ndarray, shape (s,); tie_log_factor : ndarray, shape (s,)
-        A tied slot takes the value of another plus a log factor; -1 where free.
-    transform : NamedTuple
-        Constants of the transform between slots and sampling coordinates; its type picks the law.
-    size : int
-        Number of the law's slots.
-    logarithmic : bool ndarray, shape (s,)
-        Slots that hold logs.
-    per_unit : ndarray, shape (s,)
-        Natural units in one unit of the slot: degrees per radian, else 1.
-    prior_kind : int64 ndarray, shape (s,); prior : ndarray, shape (s, 5)
-        Kind, and location, scale, lower, upper, log normaliser of each slot's prior. For
-        mounting slots the prior is on the mounting stretch.
-    determinant : bool
-        Whether the change of variables from mounting force to mounting stretch is included, as
-        in a density of the parameters, not in a likelihood alone.
-    mounting_mode : int64 ndarray, shape (m,)
-        What the slots of each mounted state hold.
-    piece : int64 ndarray, shape (m,); free_side : int64 ndarray, shape (m,)
-        Piece of each mounted state; its direction without load (a strip), or -1.
-    mounted_dimensions : bool ndarray, shape (pieces,); area : ndarray, shape (pieces, 2)
-        Whether the dimensions of a piece are those of the mounted state; its sections.
-    mounting_reading : int64 ndarray, shape (m, 2)
-        The reading of each mounting load, or -1.
-    start : int64 ndarray, shape (p + 1,); mount : int64 ndarray, shape (p,)
-        First point of each protocol; the mounted state it belongs to.
-    solved : bool ndarray, shape (p,)
-        Whether the stretch of the free side was not measured.
-    stretch : ndarray, shape (n, 2)
-        Measured stretches of the points.
-    weight : ndarray, shape (n, 2, 2); reading_of : int64 ndarray, shape (n, 2)
-        Weight of stress k in reading i of a point, and which reading that is, or -1.
-    measured : ndarray, shape (r,)
-        All readings, those of the mounted states first in each piece.
-    offset_of : int64 ndarray, shape (r,)
-        Slot of the offset of each reading.
-    """
-
-    slot: np.ndarray
+    slot: np.ndarray  # int64 (s,): index in a walker's coordinates, or -1 where fixed
+    # (s,): value of a fixed slot, on the scale of the slot (logs for positive quantities)
     fixed: np.ndarray
+    # int64 (s,): the slot whose value, plus a log factor, a tied one takes; -1 where free
     tie: np.ndarray
-    tie_log_factor: np.ndarray
-    transform: Any
-    size: int
-    logarithmic: np.ndarray
-    per_unit: np.ndarray
-    prior_kind: np.ndarray
+    tie_log_factor: np.ndarray  # (s,)
+    transform: Any  # constants between slots and sampling coordinates; its type picks the law
+    size: int  # number of the law's slots
+    logarithmic: np.ndarray  # bool (s,): slots that hold logs
+    per_unit: np.ndarray  # (s,): natural units in one unit of the slot: degrees per radian, else 1
+    prior_kind: np.ndarray  # int64 (s,)
+    # (s, 5): location, scale, lower, upper, log normaliser; for mounting slots of the mounting
+    # stretch
     prior: np.ndarray
+    # whether the change of variables from mounting force to stretch is included, as in a density
+    # of the parameters, not in a likelihood alone
     determinant: bool
-    mounting_mode: np.ndarray
-    piece: np.ndarray
-    free_side: np.ndarray
+    mounting_mode: np.ndarray  # int64 (m,): what the slots of each mounted state hold
+    piece: np.ndarray  # int64 (m,): of each mounted state
+    free_side: np.ndarray  # int64 (m,): its direction without load (a strip), or -1
+    # bool (pieces,): whether the dimensions are those of the mounted state
     mounted_dimensions: np.ndarray
-    area: np.ndarray
-    mounting_reading: np.ndarray
-    start: np.ndarray
-    mount: np.ndarray
-    solved: np.ndarray
-    stretch: np.ndarray
-    weight: np.ndarray
-    reading_of: np.ndarray
-    measured: np.ndarray
-    offset_of: np.ndarray
+    area: np.ndarray  # (pieces, 2): sections
+    mounting_reading: np.ndarray  # int64 (m, 2): the reading of each mounting load, or -1
+    start: np.ndarray  # int64 (p + 1,): first point of each protocol
+    mount: np.ndarray  # int64 (p,): the mounted state it belongs to
+    solved: np.ndarray  # bool (p,): whether the stretch of the free side was not measured
+    stretch: np.ndarray  # (n, 2): measured stretches of the points
+    weight: np.ndarray  # (n, 2, 2): of stress k in reading i of a point
+    reading_of: np.ndarray  # int64 (n, 2): which reading that is, or -1
+    measured: np.ndarray  # (r,): all readings, those of the mounted states first in each piece
+    offset_of: np.ndarray  # int64 (r,): slot of the offset of each reading
 
 
 # In the decorators below ``error_model`` is numba's: x / 0 is infinite, as in NumPy.
@@ -252,10 +215,7 @@ def _curves(problem, constants, p, x, y, area_x, area_y, residual):
 
 @njit(error_model="numpy", nogil=True, **WITHIN)
 def _walker(problem, u, value, residual):
-    """(log prior with the changes of variables, log Jacobian of the coordinates, reason).
-
-    The values and residuals of :class:`Evaluation` are written into ``value`` and ``residual``.
-    """
+    """(log prior, log Jacobian, reason); fills ``value`` and ``residual`` as in `Evaluation`."""
     size, pieces = problem.size, problem.mounted_dimensions.size
     first_state = size + PIECE_SLOTS * pieces
     for i in range(problem.slot.size):
@@ -320,29 +280,17 @@ def _walkers(problem, u):
 
 
 class Evaluation(NamedTuple):
-    """What a density is made of, at the coordinates of each walker.
+    """What a density is made of, at the coordinates of each walker."""
 
-    Attributes
-    ----------
-    log_prior : ndarray, shape (walkers,)
-        Log prior density in the sampling coordinates, changes of variables included; finite, or
-        -inf where the density is zero.
-    residual : ndarray, shape (walkers, n)
-        Readings less the model's loads; without meaning where the density is zero.
-    log_jacobian : ndarray, shape (walkers,)
-        ln |d slots / d sampling coordinates|: the log density less it is that in slots.
-    values : ndarray, shape (walkers, s)
-        Parameters of the law (angles in radians), noise sd, factors of edges and thickness,
-        offsets, then the mounting *stretches*.
-    outcome : int64 ndarray, shape (walkers,)
-        0 inside, or one more than the index of the reason in :data:`REASONS`.
-    """
-
+    # (walkers,): in the sampling coordinates, changes of variables included; -inf where zero
     log_prior: np.ndarray
+    # (walkers, n): readings less loads; without meaning where the density is zero
     residual: np.ndarray
+    # (walkers,): ln |d slots / d sampling coordinates|; the log density less it is that in slots
     log_jacobian: np.ndarray
+    # (walkers, s): slots, positive ones not as logs, and the mounting *stretches*
     values: np.ndarray
-    outcome: np.ndarray
+    outcome: np.ndarray  # int64 (walkers,): 0 inside, or one more than the index in REASONS
 
 
 def evaluate(problem: Problem, u: np.ndarray) -> Evaluation:

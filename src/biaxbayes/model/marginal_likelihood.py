@@ -17,32 +17,21 @@ from biaxbayes.sampling.sampler import Draws
 class MarginalLikelihood:
     """Log marginal likelihood of the data.
 
-    Attributes
-    ----------
-    log_evidence : float
-        Natural log, for data in the unit of the file. The prior is normalised over the parameters
-        that are a material of the law (for ``fung`` b_x b_y > b_xy^2). Materials without a stable
-        mounted state have density zero, and the rest is not renormalised.
-    error : float
-        Standard deviation of the estimate.
-    mounting_reading : float or None
-        Log density of the mounting reading where the model is one without prestretch
-        (``ignored``): a force of zero, read with the load cell's noise. Add it before comparing
-        with a model that infers the mounting stretch, whose data include that reading. None where
-        it is in ``log_evidence`` already, or is unknown.
+    The prior is normalised over the parameters that are a material of the law (for ``fung`` b_x b_y
+    > b_xy^2). Materials without a stable mounted state have density zero, and the rest is not
+    renormalised.
     """
 
-    log_evidence: float
-    error: float
+    log_evidence: float  # natural log, for data in the unit of the file
+    error: float  # sd of the estimate
+    # log density of the mounting reading where the model is one without prestretch (`ignored`): a
+    # force of zero, read with the load cell's noise. To be added before comparing with a model
+    # whose data include that reading. None where it is included already, or is unknown
     mounting_reading: float | None = None
 
 
 def marginal_likelihood(posterior: Posterior, draws: Draws, *, seed: int = 0) -> MarginalLikelihood:
-    """Log marginal likelihood of a posterior from its draws.
-
-    The posterior has independent errors and all rows: ValueError with a smooth misfit, or if rows
-    are averaged.
-    """
+    """Log marginal likelihood; ValueError with a smooth misfit, or if rows are averaged."""
     problem = _reason_without(posterior)
     if problem:
         raise ValueError(problem)

@@ -279,31 +279,16 @@ def _added(of_root: np.ndarray, solved: np.ndarray, variance: np.ndarray) -> Add
 
 @dataclass(frozen=True, eq=False)
 class SmoothMisfit:
-    """Likelihood of readings under a smooth misfit of unknown structure and amplitude.
+    """Likelihood of readings under a smooth misfit of unknown structure and amplitude."""
 
-    Attributes
-    ----------
-    points : CurvePoints
-        Of every curve: its mounted state, and the readings that follow.
-    reading : ndarray, shape (n, points)
-        Each reading as a mean of points: that of a mounted state, which several curves share, is
-        the mean over them.
-    noise_sd : ndarray, shape (n,)
-        Of each reading.
-    toe : float
-        Sd of the prior of the toe's amplitude.
-    protocols : int
-        Number of protocols.
-    chosen : int ndarray, optional
-        Indices of the terms that are summed; by default all.
-    """
-
-    points: CurvePoints
+    points: CurvePoints  # of every curve: its mounted state, and the readings that follow
+    # (n, points): each reading as a mean of points; of a mounted state that several curves share,
+    # over them
     reading: np.ndarray
-    noise_sd: np.ndarray
-    toe: float = TOE
-    protocols: int = 1
-    chosen: np.ndarray | None = None
+    noise_sd: np.ndarray  # (n,)
+    toe: float = TOE  # sd of the prior of the toe's amplitude
+    protocols: int = 1  # their number
+    chosen: np.ndarray | None = None  # indices of the terms that are summed; by default all
 
     @cached_property
     def structures(self) -> tuple[Structure, ...]:
@@ -402,10 +387,7 @@ class SmoothMisfit:
         return levels
 
     def log_weights(self, residual: np.ndarray) -> np.ndarray:
-        """Log density of residuals (draws, n) under each term, prior weight included.
-
-        Shape (draws, terms).
-        """
+        """Log density (draws, terms) of residuals (draws, n), prior weights included."""
         q, over_noise = self.quadratics, residual / self.noise_sd
         squares = (over_noise**2).sum(axis=1)
         along = [basis.T @ over_noise.T for basis in q.bases]
@@ -436,10 +418,7 @@ class SmoothMisfit:
         return np.asarray(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)))
 
     def with_weight(self, residual: np.ndarray) -> SmoothMisfit:
-        """The same sum without the terms that have next to no weight at residuals (draws, n).
-
-        At each of them those left out have :data:`LEFT_OUT` of the likelihood at most.
-        """
+        """The sum without the terms that together have LEFT_OUT at most at each residual."""
         shares = self.shares(residual)
         order = np.argsort(shares.max(axis=0), kind="stable")
         left_out = np.cumsum(shares[:, order], axis=1).max(axis=0) <= LEFT_OUT

@@ -37,7 +37,7 @@ from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
 from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
 from biaxbayes.options import ModelOptions, Settings, takes_options
 from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
-from biaxbayes.sampling.target import Target, bounds_array
+from biaxbayes.sampling.target import Target
 from biaxbayes.specimens.averaging import rows_to_keep
 from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
@@ -209,9 +209,7 @@ class Posterior:
     @property
     def bounds(self) -> np.ndarray:
         """Bounds of the sampling coordinates, shape (d, 2); infinite where there is none."""
-        limits = self.law.sampling_bounds(self.coordinate_constants)
-        finite = {i: limits[n] for i, n in enumerate(self.assembly.free) if n in limits}
-        return bounds_array(finite, self.dimension)
+        return self.assembly.bounds
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -63,21 +63,13 @@ FIXED, NORMAL, UNIFORM, STUDENT, NORMAL_NATURAL, UNIFORM_NATURAL = range(6)
 class Prior:
     """A one-dimensional prior, optionally cut off.
 
-    Parameters
-    ----------
-    family : {"normal", "lognormal", "student", "logstudent", "uniform", "loguniform"}
-        Normal or Student t (of three degrees of freedom), of the quantity or of its natural log.
-    location, scale : float
-        Mean and sd, of a Student t centre and scale; for the logs the median, and the sd or scale
-        of the log. Unused for the uniform families.
-    low, high : float
-        Range, in natural units.
+    Student t distributions have three degrees of freedom; the uniform families have only a range.
     """
 
-    family: str
-    location: float = 0.0
-    scale: float = 1.0
-    low: float = -math.inf
+    family: str  # one of FAMILIES; those with log are of the natural log of the quantity
+    location: float = 0.0  # mean or centre; of the logs the median
+    scale: float = 1.0  # sd or scale; of the logs that of the log
+    low: float = -math.inf  # range, in natural units
     high: float = math.inf
 
     def __post_init__(self) -> None:
@@ -290,10 +282,7 @@ def named_priors() -> dict[str, dict[str, Any]]:
 
 
 def read_priors(path: Path, law: Law | None = None) -> dict[str, Prior | float | Tie]:
-    """Read a priors file, or the named priors of a tissue.
-
-    Raises :class:`InputError` that names the key that cannot be used, or the known names.
-    """
+    """Read a priors file, or named ones; InputError names the wrong key, or the known names."""
     named = named_priors()
     if str(path) in named:
         return parse_priors(named[str(path)]["priors"], path, law)

@@ -32,33 +32,17 @@ FEWEST_READINGS, MOST_READINGS = 20, 32
 
 @dataclass(frozen=True, eq=False)
 class ReadingVector:
-    """How rows make up the vector of readings; n readings.
+    """How rows make up the vector of n readings."""
 
-    Attributes
-    ----------
-    index : int64 ndarray, shape (rows, 2)
-        The reading that the load of a row belongs to, in x and y, or -1.
-    mounting_index : int64 ndarray, shape (m, 2)
-        The reading of each mounting load, or -1.
-    share : ndarray, shape (rows,)
-        Weight of a row in the mean.
-    weight : ndarray, shape (n,)
-        Number of recorded loads that a reading is the mean of; one for a mounting reading.
-    scatter : ndarray, shape (n,)
-        Mean square scatter of those loads about their mean, where the record was averaged.
-    axis : int64 ndarray, shape (n,)
-        The direction of a reading.
-    scale : ndarray, shape (n,)
-        Unit of a reading for sums over all of them: one, but of a tube's axial force.
-    """
-
-    index: np.ndarray
-    mounting_index: np.ndarray
-    share: np.ndarray
+    index: np.ndarray  # int64 (rows, 2): the reading that the load of a row belongs to, or -1
+    mounting_index: np.ndarray  # int64 (m, 2): the reading of each mounting load, or -1
+    share: np.ndarray  # (rows,): weight of a row in the mean
+    # (n,): recorded loads that a reading is the mean of; one for a mounting reading
     weight: np.ndarray
+    # (n,): their mean square scatter about the mean, where the record was averaged
     scatter: np.ndarray
-    axis: np.ndarray
-    scale: np.ndarray
+    axis: np.ndarray  # int64 (n,): direction
+    scale: np.ndarray  # (n,): unit for sums over all readings: one, but of a tube's axial force
 
     @property
     def mounting_count(self) -> int:
@@ -67,10 +51,7 @@ class ReadingVector:
 
     @classmethod
     def from_rows(cls, rows: MeasuredRows, *, states: int, average: bool) -> ReadingVector:
-        """Of the rows of a piece; ``average`` them to what a smooth misfit needs.
-
-        ``states`` is the number of mounted states whose loads are readings.
-        """
+        """Of rows and ``states`` mounted loads; ``average`` to what a smooth misfit needs."""
         (piece,) = rows.pieces
         axes = piece.experiment.axes
         mounting_count = states * len(axes)
@@ -236,15 +217,7 @@ def smooth_misfit(
     toe: float,
     chosen: np.ndarray | None = None,
 ) -> SmoothMisfit:
-    """The smooth misfit of the readings of a piece.
-
-    Parameters
-    ----------
-    mounting_sd : ndarray, shape (mounting readings,)
-        Noise of the mounting readings.
-    toe, chosen
-        As in :class:`~biaxbayes.model.misfit.SmoothMisfit`.
-    """
+    """The smooth misfit of a piece; the noise ``mounting_sd`` is (mounting readings,)."""
     n, specimen, axes = len(readings.weight), paths.specimen, paths.specimen.experiment.axes
     parts, observed, first = [], np.zeros((n, 0)), readings.mounting_count
     for i in range(len(rows.names)):

@@ -26,11 +26,7 @@ MAX_BRIDGE_ITERATIONS, LOG_INTEGRAL_TOLERANCE = 200, 1e-10
 def log_integral(
     log_prob: LogDensity, chain: np.ndarray, proposal: MixtureProposal, *, seed: int = 0
 ) -> tuple[float, float]:
-    """Log integral of a density, and its error, from draws and a normalised proposal near it.
-
-    ``chain`` are draws of the density, shape (ensembles, steps, walkers, d); for a posterior this
-    is the log marginal likelihood.
-    """
+    """Log integral of a density, and its error; the chain is (ensembles, steps, walkers, d)."""
     ensembles, steps, walkers, d = chain.shape
     stride = max(1, -(-ensembles * steps * walkers // MAX_BRIDGE_DRAWS))
     chain = chain[:, ::stride]
