@@ -100,10 +100,7 @@ COVERAGE_LEVELS = (0.50, 0.80, 0.90, 0.95)
 
 
 def coverage(below: np.ndarray, level: float) -> tuple[float, float, float]:
-    """Observed coverage of central intervals, and its 95 % Clopper-Pearson interval.
-
-    ``below`` are the shares of each posterior below the true value.
-    """
+    """Coverage of central intervals, and its 95 % interval, from shares below the truth."""
     n = below.size
     hits = int(np.count_nonzero(np.abs(below - 0.5) <= 0.5 * level))
     interval = binomtest(hits, n).proportion_ci(0.95)

@@ -148,10 +148,7 @@ def _shared(readings: int, rows: int, rng: np.random.Generator) -> np.ndarray:
 def _misfits(
     model: Posterior, index: int, rng: np.random.Generator
 ) -> tuple[list[np.ndarray], float]:
-    """A misfit of a piece and a factor of its noise, drawn from their priors.
-
-    The misfit is (1 + rows, 2) of each protocol, the mounted state first.
-    """
+    """A misfit (1 + rows, 2) of each protocol, mounted state first; a factor of the noise."""
     protocols = model.pieces[index].specimen.protocols
     loaded = [p.stretch[p.rest_rows :] for p in protocols]
     if not model.settings.has_misfit:
@@ -224,10 +221,7 @@ def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | 
 def local_prior(
     draws: Mapping[str, np.ndarray], wide: Mapping[str, Prior | float | Tie], known: Quantities
 ) -> dict[str, Prior | float | Tie]:
-    """Independent priors twice as wide as the marginals of `draws`.
-
-    Where the prior in `wide` is of the same family, never wider than that.
-    """
+    """Independent priors twice as wide as the marginals of `draws`, at most those in `wide`."""
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():
         quantities = [q for q in known.of_parameter(name) if q.name in draws]

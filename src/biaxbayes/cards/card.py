@@ -96,10 +96,7 @@ def plain_text(text: str) -> str:
 
 
 def header_lines(card: Card, version: str, conventions: list[str]) -> list[str]:
-    """The explanation at the top of a card: ASCII lines of at most 96 characters.
-
-    A line of ``conventions`` that starts with a blank stays as it is; others are wrapped.
-    """
+    """ASCII lines at the top of a card, at most 96 long; those that start with a blank stay."""
     paragraphs = [
         f"biaxbayes {version}: material card",
         f"Specimen: {plain_text(card.specimen)}",

@@ -144,10 +144,7 @@ def _check_law(law: Law, program: str) -> None:
 def _exported(
     law: Law, values: Sequence[float], states: np.ndarray
 ) -> tuple[MaterialResponse, MaterialResponse, float, tuple[str, ...], dict[str, float]]:
-    """The material of a draw, the same as the programs take it, and its matrix's shear modulus.
-
-    Also notes on what their fibre switch changes, and the same as columns of the manifest.
-    """
+    """Material of a draw, the same as written, shear modulus of its matrix, notes, and columns."""
     goh = law.as_goh(values)
     if goh is None:
         material = law.material_at(values)

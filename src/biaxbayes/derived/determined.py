@@ -78,17 +78,12 @@ def thin_draws(draws: pd.DataFrame, max_draws: int = MAX_DERIVED_DRAWS) -> pd.Da
     return draws.iloc[:: -(-len(draws) // max_draws)]
 
 
-def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
-    """Median mounting stretch of every protocol, shape (protocols, 2); one where not inferred."""
-    return np.array([np.median(protocol_mounting(draws, p), axis=0) for p in specimen.protocols])
-
-
 def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
     """Largest total stretch that the test reached in both directions, at the median mounting."""
     # a strip is stretched along itself
     largest = [
-        float((p.stretch * m).max(axis=0)[k])
-        for p, m in zip(specimen.protocols, median_mounting(draws, specimen), strict=True)
+        float((p.stretch * np.median(protocol_mounting(draws, p), axis=0)).max(axis=0)[k])
+        for p in specimen.protocols
         for k in specimen.experiment.axes
     ]
     return float(np.reshape(largest, (len(specimen.protocols), -1)).max(axis=0).min())

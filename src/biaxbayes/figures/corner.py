@@ -73,11 +73,7 @@ def corner_figure(
     law: str = "",
     reported: Sequence[Reported] = (),
 ) -> Figure:
-    """Draw the pairwise and marginal posterior of material parameters and mounting stretches.
-
-    `truth` is dashed, the draws `compare` of another run are outlined. The shaded interval is the
-    central 90 %, or where `reported` has a 95 % bound what lies on its side.
-    """
+    """Draw the pairwise and marginal posterior; truth dashed, `compare` outlined."""
     runs = [draws] if compare is None else [draws, compare]
     truth = {k: float(v) for k, v in (truth or {}).items() if np.isfinite(v)}
     fixed = [

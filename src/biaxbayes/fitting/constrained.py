@@ -155,19 +155,11 @@ class FitSetup:
         seed: int | np.random.Generator = 0,
         initial: MaterialResponse | None = None,
         *,
-        compiled: bool = True,
-        compared: FitSetup | None = None,
+        compiled: bool = True,  # one uncompiled fit is faster than loading the cache
+        compared: FitSetup | None = None,  # of all rows of a record that was averaged, say
         **limits: Any,
     ) -> FitResult:
-        """The least-squares fit from screened materials and the initial one.
-
-        ``compared``: the same setup of another record, to which residuals refer, such as all rows
-        of one that was averaged.
-
-        ``compiled`` solves for the mounted state in compiled code; for a single fit, uncompiled
-        code is faster than loading the cache. ``limits`` as in :func:`minimum`. It has not
-        converged where no mounting stretch balances the reading of any start.
-        """
+        """The fit from screened materials and the initial one; ``limits`` as in :func:`minimum`."""
         points, _ = self.starting_points(starts, seed, initial)
         problem, descent = minimum(self, points, compiled=compiled, **limits)
         method = "zeroed" if self.mounting == "zeroed" else "standard"
@@ -187,11 +179,7 @@ class FitSetup:
         descent: Descent,
         stiffness: np.ndarray | None = None,
     ) -> FitResult:
-        """Result of fit coordinates and mounting stretches (m, 2), compared with the data.
-
-        A fit whose residuals are explained by the written digits of the data has converged, even if
-        its descent has not.
-        """
+        """Result of fit coordinates and mounting stretches (m, 2), compared with the data."""
         data, law = self.data, self.law
         lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
         one = np.ones(len(data.pieces))
@@ -257,11 +245,7 @@ def minimum(
     steps: int = MAX_DESCENT_STEPS,
     tolerance: float = DESCENT_TOLERANCE,
 ) -> tuple[LoadResiduals, Descent]:
-    """The problem at its final weights, and its minimum.
-
-    First the reading is exact. With a noisy one, reweighted least squares with unknown mounting
-    forces follow, until w is stable.
-    """
+    """The problem at its final weights, and its minimum; a noisy reading is exact at first."""
     data, rows_in_fit, free = setup.data, setup.data.loaded(), setup.free
     peaks, one = data.peaks, np.ones_like(data.mounting_load)
 

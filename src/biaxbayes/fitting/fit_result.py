@@ -218,11 +218,7 @@ def misfit_sentence(
     record: str = "this record",
     share: bool = False,
 ) -> str:
-    """The misfit of a law compared with the noise of a reading, as one sentence.
-
-    ``rms`` of the residuals, ``noise`` (sd of a reading by the load cell) and ``peak`` load are in
-    ``unit``, N or kPa. Its ``share`` of the peak is given where wanted, or without a noise.
-    """
+    """The misfit of a law beside the noise of a reading, or as a share of the peak load."""
     text = f"{law_name} misses {record} by {load_text(rms, unit)} (root mean square)"
     if share or not noise > 0.0:
         text += f", {100.0 * rms / max(peak, 1e-300):.2g} % of the largest load"

@@ -54,11 +54,7 @@ def descend(
     steps: int = MAX_DESCENT_STEPS,
     tolerance: float = DESCENT_TOLERANCE,
 ) -> Descent:
-    """Minimise the sum of squared residuals in a box.
-
-    A step to residuals that are not finite is refused. Ends after ``steps`` trials, or when the
-    predicted relative decrease of the cost, or the scaled gradient, is below ``tolerance``.
-    """
+    """Minimise the sum of squares in a box, until decrease or gradient is below ``tolerance``."""
     x = np.clip(start, lower, upper)
     r, J, cost, norms = _evaluate(problem, x)
     if not math.isfinite(cost):
@@ -127,11 +123,7 @@ def _step(
     lower: np.ndarray,
     upper: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """Damped step of the free unknowns, cut to the box, and the decrease it predicts.
-
-    Unknowns that the step would carry over a bound are put on it, and the others are solved for
-    again, until none leaves.
-    """
+    """Damped step of the free unknowns, cut to the box, and the decrease it predicts."""
     rows = r.size
     damped = math.sqrt(damping) * np.maximum(column, TINY)
     step = np.zeros(x.size)

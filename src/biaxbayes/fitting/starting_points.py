@@ -30,11 +30,7 @@ def screened_points(
     free: np.ndarray,
     with_mounting: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best of many random materials (count, p) that differ, with mounting stretches (count, 2).
-
-    ``point`` (p,) holds fixed values, ``free`` are the indices of the others. ``with_mounting``
-    draws mounting stretches and counts the mounting reading; else they are one.
-    """
+    """The best random materials (count, p) that differ, with mounting stretches (count, 2)."""
     # mounting readings first
     rows, states = data.chosen(SCREENING_ROWS), len(data.piece_of_state) * with_mounting
     stretch = np.vstack([np.ones((states, 2)), rows.stretch])

@@ -203,16 +203,12 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
         (float(low), float(high)),
         tuple(s.name for s in scales),
     )
-    # error of a reading, misfit and noise, at the median of the draws
-    error_kPa = _reading_error(posterior, thinned) / float(posterior.specimen.area.min())
-    return Sloppiness(directions, path, path_text(path, error_kPa, thinned, posterior.law))
-
-
-def _reading_error(posterior: Posterior, draws: pd.DataFrame) -> float:
-    """Root mean square of the residuals of the first piece, in the unit of its loads."""
-    residual = posterior.residuals(thin_draws(draws, ERROR_DRAWS), 0) / posterior.readings.scale
+    # error of a reading of the first piece, misfit and noise, at the median of the draws
+    residual = posterior.residuals(thin_draws(thinned, ERROR_DRAWS), 0) / posterior.readings.scale
     residual = residual[:, posterior.readings.mounting_count :]
-    return float(np.median(np.sqrt(np.mean(residual**2, axis=1))))
+    error = float(np.median(np.sqrt(np.mean(residual**2, axis=1))))
+    error_kPa = error / float(posterior.specimen.area.min())
+    return Sloppiness(directions, path, path_text(path, error_kPa, thinned, posterior.law))
 
 
 def _directions(scales: list[ComparisonScale], draws: pd.DataFrame) -> tuple[dict[str, Any], ...]:

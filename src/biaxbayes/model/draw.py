@@ -53,12 +53,7 @@ def draw_posterior(
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
 ) -> Draws:
-    """Draw from a posterior until the plan is met or its steps are spent.
-
-    Continues from ``state`` if given; the other arguments are those of
-    :func:`~biaxbayes.sampling.sampler.draw`. The draws' ``target`` has the sampling coordinates
-    that were used. Raises :class:`NotConverged` if no region of positive density is found.
-    """
+    """Draw until the plan is met or its steps are spent, from ``state`` if given."""
     if state is not None:
         target = as_sampled(posterior, state.constants).target()
         return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)

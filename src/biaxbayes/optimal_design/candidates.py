@@ -40,10 +40,7 @@ class Candidate(Protocol):
     name: str
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Readings without errors, (draws, readings), and the variance of errors, (readings,).
-
-        The errors of the readings are independent of one another.
-        """
+        """Readings without errors (draws, readings); variance (readings,) of independent errors."""
 
 
 @dataclass(frozen=True)
@@ -258,11 +255,7 @@ def standard_candidates(
     kappa_sd: float = DesignOptions.kappa_sd,
     image_sd: float = DesignOptions.image_sd,
 ) -> list[Any]:
-    """Candidates for a specimen: protocols (five standard ratios and `ratios`), direct readings.
-
-    The draws of the run weigh the structures of its misfit. Protocols reach the largest measured
-    stretches, one goes `further` times as far.
-    """
+    """Protocols (standard ratios, `ratios`, one `further` as far), pieces and direct readings."""
     specimen, settings = posterior.specimen, posterior.settings
     ends = [p.known_stretch[-1] - 1.0 for p in specimen.protocols]
     top = np.max([p.known_stretch.max(axis=0) for p in specimen.protocols], axis=0) - 1.0

@@ -278,10 +278,7 @@ class Common:
 def slice_sample(
     rng: np.random.Generator, log_density: Any, x0: np.ndarray, width: float, low: Any, high: Any
 ) -> tuple[np.ndarray, Any]:
-    """Slice sampling of many numbers at once within a range; the last evaluation is at the result.
-
-    ``log_density`` returns a tuple that begins with the log densities.
-    """
+    """Slice sampling of many numbers in a range; the last evaluation is at the result."""
     level = log_density(x0)[0] + np.log1p(-rng.random(x0.shape))
     left = x0 - width * rng.random(x0.shape)
     left, right = np.maximum(left, low), np.minimum(left + width, high)

@@ -60,11 +60,7 @@ class Hyper:
     def from_prior(
         cls, values: Sequence[PooledValue], layout: Layout, draws: int, rng: np.random.Generator
     ) -> tuple[Hyper, np.ndarray]:
-        """Draws of the prior without correlations, which leave that of each value as it is.
-
-        Locations that the model excludes are left out. Also returns locations (draws, groups, p)
-        of a tested donor's specimens.
-        """
+        """Draws of the prior without correlations, and specimens' locations (draws, groups, p)."""
         parts = [_prior_draws(v, layout, draws, rng) for v in values]
         mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
         whole = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))

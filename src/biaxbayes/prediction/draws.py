@@ -62,11 +62,7 @@ STATES_PER_PROTOCOL = 60  # of each protocol, evenly along the record
 
 
 def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
-    """Total stretches (m, 2) per protocol at which draws are compared.
-
-    The measured stretches times the posterior median of the mounting stretch: the same states for
-    every draw, so that only the material differs.
-    """
+    """Total stretches (m, 2) per protocol at the median mounting stretch, one for all draws."""
     out = []
     for protocol in specimen.protocols:
         measured = protocol.stretch[evenly_chosen(protocol.rows, STATES_PER_PROTOCOL)]

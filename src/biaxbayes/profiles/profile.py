@@ -93,13 +93,7 @@ class Profile:
 
 
 def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 1) -> list[Profile]:
-    """Profiles of several parameters, in parallel processes if requested.
-
-    Names are those of the law, and mounting_stretch_x and mounting_stretch_y (with the protocol in
-    square brackets where each has its own). Raises :class:`InputError` for a parameter that is
-    unknown, fixed, or follows from the others, :class:`NotConverged` if the model cannot be fitted
-    to the specimen.
-    """
+    """Profiles of parameters of the law and mounting stretches, in processes if requested."""
     for name in parameters:
         _check(posterior, name)
     executor = executor_for(max(min(workers, len(parameters)), 1))

@@ -63,11 +63,7 @@ SOFTWARE = (
 
 
 def write_report(folder: Path | str, run: Run | None = None) -> Path:
-    """Write the report of a finished run into its folder, and return the path of the page.
-
-    ``run`` is the same run if it is already open. Raises :class:`RunError` if the folder is not a
-    run.
-    """
+    """Write the report of a finished run, which may be open already, into its folder; its path."""
     folder = Path(folder)
     page = report_page(run or open_run(folder))
     path = folder / PAGE

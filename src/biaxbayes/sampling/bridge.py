@@ -48,11 +48,7 @@ def _log_ratio(log_prob: LogDensity, proposal: MixtureProposal, points: np.ndarr
 
 
 def bridge(draws_log_ratio: np.ndarray, proposal_log_ratio: np.ndarray) -> tuple[float, float]:
-    """Log integral of p and its error from ln p - ln q.
-
-    The first argument is at draws of p (ensembles, steps, walkers), the second at independent draws
-    of q (n,), there -inf where p is zero.
-    """
+    """Log integral of p and its error from ln p - ln q at draws of p, and at draws (n,) of q."""
     first, second = draws_log_ratio.ravel(), proposal_log_ratio
     n1 = first.size / autocorrelation_time(np.tanh(draws_log_ratio - np.median(first)))
     n2 = float(second.size)

@@ -154,12 +154,7 @@ LINE_POINTS = 33
 
 
 def mode_clusters(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
-    """Clusters of modes that a path of high density joins, in the order of the modes.
-
-    Two modes are in one cluster if the density along the straight line between them, or between
-    others of the cluster, does not fall much below the lower one. A bent posterior, which the line
-    leaves, may count as two clusters.
-    """
+    """Clusters of modes that straight lines of high density join, in the order of the modes."""
     t = np.linspace(0.0, 1.0, LINE_POINTS)[:, None]
     connected = np.eye(len(modes))
     for i, j in combinations(range(len(modes)), 2):
