@@ -412,7 +412,9 @@ def test_what_cannot_be_studied_is_refused(arguments, problem, capsys, tmp_path)
     assert code == 2 and problem in err
 
 
-@pytest.mark.parametrize(("replications", "p"), [(4, 0.6), (200, 0.6), (200, 1e-6), (4, 1e-6)])
+@pytest.mark.parametrize(
+    ("replications", "p"), [(4, 0.6), (50, 0.6), (200, 0.6), (200, 1e-6), (4, 1e-6)]
+)
 def test_few_replications_conclude_nothing(tmp_path, replications, p):
     row = {"parameter": "C1", "uniformity_p": p, "inside_band": "yes"}
     row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}

@@ -305,6 +305,16 @@ def test_times_of_different_extent_are_asked_about(tmp_path):
     assert "are both in the unit that is read?" in message(path, columns, join="time")
 
 
+def test_a_time_that_ends_before_the_loads_is_not_proposed_for_them(tmp_path):
+    """Not even where one of both loads ends with it."""
+    columns = apart(4.0 * T)
+    columns["Load Y (N)"] = [f"{v:.6f}" for v in FY[:24]] + [""] * 6
+    with pytest.raises(OpenQuestions) as asked:
+        read(written(tmp_path, columns), ("stretch_time_s=t video (s)", *JOINED), join="time")
+    assert "columns=time_s=t load (s)" in asked.value.choices
+    assert "columns=time_s=t video (s)" not in asked.value.choices
+
+
 def test_loads_whose_clock_is_reset_are_joined_one_run_at_a_time(tmp_path):
     runs = {name: np.concatenate([v, v[-2::-1], v[1:]]) for name, v in LOADS.items()}
     clock = {"Time (s)": np.concatenate([T, 1.0 + T[1:], T[1:]])}

@@ -302,6 +302,7 @@ def test_ranks_show_the_ensemble_that_disagrees():
         assert len(heights) == 4
         assert all(np.mean(h) == pytest.approx(1.0) for h in heights)
         assert (max(h.max() for h in heights) > highest) == (ax is apart)
+        assert ax.get_ylim()[0] == 0.0 and ax.get_ylim()[1] > max(h.max() for h in heights)
     with pytest.raises(InputError, match="unknown quantity 'beta'"):
         trace_figure(chains_of(), names=["beta"])
 

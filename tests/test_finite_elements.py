@@ -28,6 +28,12 @@ def hooked(material, *, elements=10, control="markers", **hooks):
     return SheetTester(material, sheet, grips, thickness_mm=THICKNESS, control=control)
 
 
+def test_elements_have_nine_nodes_unless_eight_are_asked_for():
+    """A quarter of a sheet of 4 x 4 elements has 2 x 2, and two displacements a node."""
+    assert Sheet(20.0, 15.0, elements=4).basis.N == 2 * 5 * 5
+    assert Sheet(20.0, 15.0, elements=4, serendipity=True).basis.N == 2 * (5 * 5 - 4)
+
+
 @pytest.mark.parametrize("control", ["markers", "grips"])
 @pytest.mark.parametrize(("material", "top"), [(MEDIA, 1.2), (WEISBECKER, 1.18), (DONOR2, 1.15)])
 def test_uniform_edges_agree_with_the_closed_form(material, top, control):

@@ -13,7 +13,7 @@ import biaxbayes
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import Hooks, SheetTester
-from biaxbayes.figures.mounting import sketch_figure
+from biaxbayes.figures.mounting import grips_figure, sketch_figure
 from biaxbayes.fitting.fit import fit
 from biaxbayes.grips.correction import correct_for_grips
 from biaxbayes.grips.hooks import stated_hooks
@@ -24,6 +24,7 @@ from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from biaxbayes.verbs import sample as sampling
+from readable import assert_readable
 
 DATA = Path(__file__).parents[1] / "data"
 MATERIAL = GOH(14.0, 140.0, 11.9, 38.4, 0.21)
@@ -145,6 +146,25 @@ def test_check_draws_a_sketch_to_scale(tmp_path):
     assert (tmp_path / "sketch.png").stat().st_size > 5000
     with pytest.raises(InputError, match="the header states none"):
         notes_of_check(replace(specimen, metadata={}), sketch=tmp_path / "none.png")
+
+
+@pytest.mark.parametrize("protocols", [1, 2, 6])
+def test_the_figure_of_the_ratios_is_readable(protocols):
+    """The sketch is on the left, and the panels beside it fill the page to the right."""
+    measured = read_specimen(DATA / "hooked-weisbecker.csv")
+    specimen = replace(measured, metadata={"grips": "hooks 5", "grip_inset_mm": 1.5})
+    stretch = np.linspace(1.0, 1.2, 5)
+    curves = {"force_ratio_x": 0.9, "force_ratio_y": 0.8}
+    curves |= {"sd_log_force_ratio_x": 0.01, "sd_log_force_ratio_y": 0.02}
+    columns = {"stretch_x": stretch, "stretch_y": stretch, **curves}
+    tables = [pd.DataFrame({"protocol": str(i), **columns}) for i in range(protocols)]
+    figure = grips_figure(specimen, pd.concat(tables))
+    figure.draw_without_rendering()  # the ticks are those of the final layout
+    assert_readable(figure, 180.0)
+    sketch, *panels = (ax.get_tightbbox() for ax in figure.axes)
+    assert len(panels) == protocols
+    assert sketch.x1 < min(box.x0 for box in panels)
+    assert max(box.x1 for box in panels) > 0.95 * figure.bbox.x1
 
 
 @pytest.mark.long

@@ -219,6 +219,16 @@ def assert_agrees(result, within: float = 0.002) -> None:
         assert found[name].std() == pytest.approx(sd, rel=0.12), name
 
 
+def test_more_is_never_done_than_there_is():
+    """However many draws there are: chains that are too short have not converged."""
+    seen = []
+    short = {"ess": 1, "first_block": 20, "max_steps": 60}
+    result = pooled(short, progress=seen.append)
+    assert result.convergence.state != "converged" and result.convergence.worst_ess > 2.0
+    shares = [step.share for step in seen if step.share is not None]
+    assert len(shares) > 1 and max(shares) < 1.0
+
+
 @pytest.mark.long
 def test_sampler_agrees_with_quadrature():
     """The prior of the runs is divided out."""

@@ -244,3 +244,16 @@ def test_a_single_amplitude_carries_the_whole_load_of_a_scaled_prior(tmp_path):
     family, median, _ = law.scaled_prior(1.2, 40.0)["mu"]
     stress, _ = law.material_at([median]).cauchy(1.2, 1.2)
     assert family == "lognormal" and stress / 1.2 == pytest.approx(40.0)
+
+
+def test_an_amplitude_carries_its_share_at_the_median_of_a_normal_prior(tmp_path):
+    path = tmp_path / "with_a_number.py"
+    path.write_text(
+        'parameters = {"mu_kPa": ("lognormal", 10, 2), "share": ("normal", 0.5, 0.1)}\n'
+        "def energy(X, Y, Z, mu, share):\n"
+        "    return mu * (1 + share) / 2 * (X + Y + Z - 3)\n"
+    )
+    law = law_named(str(path))
+    _, median, _ = law.scaled_prior(1.2, 40.0)["mu"]
+    stress, _ = law.material_at([median, 0.5]).cauchy(1.2, 1.2)
+    assert stress / 1.2 == pytest.approx(40.0)

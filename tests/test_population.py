@@ -79,6 +79,18 @@ def test_a_run_that_is_sampled_again_has_the_draws_that_weights_give(study):
     assert sample_again(source, values, mean, sd, plan, lambda: True) is None
 
 
+def test_ensembles_of_unequal_shares_of_a_run_have_as_many_draws(study):
+    source = Source.from_run("a", biaxbayes.open_run(study / "runs" / "a"))
+    values = pooled_values(source.run.law, pooled_names([source]))
+    # of three ensembles the first of two shares has twice as many draws
+    chains = {
+        name: np.concatenate([v[:1], v[:1], v[:1]])[:, :40] for name, v in source.chains.items()
+    }
+    draws = run_draws(source, chains, source.posterior.priors, values, 2)
+    first, second = draws.natural["C1"]
+    assert {*first} <= {*chains["C1"].ravel()} and {*second} <= {*chains["C1"].ravel()}
+
+
 def test_the_prior_of_a_specimen_that_is_sampled_again_is_that_of_its_group(monkeypatch):
     """In place of its own priors of what is pooled; others and fixed parameters stay."""
     seen = []
@@ -346,6 +358,12 @@ def test_a_specimen_apart_is_named(population):
     table.loc[of & (table["quantity"] == "k1"), "predictive_p"] = 0.002
     notes = contradictions(table)
     assert len(notes) == 1 and "a contradicts its group healthy" in notes[0] and "k1" in notes[0]
+
+
+def test_a_specimen_of_which_one_quantity_is_pooled_may_lie_apart():
+    row = {"specimen": "a", "group": "healthy", "quantity": "k1", "predictive_p": 0.002}
+    (note,) = contradictions(pd.DataFrame([row | {"specimen_predictive_p": 0.01}]))
+    assert note.startswith("a contradicts its group healthy") and "by k1, p 0.002" in note
 
 
 def test_cards_of_new_specimens_and_of_the_mean_curve(population, tmp_path):

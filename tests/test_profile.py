@@ -257,6 +257,10 @@ def test_the_only_unknown_has_a_profile():
     posterior = Posterior(determined().specimen, mounting="exact", priors=others)
     result = profile_likelihood(posterior, "C1")
     assert result.kind == "finite" and result.low < 10.0 < result.high
+    # the ends are not read off between points that are far apart: one is close to each
+    rise = result.table["deviance"] - result.table["deviance"].min()
+    for side in (result.table["C1"] < 10.0, result.table["C1"] > 10.0):
+        assert np.abs(rise[side] - THRESHOLD).min() < 0.02
 
 
 def test_fixed_and_unknown_parameters_are_refused():

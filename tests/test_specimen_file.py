@@ -217,3 +217,12 @@ def test_writer_refuses_what_the_reader_would(tmp_path):
 def test_a_path_of_stretches_is_read_by_its_names(tmp_path):
     text = 'step,stretch_y,stretch_x\n1,1,1\n# 5", "as marked\n\n2,1.2,1.1\n'
     assert read_stretches(write(tmp_path / "a.csv", text)).tolist() == [[1.0, 1.0], [1.1, 1.2]]
+
+
+def test_the_ends_of_the_range_are_stretches(tmp_path):
+    """In a path as in a record; beyond them neither is read."""
+    path = write(tmp_path / "a.csv", "stretch_x,stretch_y\n1,1\n0.2,5\n")
+    assert read_stretches(path).tolist() == [[1.0, 1.0], [0.2, 5.0]]
+    assert Protocol("p", [1.0, 0.2], [1.0, 5.0], [0.0, 1.0], [0.0, 1.0]).rows == 2
+    with pytest.raises(InputError, match=r"5\.01 is not a stretch"):
+        read_stretches(write(tmp_path / "b.csv", "stretch_x,stretch_y\n1,1\n0.2,5.01\n"))

@@ -1,6 +1,8 @@
 """A study's groups by hand; its page and figure: many specimens, hostile names, any width."""
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -41,6 +43,30 @@ def test_the_page_counts_what_is_reliable(result):
     assert "is no table &amp; &lt;worse&gt;" in page
     assert "<script" not in page and "<img src=x" not in page
     assert len(page) < 5_000_000
+
+
+def test_numbers_of_groups_stand_below_each_other(result):
+    """Every cell that begins with a number is right-aligned, and so is its heading."""
+    page = (result.folder / "study.html").read_text(encoding="utf-8")
+    tables = [t for t in page.split("<table>")[1:] if "Range of medians" in t]
+    assert tables
+    for text in tables:
+        body = text.split("</table>")[0]
+        heads = re.findall(r'<th scope="col"( class="n")?>', body)
+        for row in body.split("<tr>")[2:]:
+            cells = re.findall(r'<td( class="n")?>(.)', row)
+            for head, (right, first) in zip(heads[1:], cells, strict=True):
+                assert not first.isdigit() or (right and head), row
+
+
+def test_reported_intervals_of_the_parameters_are_the_table_for_a_notebook(result):
+    of = replace(result, table=result.table.assign(reported="1.25 to 2.5"))
+    shown = of._repr_html_()
+    for parameter in ("C1", "kappa", "mounting_stretch_x"):
+        assert f"<th>{parameter}</th>" in shown
+    assert "stiffness_x at 1" not in shown and "Hx" not in shown
+    assert shown.count("<tr") == 1 + len(result.specimens)
+    assert "1.25 to 2.5" in shown and "<img src=x" not in shown and "<script" not in shown
 
 
 def rows(*cells):
