@@ -42,5 +42,7 @@ def test_a_specimen_is_a_file_of_what_was_planned(family, tmp_path):
     mounting = [case.truth[f"mounting_stretch_{axis}"] for axis in "xy"]
     low, high = (1.14, 1.66) if family in specimens.FAR else (1.01, 1.12)
     assert low <= min(mounting) <= max(mounting) <= high
-    assert ("C1" in case.truth) == (family in (*specimens.MISFITS, *specimens.NOISES))
-    assert (case.left_out is None) == (family.startswith("misfit") or family in ("alike", "gain"))
+    of_goh = (*specimens.MISFITS, *specimens.NOISES, *specimens.MACHINES)
+    assert ("C1" in case.truth) == (family in of_goh)
+    of_one_path = ("alike", "gain", *specimens.MACHINES)
+    assert (case.left_out is None) == (family.startswith("misfit") or family in of_one_path)

@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import biaxbayes
 import quick_posteriors
 from biaxbayes import GOH, Specimen, read_specimen, write_specimen
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
-from biaxbayes.derived.piece_stiffness import PieceStiffness, differences
+from biaxbayes.derived.piece_stiffness import piece_stiffnesses
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
@@ -375,10 +376,17 @@ def test_two_pieces_of_one_name_are_refused(tmp_path):
     [(1.28, 1.2, 1.35, True), (1.28, 0.99, 1.6, False), (0.8, 0.7, 0.9, True)],
 )
 def test_a_piece_that_differs_is_named_with_its_factor(median, low, high, differs):
-    strip = PieceStiffness("strip-x", "square", median, low, high)
-    assert strip.differs == differs and f"{median:.2f}" in str(strip)
-    assert ("check its width" in str(strip)) == differs
-    assert list(differences([strip])) == [str(strip)] * differs
+    _, posterior = both(tissue(), "free", "correlated")
+    first, *further = posterior.specimen.pieces
+    shares = np.linspace(0.0, 1.0, 2001)
+    draws = np.interp(shares, [0.05, 0.5, 0.95], [low, median, high])
+    names = [f"stiffness[{piece.name}]" for piece in further]
+    alike, different = piece_stiffnesses(posterior, pd.DataFrame(dict.fromkeys(names, draws)))
+    named = different if differs else alike
+    assert len(named) == len(further) and not (alike and different)
+    for piece, text in zip(further, named, strict=True):
+        assert text.startswith(f"{piece.name} is {median:.2f}") and first.name in text
+        assert ("check its width" in text) == differs
 
 
 def test_the_stiffness_is_of_its_own_piece():
