@@ -233,27 +233,25 @@ def test_a_law_of_amplitudes_alone_is_fitted(tmp_path):
     np.testing.assert_allclose(found.mounting_stretch, [[1.03, 1.02]], atol=0.001)
 
 
-def test_a_single_amplitude_carries_the_whole_load_of_a_scaled_prior(tmp_path):
+@pytest.mark.parametrize(
+    ("parameters", "energy", "medians"),
+    [
+        ('"mu_kPa": ("lognormal", 10, 2)', "mu / 2", ()),
+        ('"mu_kPa": ("lognormal", 10, 2), "a": ("normal", 0.5, 0.1)', "mu * (1 + a) / 2", (0.5,)),
+    ],
+)
+def test_a_single_amplitude_carries_the_whole_load_of_a_scaled_prior(
+    parameters, energy, medians, tmp_path
+):
+    """At the medians of what is no amplitude."""
     path = tmp_path / "neo.py"
+    names = "mu, a" if medians else "mu"
     path.write_text(
-        'parameters = {"mu_kPa": ("lognormal", 10, 2)}\n'
-        "def energy(X, Y, Z, mu):\n"
-        "    return mu / 2 * (X + Y + Z - 3)\n"
+        f"parameters = {{{parameters}}}\n"
+        f"def energy(X, Y, Z, {names}):\n"
+        f"    return {energy} * (X + Y + Z - 3)\n"
     )
     law = law_named(str(path))
     family, median, _ = law.scaled_prior(1.2, 40.0)["mu"]
-    stress, _ = law.material_at([median]).cauchy(1.2, 1.2)
+    stress, _ = law.material_at([median, *medians]).cauchy(1.2, 1.2)
     assert family == "lognormal" and stress / 1.2 == pytest.approx(40.0)
-
-
-def test_an_amplitude_carries_its_share_at_the_median_of_a_normal_prior(tmp_path):
-    path = tmp_path / "with_a_number.py"
-    path.write_text(
-        'parameters = {"mu_kPa": ("lognormal", 10, 2), "share": ("normal", 0.5, 0.1)}\n'
-        "def energy(X, Y, Z, mu, share):\n"
-        "    return mu * (1 + share) / 2 * (X + Y + Z - 3)\n"
-    )
-    law = law_named(str(path))
-    _, median, _ = law.scaled_prior(1.2, 40.0)["mu"]
-    stress, _ = law.material_at([median, 0.5]).cauchy(1.2, 1.2)
-    assert stress / 1.2 == pytest.approx(40.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import EXPERIMENTS
+from biaxbayes.experiments import EXPERIMENTS, Experiment
 from biaxbayes.machines.columns import targets_of
 from biaxbayes.options import Options, option
 from biaxbayes.tables.expressions import FIRST, FUNCTIONS
@@ -54,7 +54,7 @@ class Choice(Options):
         "the first row) and header keys such as edge_x_mm, which is in the target's unit. Targets: "
         "stretch_x, force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, stretch_time_s, "
         "protocol, cycle, shear_xy, shear_yx (F12, F21: then stretches are F11, F22), "
-        f"{OF_OTHER_TESTS} (the last: pressure times radius of curvature over twice the "
+        f"{OF_OTHER_TESTS} (pole tension: pressure times radius of curvature over twice the "
         "thickness), and ignore for a column of labels that separates nothing. {#3} and #3 are the "
         "third column; in names of columns that stand side by side, * stands for the name of the "
         "protocol. "
@@ -148,6 +148,11 @@ class Choice(Options):
 
     specimen: str | None = None
     """Specimen to take where ``specimen_by`` names several; its name in the header."""
+
+    @property
+    def experiment(self) -> Experiment:
+        """The kind of test; a biaxial one if none is stated."""
+        return EXPERIMENTS[self.test or "biaxial"]
 
     def __post_init__(self) -> None:
         if self.machine not in FORMATS:
