@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import EXPERIMENTS
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import Columns, Source, parse_columns
 from biaxbayes.machines.cycles import Cycle
@@ -156,7 +155,7 @@ def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object
             for of in (f" {source}", "Force")
             for axis in "xy"
         ),
-        experiment=EXPERIMENTS[choice.test or "biaxial"],
+        experiment=choice.experiment,
         loads="force",
         cycles={name: [cycle.only(reasons == "") for cycle in cycles]},
         reasons=reasons,
@@ -172,7 +171,7 @@ def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object
 
 def _directions(table: Table, choice: Choice, *, rakes: bool) -> str:
     """Directions that are read; asks where the file has one only."""
-    if not EXPERIMENTS[choice.test or "biaxial"].is_mounted:
+    if not choice.experiment.is_mounted:
         raise table.error(f"a BioTester tests no {choice.test}s", "leave out `test`")
     having = [
         axis
@@ -185,7 +184,7 @@ def _directions(table: Table, choice: Choice, *, rakes: bool) -> str:
         lacking = "Force_mN" if table.by_stem(f"{other.lower()}force") is None else "Size_um"
         gives = {f"test=strip {having[0]}": f"a strip pulled along {having[0]}"}
         raise Question(f"no column '{other}{lacking}'; {table.listing}", gives, file=table.path)
-    return "".join("xy"[k] for k in EXPERIMENTS[choice.test or "biaxial"].axes)
+    return "".join("xy"[k] for k in choice.experiment.axes)
 
 
 def _tracked_points(table: Table, start: np.ndarray, *, required: bool) -> np.ndarray | None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import EXPERIMENTS, LOADS
+from biaxbayes.experiments import LOADS
 from biaxbayes.machines.biotester import PHASE
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import (
@@ -263,7 +263,7 @@ def _of_values(
             next((sources[t].text for t in names if t in sources), "")
             for names in (*OF_AXES, *((name,) for name in of_loads))
         ),
-        experiment=EXPERIMENTS[choice.test or "biaxial"],
+        experiment=choice.experiment,
         loads=loads,
         cycles={},
         reasons=reasons,
