@@ -146,6 +146,10 @@ def test_a_mounting_stretch_may_hold_from_below(changes, verdict, bound):
     assert (found.verdict, found.bound) == (verdict, bound)
 
 
+def test_an_identified_mounting_stretch_rests_on_the_law():
+    assert assess_stretch(MOUNTED, T, None).reason == "given the law, the data determine it"
+
+
 def test_a_mounting_stretch_that_was_measured_is_known_whatever_the_force_says():
     prior = replace(MOUNTED, by_prior=(True, True), posterior_sd=0.1)
     assert assess_stretch(prior, T, (prior.median, 0.1)).verdict == MEASURED

@@ -216,7 +216,8 @@ def assess_stretch(
         return Assessment(NOT_IDENTIFIED, PRIOR_DECIDES)
     if 1 in opened:
         return Assessment(BOUNDED, "the prior determines the upper end", "low")
-    return Assessment(IDENTIFIED, DATA_DECIDE)
+    # unlike a parameter of the law it is a fact of the specimen, and laws differ on it
+    return Assessment(IDENTIFIED, f"given the law, {DATA_DECIDE}")
 
 
 def assess_parameters(
