@@ -386,9 +386,11 @@ def main() -> None:
     every = every_interval(records)
     print_table("cases", coverage(every))
     print_table("parameters", by_parameter(every))
-    predicted = pd.DataFrame([{"from": r["case"][0], **r} for r in records if "credible" in r])
-    columns = ["credible", "credible_width", "predictive", "predictive_width"]
-    print_table("left out", predicted.groupby("from", sort=False)[columns].mean().reset_index())
+    predicted = [{"from": r["case"][0], **r} for r in records if "credible" in r]
+    if predicted:
+        columns = ["credible", "credible_width", "predictive", "predictive_width"]
+        means = pd.DataFrame(predicted).groupby("from", sort=False)[columns].mean()
+        print_table("left out", means.reset_index())
     seconds = pd.DataFrame([{"case": r["case"][0], "seconds": r.get("seconds")} for r in records])
     print_table("seconds", seconds.groupby("case", sort=False).median().reset_index())
 
