@@ -281,6 +281,7 @@ def test_mounting_reading_scatters_by_the_load_noise_and_rows_by_the_true_sd():
     assert kstest(rows, norm.cdf).pvalue > 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mounting_stretch", ["shared", "per-protocol"])
 def test_residuals_of_simulated_readings_have_the_covariance_of_the_likelihood(mounting_stretch):
     """Two protocols, with mounted states that their readings share and do not."""

@@ -161,7 +161,7 @@ def test_weights_of_the_other_parts_alone_and_of_none():
     assert mixture["left_out_density_nats"][name] == pytest.approx(density, rel=1e-9)
 
 
-@pytest.mark.parametrize("protocols", [1, 3])
+@pytest.mark.parametrize("protocols", [1, pytest.param(3, marks=pytest.mark.long)])
 def test_a_left_out_part_is_predicted_with_the_misfit_that_the_rest_shows(protocols):
     """Draw by draw a normal conditional, against that of the joint covariance of all readings."""
     specimen = specimen_of(GOH(14.0, 60.0, 8.0, 38.0, 0.1), increments=40, noise_N=0.0005)

@@ -95,7 +95,7 @@ def by_quadrature(posterior, grids):
     return logsumexp(logs)
 
 
-@pytest.mark.parametrize("mounting", ["ignored", "exact"])
+@pytest.mark.parametrize("mounting", ["exact", pytest.param("ignored", marks=pytest.mark.long)])
 def test_two_parameters_against_quadrature(mounting):
     fixed = {"k1": 12.0, "k2": 2.0, "kappa": 0.05, "noise_sd": 0.02}
     posterior = Posterior(media(), mounting=mounting, noise="independent", priors=fixed)

@@ -63,7 +63,11 @@ def hooked(stretch_from="markers", loads="force"):
 
 @pytest.mark.parametrize(
     ("stretch_from", "loads"),
-    [("markers", "force"), ("grips", "force"), ("markers", "piola")],
+    [
+        ("grips", "force"),
+        pytest.param("markers", "force", marks=pytest.mark.long),
+        pytest.param("markers", "piola", marks=pytest.mark.long),
+    ],
 )
 def test_the_corrected_loads_are_those_of_a_uniform_test(stretch_from, loads):
     specimen, uniform = hooked(stretch_from, loads)

@@ -220,6 +220,7 @@ def test_the_exponent_goes_to_zero_exactly():
     assert (np.diff(result.table["value"]) > 0.0).all()
 
 
+@pytest.mark.long
 def test_a_branch_that_continuation_would_miss_is_followed():
     # With kappa on its bound the fit at low k2 is bad, with kappa inside it is good.
     table = low_stretch().table
