@@ -1,11 +1,11 @@
 """Draw reference posteriors of biaxbayes's default model by two samplers that share no code.
 
-    python benchmark/references.py                  the specimens of the table below
-    python benchmark/references.py 05-1-plane       others
+    python benchmark/references.py                  all specimens (hours)
+    python benchmark/references.py 05-1-plane       some; rows of the others stay
 
 biaxbayes's own sampler (moves of emcee in coordinates that suit the posterior) and the nested
-sampler nautilus (extra ``bench``). ``references.csv`` has their quantiles; the largest difference
-is printed as a probability, beside the Monte Carlo error of both.
+sampler nautilus (extra ``bench``). ``references.csv`` has their quantiles and, as a probability,
+the largest difference between them.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from run import LEVELS, tasks
 from studies.benchmark.nested import in_a_narrowed_prior
 from studies.benchmark.outcome import weighted_quantiles
 
-SPECIMENS = ("02-1-misfit-0.25", "09-3-misfit-0.25", "18-strips-misfit-0.25")
-ESS, LIVE, LIMIT_S = 4000, 1500, 600
+STORED = HERE / "references.csv"
+ESS, LIVE, LIMIT_S = 4000, 1500, 1800
 
 
 def reference(name: str) -> pd.DataFrame:
@@ -54,6 +54,14 @@ def reference(name: str) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def store(new: pd.DataFrame) -> None:
+    """Put the rows of a specimen into the table, in place of those that it had."""
+    old = pd.read_csv(STORED) if STORED.exists() else new[:0]
+    rows = pd.concat([old[~old["specimen"].isin(new["specimen"])], new])
+    rows = rows.sort_values("specimen", kind="stable")
+    rows.to_csv(STORED, index=False, float_format="%.6g", lineterminator="\n")
+
+
 if __name__ == "__main__":
-    table = pd.concat([reference(name) for name in sys.argv[1:] or SPECIMENS])
-    table.to_csv(HERE / "references.csv", index=False, float_format="%.6g", lineterminator="\n")
+    for wanted in sys.argv[1:] or tasks():
+        store(reference(wanted))

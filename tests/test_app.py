@@ -236,6 +236,26 @@ def test_answers_name_options_of_reading_alone(app):
     assert "--overwrite" not in page and "internal error" not in page
 
 
+def test_answers_are_shown_at_their_columns_and_in_the_command(app):
+    rows = "".join(f"{0.2 * i:g},{0.1 * i:g},{i * i:g},{2 * i * i:g},a\n" for i in range(9))
+    app.drop("answers.csv", f"ux,uy,Fx,Fy,label\n{rows}".encode())
+    columns = {
+        "columns:stretch_x": "1 + {ux} / 20", "columns:stretch_y": "1 + {uy} / 20",
+        "columns:force_x_N": "Fx:mN", "columns:force_y_N": "Fy:mN",
+    }  # fmt: skip
+    page = app.ask("read", file="answers.csv", drop_missing="true", machine="generic", **columns)
+    chosen = {}
+    for name, options in re.findall(r'<select data-column="(\w+)".*?>(.*?)</select>', page, re.S):
+        chosen[name] = re.findall(r"<option selected>(\w+)", options)
+    assert chosen == {
+        "ux": ["stretch_x"], "uy": ["stretch_y"], "Fx": ["force_x_N"], "Fy": ["force_y_N"],
+        "label": [],
+    }  # fmt: skip
+    line = shlex.split(html.unescape(re.findall(r'<pre class="paste">(.*?)</pre>', page, re.S)[0]))
+    after = line[line.index("--drop-missing") + 1]
+    assert after.startswith("--") and "stretch_x=1 + {ux} / 20" in line
+
+
 def test_commands_can_be_pasted():
     options = {"out": "a b", "sheets": ["S 1", "S2"], "mounting_force": [0.1, 0.2], "anyway": True}
     line = command_line("sample", [["x.csv", "y.csv"]], options)

@@ -17,7 +17,8 @@ def piece_stiffnesses(posterior: Posterior, draws: pd.DataFrame) -> tuple[list[s
     for piece in further:
         low, median, high = quantiles(draws[name_of(STIFFNESS.name, piece.name)])
         middle, *ends = interval_texts(median, low, high, STIFFNESS)
-        text = f"{piece.name} is {middle} ({' to '.join(ends)}) times as stiff as {first.name}"
+        many = f"{middle} ({' to '.join(ends)})"
+        text = f"piece {piece.name} is {many} times as stiff as {first.name}"
         if low <= 1.0 <= high:
             alike.append(text)
             continue
