@@ -429,6 +429,27 @@ def test_no_proposal_has_a_number_that_nobody_gave(tmp_path):
     assert not any(value.rstrip(")").endswith(tuple("0123456789")) for value in values)
 
 
+def test_of_two_actuators_as_well_the_length_is_for_the_user_to_give(tmp_path):
+    moves = (*DISP.values(), *DISP.values())
+    both_ends = {f"Axial {k} Displacement (mm)": u for k, u in enumerate(moves, 1)}
+    with pytest.raises(OpenQuestions) as asked:
+        read(written(tmp_path, both_ends | LOADS), ())
+    of_x = [choice for choice in asked.value.choices if choice.startswith("columns=stretch_x=1 +")]
+    both = "1 + ({Axial 1 Displacement (mm)} + {Axial 3 Displacement (mm)}) / LENGTH_MM"
+    assert f"columns=stretch_x={both}" in of_x
+    assert all(choice.endswith(("/ LENGTH_MM", "/ edge_x_mm")) for choice in of_x)
+
+
+def test_units_below_the_names_hold_for_a_column_that_is_named_alone(tmp_path):
+    path = tmp_path / "units.csv"
+    readings = zip(*DISP.values(), FX, FY, strict=True)
+    rows = "".join(f"{u},{v},{f},{g}\n" for u, v, f, g in readings)
+    path.write_text(f"X Displacement,Y Displacement,X Force,Y Force\nmm,mm,N,N\n{rows}")
+    with pytest.raises(OpenQuestions) as asked:
+        read(path, ("stretch_x=X Displacement",))
+    assert "'X Displacement' is in mm" in asked.value.problem
+
+
 def test_both_branches_have_the_ratio_of_their_peak(tmp_path):
     there_and_back = {k: np.append(v, v[-2::-1]) for k, v in (DISP | LOADS).items()}
     with pytest.raises(OpenQuestions) as asked:

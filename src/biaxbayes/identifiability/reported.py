@@ -163,7 +163,7 @@ def report_table(
     columns = [
         Column("parameter", "Parameter", format=lambda row: rows[row["parameter"]].quantity),
         Column("q50", "Median", format=lambda row: rows[row["parameter"]].text, number=True),
-        Column("interval", "Interval"),
+        Column("interval", "Interval", number=True),
         Column("unit", "Unit"),
         Column("verdict", "Verdict", term=True),
         Column("reason", "Reason"),

@@ -45,7 +45,7 @@ def convert(
     files = {path: read_sheets(path) for path in paths}
     open_ones: dict[tuple[str, str, str], Question] = {}
     seen, obstacle = set[tuple[str, str]](), ""
-    # sources with a number that nobody gave, and the proposals that they stand for
+    # ends of sources with a number that nobody gave, and those of the proposals they stand for
     invented, certain = dict[str, str](), True
     result: Conversion | None = None
     while result is None:
@@ -56,15 +56,15 @@ def convert(
             if asked in seen:
                 break  # what was assumed answers nothing
             seen.add(asked)
-            of_sources = {k.partition("=")[2]: v.partition("=")[2] for k, v in invented.items()}
-            question.rename(of_sources, assumed=False)
+            question.rename(invented, assumed=False)
             _merge(question, open_ones)
             if question.assumed is None:
                 break
             if question.assumed.value not in {p.value for p in question.proposals}:
                 certain = False
                 if question.option == "columns":
-                    invented[question.assumed.value] = question.proposals[0].value
+                    made, stands_for = question.assumed.value, question.proposals[0].value
+                    invented["/" + made.rpartition("/")[2]] = "/" + stands_for.rpartition("/")[2]
             choice, header = _answered(choice, header, question.assumed)
         except InputError as error:
             if not open_ones:

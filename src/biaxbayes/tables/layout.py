@@ -143,7 +143,7 @@ def table_from_sheet(sheet: Worksheet, path: Path, named: Names = ()) -> Table:
         reads[k] = False
     start = first + (reads.index(True) if True in reads else len(reads))
     above = rows[first:start]
-    units = next((tuple(r) for r in above if _is_row_of_units(r, names, numeric)), ())
+    units = next((tuple(r) for r in above if _is_row_of_units(r, names)), ())
     found = zip(rows[start:], lines[start:], reads[start - first :], strict=True)
     needed = max(numeric, default=-1) + 1 if sheet.text else 0
     body, kept, blocks, notes = _readings(list(found), names, units, needed, path)
@@ -181,8 +181,8 @@ def _names_above_numbers(sheet: Worksheet, path: Path, named: Names) -> tuple[li
     first = _first_row_of_numbers(rows, path)
     numeric = _numeric_columns(rows[first:])
     at = first - 1
-    if first > 1 and _is_row_of_units(rows[first - 1], rows[first - 2], numeric):
-        at = first - 2
+    if first > 1 and _are_names(rows[first - 2], numeric):
+        at -= _is_row_of_units(rows[first - 1], rows[first - 2])
     if first == 0 and len(sheet.names) == len(rows[0]):
         return list(sheet.names), first  # as numpy.savetxt writes them, in a comment
     if at >= 0 and _are_names(rows[at], numeric):
@@ -337,14 +337,10 @@ def _are_names(cells: Sequence[str], numeric: Sequence[int]) -> bool:
     return not numbers and named >= max(2, 0.6 * len(numeric))
 
 
-def _is_row_of_units(cells: Sequence[str], above: Sequence[str], numeric: Sequence[int]) -> bool:
+def _is_row_of_units(cells: Sequence[str], above: Sequence[str]) -> bool:
     """True if a row below names holds units: known ones, or the same text several times."""
     filled = [cell.strip() for cell in cells if cell.strip().lower() not in MISSING]
-    if (
-        not filled
-        or not _are_names(above, numeric)
-        or any(_unit_behind(cells, j) is not None for j in range(len(cells)))
-    ):
+    if not filled or any(_unit_behind(cells, j) is not None for j in range(len(cells))):
         return False
     units = sum(unit_named(cell) is not None or not re.search(r"\w", cell) for cell in filled)
     names = [cell.strip() for cell in above if cell.strip()]
