@@ -232,7 +232,7 @@ def test_a_number_far_off_is_no_compression(tmp_path):
     for curve in columns.values():
         curve[20] = -999.0
     said = message(written(tmp_path, columns))
-    assert "jumps in 22" in said and "compression" not in said
+    assert "jump in 22" in said and "compression" not in said
 
 
 def test_rows_in_reverse_order_fall_only(tmp_path):

@@ -102,10 +102,11 @@ OF_QUANTITY = {
 OF_Y = (*OF_AXES[1], *(of.columns[1] for of in LOADS.values()))
 """Targets of the direction y."""
 EXAMPLES = {
-    "": "1 + {Disp X (mm)} / 20.6",
+    "stretch": "1 + {Disp X (mm)} / 20.6",
+    "force": "({Load 1 (mN)} + {Load 2 (mN)}) / 2:mN",
     "pole_tension_kPa": "{P (kPa)} * {Radius of curvature (mm)} / (2 * thickness_mm)",
 }
-"""Expressions of a target."""
+"""Expressions of a target, or of a quantity."""
 LABELS, ROWS_OF_LABEL = (2, 60), 3
 """Least and largest number of labels that a column of labels has, and the least rows of each."""
 
@@ -700,7 +701,8 @@ class Columns:
             both = {same.formula: "the same for both directions"}
         certain = any(_axis_of(target) in _directions(table.names[i]) for i in likely)
         gives = columns | others | both if certain or not others else others | columns | both
-        gives["EXPRESSION"] = f"such as {EXAMPLES.get(target, EXAMPLES[''])}"
+        example = EXAMPLES.get(target, EXAMPLES.get(TARGETS[target]))
+        gives["EXPRESSION"] = f"such as {example}" if example else "columns in braces, as {#3}"
         problem = f"no column for {' and '.join(missing) if others else target}; {table.listing}"
         self._ask(target, problem, gives, likely=bool(likely or others), other=False)
 

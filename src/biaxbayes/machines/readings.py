@@ -43,8 +43,9 @@ def ask_about_jumps(record: Record, rows: np.ndarray) -> None:
         left = np.delete(left, np.unique(np.concatenate(list(found.values()))))
     apart = np.setdiff1d(rows, left)
     if apart.size:
-        which = " and ".join(side for side in SIDES if side in jumping)
-        problem = f"the {which} jumps in {in_lines(record.lines[apart])} (lines of the file)"
+        which = " and the ".join(side for side in SIDES if side in jumping)
+        jump = "jumps" if len(jumping) == 1 else "jump"
+        problem = f"the {which} {jump} in {in_lines(record.lines[apart])} (lines of the file)"
         _ask_for_rows(record, problem, apart)
 
 

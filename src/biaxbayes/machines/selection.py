@@ -133,7 +133,8 @@ def _chosen(
         of_all = [c for c in next(iter(several.values())) if all(c.label in k for k in labels)]
         time, begins = record.time_s, [c.loading[0] for k in several.values() for c in k[1:]]
         back = [record.lines[at] for at in begins if time is not None and time[at] < time[at - 1]]
-        cut = f", cut where the time steps back in line {in_lines(back)}" if back else ""
+        of = "line" if len(back) == 1 else "lines"
+        cut = f", cut where the time steps back in {of} {in_lines(back)}" if back else ""
         raise Question(
             f"holds several cycles ({first_few(numbers, SHOWN)}){cut}",
             {

@@ -149,8 +149,7 @@ def _stress(run: Run, figure: Draw, further: Mapping[str, str]) -> list[Block]:
         figure(
             "stress-bands",
             "Measured load of every protocol in x and y against stretch, with the credible and the "
-            "predictive 90 % band and the nearest law, and the residuals below; the table under "
-            "Misfit gives the misfit in numbers.",
+            "predictive 90 % band and the nearest law, and the residuals below.",
             "Measured points with the credible band (of the tissue) and the predictive band (of a "
             "new reading), protocol by protocol; dotted the law nearest to the tissue, as on the "
             "median card for a simulation. Residuals about the median below.",

@@ -253,10 +253,11 @@ def _remove(folder: Path, name: str, digest: object) -> bool:
 def open_folder(folder: Path, record: str) -> None:
     """Finish what a crash interrupted; RunError if it is no such folder."""
     kind = KINDS[record]
-    make = f"make one with 'biaxbayes {'sample' if record == PROVENANCE else kind}'"
+    verb = f"'biaxbayes {'sample' if record == PROVENANCE else kind}'"
+    make = f"make one with {verb}"
     try:
         if not os.path.lexists(folder):
-            raise RunError(f"{folder}: does not exist; {make}")
+            raise RunError(f"{folder}: does not exist; make a {kind} folder with {verb}")
         found = [name for name in KINDS if (folder / name).is_file()] if folder.is_dir() else []
         if found and record not in found:
             remedy = make
