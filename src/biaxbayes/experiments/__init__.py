@@ -5,7 +5,7 @@ A new kind is a file with a subclass of :class:`.experiment.Experiment`, and its
 
 from biaxbayes.experiments.biaxial import Biaxial
 from biaxbayes.experiments.bulge import Bulge
-from biaxbayes.experiments.experiment import Experiment, Loads
+from biaxbayes.experiments.experiment import Experiment
 from biaxbayes.experiments.strip import Strip
 from biaxbayes.experiments.tube import Tube
 
@@ -14,5 +14,3 @@ EXPERIMENTS: dict[str, Experiment] = {
     test.name: test for test in (BIAXIAL, Strip(0), Strip(1), Tube(), Bulge())
 }
 """Kinds of test by the name in a specimen file; those with dimensions have some of a usual size."""
-LOADS: dict[str, Loads] = {k: v for test in EXPERIMENTS.values() for k, v in test.loads.items()}
-"""Loads of every kind of test by their names."""

@@ -150,6 +150,10 @@ class Experiment(ABC):
     def points(self, stretch: np.ndarray) -> Points:
         """Points of rows at measured stretches (rows, 2)."""
 
+    def area(self, header: Mapping[str, Any], loads: str) -> np.ndarray | None:
+        """Force (N) per nominal stress (kPa), (x, y); None where no section, or weights have it."""
+        return None
+
     def stresses(self, stretch: np.ndarray, load: np.ndarray) -> np.ndarray | None:
         """Mean Cauchy stresses of readings, both (rows, 2), or None where sections give them."""
         return None

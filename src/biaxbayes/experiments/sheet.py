@@ -24,6 +24,7 @@ from biaxbayes.experiments.experiment import (
     Loads,
     Points,
 )
+from biaxbayes.mechanics.mounting import newtons_per_kPa
 
 ONE_PAIR = "required, or another pair"
 EXACT = "exact"
@@ -170,6 +171,13 @@ class Sheet(Experiment):
             # q_k = g_k s_k / l_k
             weight[:, k, k] = 1.0 / stretch[:, k]
         return Points(stretch, weight, np.arange(len(stretch)))
+
+    def area(self, header: Mapping[str, Any], loads: str) -> np.ndarray | None:
+        """The section under forces, edge times thickness; that of a strip needs no length."""
+        if loads != "force":
+            return None
+        x, y, thickness = (header[key] for key in DIMENSIONS)
+        return newtons_per_kPa(x or 1.0, y or 1.0, thickness)
 
     def size(self, header: Mapping[str, Any]) -> str:
         """Edges, or the width of a strip, and thickness."""

@@ -125,7 +125,11 @@ def _thinned(at: np.ndarray) -> np.ndarray:
 
 def _handles(rows: Rows, specimen: Specimen) -> list[Line2D]:
     """Entries of the legend: marker, colour, size and label."""
-    looks: list[tuple[str, str, float, str]] = [("o", "0.2", 3.0, "x"), ("s", "0.2", 3.0, "y")]
+    drawn = np.isfinite(specimen.protocols[0].stretch[0])
+    drawn[list(specimen.experiment.axes)] = True
+    looks: list[tuple[str, str, float, str]] = [
+        ("os"[k], "0.2", 3.0, "xy"[k]) for k in np.flatnonzero(drawn)
+    ]
     if specimen.experiment.is_mounted:
         looks.append(("+", "black", 6.0, "reference (at rest)"))
     for k, (name, at) in enumerate(list(rows.kept.items())[:NAMED]):

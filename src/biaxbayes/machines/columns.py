@@ -13,7 +13,7 @@ from typing import NoReturn
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import BIAXIAL, EXPERIMENTS, LOADS, Experiment
+from biaxbayes.experiments import BIAXIAL, EXPERIMENTS, Experiment
 from biaxbayes.specimens.keys import KEYS
 from biaxbayes.tables.expressions import COLUMN, columns_in, evaluated, is_expression, numbers_in
 from biaxbayes.tables.question import Question
@@ -51,10 +51,12 @@ OF_ALL_TESTS = {
 }  # fmt: skip
 PLANAR_LOADS = {column: name for name, of in BIAXIAL.loads.items() for column in of.columns}
 """Kinds of planar loads by their columns."""
+LOAD_PAIRS = [of.columns for test in EXPERIMENTS.values() for of in test.loads.values()]
+"""Columns of the loads in x and y, of every kind of test."""
 OF_UNIT = {"N": "force", "kPa": "stress", "mm": "length"}
 TARGETS = OF_ALL_TESTS | {
     name: OF_UNIT.get(name.rpartition("_")[2], "stretch")
-    for name in (*PLANAR_LOADS, *SHEAR, *(c for of in LOADS.values() for c in of.columns if c),
+    for name in (*PLANAR_LOADS, *SHEAR, *(c for pair in LOAD_PAIRS for c in pair if c),
                  *STRETCH_OF)
 } | dict.fromkeys(SHEAR, "fraction")  # fmt: skip
 """Targets and their quantity."""
@@ -99,7 +101,7 @@ OF_QUANTITY = {
     "length": r"diameter|od|length|l[äa]nge",
 }
 """Words of a column's name that suggest a quantity."""
-OF_Y = (*OF_AXES[1], *(of.columns[1] for of in LOADS.values()))
+OF_Y = (*OF_AXES[1], *(y for _, y in LOAD_PAIRS))
 """Targets of the direction y."""
 EXAMPLES = {
     "stretch": "1 + {Disp X (mm)} / 20.6",

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError, ReadingError
-from biaxbayes.experiments import LOADS, Experiment
+from biaxbayes.experiments import Experiment
 from biaxbayes.machines import generic
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import names_needed
@@ -121,7 +121,7 @@ def _converted(
     records, recordings = _named_recordings(files, choice, header, protocol_names)
     loads, experiment = recordings[0].record.loads, recordings[0].record.experiment
     _check_header(header, loads, experiment, paths[0])
-    noise = header.get(f"load_noise_{LOADS[loads].units[0]}")
+    noise = header.get(f"load_noise_{experiment.loads[loads].units[0]}")
     in_doubt = experiment.is_mounted and "reference" not in header
     try:
         protocols = _protocols(recordings, mounted)
@@ -171,7 +171,7 @@ def _protocols(recordings: Sequence[Recording], mounted: Sequence[float]) -> lis
 
 def _check_header(header: Header, loads: str, test: Experiment, file: Path) -> None:
     """Ask for the dimensions that loads of the test need; refuse the noise of other loads."""
-    unit = LOADS[loads].units[0]
+    unit = test.loads[loads].units[0]
     other = "kPa" if unit == "N" else "N"
     if f"load_noise_{other}" in header:
         problem = f"`load_noise_{other}` does not fit: the columns are in {unit}"
@@ -185,7 +185,7 @@ def _check_header(header: Header, loads: str, test: Experiment, file: Path) -> N
                 "geometry=mounted": "they were measured after mounting",
             }
             assumed, of, likely = "", f": {KEYS[key].meaning}", False
-        readings = LOADS[loads].compared if test.is_mounted else f"readings of a {test.name}"
+        readings = test.loads[loads].compared if test.is_mounted else f"readings of a {test.name}"
         problem = f"{readings} need {key}{of}"
         raise Question(problem, gives, file=file, assumed=assumed, likely=likely)
 
@@ -279,7 +279,7 @@ def _named_recordings(
             recordings.append(replace(r, name=path.stem if len(in_file) == 1 else name))
         records += of_file
     recordings = without_repeats(recordings, choice)
-    kinds = {LOADS[r.record.loads].words for r in recordings}
+    kinds = {r.record.experiment.loads[r.record.loads].words for r in recordings}
     if len(kinds) > 1:
         problem = f"the files hold different loads ({', '.join(sorted(kinds))})"
         raise InputError(problem, remedy="convert them with the same columns")

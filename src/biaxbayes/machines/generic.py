@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import LOADS
+from biaxbayes.experiments.experiment import Column
 from biaxbayes.machines.biotester import PHASE
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import (
@@ -40,6 +40,7 @@ from biaxbayes.machines.readings import (
     ask_about_steps,
 )
 from biaxbayes.machines.record import Record, outside
+from biaxbayes.specimens.keys import KEYS
 from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
 from biaxbayes.text_files import first_few
@@ -228,13 +229,15 @@ def _of_values(
 ) -> Record:
     """The record of the values of each target, whose first cells are `before`."""
     rows = np.flatnonzero(reasons == "")
-    loads = next(name for name, of in LOADS.items() if set(of.columns) & set(sources))
-    of_loads = LOADS[loads].columns
+    kinds = choice.experiment.loads
+    loads = next(name for name, of in kinds.items() if set(of.columns) & set(sources))
+    of_loads = kinds[loads].columns
     load = np.column_stack([values.get(t, np.zeros(table.rows)) for t in of_loads])
     stretch = np.ones((table.rows, 2))
     for k, names in enumerate(OF_AXES):
         for target in (target for target in names if target in values):
-            stretch[:, k] = _stretch(table, sources[target], values[target], rows, header)
+            of = choice.experiment.columns.get(target)
+            stretch[:, k] = _stretch(table, sources[target], values[target], rows, header, of)
     _check_per_cent(table, sources, float(np.ptp(stretch[rows], axis=0).max()))
     gradient = None
     if any(target in sources for target in SHEAR):
@@ -286,24 +289,27 @@ def _stretch(
     values: np.ndarray,
     rows: np.ndarray,
     header: Mapping[str, object],
+    column: Column | None,
 ) -> np.ndarray:
-    """Stretches of a target, over the dimension of the unloaded tube where it is a length."""
-    of_length = TARGETS[source.target] == "length"
-    first = float(values[rows[0]])
-    over = f"unloaded_{source.target}"
-    if of_length:
-        if over not in header:
-            raise Question(
-                f"{source.text!r} is a length and needs the {over}",
-                {f"{over}=MM": "the same of the tube without pressure and force"},
-                file=table.path,
-                assumed=f"{over}={first / 1.1:.6g}",
-            )
-        values = values / float(header[over])  # type: ignore[arg-type]
+    """Stretches of a target; of a length as its column of a specimen file says."""
+    target, first, over = source.target, float(values[rows[0]]), ""
+    if column is not None and column.follows is not None:
+        for key in column.needs:
+            if key not in header:
+                # over a length of which the first row is 1.1
+                near = column.follows({target: values[rows]}, {key: first})[0] * first / 1.1
+                raise Question(
+                    f"{source.text!r} is a length and needs the {key}",
+                    {f"{key}=MM": KEYS[key].meaning},
+                    file=table.path,
+                    assumed=f"{key}={near:.6g}",
+                )
+        values = column.follows({target: values}, header)
         first = float(values[rows[0]])
-    low, high = STARTS[of_length]
+        over = "".join(f" over {key} of {header[key]}" for key in column.needs)
+    low, high = STARTS[bool(over)]
     if not low < first < high:
-        what = f"{source.target}{f' over {over} of {header[over]}' if of_length else ''}"
+        what = f"{target}{over}"
         raise table.error(
             f"{what} starts at {first:.4g}, and a stretch starts near 1",
             f"it is read as {source}: check the expression, or the kind of the column",

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import LOADS
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import OF_AXES, Source
 from biaxbayes.machines.cycles import LEAST_ROWS, Cycle
@@ -146,7 +145,8 @@ def ask_about_signs(record: Record, rows: np.ndarray, sources: Mapping[str, Sour
 
 def _turned(record: Record, sources: Mapping[str, Source], k: int, which: str) -> str:
     """The source of a stretch or load with the opposite sign; empty where it is no column."""
-    targets = OF_AXES[k] if which == "stretch" else (LOADS[record.loads].columns[k],)
+    load = record.experiment.loads[record.loads].columns[k]
+    targets = OF_AXES[k] if which == "stretch" else (load,)
     source = next((sources[t] for t in targets if t in sources), None)
     if source is None:
         return ""

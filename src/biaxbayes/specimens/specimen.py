@@ -13,7 +13,6 @@ from biaxbayes.errors import InputError, ReadingError
 from biaxbayes.experiments import BIAXIAL, EXPERIMENTS, Experiment
 from biaxbayes.experiments.experiment import DIMENSIONS, Loads
 from biaxbayes.experiments.sheet import REFERENCES
-from biaxbayes.mechanics.mounting import newtons_per_kPa
 from biaxbayes.parameters import Parameter, PieceLabels, Quantities, mounting_names
 from biaxbayes.specimens.keys import (
     GEOMETRIES,
@@ -272,10 +271,8 @@ class Specimen:
     @property
     def area(self) -> np.ndarray:
         """Measured quantity per kPa of first Piola-Kirchhoff stress, (x, y); one for stresses."""
-        if self.unit != "N":
-            return np.ones(2)
-        assert self.thickness_mm
-        return newtons_per_kPa(self.edge_x_mm or 1.0, self.edge_y_mm or 1.0, self.thickness_mm)
+        area = self.experiment.area(self.header, self.loads)
+        return np.ones(2) if area is None else area
 
     # --- readings ---
 

@@ -194,8 +194,11 @@ def virtual_inflation(
 
     ``header`` holds the dimensions that this test states, ``noise`` sds by unit of the reading.
     """
-    experiment = EXPERIMENTS[test].of({**header, "thickness_mm": thickness_mm}, (True, True))
+    stated = {**header, "thickness_mm": thickness_mm}
+    experiment = EXPERIMENTS[test].of(stated, (True, True))
     [(kind, loads)] = experiment.loads.items()
+    area = experiment.area(stated, kind)
+    section = np.ones(2) if area is None else area
     sd = [noise[unit] if k in experiment.axes else 0.0 for k, unit in enumerate(loads.units)]
 
     def readings(stretch: np.ndarray) -> np.ndarray:
@@ -203,7 +206,7 @@ def virtual_inflation(
         total = points.stretch
         if side is not None:
             total = with_free_side(material.cauchy, total, side)
-        return points.sums(np.stack(material.cauchy(*total.T), axis=-1))
+        return points.sums(np.stack(material.cauchy(*total.T), axis=-1) * section)
 
     rng, protocols = np.random.default_rng(seed), []
     paths = experiment.paths(largest_stretch, axial_stretches, increments, readings)
@@ -225,7 +228,7 @@ def virtual_inflation(
         specimen=name,
         material=_material_values(material),
         unit=specimen.unit,
-        unloaded_dimensions={**header, "thickness_mm": thickness_mm},
+        unloaded_dimensions=stated,
         load_noise_N=noise["N"],
         misfit=misfit,
         misfit_length=MISFIT_LENGTH,

@@ -147,8 +147,8 @@ def specimen_contents(specimen: Specimen) -> dict[str, Any]:
     """Contents of a specimen as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
     axes = specimen.experiment.axes
-    known = axes if specimen.unit == "N" else ()
-    sections = {k: float(specimen.area[k] / N_PER_KPA_MM2) for k in known}
+    area = specimen.experiment.area(specimen.header, specimen.loads)
+    sections = {k: float(area[k] / N_PER_KPA_MM2) for k in axes} if area is not None else {}
 
     def span(stretch: np.ndarray) -> list[float] | None:
         return None if np.isnan(stretch).any() else [float(stretch.min()), float(stretch.max())]

@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from biaxbayes.errors import InputError
+from biaxbayes.experiments import EXPERIMENTS
 from biaxbayes.machines.choice import FORMATS, Choice
 from biaxbayes.machines.outcome import Conversion, OpenQuestions
 from biaxbayes.machines.recipe import read_recipe, recipe_text, refuse_other_content
@@ -175,13 +176,13 @@ def _written(result: Conversion, out: Path) -> Conversion:
 
 HEADER_OPTIONS = (
     "specimen", "layer", "axis_x", "axis_y", "geometry", "reference",
-    "edge_x_mm", "edge_y_mm", "thickness_mm", "unloaded_outer_diameter_mm", "unloaded_length_mm",
-    "opening_angle_fung_deg", "missing_sector_deg", "load_noise_N", "load_noise_kPa",
-    "axial_force_noise_N", "edge_sd_mm", "thickness_sd_mm",
+    "edge_x_mm", "edge_y_mm", "thickness_mm",
+    *dict.fromkeys(k for test in EXPERIMENTS.values() if not test.is_mounted for k in test.keys),
+    "load_noise_N", "load_noise_kPa", "edge_sd_mm", "thickness_sd_mm",
     "mounting_stretch_x", "mounting_stretch_y", "mounted_state_x", "mounted_state_y",
     "stress_limit_kPa",
 )  # fmt: skip
-"""Header keys that have an option."""
+"""Header keys that have an option, among them all of tests without a mounted state."""
 
 
 def _header_option(key: str) -> opt.Decorator:
