@@ -11,6 +11,8 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from plain_posterior import theta_of
+from plain_strips import strip
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 MOUNTING = (1.03, 1.05)
@@ -123,3 +125,21 @@ def test_at_total_stretches_what_lies_off_the_tested_paths_is_known_less_well():
     assert on < 0.5 * off
     # quantities of the law have the spread of the draws alone, which is none here
     assert result.loc["tangent stiffness xx", "relative_width"].to_numpy() == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("width", [False, True])
+def test_of_a_strip_the_end_is_where_its_sides_were_and_the_stress_the_one_read(width):
+    """Not at the width of the start, the largest of all, which it left at once."""
+    theta = theta_of({"C1": 9.0, "k1": 20.0, "k2": 4.0, "alpha": 42.0, "kappa": 0.15})
+    made = strip(0, theta, width=width, noise=1e-4)
+    posterior = Posterior(made, noise="independent")
+    values = {k: np.full(300, v) for k, v in start_parameters(posterior).items()}
+    result = determined(posterior, pd.DataFrame(posterior.natural(posterior.coordinates(values))))
+    ends = result[result["quantity"] == f"nominal stress x{AT_MEASURED_STRETCH}"]
+    known = strip(0, theta, width=True).protocols[0].stretch
+    np.testing.assert_allclose(ends["stretch_x"], [1.15, 1.3], atol=1e-4)
+    sides = np.interp([1.15, 1.3], *known.T)
+    assert sides[1] < 0.9
+    np.testing.assert_allclose(ends["stretch_y"], sides, atol=0.05)
+    read = made.load(made.protocols[0])[-1, 0] / made.area[0]
+    assert ends["median"].iloc[1] == pytest.approx(read, rel=0.01)

@@ -127,10 +127,11 @@ def determined(
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)
     states = list(stretches or ())
     axes = specimen.experiment.axes if stretches is None else (0, 1)
+    side = specimen.experiment.free_side
     if stretches is None:
         for protocol in specimen.protocols:
             lm = np.median(protocol_mounting(draws, protocol), axis=0)
-            x_and_y = np.round(_half_way_and_end(protocol) * lm, 3)
+            x_and_y = np.round(_half_way_and_end(protocol, side) * lm, 3)
             states += [(float(x), float(y)) for x, y in x_and_y]
         states = list(dict.fromkeys(states))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -143,9 +144,17 @@ def determined(
     return pd.DataFrame(rows)
 
 
-def _half_way_and_end(protocol: Protocol) -> np.ndarray:
-    """Measured stretches half-way and at the end, (2, 2)."""
-    return 1.0 + np.array(PATH_FRACTIONS)[:, None] * (protocol.stretch.max(axis=0) - 1.0)
+def _half_way_and_end(protocol: Protocol, side: int | None) -> np.ndarray:
+    """Measured stretches half-way and at the end, (2, 2); a free side has those that it had there.
+
+    It shortens, so that its largest stretch is that of the start.
+    """
+    states = 1.0 + np.array(PATH_FRACTIONS)[:, None] * (protocol.stretch.max(axis=0) - 1.0)
+    if side is not None:
+        along, across = protocol.stretch[:, 1 - side], protocol.stretch[:, side]
+        order = np.argsort(along)
+        states[:, side] = np.interp(states[:, 1 - side], along[order], across[order])
+    return states
 
 
 def _row(
@@ -250,7 +259,7 @@ def _measured_rows(
             if len(specimen.protocols) == 1
             else f"{AT_MEASURED_STRETCH} of {protocol.name}"
         )
-        states = np.round(_half_way_and_end(protocol), 4)
+        states = np.round(_half_way_and_end(protocol, specimen.experiment.free_side), 4)
         lm = protocol_mounting(draws, protocol)
         # P = f / A0
         section = posterior.forward.unloaded_section(draws, lm[:, None])
