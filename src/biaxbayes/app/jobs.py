@@ -19,6 +19,7 @@ from filelock import FileLock, Timeout
 
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.progress_bar import Pace, Progress, graceful_stop
+from biaxbayes.stored_data import read_object
 from biaxbayes.text_files import atomic_write_text
 
 HIDDEN = ".biaxbayes-app"
@@ -57,9 +58,9 @@ class Job:
         return self.folder / HIDDEN / (self.name + end)
 
     @property
-    def asked(self) -> dict[str, Any] | None:
-        """Verb, arguments and options, if this result was asked for here."""
-        return _read(self._file(".json"))
+    def asked(self) -> dict[str, Any]:
+        """Verb, arguments and options; empty if this result was not asked for here."""
+        return read_object(self._file(".json"))
 
     @property
     def is_running(self) -> bool:
@@ -69,7 +70,7 @@ class Job:
     @property
     def progress(self) -> dict[str, Any]:
         """Phase with time left, and share; how it ended, with the exit code."""
-        return {"phase": "", "message": ""} | (_read(self._file(".progress")) or {})
+        return {"phase": "", "message": ""} | read_object(self._file(".progress"))
 
     @property
     def log(self) -> str:
@@ -107,7 +108,6 @@ class Job:
         import biaxbayes
 
         asked = self.asked
-        assert asked is not None
         pace, shown, phase = Pace(), 0.0, ""
 
         def show(progress: Progress) -> None:
@@ -161,14 +161,6 @@ def is_locked(path: Path) -> bool:
             return False
     except Timeout:
         return True
-
-
-def _read(path: Path) -> dict[str, Any] | None:
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return record if isinstance(record, dict) else None
 
 
 if __name__ == "__main__":
