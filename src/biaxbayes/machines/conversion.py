@@ -13,7 +13,7 @@ from biaxbayes.errors import InputError, ReadingError
 from biaxbayes.experiments import Experiment
 from biaxbayes.machines import generic
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.columns import names_needed
+from biaxbayes.machines.columns import IGNORE, names_needed
 from biaxbayes.machines.outcome import Conversion, OpenQuestions
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.machines.selection import select, without_repeats
@@ -298,8 +298,7 @@ def _named_recordings(
 
 def _ask_for_join(files: Mapping[Path, dict[str, Worksheet]], choice: Choice) -> None:
     """Ask how tables belong together that have the named columns only together."""
-    columns = [v for k, v in generic.wanted_of(choice).items() if k != "ignore"]
-    names, tables = names_needed(columns), list[Table]()
+    names, tables = _names_needed(choice), list[Table]()
     for path, sheets in files.items():
         chosen = choice.sheets or ((ALL_SHEETS,) if "" not in sheets else ())
         tables += tables_in(sheets, path, chosen, choice.hidden or "keep", names)[0].values()
@@ -315,14 +314,16 @@ def _ask_for_join(files: Mapping[Path, dict[str, Worksheet]], choice: Choice) ->
         raise Question(problem, gives, file=next(iter(files)))
 
 
+def _names_needed(choice: Choice) -> list[list[str]]:
+    """For each column that is read the names that it may have."""
+    return names_needed(v for k, v in generic.wanted_of(choice).items() if k != IGNORE)
+
+
 def _tables(
     path: Path, sheets: dict[str, Worksheet], choice: Choice
 ) -> tuple[dict[str, Table], dict[str, str]]:
     """Tables of a file by sheet, below the columns that are named; and why others hold none."""
-    named = []
-    if choice.machine == "generic":
-        wanted = {k: v for k, v in generic.wanted_of(choice).items() if k != "ignore"}
-        named = names_needed(wanted.values())
+    named = _names_needed(choice) if choice.machine == "generic" else []
     wanted_sheets = choice.sheets
     if choice.join in ("time", "stretch") and not wanted_sheets and "" not in sheets:
         wanted_sheets = (ALL_SHEETS,)
