@@ -91,10 +91,6 @@ class Table:
         """The table without some of its printed columns."""
         return replace(self, columns=[c for c in self.columns if c.name not in names])
 
-    def first(self, rows: int) -> Table:
-        """The table with its first rows."""
-        return replace(self, rows=self.rows.head(rows))
-
     def cells(self) -> list[list[Cell]]:
         """What is printed, row by row."""
         return [[c.cell(row) for c in self.columns] for row in self.rows.to_dict("records")]

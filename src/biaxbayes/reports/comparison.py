@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -193,7 +194,7 @@ def comparison_text(comparison: Comparison, folder: Path) -> str:
         lines.append("\nlargest differences, in units of the common width:")
     order = differences["standardised"].abs().sort_values(ascending=False).index
     for table in distance_tables(differences.reindex(order)):
-        most = table.first(LARGEST).without("kolmogorov")
+        most = replace(table, rows=table.rows.head(LARGEST)).without("kolmogorov")
         lines += [f"  {printable(table.label)}", *(f"    {line}" for line in most.lines())]
     lines += [f"note: {note}" for note in (*comparison.notes, WARNING)]
     return "\n".join([*lines, f"\n{folder / PAGE}"])

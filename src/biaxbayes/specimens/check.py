@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -69,10 +69,6 @@ class Finding:
     severity: str  # one of SEVERITIES
     message: str  # one sentence with its numbers
     protocol: str | None = None  # None: the specimen
-
-    def record(self) -> dict[str, str | None]:
-        """The finding as plain values."""
-        return asdict(self)
 
     def __str__(self) -> str:
         where = f"protocol {self.protocol}: " if self.protocol else ""

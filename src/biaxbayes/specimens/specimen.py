@@ -459,10 +459,6 @@ class Specimen:
         """The same specimen with only the named protocols."""
         return self.with_protocols([p for p in self.protocols if p.name in names])
 
-    def without(self, name: str) -> Specimen:
-        """The same specimen without one protocol."""
-        return self.with_protocols([p for p in self.protocols if p.name != name])
-
     def with_protocols(self, protocols: Sequence[Protocol]) -> Specimen:
         """The same specimen with the given protocols of it.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ class Checked:
         """Contents as plain values, as ``biaxbayes check --json`` prints them."""
         return {
             **specimen_contents(self.specimen),
-            "findings": [finding.record() for finding in self.findings],
+            "findings": [asdict(finding) for finding in self.findings],
         }
 
     def _repr_html_(self) -> str:

@@ -7,7 +7,7 @@ import sys
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -254,7 +254,7 @@ class SampleJob:
             record["grips"] = grip_record(self.correction, ratios)
             write_csv(folder / "grips.csv", ratios, digits=8)
             save_pictures(grips_figure(specimen, ratios), folder, "grips")
-        record["findings"] = [finding.record() for finding in findings]
+        record["findings"] = [asdict(finding) for finding in findings]
         attributes = {
             "biaxbayes_version": record["biaxbayes"],
             "specimen": specimen.name,
