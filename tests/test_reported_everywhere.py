@@ -89,6 +89,16 @@ def test_page(run, rows):
         assert cells == [texts(run, row)[0], *(row[k] for k in COLUMNS)]
 
 
+def test_the_corner_of_two_runs_has_the_interval_or_bound_of_each(run):
+    figure = biaxbayes.plot(run, "corner", compare=run)
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    for row in run.result.reported:
+        if row.bound:
+            assert sum(f"({row.interval})" in entry for entry in entries) == 2
+    unknown = sum(row.verdict == "not identified" for row in run.result.reported)
+    assert sum("not identified" in entry for entry in entries) == 2 * unknown
+
+
 def test_latex(run, rows):
     body = latex_table(run).partition("\\midrule")[2].partition("\\bottomrule")[0]
     for line, row in zip(body.strip().splitlines(), rows, strict=True):

@@ -71,9 +71,12 @@ def corner_figure(
     width_mm: float = PAGE_MM,
     known: Quantities | None = None,
     law: str = "",
-    reported: Sequence[Reported] = (),
+    reported: Sequence[Sequence[Reported]] = (),
 ) -> Figure:
-    """Draw the pairwise and marginal posterior; truth dashed, `compare` outlined."""
+    """Draw the pairwise and marginal posterior; truth dashed, `compare` outlined.
+
+    ``reported``: what is reported of each of the runs, for their legends.
+    """
     runs = [draws] if compare is None else [draws, compare]
     truth = {k: float(v) for k, v in (truth or {}).items() if np.isfinite(v)}
     fixed = [
@@ -87,7 +90,7 @@ def corner_figure(
     figure, grid = _panels(columns, width_mm)
     for run in range(len(runs)):
         _draw_pairs(grid, columns, run, filled=run == 0)
-    rows = {row.name: row for row in reported}
+    rows = [{row.name: row for row in of_run} for of_run in (*reported, (), ())]
     texts = [_draw_marginal(grid[i, i], column, fixed, rows) for i, column in enumerate(columns)]
     _set_axes(grid, columns, width_mm)
     line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": DASHES}
@@ -99,7 +102,7 @@ def corner_figure(
             ax.axhline(value, **line)
     contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
     title = f"posterior{f', {law}' if law else ''}\n"
-    bound = f" or {50 + 50 * CONTENT:g} % bound" if any(row.bound for row in reported) else ""
+    bound = f" or {50 + 50 * CONTENT:g} % bound" if any(row.bound for run in reported for row in run) else ""
     title += f"median ({100 * CONTENT:g} %{bound}); regions: {contents} %"
     if any(MEAN in c.quantity.symbol for c in columns):
         title += "\nbar: mean over protocols"
@@ -242,7 +245,7 @@ def _draw_marginal(
     ax: Axes,
     column: CornerAxis,
     fixed: Sequence[Mapping[str, float]],
-    reported: Mapping[str, Reported],
+    reported: Sequence[Mapping[str, Reported]],
 ) -> list[str]:
     """Draw the densities, the interval of the first run shaded; return the texts by run."""
     texts = []
@@ -262,13 +265,13 @@ def _draw_marginal(
         top = max(top, float(density.max()))
         middle, first, last = interval_texts(median, low, high, column.quantity.parameter)
         text = f"{first}–{last}"
+        row = reported[run].get(column.name)
+        if row is not None and row.bound:
+            text = row.interval
+            low, high = (low, np.inf) if row.bound == "low" else (-np.inf, high)
+        elif row is not None and row.verdict == NOT_IDENTIFIED:
+            text += f"; {NOT_IDENTIFIED}"
         if run == 0:
-            row = reported.get(column.name)
-            if row is not None and row.bound:
-                text = row.interval
-                low, high = (low, np.inf) if row.bound == "low" else (-np.inf, high)
-            elif row is not None and row.verdict == NOT_IDENTIFIED:
-                text += f"; {NOT_IDENTIFIED}"
             inside = list((x >= low) & (x <= high))
             ax.fill_between(x, density, where=inside, color=hue, alpha=0.3, linewidth=0.0)
         texts.append(f"{label}  {middle} ({text})")

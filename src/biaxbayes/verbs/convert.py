@@ -83,7 +83,8 @@ def convert(
 
     found: dict[str, Any] = {}
     own = {f.name for f in fields(Choice)}
-    keys = {k: options.pop(k) for k in {*HEADER_OPTIONS, *METADATA_KEYS} & {*options} - own}
+    of_header = {*HEADER_OPTIONS, *METADATA_KEYS} - own
+    keys = {name: options.pop(name) for name in [*options] if name in of_header}
     header = {**(header or {}), **keys}
     if recipe is not None:
         answers, lab, found = read_recipe(Path(recipe))

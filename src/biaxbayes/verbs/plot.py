@@ -55,7 +55,7 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
     """Draw a figure of a run; ``how`` are the arguments of its function in ``figures``."""
     match kind:
         case "corner":
-            how |= {"law": run.law.short_name, "reported": run.result.reported}
+            how = {"law": run.law.short_name, "reported": [run.result.reported]} | how
             return corner_figure(run.draws, known=run.quantities, **how)
         case "bands":
             return bands_figure(run.posterior(), run.draws, **how)
@@ -162,6 +162,7 @@ def plot(
             if names[0] == names[1]:
                 names = opened.path.name, other.path.name
             how |= {"compare": other.draws, "names": names}
+            how["reported"] = [opened.result.reported, other.result.reported]
         drawn = run_figure(opened, figure, **how)
         if target is not None:
             save_figure(drawn, target)

@@ -306,7 +306,7 @@ def write_figures(
         save_pictures(trace, folder, "trace")
     if result.state == "unusable":
         return
-    how: dict[str, Any] = {"law": posterior.law.short_name, "reported": result.reported}
+    how: dict[str, Any] = {"law": posterior.law.short_name, "reported": [result.reported]}
     save_pictures(corner_figure(table, known=known, **how), folder, "corner")
     for i in range(len(posterior.pieces)):
         stem = "stress-bands" if i == 0 else f"stress-bands-{i + 1}"
