@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
-from matplotlib.figure import Figure as Drawing
+from matplotlib.figure import Figure
 
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.errors import printable
@@ -18,14 +18,14 @@ from biaxbayes.identifiability.reported import report_table
 from biaxbayes.report_table import Column, Row, Table, number
 from biaxbayes.reports.page import (
     Block,
-    Figure,
-    Heading,
-    Notice,
     Page,
     Section,
-    Sentence,
+    captioned,
+    notice,
+    paragraph,
     prose,
     remarks,
+    subheading,
     titled,
 )
 from biaxbayes.reports.study_page import UNIT, named
@@ -121,22 +121,22 @@ def _at_stretch(row: Row) -> str:
     return str(row["quantity"]) + ("" if pd.isna(at) else f" at {at:.4g}")
 
 
-def comparison_page(comparison: Comparison, drawings: Mapping[str, Drawing]) -> str:
+def comparison_page(comparison: Comparison, drawings: Mapping[str, Figure]) -> str:
     """The page of a comparison of runs, with its figures by the stems of their files."""
     figures = {name: embedded(figure_bytes(figure, "png")) for name, figure in drawings.items()}
     report: list[Block | None] = []
     if not comparison.converged:
         states = [f"{m.label} is {m.state}" for m in comparison.members if m.state != "converged"]
         text = f"{', '.join(states)}. Nothing is reported of its parameters."
-        report.append(Notice("tentative", "Not every run has converged:", text=text))
+        report.append(notice("tentative", "Not every run has converged:", text=text))
     about = "One 90 % interval or 95 % bound per parameter, with its [verdict]."
     report.append(remarks("These runs differ in more than the tissue.", comparison.notes))
-    report.append(Sentence(prose(about)))
+    report.append(paragraph(prose(about)))
     for label, rows in zip(comparison.labels, comparison.reported, strict=True):
         caption = f"90 % intervals and 95 % bounds of {label}"
-        report += [Heading(label), report_table(rows, f"What {label} reports", caption)]
+        report += [subheading(label), report_table(rows, f"What {label} reports", caption)]
     alt = "Verdict and reported interval of every parameter of every run"
-    report.append(Figure(figures["matrix"], alt, "The same at a glance."))
+    report.append(captioned(figures["matrix"], alt, "The same at a glance."))
     forest = prose(
         "Thick: 50 % of the posterior; thin: 90 %, one-sided where the draws pile up at a limit of "
         "the range. H is the share of the fibres along each axis ([structure tensor]); c with two "
@@ -145,8 +145,8 @@ def comparison_page(comparison: Comparison, drawings: Mapping[str, Drawing]) -> 
         "unloaded state, the same in both directions."
     )
     distances: list[Block] = [
-        Notice("tentative", WARNING),
-        Sentence(
+        notice("tentative", WARNING),
+        paragraph(
             prose(
                 "[In sd]: how far apart, in units of the common width. [P(larger)]: probability "
                 "that the run named first is larger. [Kolmogorov]: 0 for equal distributions, 1 "
@@ -162,16 +162,16 @@ def comparison_page(comparison: Comparison, drawings: Mapping[str, Drawing]) -> 
     if "overlay" in figures:
         alt = "Pairwise posteriors of the runs over one another"
         caption = "Every parameter (diagonal) and every pair, one colour per run. A narrow slanted "
-        overlay = [Figure(figures["overlay"], alt, f"{caption}cloud is a correlated pair.")]
+        overlay = [captioned(figures["overlay"], alt, f"{caption}cloud is a correlated pair.")]
     files = "compare-report.csv: what each run reports. compare-distances.csv: every difference."
     laws = ", ".join(dict.fromkeys(m.posterior.law.name for m in comparison.members))
     alt = "Posterior of every quantity in every run"
     sections = [
         Section("report", "What each run reports", report),
-        Section("intervals", "Posteriors", [Figure(figures["forest"], alt, forest)]),
+        Section("intervals", "Posteriors", [captioned(figures["forest"], alt, forest)]),
         Section("distances", "How far apart the runs are", distances),
         Section("overlay", "Joint posteriors", overlay),
-        Section("files", "Files", [Sentence(files)]),
+        Section("files", "Files", [paragraph(files)]),
     ]
     return Page(
         "comparison",

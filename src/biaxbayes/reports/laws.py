@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
-from matplotlib.figure import Figure as Drawing
+from matplotlib.figure import Figure
 
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.figures.comparisons import by_weight, law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.report_table import DASH, Column, Row, Table, interval_texts
-from biaxbayes.reports.page import Block, Figure, Page, Section, Sentence, prose, remarks
+from biaxbayes.reports.page import Block, Page, Section, captioned, paragraph, prose, remarks
 from biaxbayes.reports.templates import embedded
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -95,7 +95,7 @@ def _parts_table(parts: pd.DataFrame) -> Table:
     return Table(columns, pd.DataFrame(rows, columns=names), "Parts left out", caption)
 
 
-def laws_page(compared: LawComparison, drawings: Mapping[str, Drawing]) -> str:
+def laws_page(compared: LawComparison, drawings: Mapping[str, Figure]) -> str:
     """The page of a comparison of laws, with its figures by the stems of their files."""
     figures = {name: embedded(figure_bytes(figure, "png")) for name, figure in drawings.items()}
     table = compared.table
@@ -104,12 +104,12 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Drawing]) -> str:
     left = [f"{law} is left out: {why}" for law, why in sorted(compared.left_out.items())]
     weights = [
         remarks("Not every law could be sampled.", left),
-        Sentence(
+        paragraph(
             f"{best['law']} predicts left-out parts best: its rms error is "
             f"{best['left_out_rms_kPa']:.3g} kPa, that of the mixture of all laws "
             f"{mixture['left_out_rms_kPa']:.3g} kPa."
         ),
-        Figure(
+        captioned(
             figures["law-misfit"],
             "Misfit of every law to the record and to the parts left out, and its weight",
             prose(
@@ -128,15 +128,17 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Drawing]) -> str:
         )
         caption = "Median and 90 % [interval] of every law; grey symbols: laws with a weight below "
         mounting = [
-            Sentence(about),
-            Figure(figures["law-mounting"], "Mounting stretches by law", prose(f"{caption}0.05.")),
+            paragraph(about),
+            captioned(
+                figures["law-mounting"], "Mounting stretches by law", prose(f"{caption}0.05.")
+            ),
         ]
     files = "laws.csv: one row per law, the last one the mixture. left-out.csv: every law on every "
     sections = [
         Section("weights", "Misfit and weight", weights),
         Section("mounting", "Mounting stretch", mounting),
         Section("parts", "Parts left out", [_parts_table(compared.parts)]),
-        Section("files", "Files", [Sentence(f"{files}part.")]),
+        Section("files", "Files", [paragraph(f"{files}part.")]),
     ]
     about = prose(
         f"{len(table) - 1} [material laws] fitted to one record, and weighted by how well they "

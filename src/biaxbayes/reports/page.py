@@ -25,107 +25,69 @@ def prose(text: str) -> Markup:
     return Markup(re.sub("`(.+?)`", r"<code>\1</code>", linked))
 
 
-@dataclass(frozen=True)
-class Sentence:
-    """A paragraph; ``look``: ``soft`` for remarks, ``paste`` for paragraphs of a paper."""
+def paragraph(text: str | Markup, look: str = "") -> Markup:
+    """A paragraph; ``look``: ``soft`` for remarks, ``paste`` for paragraphs of a paper.
 
-    text: str | Markup
-    look: str = ""
-
-    def html(self) -> Markup:
-        """The paragraph; text that may come from a file has its own direction."""
-        frame = "{}" if isinstance(self.text, Markup) else "<bdi>{}</bdi>"
-        text = Markup(frame).format(self.text)
-        look = Markup(' class="{}"').format(self.look) if self.look else ""
-        return Markup("<p{}>{}</p>").format(look, text)
+    Text that may come from a file has its own direction.
+    """
+    own = text if isinstance(text, Markup) else Markup("<bdi>{}</bdi>").format(text)
+    shown = Markup(' class="{}"').format(look) if look else ""
+    return Markup("<p{}>{}</p>").format(shown, own)
 
 
-@dataclass(frozen=True)
-class Heading:
+def subheading(text: str) -> Markup:
     """A heading inside a section."""
-
-    text: str
-
-    def html(self) -> Markup:
-        """The heading."""
-        return Markup("<h3><bdi>{}</bdi></h3>").format(self.text)
+    return Markup("<h3><bdi>{}</bdi></h3>").format(text)
 
 
-@dataclass(frozen=True)
-class Items:
+def bullets(texts: Sequence[str | Markup]) -> Markup:
     """A list of sentences; nothing where there are none."""
-
-    texts: Sequence[str | Markup]
-
-    def html(self) -> Markup:
-        """The list."""
-        items = Markup("\n").join(Markup("<li><bdi>{}</bdi></li>").format(t) for t in self.texts)
-        return Markup("<ul>\n{}\n</ul>").format(items) if items else Markup("")
+    items = Markup("\n").join(Markup("<li><bdi>{}</bdi></li>").format(t) for t in texts)
+    return Markup("<ul>\n{}\n</ul>").format(items) if items else Markup("")
 
 
-@dataclass(frozen=True)
-class Notice:
+def notice(
+    state: str, head: str, items: Sequence[str | Markup] = (), text: str | Markup = ""
+) -> Markup:
     """A box: how far a result can be trusted (``converged``, ``tentative``, ``unusable``)."""
-
-    state: str
-    head: str
-    items: Sequence[str | Markup] = ()
-    text: str | Markup = ""
-
-    def html(self) -> Markup:
-        """The box."""
-        text = Markup(" <bdi>{}</bdi>").format(self.text) if self.text else ""
-        return Markup('<div class="state {}"><strong>{}</strong>{}{}</div>').format(
-            self.state, self.head, text, Items(self.items).html()
-        )
+    more = Markup(" <bdi>{}</bdi>").format(text) if text else ""
+    box = Markup('<div class="state {}"><strong>{}</strong>{}{}</div>')
+    return box.format(state, head, more, bullets(items))
 
 
-@dataclass(frozen=True)
-class Facts:
-    """Names and values."""
-
-    pairs: Sequence[tuple[str, str]]
-
-    def html(self) -> Markup:
-        """The pairs as a list of definitions."""
-        item = Markup("<dt>{}</dt><dd><bdi>{}</bdi></dd>")
-        return Markup("<dl>\n{}\n</dl>").format(
-            Markup("\n").join(item.format(name, value) for name, value in self.pairs)
-        )
+def fact_list(pairs: Sequence[tuple[str, str]]) -> Markup:
+    """Names and values, as a list of definitions."""
+    item = Markup("<dt>{}</dt><dd><bdi>{}</bdi></dd>")
+    return Markup("<dl>\n{}\n</dl>").format(Markup("\n").join(item.format(*p) for p in pairs))
 
 
-@dataclass(frozen=True)
-class Figure:
+def captioned(picture: Picture | None, alt: str, caption: str | Markup, label: str = "") -> Markup:
     """A figure with its caption; a remark where its file is missing."""
-
-    picture: Picture | None
-    alt: str
-    caption: str | Markup
-    label: str = ""
-
-    def html(self) -> Markup:
-        """The figure."""
-        if self.picture is None:
-            return Sentence(f"The folder has no {self.label}.png to show here.", "soft").html()
-        return Markup(
-            '<figure>\n<div class="scroll" role="region" aria-label="Figure: {}" tabindex="0">\n'
-            '<img src="{}" width="{}" height="{}" alt="{}">\n</div>\n'
-            "<figcaption>{}</figcaption>\n</figure>"
-        ).format(self.label or self.alt, *self.picture, self.alt, self.caption)
+    if picture is None:
+        return paragraph(f"The folder has no {label}.png to show here.", "soft")
+    return Markup(
+        '<figure>\n<div class="scroll" role="region" aria-label="Figure: {}" tabindex="0">\n'
+        '<img src="{}" width="{}" height="{}" alt="{}">\n</div>\n'
+        "<figcaption>{}</figcaption>\n</figure>"
+    ).format(label or alt, *picture, alt, caption)
 
 
-Block: TypeAlias = Sentence | Heading | Items | Notice | Facts | Figure | Table
+Block: TypeAlias = Markup | Table
 
 
-def remarks(head: str, texts: Sequence[str | Markup]) -> Notice | None:
+def remarks(head: str, texts: Sequence[str | Markup]) -> Markup | None:
     """A box of remarks; None where there are none."""
-    return Notice("tentative", head, texts) if texts else None
+    return notice("tentative", head, texts) if texts else None
 
 
 def titled(table: Table, about: str | Markup = "", heading: str = "") -> list[Block]:
     """A table below its label and a sentence on it; nothing of an empty table."""
-    sentences = [Sentence(about)] if about else []
-    return [Heading(heading or table.label), *sentences, table] if table else []
+    sentences = [paragraph(about)] if about else []
+    return [subheading(heading or table.label), *sentences, table] if table else []
+
+
+def _html(block: Block) -> Markup:
+    return block.html() if isinstance(block, Table) else block
 
 
 @dataclass(frozen=True)
@@ -153,7 +115,7 @@ class Page:
     def html(self) -> str:
         """The page."""
         sections = [
-            replace(s, blocks=[b for b in s.blocks if b is not None]) for s in self.sections
+            replace(s, blocks=[_html(b) for b in s.blocks if b is not None]) for s in self.sections
         ]
         shown = [s for s in sections if s.blocks]
         titles = {s.id: s.title for s in shown} | {"words": "Words"}

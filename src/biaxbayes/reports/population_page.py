@@ -37,15 +37,15 @@ from biaxbayes.report_table import (
 from biaxbayes.reports.answers import CHANCE, population_answers
 from biaxbayes.reports.page import (
     Block,
-    Figure,
-    Heading,
-    Items,
-    Notice,
     Page,
     Section,
-    Sentence,
+    bullets,
+    captioned,
+    notice,
+    paragraph,
     prose,
     remarks,
+    subheading,
     titled,
 )
 from biaxbayes.reports.study_page import QUANTITY, UNIT, named
@@ -262,7 +262,7 @@ def population_page(
     groups = _groups(tables["groups"], tuple(record["pooled"])) if usable else []
     drawn = pictures(folder, tuple(FIGURE_TEXTS))
     figures = [
-        Section(stem, title, [Figure(drawn[stem], alt, caption, title)])
+        Section(stem, title, [captioned(drawn[stem], alt, caption, title)])
         for stem, (title, caption, alt) in FIGURE_TEXTS.items()
         if stem in drawn
     ]
@@ -276,7 +276,7 @@ def population_page(
     every = tables["specimens"]["quantity"].isin(KNOWN_QUANTITIES).all()
     more = Markup("Mounting stretches of single protocols are in specimens.csv.")
     specimens: list[Block | None] = [
-        Sentence(
+        paragraph(
             prose(
                 "Median and 90 % interval after [pooling], and in brackets the interval of "
                 "the specimen's own run. In italics with *: not identified even with the other "
@@ -285,7 +285,7 @@ def population_page(
             )
         ),
         specimens_table(tables["specimens"]),
-        None if every else Sentence(more, "soft"),
+        None if every else paragraph(more, "soft"),
     ]
     files = [f"{name}: {words}. " for name, words in FILES.items() if (folder / name).is_file()]
     cards = prose("Material cards of new specimens: `biaxbayes export` on this folder with ")
@@ -297,10 +297,10 @@ def population_page(
         *figures,
         Section("specimens", "Specimens", specimens),
         Section(
-            "contrasts", "Differences between groups", contrasts and [Sentence(about), *contrasts]
+            "contrasts", "Differences between groups", contrasts and [paragraph(about), *contrasts]
         ),
-        Section("methods", "Methods and results", [Sentence(t, "paste") for t in paragraphs]),
-        Section("files", "Files", [Sentence(Markup.escape("".join(files)) + cards)]),
+        Section("methods", "Methods and results", [paragraph(t, "paste") for t in paragraphs]),
+        Section("files", "Files", [paragraph(Markup.escape("".join(files)) + cards)]),
     ]
     counts = f"{plural(len(own), 'specimen')} of {plural(int(own['donor'].nunique()), 'donor')}"
     counts += ": what they have in common, how they differ, and what the next one would be"
@@ -315,19 +315,19 @@ def _glance(
     left = [f"left out: {truncate(k)}: {truncate(v, 300)}" for k, v in record["left_out"].items()]
     said = _answers(tables["contrasts"], tables["groups"]) if usable else []
     return [
-        Notice(
+        notice(
             state,
             "The chains have converged." if converged else f"The population is {state}:",
             left,
             "" if converged else f"{reason}; no verdict on any number.",
         ),
-        Sentence(
+        paragraph(
             "Every specimen keeps its own parameters. Those of one group scatter about a common "
             "centre; specimens of one donor share its donor effect. All are inferred together, so "
             "that the other specimens inform a parameter that a specimen's own test leaves open."
         ),
-        *(block for title, texts in said for block in (Heading(title), Items(texts))),
-        Sentence(Markup.escape(CHANCE), "soft") if said else None,
+        *(block for title, texts in said for block in (subheading(title), bullets(texts))),
+        paragraph(Markup.escape(CHANCE), "soft") if said else None,
         remarks("Read the numbers with this in mind.", [truncate(n, 500) for n in record["notes"]]),
     ]
 
@@ -339,17 +339,17 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[Block]:
         "[verdict]. Small figures and those of new ones are 90 % intervals. In italics with *: "
         "[not identified] on its own; the number may be mostly that of the prior."
     )
-    blocks: list[Block] = [Sentence(about)]
+    blocks: list[Block] = [paragraph(about)]
     for group, part in table.groupby("group", sort=False):
         shown = group_table(str(group), part)
-        blocks += [Heading(shown.label), Sentence(Markup.escape(_members(part)), "soft"), shown]
+        blocks += [subheading(shown.label), paragraph(Markup.escape(_members(part)), "soft"), shown]
         words = [
             as_html(named(r["quantity"])) + Markup(": {}").format(truncate(r["in_words"], 400))
             for r in part.to_dict("records")
             if r["quantity"] in pooled and isinstance(r["in_words"], str)
         ]
         if words:
-            blocks += [Sentence("Verdicts on the centre of the group:"), Items(words)]
+            blocks += [paragraph("Verdicts on the centre of the group:"), bullets(words)]
     return blocks
 
 

@@ -22,16 +22,16 @@ from biaxbayes.report_table import DASH, Column, Row, Table, interval_texts, tru
 from biaxbayes.reports.methods import methods, prior_texts, results_paragraph
 from biaxbayes.reports.page import (
     Block,
-    Facts,
-    Figure,
-    Heading,
-    Items,
-    Notice,
     Page,
     Section,
-    Sentence,
+    bullets,
+    captioned,
+    fact_list,
+    notice,
+    paragraph,
     prose,
     remarks,
+    subheading,
     titled,
 )
 from biaxbayes.reports.templates import Picture, pictures
@@ -78,8 +78,8 @@ def report_page(run: Run) -> str:
     }
     drawn = pictures(run.path, (*RUN_FIGURES, *bands.values()))
 
-    def figure(stem: str, alt: str, caption: str) -> Figure:
-        return Figure(drawn.get(stem), alt, caption, stem)
+    def figure(stem: str, alt: str, caption: str) -> Markup:
+        return captioned(drawn.get(stem), alt, caption, stem)
 
     mounted = any(s.experiment.is_mounted for s in run.specimen.pieces)
     about = Markup("Posterior of the {} model{} of <bdi>{}</bdi>").format(
@@ -97,7 +97,11 @@ def report_page(run: Run) -> str:
         Section(
             "settings",
             "Settings and versions",
-            [Facts(_settings_facts(run)), Heading("Versions"), Facts(_version_facts(run))],
+            [
+                fact_list(_settings_facts(run)),
+                subheading("Versions"),
+                fact_list(_version_facts(run)),
+            ],
         ),
         Section("methods", "Methods and citation", _paragraphs(run)),
     ]
@@ -107,7 +111,7 @@ def report_page(run: Run) -> str:
 # --- the sections --------------------------------------------------------------------------------
 
 
-Draw: TypeAlias = Callable[[str, str, str], Figure]
+Draw: TypeAlias = Callable[[str, str, str], Markup]
 """A figure of the folder by its stem, with its alternative text and caption."""
 
 
@@ -116,14 +120,14 @@ def _what_to_report(run: Run, figure: Draw) -> list[Block | None]:
     rows = (*result.reported, *result.stiffnesses)
     low = [f"{capital(result.low_information)}."] if result.low_information else []
     return [
-        Notice(run.state, CONVERGENCE_TEXTS[run.state], text=truncate(reason, 400)),
+        notice(run.state, CONVERGENCE_TEXTS[run.state], text=truncate(reason, 400)),
         remarks("Look at the record first.", result.findings),
         result.known or None,
         report_table(rows, caption=REPORT_CAPTION, meaning=True),
-        *(Sentence(f"{capital(text)}.") for text in (result.fit, *result.pieces) if text),
+        *(paragraph(f"{capital(text)}.") for text in (result.fit, *result.pieces) if text),
         remarks("Most parameters are not determined.", low),
         remarks("The law misses some protocols.", result.warnings),
-        Sentence(prose(f"{capital(result.advice)}.")) if result.advice else None,
+        paragraph(prose(f"{capital(result.advice)}.")) if result.advice else None,
         figure(
             "identifiability",
             "Prior and posterior of every parameter beside its row of the table above.",
@@ -187,16 +191,16 @@ def _simulation(run: Run) -> list[Section]:
         unit = q.parameter.unit_words()
         values.append(f"{q.name}: {middle}{unit} ({first} to {last}{unit})")
     command = prose("`biaxbayes export RUN --to abaqus` writes the median card, `--draws 20` more.")
-    blocks: list[Block] = [Sentence(about), Items(values), Sentence(command)]
+    blocks: list[Block] = [paragraph(about), bullets(values), paragraph(command)]
     return [Section("simulation", "For a simulation", blocks)]
 
 
 def _test(run: Run, figure: Draw) -> list[Block]:
     provenance = run.provenance
-    blocks: list[Block] = [Facts(_specimen_facts(run)), _test_table(run)]
+    blocks: list[Block] = [fact_list(_specimen_facts(run)), _test_table(run)]
     if grips := _grip_table(run):
         blocks += [
-            Heading("Correction for the hooks"),
+            subheading("Correction for the hooks"),
             figure(
                 "grips",
                 "Sketch of the sheet and its hooks to scale; force on the hooks over that of a "
@@ -208,7 +212,7 @@ def _test(run: Run, figure: Draw) -> list[Block]:
         ]
     texts = (*provenance["notes"], provenance["sampler"]["message"], alignment_note(run.specimen))
     notes = [truncate(capital(n), 600) for n in texts if n]
-    return [*blocks, Heading("Notes"), Items(notes)] if notes else blocks
+    return [*blocks, subheading("Notes"), bullets(notes)] if notes else blocks
 
 
 def _evidence(run: Run, figure: Draw) -> list[Block | None]:
@@ -232,11 +236,11 @@ def _evidence(run: Run, figure: Draw) -> list[Block | None]:
     if len(determined):
         determined = determined[~determined["quantity"].str.contains(" stress ")]
     return [
-        Sentence(prose("Evidence for the table above. The tables are in the folder `evidence`.")),
-        Heading("Misfit"),
-        Sentence(fit) if result.fit else None,
-        Sentence(misfit),
-        *(Sentence(truncate(text, 400)) for text in found),
+        paragraph(prose("Evidence for the table above. The tables are in the folder `evidence`.")),
+        subheading("Misfit"),
+        paragraph(fit) if result.fit else None,
+        paragraph(misfit),
+        *(paragraph(truncate(text, 400)) for text in found),
         _misfit_table(checks) if len(checks) else None,
         *titled(
             _law_table(run),
@@ -251,8 +255,8 @@ def _evidence(run: Run, figure: Draw) -> list[Block | None]:
             "with others would be much narrower if these were known.",
             heading="Information of the data on each parameter",
         ),
-        Heading("Joint posterior"),
-        Sentence(
+        subheading("Joint posterior"),
+        paragraph(
             prose(
                 "`biaxbayes app` shows these draws to brush, with their curves and other priors."
             ),
@@ -265,7 +269,7 @@ def _evidence(run: Run, figure: Draw) -> list[Block | None]:
             "The posterior: every parameter (diagonal) and every pair. A narrow ridge is a "
             "combination that the data determine although its parts stay open.",
         ),
-        Sentence(f"{capital(same)}.") if same else None,
+        paragraph(f"{capital(same)}.") if same else None,
         *titled(
             _determined_table(
                 determined,
@@ -292,19 +296,19 @@ def _convergence(run: Run, trace: Picture | None) -> list[Block]:
         text += f", {100 * sampler['acceptance']:.0f} % accepted"
     alt = "Traces of every quantity, one line per ensemble; R-hat is in the table above."
     caption = "The chains over the steps, ensemble by ensemble."
-    figures = [Figure(trace, alt, caption, "trace")] if trace else []
-    return [Sentence(f"{text}."), _convergence_table(run), *figures]
+    figures = [captioned(trace, alt, caption, "trace")] if trace else []
+    return [paragraph(f"{text}."), _convergence_table(run), *figures]
 
 
 def _paragraphs(run: Run) -> list[Block]:
-    blocks: list[Block] = [Heading("Methods paragraph"), Sentence(methods(run), "paste")]
+    blocks: list[Block] = [subheading("Methods paragraph"), paragraph(methods(run), "paste")]
     if results := results_paragraph(run):
-        blocks += [Heading("Results paragraph"), Sentence(results, "paste")]
+        blocks += [subheading("Results paragraph"), paragraph(results, "paste")]
     version = truncate(run.provenance["biaxbayes"], 30)
     cited = [(SOFTWARE.format(version), ""), METHOD, (f"{run.law.source}.", run.law.doi), SAMPLER]
     link = Markup(' <a href="https://doi.org/{0}" rel="noreferrer">doi:{0}</a>')
     items = [Markup("{}").format(text) + (link.format(doi) if doi else "") for text, doi in cited]
-    return [*blocks, Heading("How to cite"), Items(items)]
+    return [*blocks, subheading("How to cite"), bullets(items)]
 
 
 # --- lists of facts: specimen, settings, versions ------------------------------------------------

@@ -33,15 +33,15 @@ from biaxbayes.report_table import (
 from biaxbayes.reports.answers import CHANCE, answers
 from biaxbayes.reports.page import (
     Block,
-    Figure,
-    Heading,
-    Items,
-    Notice,
     Page,
     Section,
-    Sentence,
+    bullets,
+    captioned,
+    notice,
+    paragraph,
     prose,
     remarks,
+    subheading,
 )
 from biaxbayes.reports.templates import pictures
 from biaxbayes.reports.text import VERDICT_TERMS, derived_text, plural
@@ -216,17 +216,17 @@ def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> st
     )
     groups: list[Block] = []
     for counts, table in group_tables(result.groups, "all" if result.own_columns else "layer"):
-        groups += [Heading(table.label), Sentence(Markup.escape(counts), "soft")]
-        groups.append(table if table else Sentence("No specimen has converged.", "soft"))
+        groups += [subheading(table.label), paragraph(Markup.escape(counts), "soft")]
+        groups.append(table if table else paragraph("No specimen has converged.", "soft"))
     written = "".join(f"{name}: {content}. " for name, content in files)
     runs = "runs: a run folder of every specimen with its own report."
     total = sum(result.states.values())
     terms = (*TERMS, "includes 0, includes 1") if len(result.group_contrasts) else TERMS
     sections = [
         Section("glance", "At a glance", _glance(result)),
-        Section("specimens", "Specimens", [Sentence(specimens), specimens_table(result)]),
-        Section("groups", "Groups", groups and [Sentence(about), *groups]),
-        Section("files", "Files", [Sentence(written + runs)]),
+        Section("specimens", "Specimens", [paragraph(specimens), specimens_table(result)]),
+        Section("groups", "Groups", groups and [paragraph(about), *groups]),
+        Section("files", "Files", [paragraph(written + runs)]),
     ]
     about_study = f"{plural(total, 'specimen')}: what their tests say of the parameters of a "
     about_study += "material law and of the mounting stretches"
@@ -239,7 +239,7 @@ def _glance(result: StudyResult) -> list[Block | None]:
     others = ", ".join(f"{n} {state}" for state, n in states.items() if state != "converged")
     text = f"{others}: no verdict on their parameters, and no part in the summaries."
     blocks: list[Block | None] = [
-        Notice(
+        notice(
             "converged" if converged == total else "tentative" if converged else "unusable",
             f"{converged} of {total} specimens have converged.",
             [f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.failures.items()],
@@ -249,7 +249,11 @@ def _glance(result: StudyResult) -> list[Block | None]:
     differences = group_differences(result.group_contrasts)
     too_few = "There are fewer than two converged specimens of a group: nothing to compare."
     for answered, table in differences:
-        blocks += [Heading(table.label), Items(answered), table if table else Sentence(too_few)]
+        blocks += [
+            subheading(table.label),
+            bullets(answered),
+            table if table else paragraph(too_few),
+        ]
     if differences:
         about = prose(
             "From the draws of every converged specimen, each donor once (n): one that knows "
@@ -257,7 +261,7 @@ def _glance(result: StudyResult) -> list[Block | None]:
             f"[Includes 0 or 1]: no difference is shown. {CHANCE} For specimens pooled in one "
             "model: `biaxbayes population` on this folder."
         )
-        blocks.append(Sentence(about, "soft"))
+        blocks.append(paragraph(about, "soft"))
     missed = [f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()]
     blocks.append(remarks("The law misses these specimens.", missed))
     blocks.append(remarks("Before comparing.", [truncate(n, 400) for n in result.notes]))
@@ -269,7 +273,7 @@ def _glance(result: StudyResult) -> list[Block | None]:
             "are often known although parameters are correlated."
         )
         alt += "group; the numbers are in the table below."
-        blocks.append(Figure(picture, alt, caption, "all specimens"))
+        blocks.append(captioned(picture, alt, caption, "all specimens"))
     return blocks
 
 
