@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import binom, binomtest, kstest, norm
 
-from biaxbayes.calibration.calibration import Calibration, replicate
+from biaxbayes.calibration.calibration import REPLICATION, Calibration, replicate
 from biaxbayes.calibration.ranks import (
     band_level,
     calibration_table,
@@ -63,9 +63,9 @@ def study(
 ) -> Calibration:
     specimen = specimen or media(21)
     given = {**OPTIONS, **options}
-    amount = {"seed": 3, "ess": 200, "max_steps": 384, "population": 1024}
+    plan = replace(REPLICATION, seed=3, ess=200, max_steps=384, population=1024)
     priors = protocol_prior(specimen, Settings(**given))
-    return kind(specimen, given, priors, **amount)
+    return kind(specimen, given, priors, plan)
 
 
 def test_two_thresholds_are_a_multinomial():
@@ -341,11 +341,10 @@ def alone(whole):
 
 @pytest.mark.long
 def test_a_replication_is_determined_by_study_and_index(alone):
-    a = replicate(study(), 1)
-    assert a.rank == alone[1]["rank"]
-    assert {name: a.truth[name] for name in a.rank} == alone[1]["truth"]
-    assert {"C1", "kappa", "mounting_stretch_y", "noise_sd", "log_likelihood"} <= set(a.rank)
-    assert all(0 <= r <= 127 for r in a.rank.values())
+    a = pd.DataFrame(replicate(study(), 1)).set_index("parameter")
+    assert a[["truth", "rank"]].to_dict() == alone[1]
+    assert {"C1", "kappa", "mounting_stretch_y", "noise_sd", "log_likelihood"} <= set(a.index)
+    assert a["rank"].between(0, 127).all()
 
 
 @pytest.mark.long
@@ -367,7 +366,8 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
     for name in ("calibration.csv", "calibration.pdf", "calibration.png", "priors.toml"):
         assert (folder / name).stat().st_size > 0
     with pytest.raises(RunError, match="another calibration"):
-        run_calibration(replace(study(), seed=9), tmp_path / "parts", 2, resume=True)
+        other = replace(study(), plan=replace(study().plan, seed=9))
+        run_calibration(other, tmp_path / "parts", 2, resume=True)
 
 
 def test_command_line(tmp_path, capsys):
@@ -429,7 +429,8 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
 @pytest.mark.slow
 @pytest.mark.parametrize("broken", ["", "noise"])
 def test_a_wrong_noise_sd_is_caught_and_the_right_one_is_not(broken, tmp_path):
-    the_study = replace(study(kind=BROKEN[broken]), max_steps=2000)
+    the_study = study(kind=BROKEN[broken])
+    the_study = replace(the_study, plan=replace(the_study.plan, max_steps=2000))
     outcome = run_calibration(the_study, tmp_path / "s", 200, Processes(2))
     assert outcome.calibrated == (broken == "")
 
@@ -458,6 +459,7 @@ def test_a_missing_determinant_is_caught_where_the_readings_are_loose(broken, tm
     # With little noise the determinant hardly moves the posterior, and nothing could notice.
     the_study = study(media(101), BROKEN[broken])
     loose = {**the_study.priors, "noise_sd": Prior("lognormal", 0.3, 0.3)}
-    the_study = replace(the_study, priors=loose, max_steps=2000)
+    plan = replace(the_study.plan, max_steps=2000)
+    the_study = replace(the_study, priors=loose, plan=plan)
     outcome = run_calibration(the_study, tmp_path / "s", 200, Processes(2))
     assert outcome.calibrated == (broken == "")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -45,13 +45,8 @@ MANY_PARAMETERS = 8
 """Number of parameters of a law from which replications use the ensembles of ``sample``. With the
 smaller ones, 88 of 200 replications of ``four-fibre`` did not converge, and the ranks of its fibres
 were not uniform."""
-SETTINGS_OF_SAMPLE: dict[str, Any] = {
-    "max_steps": 4_000,
-    "ensembles": Plan.ensembles,
-    "walkers": Plan.walkers,
-    "population": Plan.population,
-    "first_block": Plan.first_block,
-}
+REPLICATION = Plan(max_steps=2_000, ensembles=2, walkers=32, population=2048, first_block=64)
+"""Sampling of a replication; each is one of many."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +56,7 @@ class Calibration:
     specimen: Specimen  # protocols, dimensions, load noise, and the loads a misfit is relative to
     options: Mapping[str, Any]  # of the posterior, without priors
     priors: Mapping[str, Prior | float | Tie]  # of every parameter, drawn from and sampled with
-    seed: int = CalibrationPlan.seed
-    ess: float = CalibrationPlan.ess  # required of the worst quantity
-    max_steps: int = 2_000
-    ensembles: int = 2
-    walkers: int = 32
-    population: int = 2048
-    first_block: int = 64
+    plan: Plan  # its seed is that of the calibration
 
     @property
     def quantities(self) -> Quantities:
@@ -136,81 +125,65 @@ def planned_calibration(
     else:
         priors = {**protocol_prior(specimen, settings), **given}
     many = len(settings.material_law.parameters) >= MANY_PARAMETERS
-    of_plan: dict[str, Any] = {"seed": plan.seed, "ess": plan.ess}
-    return Calibration(specimen, model, priors, **of_plan | (SETTINGS_OF_SAMPLE if many else {}))
+    sampling = Plan(max_steps=4_000) if many else REPLICATION
+    return Calibration(specimen, model, priors, replace(sampling, seed=plan.seed, ess=plan.ess))
 
 
-@dataclass(frozen=True)
-class Replication:
-    """One simulated specimen, sampled and ranked."""
+def replicate(calibration: Calibration, index: int) -> list[dict[str, Any]]:
+    """Draw true values, simulate, sample and rank: a row of ``ranks.csv`` for each quantity.
 
-    index: int
-    state: str  # of the draws, or failed
-    reason: str
-    truth: dict[str, float]  # by the names of summary.csv, with log_likelihood
-    rank: dict[str, int] = field(default_factory=dict)  # of the true value among RANKED_DRAWS draws
-    # fraction of all draws below the true value
-    below: dict[str, float] = field(default_factory=dict)
-    median: dict[str, float] = field(default_factory=dict)
-    sd: dict[str, float] = field(default_factory=dict)
-    rejected: int = 0  # draws from the prior without a stable mounted state
-    worst_ess: float = float("nan")
-    worst_rhat: float = float("nan")
-    seconds: float = 0.0
-
-
-def replicate(calibration: Calibration, index: int) -> Replication:
-    """Draw true values, simulate, sample and rank; calibration and index determine the result."""
+    Calibration and index determine all but the seconds. Where nothing could be sampled the rows
+    have true values alone.
+    """
     clock = time.perf_counter()
-    model = calibration.model()
-    rng = np.random.default_rng([calibration.seed, index])
+    model, known = calibration.model(), calibration.quantities
+    rng = np.random.default_rng([calibration.plan.seed, index])
     truth, rejected = draw_truth(model, rng)
     simulated = calibration.simulated(model, truth, rng)
     seed = int(rng.integers(2**62))
+    common: dict[str, Any] = {"replication": index, "rejected_draws": rejected}
     try:
         posterior = calibration.posterior(simulated, seed)
-        draws = draw_posterior(
-            posterior,
-            Plan(
-                ess=calibration.ess,
-                max_steps=calibration.max_steps,
-                ensembles=calibration.ensembles,
-                walkers=calibration.walkers,
-                population=calibration.population,
-                first_block=calibration.first_block,
-                seed=seed,
-            ),
-        )
+        draws = draw_posterior(posterior, replace(calibration.plan, seed=seed))
     except (NotConverged, InputError, np.linalg.LinAlgError) as error:
-        seconds = time.perf_counter() - clock
-        return Replication(index, "failed", str(error), truth, rejected=rejected, seconds=seconds)
-    at_truth = posterior.natural(posterior.coordinates(truth))
-    truth = truth | {"log_likelihood": float(at_truth["log_likelihood"][0])}
-    rank, below, median, sd = {}, {}, {}, {}
-    total = int(np.prod(draws.chain.shape[:3]))
+        common |= {"state": "failed", "reason": str(error)}
+        ranked: list[dict[str, Any]] = [{"parameter": k, "truth": v} for k, v in truth.items()]
+    else:
+        convergence = draws.convergence
+        common |= {"state": convergence.state, "reason": convergence.reason}
+        common |= {"worst_ess": convergence.worst_ess, "worst_rhat": convergence.worst_rhat}
+        at_truth = posterior.natural(posterior.coordinates(truth))
+        truth["log_likelihood"] = float(at_truth["log_likelihood"][0])
+        ranked = _ranked(draws.quantities, truth, rng)
+    common["seconds"] = round(time.perf_counter() - clock, 3)
+    for row in ranked:
+        name = row["parameter"]
+        row["unit"] = known[name].unit.replace("1", "-") if name in known else "-"
+    return [common | row for row in ranked]
+
+
+def _ranked(
+    quantities: Mapping[str, np.ndarray], truth: Mapping[str, float], rng: np.random.Generator
+) -> list[dict[str, Any]]:
+    """The rank of each true value among some draws, and the share of all draws below it."""
+    total = next(iter(quantities.values())).size
     chosen = rng.choice(total, size=min(RANKED_DRAWS, total), replace=False)
-    for name, values in draws.quantities.items():
+    rows = []
+    for name, values in quantities.items():
         flat = values.ravel()
         if name == "lp" or not np.ptp(flat) > 1e-12 * max(abs(float(flat[0])), 1e-300):
             continue  # constants have no rank; lp differs from the likelihood by the prior only
-        rank[name] = int(np.count_nonzero(flat[chosen] < truth[name]))
-        below[name] = float(np.mean(flat < truth[name]))
-        median[name], sd[name] = float(np.median(flat)), float(flat.std())
-    convergence = draws.convergence
-    return Replication(
-        index,
-        convergence.state,
-        convergence.reason,
-        {name: truth[name] for name in rank},
-        rank,
-        below,
-        median,
-        sd,
-        rejected,
-        convergence.worst_ess,
-        convergence.worst_rhat,
-        time.perf_counter() - clock,
-    )
+        rows.append(
+            {
+                "parameter": name,
+                "truth": truth[name],
+                "rank": int(np.count_nonzero(flat[chosen] < truth[name])),
+                "below": float(np.mean(flat < truth[name])),
+                "median": float(np.median(flat)),
+                "sd": float(flat.std()),
+            }
+        )
+    return rows
 
 
 # --- many replications, on any executor -----------------------------------------------------
@@ -222,14 +195,14 @@ def run_replications(
     *,
     executor: Executor | None = None,
     stop: Stop = no_stop,
-) -> Iterator[Replication]:
-    """Yield replications as they finish; RunError if workers keep dying."""
+) -> Iterator[tuple[int, list[dict[str, Any]]]]:
+    """Yield index and rows of replications as they finish; RunError if workers keep dying."""
     left, work = list(indices), partial(replicate, calibration)
     chosen = executor or InThisProcess()
     if not isinstance(chosen, InThisProcess) and left:
         # The first runs here and fills the cache of compiled code for the workers.
         for outcome in InThisProcess().run(work, left[:1], stop=stop):
-            yield outcome.value
+            yield left[0], outcome.value
             left = left[1:]
     for outcome in chosen.run(work, left, stop=stop):
         if outcome.failure:
@@ -237,4 +210,4 @@ def run_replications(
                 f"replication {left[outcome.index]}: {outcome.failure}; `resume=True` continues, "
                 "with fewer `workers`"
             )
-        yield outcome.value
+        yield left[outcome.index], outcome.value

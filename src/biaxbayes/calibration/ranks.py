@@ -23,9 +23,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom, binomtest
 
-from biaxbayes.calibration.calibration import Replication
 from biaxbayes.errors import RunError
-from biaxbayes.parameters import Quantities
 from biaxbayes.text_files import read_csv
 
 # --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
@@ -162,30 +160,6 @@ RANK_COLUMNS = (
     "seconds",
 )
 TEXT_COLUMNS = ("parameter", "unit", "state", "reason")
-
-
-def rank_rows(replication: Replication, known: Quantities) -> list[dict[str, Any]]:
-    """Rows of ``ranks.csv`` of one replication."""
-    r = replication
-    return [
-        {
-            "replication": r.index,
-            "parameter": name,
-            "unit": known[name].unit.replace("1", "-") if name in known else "-",
-            "truth": r.truth[name],
-            "rank": r.rank.get(name, math.nan),
-            "below": r.below.get(name, math.nan),
-            "median": r.median.get(name, math.nan),
-            "sd": r.sd.get(name, math.nan),
-            "state": r.state,
-            "reason": r.reason,
-            "worst_ess": r.worst_ess,
-            "worst_rhat": r.worst_rhat,
-            "rejected_draws": r.rejected,
-            "seconds": round(r.seconds, 3),
-        }
-        for name in (r.rank or r.truth)
-    ]
 
 
 def read_ranks(path: Path) -> pd.DataFrame:

@@ -23,7 +23,6 @@ from biaxbayes.calibration.calibration import (
 from biaxbayes.calibration.ranks import (
     MIN_REPLICATIONS,
     calibration_table,
-    rank_rows,
     rank_table,
     read_ranks,
     uniformity,
@@ -93,8 +92,8 @@ def run_calibration(
             progress(Progress("compiling (once; cached for later runs)"))
         saved, done = time.monotonic(), replications - len(missing)
         executor = executor or InThisProcess()
-        for replication in run_replications(calibration, missing, executor=executor, stop=stop):
-            rows[replication.index] = rank_rows(replication, calibration.quantities)
+        for i, made in run_replications(calibration, missing, executor=executor, stop=stop):
+            rows[i] = made
             done += 1
             progress(Progress(f"replication {done} of {replications}", done / replications))
             if time.monotonic() - saved > SAVE_SECONDS:
@@ -122,7 +121,7 @@ def _stored_rows(
     calibration: Calibration, folder: Path, *, resume: bool
 ) -> dict[int, list[dict[str, Any]]]:
     """Rows of the replications already done, by replication; records the calibration."""
-    others = {k: v for k, v in vars(calibration).items() if isinstance(v, int | float)}
+    others = {k: v for k, v in vars(calibration.plan).items() if k != "workers"}
     identity = {
         "specimen": calibration.specimen.name,
         "specimen_sha256": specimen_digest(calibration.specimen),
