@@ -25,15 +25,13 @@ from biaxbayes.calibration.simulated_specimen import (
 )
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.fitting.fit_result import FitResult
-from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.model.draw import draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import Prior, Tie, default_priors
-from biaxbayes.options import INFERRING_MODES, CalibrationPlan, ModelOptions
+from biaxbayes.options import CalibrationPlan, ModelOptions, Settings
 from biaxbayes.parallel import InThisProcess
-from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor, Stop, no_stop
@@ -59,23 +57,9 @@ class Calibration:
     plan: Plan  # its seed is that of the calibration
 
     @property
-    def quantities(self) -> Quantities:
-        """Symbol, unit and range by name."""
-        shared = self.options.get("mounting_stretch") != "per-protocol"
-        return self.specimen.quantities(self.law.parameters, shared=shared)
-
-    @property
     def law(self) -> Law:
         """The law that is calibrated."""
-        name = self.options.get("law", ModelOptions.law)
-        return law_named(name, fibre_switch=self.options.get("fibre_switch", False))
-
-    def __post_init__(self) -> None:
-        if self.options.get("mounting", ModelOptions.mounting) not in INFERRING_MODES:
-            raise InputError(
-                "a calibration needs an inferred mounting stretch",
-                remedy="use `mounting` noisy, exact or free",
-            )
+        return Settings(**self.options).material_law
 
     def simulated(
         self, model: Posterior, truth: Mapping[str, float], rng: np.random.Generator
@@ -136,7 +120,7 @@ def replicate(calibration: Calibration, index: int) -> list[dict[str, Any]]:
     have true values alone.
     """
     clock = time.perf_counter()
-    model, known = calibration.model(), calibration.quantities
+    model = calibration.model()
     rng = np.random.default_rng([calibration.plan.seed, index])
     truth, rejected = draw_truth(model, rng)
     simulated = calibration.simulated(model, truth, rng)
@@ -157,8 +141,8 @@ def replicate(calibration: Calibration, index: int) -> list[dict[str, Any]]:
         ranked = _ranked(draws.quantities, truth, rng)
     common["seconds"] = round(time.perf_counter() - clock, 3)
     for row in ranked:
-        name = row["parameter"]
-        row["unit"] = known[name].unit.replace("1", "-") if name in known else "-"
+        known = model.quantities.get(row["parameter"])
+        row["unit"] = "-" if known is None else known.unit.replace("1", "-")
     return [common | row for row in ranked]
 
 

@@ -21,8 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -87,11 +86,14 @@ class Expected:
         Information, in nats.
     reduction : ndarray
         Of the sd of each quantity, relative.
+    peak : PeakLoad or None
+        Of a candidate that loads the specimen.
     """
 
     name: str
     gain: float
     reduction: np.ndarray
+    peak: PeakLoad | None = None
 
 
 @dataclass(frozen=True)
@@ -102,25 +104,19 @@ class Design:
     ----------
     skipped : tuple of str
         Candidates whose loads overflow for some draws.
-    candidates : tuple
-        In the order of ``expected``.
     known : Quantities
         Symbol, unit and range of the parameters.
-    peaks : tuple of (PeakLoad or None)
-        Of the candidates that load the specimen, in the order of ``expected``.
     """
 
     quantities: tuple[str, ...]
     expected: tuple[Expected, ...]
     skipped: tuple[str, ...]
-    candidates: tuple[Any, ...]
     known: Quantities
-    peaks: tuple[PeakLoad | None, ...]
 
     def cautions(self) -> dict[str, str]:
         """Cautions by the name of candidates that load the specimen beyond the tested range."""
-        pairs = zip(self.expected, self.peaks, strict=True)
-        return {e.name: p.caution for e, p in pairs if p is not None and p.caution}
+        loading = {e.name: e.peak.caution for e in self.expected if e.peak is not None}
+        return {name: caution for name, caution in loading.items() if caution}
 
     @property
     def conclusion(self) -> str:
@@ -144,12 +140,8 @@ class Design:
     def to_frame(self) -> pd.DataFrame:
         """One row per candidate and quantity."""
         rows = []
-        for rank, (e, p) in enumerate(zip(self.expected, self.peaks, strict=True), start=1):
-            head = {
-                "rank": rank,
-                "candidate": e.name,
-                "information_gain_nats": e.gain,
-            }
+        for rank, e in enumerate(self.expected, start=1):
+            head, p = {"rank": rank, "candidate": e.name, "information_gain_nats": e.gain}, e.peak
             for i, name in enumerate(self.quantities):
                 rows.append(
                     head
@@ -268,38 +260,30 @@ def design(
             f"`rank_by` {rank_by[:60]!r} is not a quantity of this run",
             remedy=f"one of parameters, information, {', '.join(quantities)}",
         )
-    pairs = []
+    specimen, found, skipped = posterior.specimen, [], []
     for done, candidate in enumerate(chosen):
         if stop():
             text = f"interrupted after {done} of {len(chosen)} candidates; nothing was written"
             raise Interrupted(text, stop())
         progress(Progress("ranking further measurements", done / len(chosen)))
-        pairs.append((expect(candidate, draws, quantities), candidate))
+        expected = expect(candidate, draws, quantities)
+        if expected is None:
+            skipped.append(candidate.name)
+        elif isinstance(candidate, FurtherProtocol) and candidate.loads_as_tested:
+            loads = candidate.peak_load(draws)
+            peak = PeakLoad(*loads, specimen.peak_load, specimen.unit)
+            found.append(replace(expected, peak=peak))
+        else:
+            found.append(expected)
     names = tuple(quantities)
     wanted = [n in posterior.law.names if rank_by == "parameters" else n == rank_by for n in names]
 
-    def rank(pair: tuple[Expected, Any]) -> float:
-        expected = pair[0]
+    def rank(expected: Expected) -> float:
         # with all material parameters fixed, rank by information
         return -float(expected.reduction[wanted].mean() if any(wanted) else expected.gain)
 
-    ranked = sorted([(e, c) for e, c in pairs if e is not None], key=rank)
-    if not ranked:
+    if not found:
         raise InputError(
             "the loads of every candidate overflow", remedy="state a smaller `further`"
         )
-    specimen = posterior.specimen
-    peaks = [
-        PeakLoad(*c.peak_load(draws), specimen.peak_load, specimen.unit)
-        if isinstance(c, FurtherProtocol) and c.loads_as_tested
-        else None
-        for _, c in ranked
-    ]
-    return Design(
-        names,
-        tuple(e for e, _ in ranked),
-        tuple(c.name for e, c in pairs if e is None),
-        tuple(c for _, c in ranked),
-        posterior.quantities,
-        tuple(peaks),
-    )
+    return Design(names, tuple(sorted(found, key=rank)), tuple(skipped), posterior.quantities)
