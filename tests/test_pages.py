@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+import biaxbayes
 import browser
 from biaxbayes.comparison.compare import ComparedRun, compare
 from biaxbayes.comparison.law_weights import weigh_laws
@@ -13,9 +14,7 @@ from biaxbayes.figures.comparisons import law_misfit_figure, law_mounting_figure
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.reports.comparison import write_comparison
 from biaxbayes.reports.laws import laws_page
-from biaxbayes.reports.run_page import write_report
 from biaxbayes.reports.study_page import write_study
-from biaxbayes.runs.run import open_run
 from biaxbayes.studies.study_result import StudyResult
 from made_up import SOFT, STIFF, predicted, table
 from quick_posteriors import sampled, specimen
@@ -62,7 +61,7 @@ def write_weighed_laws(folder) -> None:
 
 def write_hostile_report(folder, run) -> None:
     shutil.copytree(run.path, folder, dirs_exist_ok=True)
-    write_report(folder, open_run(folder))
+    biaxbayes.report(folder)
 
 
 MADE_UP = {

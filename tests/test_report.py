@@ -13,7 +13,6 @@ import quick_posteriors as quick
 import reported
 from biaxbayes.reports import run_page as report
 from biaxbayes.reports.methods import closing_message
-from biaxbayes.reports.run_page import write_report
 from biaxbayes.runs.run import open_run
 from commands import exit_code
 
@@ -59,7 +58,7 @@ def outline(text: str) -> Outline:
 @pytest.fixture(scope="module")
 def html(hostile_run, tmp_path_factory):
     folder = shutil.copytree(hostile_run.path, tmp_path_factory.mktemp("report") / "hostile")
-    return write_report(folder, open_run(folder)).read_text(encoding="utf-8")
+    return biaxbayes.report(folder).read_text(encoding="utf-8")
 
 
 def altered(run, tmp_path: Path, change) -> Path:
@@ -175,5 +174,5 @@ def test_hostile_names_are_text(html):
 
 
 def test_report_is_the_same_twice(hostile_run, html, copied):
-    assert write_report(copied(hostile_run.path)).read_text(encoding="utf-8") == html
+    assert biaxbayes.report(copied(hostile_run.path)).read_text(encoding="utf-8") == html
     assert open_run(hostile_run.path).state == "converged"

@@ -44,7 +44,7 @@ def quick():
     """
     with without_figures(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(sampling, "Plan", partial(Plan, walkers=32, first_block=16))
-        patch.setattr("biaxbayes.reports.run_page.write_report", lambda *a: None)
+        patch.setattr("biaxbayes.reports.run_page.report_page", lambda run: "")
         yield
 
 

@@ -200,12 +200,11 @@ def save_figure(figure: Figure, path: Path | str) -> None:
     atomic_write_bytes(path, figure_bytes(figure, picture_suffix(path)))
 
 
-def save_pictures(figure: Figure | None, folder: Path, stem: str) -> list[Path]:
+def save_pictures(figure: Figure | None, folder: Path, stem: str) -> None:
     """Write a figure for print and for the screen; None removes existing pictures."""
-    paths = [folder / f"{stem}.{suffix}" for suffix in PRINT_AND_SCREEN]
-    for path in paths:
+    for suffix in PRINT_AND_SCREEN:
+        path = folder / f"{stem}.{suffix}"
         if figure is None:
             path.unlink(missing_ok=True)
         else:
             save_figure(figure, path)
-    return [] if figure is None else paths

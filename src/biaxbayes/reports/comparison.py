@@ -45,11 +45,11 @@ LARGEST = 4
 """Differences of a pair of runs that the terminal shows."""
 
 
-def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
-    """Write tables, figures (an overlay of at most six runs) and the page; return the paths."""
-    written = [make_folder(folder) / f"compare-{name}.csv" for name in ("report", "distances")]
-    for path, table in zip(written, (comparison.matrix(), comparison.distances), strict=True):
-        write_csv(path, table, digits=6)
+def write_comparison(comparison: Comparison, folder: Path) -> None:
+    """Write tables, figures (an overlay of at most six runs) and the page."""
+    make_folder(folder)
+    write_csv(folder / "compare-report.csv", comparison.matrix(), digits=6)
+    write_csv(folder / "compare-distances.csv", comparison.distances, digits=6)
     figures = {"matrix": matrix_figure(comparison), "forest": forest_figure(comparison)}
     if len(comparison.members) <= MOST_OVERLAID:
         figures["overlay"] = overlay_figure(
@@ -58,10 +58,8 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
             known=comparison.members[0].posterior.quantities,
         )
     for stem, figure in figures.items():
-        written += save_pictures(figure, folder, f"compare-{stem}")
-    page = folder / PAGE
-    atomic_write_text(page, comparison_page(comparison, figures))
-    return [*written, page]
+        save_pictures(figure, folder, f"compare-{stem}")
+    atomic_write_text(folder / PAGE, comparison_page(comparison, figures))
 
 
 def distance_tables(distances: pd.DataFrame) -> list[Table]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -14,7 +13,6 @@ from markupsafe import Markup
 from biaxbayes.derived.determined import AT_MEASURED_STRETCH
 from biaxbayes.errors import load_text
 from biaxbayes.identifiability.reported import report_table
-from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.nearest_law import TO_READINGS
 from biaxbayes.prediction.predictive_checks import checks_in_words
@@ -36,12 +34,10 @@ from biaxbayes.reports.page import (
 )
 from biaxbayes.reports.templates import Picture, pictures
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, GLOSSARY, capital, tests_in_words
-from biaxbayes.runs.run import Run, open_run
+from biaxbayes.runs.run import Run
 from biaxbayes.specimens.check import alignment_note
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text
 
-PAGE = REPORTS["html"]
 RUN_FIGURES = ("stress-bands", "corner", "identifiability", "trace", "grips")
 REPORT_CAPTION = "Posterior medians with 90 % intervals, or 95 % bounds"
 MOST_PIECES = 12
@@ -60,15 +56,6 @@ SOFTWARE = (
     "The biaxbayes developers. biaxbayes: Bayesian material parameters and mounting stretches "
     "from planar biaxial tests, version {}."
 )
-
-
-def write_report(folder: Path | str, run: Run | None = None) -> Path:
-    """Write the report of a finished run, which may be open already, into its folder; its path."""
-    folder = Path(folder)
-    page = report_page(run or open_run(folder))
-    path = folder / PAGE
-    atomic_write_text(path, page)
-    return path
 
 
 def report_page(run: Run) -> str:

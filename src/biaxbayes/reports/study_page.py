@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
@@ -289,30 +288,24 @@ FILES = {
 """File and content of each table of a result."""
 
 
-def write_study(result: StudyResult) -> list[Path]:
+def write_study(result: StudyResult) -> None:
     """Write the files of a study into its folder; ``study.parquet`` if pyarrow is installed."""
-    folder = result.folder
-    written, files = [], []
+    folder, files = result.folder, []
     for name, (file, content) in FILES.items():
         path, table = folder / file, getattr(result, name)
         if table.empty and name != "table":
             path.unlink(missing_ok=True)
             continue
         write_csv(path, table, digits=8)
-        written.append(path)
         files.append((file, content))
     if find_spec("pyarrow"):
         buffer = io.BytesIO()
         result.table.convert_dtypes().to_parquet(buffer, engine="pyarrow", index=False)
-        path = folder / f"{TABLE}.parquet"
-        atomic_write_bytes(path, buffer.getvalue())
-        written.append(path)
+        atomic_write_bytes(folder / f"{TABLE}.parquet", buffer.getvalue())
     has_numbers = bool(np.isfinite(result.table["q50"].astype(float)).any())
     figure = study_figure(result.table, result.group_of) if has_numbers else None
-    written += save_pictures(figure, folder, FIGURE)
-    page = folder / PAGE
-    atomic_write_text(page, study_page(result, files))
-    return [*written, page]
+    save_pictures(figure, folder, FIGURE)
+    atomic_write_text(folder / PAGE, study_page(result, files))
 
 
 def closing_message(result: StudyResult) -> str:

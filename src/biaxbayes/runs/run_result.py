@@ -294,8 +294,8 @@ def further_test(posterior: Posterior) -> str:
 # --- results.json, written and read --------------------------------------------------------------
 
 
-def write_result(result: RunResult, folder: Path) -> list[str]:
-    """Write ``results.json``, ``report.csv`` and the tables behind them; return the file names."""
+def write_result(result: RunResult, folder: Path) -> None:
+    """Write ``results.json``, ``report.csv`` and the tables behind them."""
     (folder / EVIDENCE).mkdir(exist_ok=True)
     text = json.dumps(as_record(result), indent=1, ensure_ascii=False, allow_nan=False)
     atomic_write_text(folder / RESULTS, text + "\n")
@@ -306,14 +306,11 @@ def write_result(result: RunResult, folder: Path) -> list[str]:
         if not getattr(result, name).empty:
             lines.append(f"{file}: {sentence}")
     atomic_write_text(folder / EVIDENCE / README, "\n".join(lines) + "\n")
-    names = [RESULTS, f"{EVIDENCE}/{README}"]
     for name, table in tables.items():
         if table.empty and name != REPORT:
             (folder / name).unlink(missing_ok=True)
-            continue
-        write_csv(folder / name, table, digits=TABLE_DIGITS)
-        names.append(name)
-    return names
+        else:
+            write_csv(folder / name, table, digits=TABLE_DIGITS)
 
 
 def as_record(result: RunResult) -> dict[str, Any]:

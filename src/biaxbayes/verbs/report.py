@@ -24,11 +24,7 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     out : path-like, optional
         Default report.html or report.tex in the run.
     """
-    from biaxbayes.reports.run_page import write_report
-
     opened = as_run(run)
-    if kind == "html" and out is None:
-        return write_report(opened.path, opened)
     text = report_text(opened, kind)
     path = opened.path / REPORTS[kind] if out is None else as_path(out, "out")
     if out is not None:

@@ -38,6 +38,7 @@ from biaxbayes.model.prior_checks import (
 from biaxbayes.options import (
     INDEPENDENT,
     INFERRING_MODES,
+    REPORTS,
     ModelOptions,
     SamplingPlan,
     takes_options,
@@ -239,7 +240,7 @@ class SampleJob:
         from biaxbayes.figures.mounting import grips_figure
         from biaxbayes.figures.style import save_pictures
         from biaxbayes.identifiability.identify import identify_run
-        from biaxbayes.reports.run_page import write_report
+        from biaxbayes.reports.run_page import report_page
         from biaxbayes.runs.run_result import run_result, write_result
 
         specimen, status = self.specimen, draws.convergence.state
@@ -280,7 +281,7 @@ class SampleJob:
         write_result(result, folder)
         write_figures(folder, posterior, draws, table, verdicts, result)
         record["seconds"]["total"] = round(time.perf_counter() - start, 3)
-        write_report(folder, run)
+        atomic_write_text(folder / REPORTS["html"], report_page(run))
         record["files"] = manifest(folder)
         atomic_write_text(folder / PROVENANCE, json_text(record))
 
