@@ -13,7 +13,7 @@ import pandas as pd
 from biaxbayes.identifiability.bounded_density import Span, span
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, PieceLabels, Quantities, Quantity
-from biaxbayes.text_files import one_line
+from biaxbayes.report_table import truncate
 
 MEAN = r"\bar{\lambda}"
 """Symbol of a mean over the mounted states."""
@@ -41,10 +41,7 @@ class AxisText(NamedTuple):
 
 def plain(text: object, length: int = 40) -> str:
     """Text from a file, safe to draw: one line, at most ``length`` long, no mathematics."""
-    line = one_line(str(text))
-    if len(line) > length:
-        line = line[: length - 1].rstrip() + "…"
-    return line.replace("$", r"\$")
+    return truncate(text, length).replace("$", r"\$")
 
 
 def known_or_default(known: Quantities | None, unit: str = "") -> Quantities:

@@ -11,12 +11,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from biaxbayes.calibration.ranks import count_band, rank_counts, uniformity_p_value
-from biaxbayes.figures.panels import draw_cells
+from biaxbayes.figures.panels import PANELS_PER_LINE, draw_cells
 from biaxbayes.figures.quantities import quantity
 from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, colour, print_style
 from biaxbayes.optimal_design.design import Design
-
-PANELS_PER_LINE = 4
 
 
 @print_style()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -34,15 +34,6 @@ SHARE_DRAWS = 500
 HISTOLOGY = {"alpha": "fibre angle", "kappa": "dispersion"}
 
 
-class Candidate(Protocol):
-    """Something that could be measured."""
-
-    name: str
-
-    def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Readings without errors (draws, readings); variance (readings,) of independent errors."""
-
-
 @dataclass(frozen=True)
 class Reading:
     """Direct readings of columns of the draws, with independent normal errors."""
@@ -52,7 +43,7 @@ class Reading:
     sd: float  # in the unit of the quantity (degrees for alpha)
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Candidate`."""
+        """Readings without errors (draws, readings); variance (readings,) of independent errors."""
         values = draws[list(self.quantities)].to_numpy(dtype=float)
         return values, np.full(values.shape[1], self.sd**2)
 
@@ -118,7 +109,7 @@ class FurtherProtocol:
         return readings if gain is None else readings + self.posterior.residuals(draws, 0) @ gain
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Candidate`; readings in units of L."""
+        """See :class:`Reading`; readings in units of L."""
         with np.errstate(over="ignore", invalid="ignore"):
             readings = self.expected(draws)
             root = self._errors[1]
@@ -245,6 +236,10 @@ def _misfit_weights(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
     return np.asarray(posterior.misfit.shares(residual).mean(axis=0))
 
 
+Candidate: TypeAlias = Reading | FurtherProtocol
+"""Something that could be measured."""
+
+
 def standard_candidates(
     posterior: Posterior,
     draws: pd.DataFrame,
@@ -254,7 +249,7 @@ def standard_candidates(
     alpha_sd_deg: float = DesignOptions.alpha_sd_deg,
     kappa_sd: float = DesignOptions.kappa_sd,
     image_sd: float = DesignOptions.image_sd,
-) -> list[Any]:
+) -> list[Candidate]:
     """Protocols (standard ratios, `ratios`, one `further` as far), pieces and direct readings."""
     specimen, settings = posterior.specimen, posterior.settings
     ends = [p.known_stretch[-1] - 1.0 for p in specimen.protocols]
@@ -266,7 +261,7 @@ def standard_candidates(
         path = 1.0 + np.linspace(0.0, 1.0, planned + 1)[:, None] * end
         return FurtherProtocol(name, posterior, path, rows / planned, weights)
 
-    out: list[Any] = []
+    out: list[Candidate] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):
         end = np.array([x, y]) / max(x, y) * top
         same = [np.allclose(end, e, atol=0.03 * np.max(top)) for e in ends]

@@ -21,11 +21,9 @@ from biaxbayes.model.priors import FAMILIES
 from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import MOUNTING_PARAMETERS, STRETCH, Parameter
 from biaxbayes.populations.hierarchy import Layout
+from biaxbayes.studies.groups import LINEAR, LOG, SPREAD_LOG, SPREAD_SHARE, SPREAD_STRETCH
 from biaxbayes.text_files import read_toml
 
-LOG, LINEAR = "log", "linear"
-SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
-"""Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""
 ETA = 2.0
 SPECIMENS_PER_VALUE = 4
 """Specimens (or donors) per pooled value, below which correlations are left out."""
@@ -85,11 +83,11 @@ class PooledValue:
         else:
             mean, sd = math.log(first) if family == "lognormal" else first, second
         if parameter.logarithmic:
-            scale = SD_LOG
+            scale = SPREAD_LOG
         elif math.isfinite(high - low):
-            scale = SD_SHARE * (high - low)
+            scale = SPREAD_SHARE * (high - low)
         else:
-            scale = SD_STRETCH if parameter.kind == STRETCH else 0.5 * sd
+            scale = SPREAD_STRETCH if parameter.kind == STRETCH else 0.5 * sd
         return cls(parameter, mean, sd, scale, scale)
 
 

@@ -16,7 +16,6 @@ from biaxbayes.evenly import evenly_chosen
 from biaxbayes.identifiability.verdict import NO_VERDICT
 from biaxbayes.mechanics.mounting import mounted_section
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
-from biaxbayes.populations.model import LINEAR, LOG
 from biaxbayes.populations.population_result import NATURAL_DRAWS, PRIOR_DRAWS, Hyper, Population
 from biaxbayes.populations.verdicts import (
     derived_verdict,
@@ -28,7 +27,7 @@ from biaxbayes.populations.verdicts import (
 )
 from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.prediction.percentiles import QUANTILES, quantile_columns
-from biaxbayes.studies.groups import LARGER, OPEN, SMALLER, group_contrasts
+from biaxbayes.studies.groups import LARGER, LINEAR, LOG, OPEN, SMALLER, group_contrasts
 from biaxbayes.studies.study_result import rows_of_run
 
 SDS = ("sd_donors", "sd_specimens", "sd_total")

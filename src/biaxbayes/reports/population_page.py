@@ -21,7 +21,6 @@ from biaxbayes.identifiability.verdict import (
     NOT_IDENTIFIED,
 )
 from biaxbayes.parameters import unit_words
-from biaxbayes.populations.model import LOG
 from biaxbayes.populations.population_result import PopulationResult
 from biaxbayes.report_table import (
     DASH,
@@ -51,7 +50,7 @@ from biaxbayes.reports.page import (
 from biaxbayes.reports.study_page import QUANTITY, UNIT, named
 from biaxbayes.reports.templates import pictures
 from biaxbayes.reports.text import VERDICT_TERMS, plural
-from biaxbayes.studies.groups import KNOWN_QUANTITIES, LARGER, OPEN, SMALLER
+from biaxbayes.studies.groups import KNOWN_QUANTITIES, LARGER, LOG, OPEN, SMALLER
 
 PAGE, LATEX = "population.html", "population.tex"
 TABLES = {

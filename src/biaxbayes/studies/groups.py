@@ -54,7 +54,7 @@ MOST_OF_PRIOR = 0.99
 LEAST_DONORS = 2
 """Donors of each group without which there is no spread to compare with."""
 LARGER, SMALLER, OPEN = "larger", "smaller", "open"
-LOG = "log"
+LOG, LINEAR = "log", "linear"
 KNOWN_QUANTITIES = Quantities(all_parameters())
 
 
@@ -124,7 +124,8 @@ def group_means(groups: Sequence[tuple[np.ndarray, np.ndarray]], scale: float) -
 
 
 SPREAD_LOG, SPREAD_SHARE, SPREAD_STRETCH = 0.5, 0.15, 0.02
-"""Scales of tau: of a log, as a share of the range of a bounded quantity, of a mounting stretch."""
+"""Scales of the half-normal priors of sds, such as tau: of a log, as a share of the range of a
+bounded quantity, of a mounting stretch."""
 
 
 def spread_scale(name: str, values: np.ndarray, *, log: bool) -> float:
@@ -206,7 +207,7 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
 def _summary(quantity: str, part: pd.DataFrame) -> dict[str, Any]:
     known, log = _on_scale(_converged(part))
     unit = next((v for v in part["unit"] if isinstance(v, str)), "")
-    out: dict[str, Any] = {"unit": unit, "converged": len(known), "scale": LOG if log else "linear"}
+    out: dict[str, Any] = {"unit": unit, "converged": len(known), "scale": LOG if log else LINEAR}
     if known.empty:
         return out
     y, s = known["value"].to_numpy(), known["sd"].to_numpy()
@@ -243,7 +244,7 @@ def group_contrasts(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
             scale = spread_scale(str(quantity), known["value"].to_numpy(), log=log)
             first, second = (_donors(known[known["group"] == g], scale) for g in (a, b))
             head = {"group_a": a, "group_b": b, "quantity": quantity}
-            head |= {"unit": part["unit"].iloc[0], "scale": LOG if log else "linear"}
+            head |= {"unit": part["unit"].iloc[0], "scale": LOG if log else LINEAR}
             limits = _range(str(quantity))
             rows.append(head | _contrast(first, second, scale, limits, log=log))
     return pd.DataFrame(rows, columns=list(GROUP_CONTRAST_COLUMNS))

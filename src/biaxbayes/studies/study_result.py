@@ -21,6 +21,8 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.prediction.percentiles import QUANTILES, quantiles
 from biaxbayes.runs.run import Run
 from biaxbayes.studies.groups import (
+    LINEAR,
+    LOG,
     PRIOR_COLUMNS,
     group_contrasts,
     group_names,
@@ -38,7 +40,6 @@ STUDY_COLUMNS = (
     *PRIOR_COLUMNS,
     *("readings", "misfit", "law_misses"),
 )
-LOG, LINEAR = "log", "linear"
 SUMMARY_NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
 """Columns from the summary of a run."""
 
