@@ -47,9 +47,8 @@ class ThinTube:
 
     Raises
     ------
-    ValueError
-        If a dimension is not positive, the wall is thicker than the mid radius, or
-        ``circumferential`` is not an axis.
+    InputError
+        If a dimension is not positive, or the wall is thicker than the mid radius.
     """
 
     mid_radius_mm: float
@@ -60,11 +59,9 @@ class ThinTube:
     def __post_init__(self) -> None:
         values = (self.mid_radius_mm, self.thickness_mm, self.axial_stretch)
         if not all(np.isfinite(v) and v > 0.0 for v in values):
-            raise ValueError("mid radius, wall thickness and axial stretch must be positive")
+            raise InputError("mid radius, wall thickness and axial stretch must be positive")
         if self.thickness_mm > self.mid_radius_mm:
-            raise ValueError("the wall is thicker than the mid radius: not a thin-walled tube")
-        if self.circumferential not in ("x", "y"):
-            raise ValueError("circumferential must be 'x' or 'y'")
+            raise InputError("the wall is thicker than the mid radius: not a thin-walled tube")
 
     @property
     def tube(self) -> Tube:

@@ -242,10 +242,7 @@ def inflate(
             remedy="give one of them",
         )
     opened = inputs.usable_run(run, anyway=anyway)
-    try:
-        tube = ThinTube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    tube = ThinTube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
     data = (opened.posterior(), opened.draws, tube)
     if circumferential_stretch is not None:
         states = inputs.as_numbers(circumferential_stretch, "circumferential_stretch")
