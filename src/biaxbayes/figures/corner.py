@@ -102,7 +102,8 @@ def corner_figure(
             ax.axhline(value, **line)
     contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
     title = f"posterior{f', {law}' if law else ''}\n"
-    bound = f" or {50 + 50 * CONTENT:g} % bound" if any(row.bound for run in reported for row in run) else ""
+    bounded = any(row.bound for of_run in reported for row in of_run)
+    bound = f" or {50 + 50 * CONTENT:g} % bound" if bounded else ""
     title += f"median ({100 * CONTENT:g} %{bound}); regions: {contents} %"
     if any(MEAN in c.quantity.symbol for c in columns):
         title += "\nbar: mean over protocols"

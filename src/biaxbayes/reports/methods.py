@@ -15,6 +15,7 @@ from biaxbayes.report_table import latex_text, truncate
 from biaxbayes.reports.templates import page_template
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, capital
 from biaxbayes.runs.run import Run
+from biaxbayes.runs.run_result import RunResult
 from biaxbayes.text_files import MADE_HERE
 
 
@@ -111,11 +112,16 @@ def closing_message(run: Run) -> str:
         lines.append(printable(truncate(grips["in_words"], 200)))
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
     lines += [printable(truncate(f["message"], 400)) for f in serious[:1]]
+    return "\n".join([*lines, *result_lines(result), f"report: {run.path}/report.html"])
+
+
+def result_lines(result: RunResult) -> list[str]:
+    """What is known, the parameters, and the sentences on them, as plain text."""
+    lines = []
     if known := result.known:
-        lines += ["", f"{known.label}: medians and 90 % intervals", *known.lines()]
+        lines = ["", f"{known.label}: medians and 90 % intervals", *known.lines()]
         lines += ["", "Parameters"]
     lines += result.table.lines(heads=False)
-    rest = [*result.pieces, result.fit, *result.warnings[:1], result.low_information]
-    rest += [result.better_law, result.advice]
-    lines += [capital(printable(text)) for text in rest if text]
-    return "\n".join([*lines, f"report: {run.path}/report.html"])
+    texts = [*result.pieces, result.fit, *result.warnings[:1], result.low_information]
+    texts += [result.better_law, result.advice]
+    return [*lines, *(capital(printable(text)) for text in texts if text)]

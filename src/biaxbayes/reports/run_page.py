@@ -204,7 +204,7 @@ def _test(run: Run, figure: Draw) -> list[Block]:
 
 def _evidence(run: Run, figure: Draw) -> list[Block | None]:
     result, noise, smooth = run.result, run.provenance["noise"], run.provenance["misfit"]
-    same = result.same_curves_in_words
+    known_best = [d["in_words"] for d in result.directions[:1]] + [result.same_curves_in_words]
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
     misfit = (
         f"The {noise['readings']} readings were taken as independent. If the law misses "
@@ -256,7 +256,7 @@ def _evidence(run: Run, figure: Draw) -> list[Block | None]:
             "The posterior: every parameter (diagonal) and every pair. A narrow ridge is a "
             "combination that the data determine although its parts stay open.",
         ),
-        paragraph(f"{capital(same)}.") if same else None,
+        *(paragraph(f"{capital(text)}.") for text in known_best if text),
         *titled(
             _determined_table(
                 determined,

@@ -59,19 +59,18 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
     Writes results.json, report.csv, the tables in evidence and identifiability.pdf into the run
     folder. Exit code 3 if the chains have not converged: nothing is reported then.
     """
+    from biaxbayes.reports.methods import result_lines
+    from biaxbayes.reports.text import capital
     from biaxbayes.runs.run_result import as_record
 
     result = identify(run, out=run, figure=not no_figure)
     if as_json:
         click.echo(json.dumps(as_record(result), indent=2, allow_nan=False, ensure_ascii=False))
     else:
-        for table, heads in ((result.known, True), (result.table, False)):
-            if table:
-                click.echo("\n".join(table.lines(heads=heads)) + "\n")
-        more = [result.fit, result.low_information, result.advice, *result.warnings]
+        lines, more = result_lines(result), list(result.warnings[1:])
         if result.directions:
             more += [result.directions[0]["in_words"], result.same_curves_in_words]
-        for text in filter(None, more):
-            click.echo(printable(text))
+        lines += [capital(printable(text)) for text in more if text]
+        click.echo("\n".join(lines).lstrip("\n"))
         click.echo(f"\nevidence in {run / 'evidence'}")
     return 0 if result.state == "converged" else NOT_CONVERGED
