@@ -70,7 +70,7 @@ class Tube(Experiment):
 
     name = "tube"
     meaning = "a pressurised tube, whose circumference is x and whose axis is y"
-    words = "inflation of a pressurised tube"
+    words = "the inflation of a tube"
     curves = ("pressure", "axial force")
     stretches = ("circumferential stretch", "axial stretch")
     columns: ClassVar[Mapping[str, Column]] = {
@@ -274,7 +274,7 @@ class Tube(Experiment):
 
     def size(self, header: Mapping[str, Any]) -> str:
         """Outer diameter and wall."""
-        return f"outer diameter {2.0 * self.outer_radius_mm:g} mm, {self.thickness_mm:g} mm thick"
+        return f"outer diameter {2.0 * self.outer_radius_mm:g} mm, wall {self.thickness_mm:g} mm"
 
     def methods(self, header: Mapping[str, Any], paths: str) -> str:
         """The tube, its residual stress and what was read."""
