@@ -1,9 +1,9 @@
 """Draw the first figure of the README: a square alone, and the same square with two strips.
 
-    python scripts/draw_readme.py [--out docs/figures] [--ess 1000]
+    python scripts/draw_readme.py [--out docs/figures]
 
-Samples ``data/pieces`` twice. Left, the 90 % interval of every parameter; right, the joint
-posterior of the three that an equibiaxial test confuses.
+Samples ``data/pieces`` twice, as ``docs/pieces.md`` does. Left, the 90 % interval of every
+parameter; right, the joint posterior of the three that an equibiaxial test confuses.
 """
 
 from __future__ import annotations
@@ -85,11 +85,10 @@ def main() -> None:
     """Sample, and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=DATA.parents[1] / "docs" / "figures")
-    parser.add_argument("--ess", type=int, default=1000)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         draws = [
-            biaxbayes.sample(pieces, out=Path(place, f"run-{len(pieces)}"), ess=options.ess).draws
+            biaxbayes.sample(pieces, out=Path(place, f"run-{len(pieces)}")).draws
             for pieces in (PIECES[:1], PIECES)
         ]
     with print_style():

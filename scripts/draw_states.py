@@ -183,13 +183,13 @@ def method_figure() -> Figure:
         )
         box(
             ax,
-            (2, 31, 117, 54),
+            (9, 31, 117, 54),
             "Posterior density at one set of values",
             "propose parameters $\\theta$ and mounting force $p_0$\n"
             "solve the balance $A_0 P(\\theta, \\lambda_\\mathrm{m}) = p_0$ "
             "for the mounting stretch $\\lambda_\\mathrm{m}$\n"
             "compute the forces at the total stretches $l\\,\\lambda_\\mathrm{m}$\n"
-            "compare them with the readings: smooth misfit of the law, and noise",
+            "compare them with the readings: misfit of the law, toe, friction, and noise",
         )
         box(
             ax,
@@ -220,11 +220,12 @@ def method_figure() -> Figure:
         arrow(ax, (56, 72), (63, 72))
         arrow(ax, (80, 63), (80, 54))
         arrow(ax, (29, 63), (29, 54))
+        arrow(ax, (5, 63), (5, 22))
         arrow(ax, (151, 63), (151, 58.5), (104, 58.5), (104, 54))
         arrow(ax, (117, 46), (124, 46))
         arrow(ax, (124, 38), (117, 38))
-        ax.text(120.5, 46.7, "value", ha="center", va="bottom", fontsize=7)
-        ax.text(120.5, 37.3, "step", ha="center", va="top", fontsize=7)
+        ax.text(120.5, 46.7, "value", ha="center", va="bottom", fontsize=5.5)
+        ax.text(120.5, 37.3, "step", ha="center", va="top", fontsize=5.5)
         arrow(ax, (151, 31), (151, 22))
         arrow(ax, (124, 12.5), (117, 12.5))
         return figure
