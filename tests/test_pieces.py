@@ -385,7 +385,7 @@ def test_a_piece_that_differs_is_named_with_its_factor(median, low, high, differ
     named = different if differs else alike
     assert len(named) == len(further) and not (alike and different)
     for piece, text in zip(further, named, strict=True):
-        assert text.startswith(f"{piece.name} is {median:.2f}") and first.name in text
+        assert text.startswith(f"piece {piece.name} is {median:.2f}") and first.name in text
         assert ("check its width" in text) == differs
 
 
