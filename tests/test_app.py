@@ -254,6 +254,7 @@ def test_answers_are_shown_at_their_columns_and_in_the_command(app):
     line = shlex.split(html.unescape(re.findall(r'<pre class="paste">(.*?)</pre>', page, re.S)[0]))
     after = line[line.index("--drop-missing") + 1]
     assert after.startswith("--") and "stretch_x=1 + {ux} / 20" in line
+    assert re.search(r'<svg class="drawing"[^>]*><title>edge_x_mm', page)
 
 
 def test_commands_can_be_pasted():

@@ -82,6 +82,12 @@ CASES = {
         [BOTH[:, 0], *load(BOTH, 30.0).T],
         {},
     ),
+    "a strain of no known kind": (
+        "time,eng exx,eng eyy,Fx (N),Fy (N)",
+        "stretch_x=eng exx,force_x_N=Fx (N),force_y_N=Fy (N)",
+        [T, *(BOTH - 1.0).T, *load(BOTH).T],
+        {},
+    ),
     "second Piola-Kirchhoff stresses": (
         "lambda_x,lambda_y,S11 (kPa),S22 (kPa)",
         "stretch_x=lambda_x,stretch_y=lambda_y,piola_x_kPa=S11 (kPa),piola_y_kPa=S22 (kPa)",
@@ -180,6 +186,17 @@ def test_no_proposal_fails_when_it_is_followed(case, tmp_path):
                     answered = with_answer(answered, answer)
             else:
                 pytest.fail(f"{proposal} leads to no end")
+
+
+def test_a_proposal_does_not_lead_to_its_own_question(tmp_path):
+    names, columns, readings, _ = CASES["a strain of no known kind"]
+    path, options = table(tmp_path, names, *readings), {"columns": [columns], **SIZE}
+    asked = run(path, options)
+    assert len(asked.questions) == 2  # of a column that is named, and of one that is likely
+    for question in asked.questions:
+        for proposal in (p for p in question.proposals if not p.blank):
+            then = run(path, with_answer(options, proposal))
+            assert question.text not in {q.text for q in getattr(then, "questions", ())}, proposal
 
 
 @pytest.mark.parametrize("cycles", ["last", "all", "2"])

@@ -17,7 +17,7 @@ from biaxbayes.app.figures import record_figure
 from biaxbayes.app.jobs import command_line
 from biaxbayes.app.server import Page
 from biaxbayes.errors import InputError
-from biaxbayes.experiments import EXPERIMENTS
+from biaxbayes.experiments import EXPERIMENTS, Experiment
 from biaxbayes.machines.choice import FORMATS, Choice
 from biaxbayes.machines.columns import IGNORE, TARGETS
 from biaxbayes.machines.outcome import Conversion, OpenQuestions
@@ -119,14 +119,14 @@ class Reading:
         return [c.name.removeprefix(COLUMN) for c in self.controls.values() if not c.value]
 
     @property
-    def test(self) -> str:
+    def experiment(self) -> Experiment:
         """The kind of test, as far as it is known."""
-        return self.answers.get("test", "biaxial")
+        return EXPERIMENTS.get(self.answers.get("test", ""), EXPERIMENTS["biaxial"])
 
     @property
     def usual_keys(self) -> list[str]:
         """Header keys that nearly every test of this kind has, and those that are asked for."""
-        needed = EXPERIMENTS[self.test if self.test in EXPERIMENTS else "biaxial"].needed("force")
+        needed = self.experiment.needed("force")
         asked = [key for key in self.controls if key in HEADER_OPTIONS]
         return list(dict.fromkeys(["specimen", "layer", "axis_x", "axis_y", *needed, *asked]))
 

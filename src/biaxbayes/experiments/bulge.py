@@ -34,6 +34,14 @@ class Bulge(Experiment):
     words = "a bulge test"
     curves = ("tension", "")
     stretches = ("stretch of the pole in x", "stretch of the pole in y")
+    drawing = """<title>Of a sheet that is inflated through a circular clamp: radius of curvature
+at its pole under pressure, and thickness of the unloaded sheet</title>
+<path d="M20 140h40v12h-40z M240 140h40v12h-40z M60 140a104 104 0 0 1 180 0
+M60 146a108 108 0 0 1 180 0"/>
+<path class="pull" d="M110 140v-16l-4 6m4 -6l4 6M190 140v-16l-4 6m4 -6l4 6"/>
+<path class="arrow" d="M150 191v-102l-4 6m4 -6l4 6M204 92l14 -20"/>
+<text class="start" x="156" y="180">radius_mm</text><text x="150" y="76">pole</text>
+<text x="222" y="64">thickness</text><text x="100" y="160">pressure</text>"""
     loads = LOADS
     columns: ClassVar = {
         **PRESSURE_COLUMNS,

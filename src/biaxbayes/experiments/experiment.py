@@ -106,6 +106,8 @@ class Experiment(ABC):
     curves: tuple[str, str] = ("x", "y")
     """What a reading is called, in the directions of the tissue."""
     stretches: tuple[str, str] = ("stretch in x", "stretch in y")
+    drawing: str = ""
+    """What its dimensions are: a title and shapes of an SVG of 300 x 200."""
 
     # --- the file ---
 

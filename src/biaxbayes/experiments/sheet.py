@@ -148,6 +148,28 @@ class Sheet(Experiment):
     columns = SHEET_COLUMNS
     keys = SHEET_KEYS
 
+    @property
+    def drawing(self) -> str:  # type: ignore[override]
+        """The sheet with its edges, and arrows where it is pulled."""
+        w, h = (110 if k in self.axes else 44 for k in range(2))
+        pulled = (
+            f'<path class="pull" d="M{w + 20} {h / 2}h20l-6 -4m6 4l-6 4M-38 {h / 2}h-20l6 -4m-6 4'
+            'l6 4"/>',
+            f'<path class="pull" d="M{w / 2} -14v-12l-4 6m4 -6l4 6M{w / 2} {h + 32}v12l-4 -6m4 6'
+            'l4 -6"/>',
+        )
+        return f"""<title>edge_x_mm and edge_y_mm are the edges along x and y, thickness_mm is the
+thickness; arrows show where it is pulled</title>
+<g transform="translate({140 - w / 2} {88 - h / 2})">
+<path d="M0 0h{w}v{h}H0z M{w} 0l14 -10v{h}l-14 10 M0 0l14 -10h{w}"/>
+<path class="arrow" d="M0 {h + 10}h{w}m0 -5v10M0 {h + 5}v10M-10 0v{h}m-5 0h10M-15 0h10
+M{w + 5} {h + 7}l14 -10"/>
+<text x="{w / 2}" y="{h + 26}">edge_x_mm</text>
+<text x="-18" y="{h / 2}" transform="rotate(-90 -18 {h / 2})">edge_y_mm</text>
+<text class="start" x="{w + 22}" y="{h + 8}">thickness</text>
+{"".join(pulled[axis] for axis in self.axes)}</g>
+<text x="270" y="192">x →</text><text x="20" y="20">y ↑</text>"""
+
     def needed(self, loads: str) -> tuple[str, ...]:
         """Forces need the section, and the state that it is measured in."""
         return (*DIMENSIONS, "geometry") if loads == "force" else ()

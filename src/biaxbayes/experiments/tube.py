@@ -73,6 +73,15 @@ class Tube(Experiment):
     words = "the inflation of a tube"
     curves = ("pressure", "axial force")
     stretches = ("circumferential stretch", "axial stretch")
+    drawing = """<title>Of a tube without pressure: outer diameter, wall thickness, and length
+between two marks</title>
+<path d="M60 40h170 M60 130h170"/><ellipse cx="60" cy="85" rx="20" ry="45"/>
+<ellipse cx="60" cy="85" rx="13" ry="32"/><path d="M230 40a20 45 0 0 1 0 90"/>
+<path class="arrow" d="M24 40v90 M19 40h10 M19 130h10 M100 150h100 M100 145v10 M200 145v10
+M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200 40v90"/>
+<text x="14" y="85" transform="rotate(-90 14 85)">outer diameter</text>
+<text x="60" y="162">thickness</text><text x="158" y="170">length</text>
+<text x="150" y="192">x around, y along →</text>"""
     columns: ClassVar[Mapping[str, Column]] = {
         **PRESSURE_COLUMNS,
         "axial_force_N": Column(

@@ -78,12 +78,13 @@ def convert(
 
 
 def _merge(question: Question, others: dict[tuple[str, str, str], Question]) -> None:
-    """Add a question; a later one on the same column has the answers of the earlier as well."""
+    """Add a question; a later one on the same column has the other answers of the earlier."""
     of_column = question.target not in ("", "ignore", "protocol", "cycle")
     key = (question.option, question.target, "" if of_column else question.text)
     before = others.get(key)
     if before is not None:
-        known = {p.value for p in question.proposals}
+        # what was assumed led to this question
+        known = {p.value for p in (*question.proposals, before.assumed) if p}
         question.proposals += tuple(p for p in before.proposals if p.value not in known)
         if not before.text.startswith("no column"):
             question.text = f"{before.text}; {question.text}"
