@@ -144,6 +144,7 @@ def test_other_options_or_data_are_sampled_again(result, study, monkeypatch, tmp
     assert not any(t.finished for t in seen)
 
 
+@pytest.mark.long
 def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_path):
     first = replace(study, specimens=study.specimens[:1])
     arguments = []
@@ -249,7 +250,7 @@ def test_the_command_ends_with_3_and_names_the_failures(result, study, monkeypat
     monkeypatch.chdir(study.specimens[0].file.parent)
     words = ("broken.csv", "--workers", 1, "--out", result.folder.parent / "b")
     code, out, err = run(capsys, "batch", *words)
-    assert code == 3 and "1 specimens: 1 failed" in out
+    assert code == 3 and "1 specimen: 1 failed" in out
     assert err.count("\n") == 1 and "broken" in err
 
 

@@ -115,6 +115,7 @@ def test_both_ways_write_the_same_files(run, tmp_path, name):
     assert files <= same_files(tmp_path / "cli", tmp_path / "python")
 
 
+@pytest.mark.long
 def test_both_ways_write_the_same_figure_report_and_verdicts(run, tmp_path, capsys):
     for folder in ("cli", "python"):
         (tmp_path / folder).mkdir()
@@ -249,6 +250,7 @@ def test_a_run_has_its_own_model(run, tmp_path, capsys):
         ("simulate", {"material": [1]}, "unknown material"),
         ("sample", {"specimen": MEDIA, "resume": np.ones(3)}, "`resume` must be True or False"),
         ("sample", {"specimen": np.ones(3)}, "`specimen` must be a path, not ndarray"),
+        ("prepare", {"specimen": MEDIA}, "`specimen` must be a Specimen, not PosixPath"),
         ("sample", {"specimen": MEDIA, "priors": {3: 4}}, "unknown parameter '3'"),
         ("law", {"name": b"x"}, "a law is named by a text, not bytes"),
         ("law", {"name": []}, "a law is named by a text, not list"),

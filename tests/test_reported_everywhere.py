@@ -236,6 +236,7 @@ def test_digits():
     assert interval_texts(1.01802, 1.01493, 1.02118, stretch) == ("1.0180", "1.0149", "1.0212")
     assert interval_texts(38.44, 33.07, 41.02, alpha) == ("38.4", "33.1", "41.0")
     assert interval_texts(2.468, 0.1453, 27.11, C1) == ("2.5", "0.15", "27")
+    assert interval_texts(6.5, 2.6e-20, 6.6, C1) == ("6.5", "0", "6.6")
     assert interval_texts(1234.0, 1100.0, 1420.0, C1) == ("1230", "1100", "1420")
     assert interval_texts(0.2, 0.2, 0.2, kappa) == (kappa.number(0.2),) * 3
     # a range that is not of a scale has no decades

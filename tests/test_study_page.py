@@ -119,6 +119,12 @@ def test_a_spread_that_the_posteriors_explain_is_hardly_any_between_specimens():
     assert wide.sd_between < 0.4 and sharp.sd_between > 0.6
 
 
+def test_the_terminal_names_what_has_not_converged(tmp_path):
+    table = TABLE.reindex(columns=list(STUDY_COLUMNS))
+    lines = closing_message(StudyResult("study", tmp_path, table)).splitlines()
+    assert lines[0].startswith("6 specimens: ") and "d: tentative" in lines
+
+
 def test_means_are_those_of_the_model_integrated_by_brute_force():
     """Two groups, on a grid over both means and tau."""
     a, b = (

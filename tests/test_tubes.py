@@ -9,16 +9,18 @@ from scipy.integrate import quad
 
 import biaxbayes
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, load_text
 from biaxbayes.experiments.tube import MMHG_PER_KPA, Tube
 from biaxbayes.figures.bands import bands_figure
 from biaxbayes.figures.specimen import fits_figure, specimen_figure
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting
+from biaxbayes.identifiability.identify import identify_run
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
 from biaxbayes.prediction.stress import predict_stress
+from biaxbayes.runs.run_result import run_result
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, write_specimen
@@ -263,6 +265,7 @@ def test_a_fit_finds_the_material_of_a_tube():
     assert fit.material.values == pytest.approx(tuple(MATERIAL.values()), rel=1e-3)
 
 
+@pytest.mark.long
 def test_intervals_of_a_virtual_tube_hold_its_material():
     """With a misfit of 2 %, at two axial stretches; wide 98 % intervals, one fixed seed."""
     run = sampled(virtual_tube(1.1, 1.25, misfit=0.02), noise="correlated")
@@ -272,6 +275,13 @@ def test_intervals_of_a_virtual_tube_hold_its_material():
         low, high = run.draws[name].quantile([0.01, 0.99])
         assert low < true < high, name
     assert run.draws["C1"].quantile(0.95) / run.draws["C1"].quantile(0.05) < 1.5
+    # one misfit of pressures and forces: in the sentence on the fit, and in the table of laws
+    judged = identify_run(run.target, run.draws, "converged")
+    result = run_result(
+        replace(judged, state="tentative"), run.target, run.draws, pd.DataFrame(), {}
+    )
+    rms = judged.fits["goh"].rms
+    assert result.fit.startswith(f"GOH misses this record by {load_text(rms, 'kPa')} (root")
 
 
 def test_pressure_and_force_have_axes_of_their_own():

@@ -220,6 +220,8 @@ def unit_text(unit: object) -> str:
 
 COARSE_RATIO = 8.0
 """Ratio of the ends of an interval from which each has two significant digits."""
+NEGLIGIBLE = 1e-9
+"""Fraction of the upper end of an interval below which a value is printed as 0."""
 
 
 def number(
@@ -234,7 +236,7 @@ def number(
         return DASH
     width = abs(high - low)
     if log and low > 0.0 and high > COARSE_RATIO * low:
-        return f"{float(f'{value:.2g}'):g}"
+        return f"{float(f'{value:.2g}'):g}" if value > NEGLIGIBLE * high else "0"
     if not (width > 0.0 and math.isfinite(width)):
         return f"{value:.4g}" if parameter is None else parameter.number(value)
     digits = 1 - math.floor(math.log10(width))

@@ -85,6 +85,11 @@ class Posterior:
         max_rows: int | str = ModelOptions.max_rows,
         **options: Any,
     ) -> None:
+        if not isinstance(specimen, Specimen):
+            raise InputError(
+                f"`specimen` must be a Specimen, not {type(specimen).__name__}",
+                remedy="read a file with biaxbayes.read_specimen",
+            )
         if specimen.needs_grip_correction:
             raise InputError(
                 "the loads are not corrected for the grips that the file states",

@@ -45,7 +45,7 @@ from biaxbayes.reports.page import (
 from biaxbayes.reports.templates import pictures
 from biaxbayes.reports.text import VERDICT_TERMS, derived_text, plural
 from biaxbayes.studies.groups import KNOWN_QUANTITIES, LEAST_DONORS, LOG, OPEN
-from biaxbayes.studies.study_result import StudyResult
+from biaxbayes.studies.study_result import FAILED, StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 FIGURE = "study-specimens"
@@ -309,9 +309,13 @@ def write_study(result: StudyResult) -> None:
 
 
 def closing_message(result: StudyResult) -> str:
-    """How groups differ, what the law misses, and where the numbers are."""
+    """What has not converged, how groups differ, what the law misses, where the numbers are."""
     counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
-    lines = [f"{len(result.specimens)} specimens: {counts}"]
+    lines = [f"{plural(len(result.specimens), 'specimen')}: {counts}"]
+    sampled = zip(result.specimens["specimen"], result.specimens["state"], strict=True)
+    lines += [
+        f"{printable(k)}: {state}" for k, state in sampled if state not in ("converged", FAILED)
+    ]
     for answered, table in group_differences(result.group_contrasts):
         lines += ["", printable(table.label)]
         lines += [f"  {printable(text)}" for text in answered or [TOO_FEW]]

@@ -217,9 +217,9 @@ def run_result(
 def _fit_in_words(posterior: Posterior) -> str:
     """One sentence on how well the law fits the first piece at its best, as ``check`` says it."""
     specimen, paths = posterior.specimen, posterior.paths
-    axes = list(specimen.same_unit(0))
+    axes = list(specimen.experiment.axes)
     residuals = [
-        (specimen.load(p) - paths.load(p.stretch, i))[p.rest_rows :, axes]
+        ((specimen.load(p) - paths.load(p.stretch, i)) / specimen.load_scale)[p.rest_rows :, axes]
         for i, p in enumerate(specimen.as_compared(posterior.settings.mounting).protocols)
     ]
     rms = root_mean_square(residuals)

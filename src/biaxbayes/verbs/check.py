@@ -252,7 +252,9 @@ def _print_result(result: Checked) -> None:
     specimen, findings, about = result.specimen, result.findings, result.record()
     test, kind = specimen.experiment, specimen.kind_of_loads
     size = test.size(specimen.header) or "not stated"
-    units = " and ".join(dict.fromkeys(kind.units[k] for k in test.axes))
+    readings = f"{kind.words} in {specimen.unit}"
+    if len({kind.units[k] for k in test.axes}) > 1:
+        readings = " and ".join(f"{test.curves[k]} in {kind.units[k]}" for k in test.axes)
     rows = sum(p["rows"] for p in about["protocols"])
     protocols = plural(len(about["protocols"]), "protocol")
     origin = "stated" if specimen.load_noise is not None else "from the scatter of the rows"
@@ -264,7 +266,7 @@ def _print_result(result: Checked) -> None:
         "sections": ", ".join(
             f"{area:.4g} mm2 under the force in {k}" for k, area in sections.items() if area
         ),
-        "readings": f"{kind.words} in {units}, {rows} rows in {protocols}",
+        "readings": f"{readings}, {rows} rows in {protocols}",
         "load noise": f"{specimen.noise_sd:.3g} {specimen.unit}, {origin}",
     }
     click.echo(f"specimen {specimen.name}{f', {specimen.layer}' if specimen.layer else ''}")
