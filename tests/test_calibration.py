@@ -370,6 +370,7 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
         run_calibration(other, tmp_path / "parts", 2, resume=True)
 
 
+@pytest.mark.long
 def test_command_line(tmp_path, capsys):
     out = tmp_path / "study"
     words = ("--noise", "independent", "--out", out, "--fix", "kappa=0", "--ess", 200)

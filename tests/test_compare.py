@@ -118,6 +118,7 @@ def test_a_stiffer_matrix_shows_in_what_is_determined(result):
     assert abs(same.standardised) < 4.0
 
 
+@pytest.mark.long
 def test_ignoring_the_mounting_stretch_moves_the_stress_off_the_true_one():
     """A mounted state taken as unloaded makes every total stretch too small."""
     data = specimen(SOFT, increments=10)

@@ -145,6 +145,7 @@ def test_predict_refuses_by_name(run, options, message, capsys):
     assert code == 2 and message in error
 
 
+@pytest.mark.long
 def test_a_sampled_run_goes_all_the_way(tmp_path):
     """From a record to a card and a prediction that hold the truth they were made from."""
     specimen = exact_specimen(MEDIA, increments=40, noise_N=0.002)

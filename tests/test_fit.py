@@ -540,6 +540,7 @@ def rounded(specimen, decimals: int):
     return replace(specimen, protocols=tuple(map(cut, specimen.protocols)))
 
 
+@pytest.mark.long
 def test_few_digits_are_rounding_too():
     material = biaxbayes.GOH(*map(float, STIFF))
     specimen, _ = biaxbayes.simulate(

@@ -181,6 +181,7 @@ def open_all(run: Path) -> None:
     opened.posterior()
 
 
+@pytest.mark.long
 def test_a_damaged_run_folder_is_read_or_refused(small_run, tmp_path):
     assert is_read(open_all, small_run.path)
     results = []

@@ -119,6 +119,7 @@ def test_draws_of_the_whole_model_keep_its_prior():
     assert (np.abs(result.mean(axis=0) - prior.mean(axis=0)) < 4.0 * error).all()
 
 
+@pytest.mark.long
 def test_correlations_keep_their_prior():
     """Geweke's joint test of two values that correlate, donors and specimens."""
     rng = np.random.default_rng(6)
@@ -219,6 +220,7 @@ def assert_agrees(result, within: float = 0.002) -> None:
         assert found[name].std() == pytest.approx(sd, rel=0.12), name
 
 
+@pytest.mark.long
 def test_more_is_never_done_than_there_is():
     """However many draws there are: chains that are too short have not converged."""
     seen = []

@@ -99,6 +99,7 @@ def test_every_operation_of_an_energy_has_its_value_and_slope(tmp_path):
     np.testing.assert_allclose(own.cauchy(lx, ly), (x, y), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.long
 def test_goh_in_a_file_has_the_density_of_goh(own_goh):
     rng, n = np.random.default_rng(2), 100
     own, built_in = (

@@ -242,6 +242,7 @@ def is_the_specimen(result: Conversion, way: Way) -> bool:
     return True
 
 
+@pytest.mark.long
 def test_one_specimen_written_in_many_ways(tmp_path):
     outcomes: Counter[str] = Counter()
     wrong = []

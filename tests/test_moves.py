@@ -96,6 +96,7 @@ def chain_of(target, *, seed=7, steps=160):
 
 SLOW = ("banana-20", "bounded-20-plain", "two-modes-20")
 MARKS = {t.name: pytest.mark.long for t in TARGETS if t.dimension == 20}
+MARKS["bounded-6-folded"] = pytest.mark.long
 MARKS |= dict.fromkeys(SLOW, pytest.mark.slow)
 
 

@@ -184,7 +184,7 @@ def test_density_with_a_smaller_toe_or_none(mounting, toe):
     compare(specimen, mounting, noise="correlated", toe=toe, far=12)
 
 
-@pytest.mark.parametrize("protocols", [1, 2, 4])
+@pytest.mark.parametrize("protocols", [1, 2, pytest.param(4, marks=pytest.mark.long)])
 def test_density_with_a_misfit_of_averaged_rows(protocols):
     """Rows to readings, and records that were averaged before."""
     specimen = specimen_of(protocols=protocols, rows=90, rest=2, noise=0.005)
@@ -301,7 +301,9 @@ def test_density_with_readings_at_rest_that_scatter_more_than_the_load_cell(per_
     compare(specimen, per_protocol=per_protocol)
 
 
-@pytest.mark.parametrize("mounting", ["noisy", "exact", "free"])
+@pytest.mark.parametrize(
+    "mounting", [pytest.param("noisy", marks=pytest.mark.long), "exact", "free"]
+)
 @pytest.mark.parametrize("switch", [False, True])
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
 def test_support_where_fibres_are_pushed_together(geometry, switch, mounting):
@@ -402,6 +404,7 @@ def test_sampling_density_is_the_natural_one_times_the_jacobian(mounting, priors
 stretch_top = st.floats(1.0, 3.0)
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     top_x=stretch_top,

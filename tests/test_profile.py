@@ -182,6 +182,7 @@ def test_the_angle_of_an_isotropic_material_is_structurally_unidentifiable():
     assert "structurally" in result.in_words()
 
 
+@pytest.mark.long
 def test_one_ratio_leaves_the_dispersion_open():
     result = traded_kappa()
     assert result.kind == "practical" and result.open_low
@@ -199,6 +200,7 @@ def test_aligned_fibres_are_open_towards_zero_only():
     assert "open towards 0" in result.in_words()
 
 
+@pytest.mark.long
 def test_an_angle_at_a_mirror_is_closed():
     data = specimen(GOH(10.0, 20.0, 5.0, 90.0, 0.15), total_stretch=1.25)
     result = profile_likelihood(Posterior(data, noise="independent"), "alpha")
@@ -242,6 +244,7 @@ def test_mounting_stretches_have_profiles():
         profile_likelihood(exact, "mounting_stretch_y")
 
 
+@pytest.mark.long
 def test_an_exact_mounting_force_is_balanced_at_every_point():
     data = traded().specimen
     result = profile_likelihood(Posterior(data, mounting="exact", noise="independent"), "kappa")
@@ -271,6 +274,7 @@ def test_fixed_and_unknown_parameters_are_refused():
             profiles(fixed, [name])
 
 
+@pytest.mark.long
 def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     path = tmp_path / "virtual.csv"
     write_specimen(traded().specimen, path)
@@ -289,6 +293,7 @@ def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.long
 def test_the_command_profiles_a_run_with_its_own_model(small_run, tmp_path):
     arguments = [str(small_run.path), "--parameter", "C1", "--json", "--out", str(tmp_path)]
     printed = CliRunner().invoke(command, arguments)

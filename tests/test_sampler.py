@@ -35,6 +35,7 @@ def specimen(name="donor2-media"):
 # --- ways to the same posterior ----------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_draws_with_a_misfit_are_those_of_the_density_on_a_grid():
     """Two parameters are free; quantiles by quadrature of the density."""
     fixed = {"k1": 12.0, "k2": 2.0, "kappa": 0.05}

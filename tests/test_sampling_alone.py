@@ -143,6 +143,7 @@ def test_quantities_and_reasons_are_those_of_the_target():
     assert result.evaluations == {"evaluated": target.counts.sum(), "beyond": target.counts[1]}
 
 
+@pytest.mark.long
 def test_a_run_continued_from_any_of_its_states_is_the_same_run():
     plan = replace(QUICK, ess=1e9, max_steps=200, first_block=64)
     target = counting()

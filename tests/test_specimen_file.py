@@ -57,6 +57,7 @@ def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
     assert pickle.loads(pickle.dumps(second)) == second
 
 
+@pytest.mark.long
 @given(
     name=st.text(min_size=1, max_size=30),
     layer=st.text(max_size=30),

@@ -54,6 +54,7 @@ def test_a_finished_run_is_refused_in_one_line_and_stays(capsys, tmp_path, small
         biaxbayes.sample(path, out=folder, resume=True, **quick_posteriors.QUICK)
 
 
+@pytest.mark.long
 def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
     folder = copied(small_run.path)
     biaxbayes.export(folder, "abaqus", anyway=True)
