@@ -21,8 +21,8 @@ from biaxbayes.comparison.law_comparison import (
     without,
 )
 from biaxbayes.comparison.law_weights import (
+    MIXTURE,
     PRIOR_READINGS,
-    STACKED,
     stacking_weights,
     weigh_laws,
     weighted_density,
@@ -110,7 +110,7 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(g
     judged = weigh_laws(specimen, result, ["goh", "hgo"])
     table, parts = judged.table.set_index("law"), judged.parts
     assert judged.converged and judged.left_out == {}
-    assert list(table.index) == ["goh", "hgo", STACKED]
+    assert list(table.index) == ["goh", "hgo", MIXTURE]
     for law, k1, kappa in (("goh", 60.0, 0.1), ("hgo", 63.0, 0.0)):
         own = parts[parts["law"] == law]
         assert own["part"].tolist() == [p.name for p in specimen.protocols]
@@ -132,14 +132,14 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(g
     assert table["weight"][["goh", "hgo"]].sum() == pytest.approx(1.0)
     low, high = table["weight_low"]["goh"], table["weight_high"]["goh"]
     assert 0.5 < low <= high < 1.0
-    mixture = parts[parts["law"] == STACKED]
+    mixture = parts[parts["law"] == MIXTURE]
     assert mixture["weight"].tolist() == [1.0] * 3
-    assert table["left_out_density_nats"][STACKED] == pytest.approx(
+    assert table["left_out_density_nats"][MIXTURE] == pytest.approx(
         mixture["left_out_density_nats"].sum()
     )
     sizes = mixture["readings"] / mixture["readings"].sum()
     rms = np.sqrt((sizes * mixture["left_out_rms_kPa"] ** 2).sum())
-    assert table["left_out_rms_kPa"][STACKED] == pytest.approx(rms, rel=1e-9)
+    assert table["left_out_rms_kPa"][MIXTURE] == pytest.approx(rms, rel=1e-9)
 
 
 def test_weights_of_the_other_parts_alone_and_of_none():
@@ -153,7 +153,7 @@ def test_weights_of_the_other_parts_alone_and_of_none():
         ]
     )
     expected = stacking_weights(others)
-    mixture = judged.parts[judged.parts["law"] == STACKED].set_index("part")
+    mixture = judged.parts[judged.parts["law"] == MIXTURE].set_index("part")
     first = np.concatenate([m.ravel() for m, _ in misses(specimen, 60.0, 0.1)[:1]])
     second = np.concatenate([m.ravel() for m, _ in misses(specimen, 63.0, 0.0)[:1]])
     density = np.log(expected @ np.exp(norm.logpdf([first, second], 0.0, SD))).sum()
@@ -259,14 +259,14 @@ def command(folder):
 def test_the_law_of_the_truth_predicts_best(compared):
     folder, _ = compared
     table = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
-    assert list(table.index) == ["goh", "hgo", STACKED]
+    assert list(table.index) == ["goh", "hgo", MIXTURE]
     assert table["weight"]["goh"] > 0.9
     assert table["left_out_rms_kPa"]["goh"] < table["left_out_rms_kPa"]["hgo"]
-    assert table["left_out_density_nats"][STACKED] > table["left_out_density_nats"]["goh"] - 2.0
+    assert table["left_out_density_nats"][MIXTURE] > table["left_out_density_nats"]["goh"] - 2.0
     assert table["mounting_stretch_x_q05"]["goh"] < table["mounting_stretch_x_q95"]["goh"]
     parts = pd.read_csv(folder / "out" / "left-out.csv")
     # weights that have seen a part predict it better, but for what their prior asks for
-    mixture = parts[parts["law"] == STACKED]
+    mixture = parts[parts["law"] == MIXTURE]
     assert mixture["density_final_weights"].sum() > mixture["left_out_density_nats"].sum() - 0.5
     alone = parts[parts["law"] == "goh"]
     pd.testing.assert_series_equal(
@@ -340,5 +340,6 @@ def test_mounting_stretches_are_the_same_in_table_page_and_terminal(compared, ca
             if law == "goh":
                 assert abs(q50 - true) < 0.1 * (true - 1.0)  # an exact force leaves its error out
     rms_kPa = f"{laws['left_out_rms_kPa']['goh']:.3g}"
+    assert "not below\nthe mounted state" in output and "mixture" in output
     assert f"goh predicts left-out parts best: its rms error is {rms_kPa} kPa" in page
     assert "src=" in page and "http://" not in page and "<script" not in page

@@ -183,7 +183,7 @@ def pooled(plan=None, *, prior_mean=0.0, prior_sd=0.7, **work):
     rng = np.random.default_rng(8)
     specimens = [drawn(i, prior_mean, prior_sd, rng) for i in range(6)]
     asked = PopulationPlan(**{"ess": 50, "seed": 3} | QUICK | (plan or {}))
-    return draw_population(layout(), specimens, asked, quantities, again, **work)
+    return draw_population(layout(), specimens, asked, quantities, again, labels="ABCDEF", **work)
 
 
 def by_quadrature() -> dict[str, tuple[float, float]]:

@@ -68,6 +68,19 @@ def test_a_law_without_misfit_is_its_own_nearest(posterior, draws):
     np.testing.assert_allclose(near[TO_READINGS], drawn_distances(independent, table), rtol=1e-4)
 
 
+def test_the_spread_is_that_of_the_draws(posterior, draws):
+    """Uniform parameters of a law that is its own nearest: ends within 3 sd of those of 120."""
+    rng, count = np.random.default_rng(7), 240
+    levels = {name: rng.permutation(np.linspace(0.0, 1.0, count)) for name in ("C1", "k1", "k2")}
+    many = draws.iloc[np.zeros(count, dtype=int)].reset_index(drop=True).assign(noise_sd=0.001)
+    many = many.assign(**{name: draws[name].iloc[0] * (1.0 + at) for name, at in levels.items()})
+    independent = posterior.replaced(noise="independent").replaced(priors={})
+    table = simulation_table(independent, many).set_index("quantity")
+    for name in levels:
+        ends = table.loc[name, ["q05", "q95"]].to_numpy(dtype=float) / draws[name].iloc[0] - 1.0
+        np.testing.assert_allclose(ends, [0.05, 0.95], atol=3.0 * (0.05 * 0.95 / 240) ** 0.5)
+
+
 def test_a_fixed_parameter_stays(posterior, draws):
     fixed = posterior.replaced(priors={"kappa": 0.1})
     near = nearest_laws(fixed, draws.assign(kappa=0.1))
@@ -84,7 +97,12 @@ def test_the_median_law_is_one_of_them(posterior, draws):
     assert table.loc["k1", "unit"] == "kPa"
     result = SimpleNamespace(simulation=table.reset_index())
     run = SimpleNamespace(result=result, law=posterior.law, quantities=posterior.quantities)
+    run.settings = posterior.settings
     (section,) = _simulation(run)
     page = Page("report", "a", "b", [section], []).html()
     off = 100.0 * table.loc[TO_READINGS, "median_card"]
     assert f"off the readings by {off:.2g} %" in page and "k1: " in page and "export RUN" in page
+    assert "misfit" in page
+    run.settings = posterior.replaced(noise="independent").settings
+    (section,) = _simulation(run)
+    assert "misfit" not in Page("report", "a", "b", [section], []).html()

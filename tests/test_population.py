@@ -543,7 +543,7 @@ def test_terminal_and_page_print_the_same_digits(population):
     page = (population.folder / "population.html").read_text()
     heads = [k for k, line in enumerate(terminal) if line.startswith("Quantity ")]
     assert len(heads) == 3  # two groups, and what differs between them
-    assert terminal[heads[2] - 1] == "aneurysm against healthy"
+    assert terminal[heads[2] - 1] == "aneurysm compared with healthy"
     plain = page.replace("\N{MINUS SIGN}", "-")
     groups = population.groups.groupby("group", sort=False)
     tables = [group_table(str(group), part).without("new_donor") for group, part in groups]
@@ -551,4 +551,5 @@ def test_terminal_and_page_print_the_same_digits(population):
         for row in table.cells():
             cells = [as_text(c[0] if isinstance(c, tuple) else c) for c in row[2:]]
             assert any(all(c in line for c in cells) for line in terminal), row
+            assert not any(" to " in c for c in cells[4:]), row  # of new specimens the median
             assert all(f">{c}<" in plain for c in cells), row

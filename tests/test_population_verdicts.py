@@ -156,7 +156,11 @@ def test_an_open_end_and_a_ridge_are_named(values, prior):
     mu[:, 1] += ridge
     mu[:, 2] -= ridge
     result = judged(hyper_of(values, mu), prior)
-    assert result["kappa"].verdict == BOUNDED and "aligned fibres" in in_words(result["kappa"])
+    assert result[
+        "kappa"
+    ].verdict == BOUNDED and "(95 %); the data are compatible with aligned fibres" in in_words(
+        result["kappa"]
+    )
     assert reported_text(result["kappa"]).startswith("below 0.0")
     assert result["k1"].verdict == COMBINATION and result["k1"].partners == ("k2",)
     assert result["C1"].verdict == IDENTIFIED

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from biaxbayes.figures.groups import study_figure
 from biaxbayes.reports.answers import answers, sentence
-from biaxbayes.reports.study_page import closing_message, write_study
+from biaxbayes.reports.study_page import closing_message, group_tables, write_study
 from biaxbayes.studies.groups import group_contrasts, group_means, group_summaries
 from biaxbayes.studies.study_result import STUDY_COLUMNS, StudyResult
 from made_up import table
@@ -227,6 +227,13 @@ def test_a_donor_counts_once():
         "records"
     )
     assert (row["donors_a"], row["donors_b"]) == (1, 2) and not isinstance(row["direction"], str)
+
+
+def test_a_narrow_range_of_medians_has_its_digits():
+    near = rows(*(specimen(s, s, "media", C1, 0.1) for s, C1 in (("a", 1.0052), ("b", 1.0069))))
+    ((_, ranges),) = group_tables(group_summaries(near), "layer")
+    (row,) = ranges.cells()
+    assert row[5] == "1.0052 to 1.0069"
 
 
 def test_sentences():

@@ -27,7 +27,7 @@ from biaxbayes.calibration.simulated_specimen import (
 from biaxbayes.options import Settings
 from studies.common import options_of, parser, print_table, run_all
 
-STACKED = "stacked"
+MIXTURE = "mixture"
 TRUE_LAWS = ("goh", "fung", "four-fibre")
 FIRST = 300
 """Seeds below it were used while the laws were made."""
@@ -73,12 +73,12 @@ def weigh(law: str, seed: int, laws: str | None, ess: float = 1000.0) -> dict[st
         )
     rows = found.table.set_index("law")
     density = rows["left_out_density_nats"]
-    mixture = found.parts[found.parts["law"] == STACKED]
-    single = rows.drop(STACKED)
+    mixture = found.parts[found.parts["law"] == MIXTURE]
+    single = rows.drop(MIXTURE)
     missing = single[single["rms_kPa"] > MISSES * noise_kPa]
     return {
         "short": float(density[law] - mixture["density_final_weights"].sum()),
-        "short_unseen": float(density[law] - density[STACKED]),
+        "short_unseen": float(density[law] - density[MIXTURE]),
         "true_weight": float(single["weight"][law]),
         "missing_weight": float(missing["weight"].sum()),
         "not_converged": int((single["state"] != "converged").sum()),

@@ -229,8 +229,9 @@ def number(
 ) -> str:
     """A value with two digits of the width of its interval; the same wherever it is printed.
 
-    ``log``: a positive scale, of which a wide interval gets two significant digits an end. A value
-    without a width is printed as the parameter is, else with four digits.
+    ``log``: a positive scale, of which a value has at least two significant digits, and each end of
+    a wide interval just these. A value without a width is printed as the parameter is, else with
+    four digits.
     """
     if math.isnan(value):
         return DASH
@@ -240,6 +241,8 @@ def number(
     if not (width > 0.0 and math.isfinite(width)):
         return f"{value:.4g}" if parameter is None else parameter.number(value)
     digits = 1 - math.floor(math.log10(width))
+    if log and value > 0.0:
+        digits = max(digits, 1 - math.floor(math.log10(value)))
     if not -4 <= digits <= 8:
         return f"{value:.4g}"
     return f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"

@@ -38,7 +38,7 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.percentiles import quantile_columns
 from biaxbayes.specimens.specimen import Specimen
 
-STACKED = "stacked"
+MIXTURE = "mixture"
 UNUSABLE = ("unusable", "failed")
 
 # --- stacking ------------------------------------------------------------------------------------
@@ -90,7 +90,7 @@ class LawComparison:
     ----------
     table : DataFrame
         ``laws.csv``: one row per law, with quantiles of the mounting stretches; the last one is
-        ``stacked``, their mixture.
+        ``mixture``.
     parts : DataFrame
         ``left-out.csv``: one row per law and part.
     left_out : dict of str to str
@@ -105,11 +105,11 @@ class LawComparison:
     @property
     def converged(self) -> bool:
         """True if every law has converged on every record."""
-        states = self.table["state"][self.table["law"] != STACKED]
+        states = self.table["state"][self.table["law"] != MIXTURE]
         return not self.left_out and bool((states == "converged").all())
 
     def __repr__(self) -> str:
-        laws = self.table[self.table["law"] != STACKED].sort_values("weight", ascending=False)
+        laws = self.table[self.table["law"] != MIXTURE].sort_values("weight", ascending=False)
         pairs = zip(laws["law"], laws["weight"].to_numpy(dtype=float), strict=True)
         weights = ", ".join(f"{law} {weight:.2f}" for law, weight in pairs if weight > 0.005)
         return f"LawComparison({self.specimen}: {weights})"
@@ -214,7 +214,7 @@ def _law_table(
                 **_stretches(whole.draws, specimen),
             }
         rows.append(row)
-    rows.append({"law": STACKED, **scores(blind), "weight": 1.0})
+    rows.append({"law": MIXTURE, **scores(blind), "weight": 1.0})
     return pd.DataFrame(rows).fillna({"state": ""})
 
 
@@ -241,14 +241,14 @@ def _part_table(
     for i, (part, own) in enumerate(zip(parts, left, strict=True)):
         for law, w, final in (
             *((law, w, w) for law, w in zip(used, np.eye(len(used)), strict=True)),
-            (STACKED, blind[i], weight),
+            (MIXTURE, blind[i], weight),
         ):
             (density, square), (seen, _) = own.score(w), own.score(final)
             rows.append(
                 {
                     "part": part.name,
                     "law": law,
-                    "weight": float(w[used.index(law)]) if law != STACKED else 1.0,
+                    "weight": float(w[used.index(law)]) if law != MIXTURE else 1.0,
                     "left_out_rms_kPa": float(np.sqrt(square)),
                     "left_out_density_nats": density,
                     "density_final_weights": seen,

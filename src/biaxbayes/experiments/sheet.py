@@ -204,7 +204,7 @@ M{w + 5} {h + 7}l14 -10"/>
     def size(self, header: Mapping[str, Any]) -> str:
         """Edges, or the width of a strip, and thickness."""
         edges = [f"{e:g}" for e in (header["edge_x_mm"], header["edge_y_mm"]) if e is not None]
-        size = f"{' x '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}" if edges else ""
+        size = f"{' × '.join(edges)} mm{'' if len(edges) == 2 else ' wide'}" if edges else ""
         thickness = header["thickness_mm"]
         thick = "" if thickness is None else f"{thickness:g} mm thick"
         return ", ".join(filter(None, (size, thick)))

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from biaxbayes.comparison.compare import Comparison
-from biaxbayes.comparison.law_weights import STACKED, LawComparison
+from biaxbayes.comparison.law_weights import MIXTURE, LawComparison
 from biaxbayes.derived.determined import STRESS
 from biaxbayes.figures.identifiability import VERDICT_COLOURS
 from biaxbayes.figures.panels import draw_cells, row_panels, set_panel
@@ -112,8 +112,8 @@ LAW_ROW_MM, HEAD_MM = 5.5, 14.0
 
 def by_weight(table: pd.DataFrame) -> pd.DataFrame:
     """Rows of laws, the largest weight on top and the mixture below."""
-    laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
-    return pd.concat([laws, table[table["law"] == STACKED]])
+    laws = table[table["law"] != MIXTURE].sort_values("weight", ascending=False, kind="stable")
+    return pd.concat([laws, table[table["law"] == MIXTURE]])
 
 
 def _weighted_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
@@ -132,7 +132,7 @@ def _label_laws(ax: Axes, rows: pd.DataFrame, positions: np.ndarray) -> None:
 def law_misfit_figure(compared: LawComparison) -> Figure:
     """Misfit of the record beside that of left-out parts, and the weights."""
     rows, positions = _weighted_rows(compared)
-    laws = rows["law"] != STACKED
+    laws = rows["law"] != MIXTURE
     blue = colour(0)
     figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
     misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))

@@ -121,8 +121,7 @@ def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:
     ax.barh(0.0, 1.0, height=0.4, color="0.92")
     ax.barh(0.0, contraction, height=0.4, color="0.35")
     ax.set(xlim=(0.0, 1.9), ylim=(-0.6, 0.6))
-    percent, digits = 100.0 * min(contraction, 0.999), 1 if contraction > 0.99 else 0
-    ax.text(1.06, 0.0, f"{percent:.{digits}f} %", va="center", **small_text())
+    ax.text(1.06, 0.0, f"{100.0 * min(contraction, 0.999):.3g} %", va="center", **small_text())
 
 
 def _write_row(ax: Axes, row: Reported, reason: str, *, wide: bool) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr, ndtri
 
+from biaxbayes.errors import printable
 from biaxbayes.evenly import evenly_chosen
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import Tie
@@ -245,6 +246,7 @@ def draw_sources(
         plan,
         partial(assessed_quantities, grouping, values),
         again,
+        labels=[printable(s.label) for s in sources],
         cut_short=[i for i, s in enumerate(sources) if is_cut_short(s, values)],
         stop=stop,
         **work,

@@ -11,13 +11,14 @@ it was interrupted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
+from biaxbayes.errors import listed
 from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.populations.reweighting import MAX_K, Chains, RunDraws
 from biaxbayes.progress_bar import Progress
@@ -135,6 +136,7 @@ def draw_population(
     quantities: Quantities,
     sample_again: SampleAgain,
     *,
+    labels: Sequence[str],
     cut_short: list[int] | None = None,
     state: PopulationCheckpoint | None = None,
     on_step: Callable[[PopulationCheckpoint], None] = lambda s: None,
@@ -145,8 +147,9 @@ def draw_population(
 
     ``quantities`` of a history and the specimens' values are assessed: arrays (ensembles, sweeps,
     chains) by name. ``sample_again`` of a specimen's index, mean and sd (p,) of a normal prior and
-    a seed gives its draws under that prior, or None if it was stopped. The runs that are
-    ``cut_short`` have no draws in a part of the range and are sampled again in any case.
+    a seed gives its draws under that prior, or None if it was stopped; progress names it by its
+    label. The runs that are ``cut_short`` have no draws in a part of the range and are sampled
+    again in any case.
     ``on_step`` is given the state after every run and every block.
     """
     state = state or PopulationCheckpoint()
@@ -174,9 +177,9 @@ def draw_population(
                     break
                 state.rounds += 1
                 state.left = [(i, *_prior_of_specimen(layout, warm, i)) for i in sorted(poor)]
-                progress(Progress("warming up", note=_announcement(state, plan, len(specimens))))
+                progress(Progress("warming up", note=_announcement(state, plan, labels)))
             for k, (i, mean, sd) in enumerate(again := list(state.left)):
-                text = f"sampling specimen {i + 1} again, round {state.rounds}"
+                text = f"sampling {labels[i]} again, round {state.rounds}"
                 progress(Progress(text, k / len(again)))
                 seed = np.random.SeedSequence([plan.seed, state.rounds, i]).generate_state(1)
                 draws = None if stop() else sample_again(i, mean, sd, int(seed[0]))
@@ -216,10 +219,10 @@ def draw_population(
     return PopulationDraws(history, known, convergence, _upper_k(ensembles), sorted(state.again))
 
 
-def _announcement(state: PopulationCheckpoint, plan: PopulationPlan, specimens: int) -> str:
+def _announcement(state: PopulationCheckpoint, plan: PopulationPlan, labels: Sequence[str]) -> str:
     return (
-        f"sampling {len(state.left)} of {specimens} specimens again, each about as long as its "
-        "own run: too few of their draws lie where the other specimens put them (Pareto k above "
+        f"sampling {listed([labels[i] for i, *_ in state.left])} again, each about as long as "
+        "its own run: too few of the draws lie where the other specimens put them (Pareto k above "
         f"{MAX_K:g}); round {state.rounds} of at most {plan.rounds}"
     )
 

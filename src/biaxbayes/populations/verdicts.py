@@ -73,7 +73,8 @@ def reported_text(p: ParameterVerdict) -> str:
 def in_words(p: ParameterVerdict) -> str:
     """Verdict, interval and reason."""
     interval = reported_text(p)
-    known = f"{p.verdict}, {interval}{p.scale.parameter.unit_words()} (90 %)"
+    level = 95 if p.verdict == BOUNDED else 90
+    known = f"{p.verdict}, {interval}{p.scale.parameter.unit_words()} ({level} %)"
     reason = p.assessment.reason
     return (known if interval else p.verdict) + (f"; {reason}" if reason else "")
 

@@ -11,9 +11,8 @@ from typing import Any
 
 import pandas as pd
 
-from biaxbayes.errors import two_digits
 from biaxbayes.parameters import MATERIAL, unit_words
-from biaxbayes.report_table import truncate
+from biaxbayes.report_table import three_digits, truncate
 from biaxbayes.reports.text import derived_text
 from biaxbayes.studies.groups import KNOWN_QUANTITIES, LOG, OPEN, POWER, Z90
 
@@ -72,29 +71,29 @@ def sentence(row: Mapping[Any, Any]) -> str:
     log, unit = row["scale"] == LOG, unit_words(str(row["unit"]))
     middle, low, high = (float(row[f"difference{end}"]) for end in ("", "_low", "_high"))
     times = " times" if log else unit
-    ends = f"{_number(low, log=log)} to {_number(high, log=log)}{times}"
+    ends = f"{end_text(low, log=log)} to {end_text(high, log=log)}{times}"
     stem, _, at = quantity.partition(" at ")
     if row["direction"] == OPEN:
         count, shown = int(row["donors_a"] + row["donors_b"]), float(row["detectable"])
         what = f"stiffness in {stem[-1]} at {at}" if at else derived_text(quantity)
         text = f"{what}: no difference shown ({ends})"
-        return text + (f"; {count} donors could show {two_digits(shown)}{times}" if shown else "")
+        return text + (f"; {count} donors could show {three_digits(shown)}{times}" if shown else "")
     larger = float(row["probability_larger"])
     probability = max(larger, 1.0 - larger)
     sure = f"probability {probability:.2f}" if probability < 0.995 else "probability above 0.99"
     found = f"({ends}; {sure})"
     if log and stem.startswith("stiffness_"):
-        return f"{b} is {two_digits(middle)} times as stiff in {stem[-1]} at {at} {found}"
+        return f"{b} is {three_digits(middle)} times as stiff in {stem[-1]} at {at} {found}"
     if log:
-        return f"{derived_text(quantity)} of {b} is {two_digits(middle)} times as large {found}"
+        return f"{derived_text(quantity)} of {b} is {three_digits(middle)} times as large {found}"
     word = "larger" if middle > 0.0 else "smaller"
-    return f"{derived_text(quantity)} of {b} is {two_digits(abs(middle))}{unit} {word} {found}"
+    return f"{derived_text(quantity)} of {b} is {three_digits(abs(middle))}{unit} {word} {found}"
 
 
-def _number(value: float, *, log: bool) -> str:
+def end_text(value: float, *, log: bool) -> str:
     """An end of an interval; beyond all measure as such."""
     if log and (value > 1e4 or not math.isfinite(value)):
         return "any"
     # an interval that excludes 1 does so in print
-    texts = [two_digits(value), f"{value:.3g}", f"{value:.4g}"]
-    return next((text for text in texts if text != "1" or not log), "1")
+    text = three_digits(value)
+    return f"{value:.4g}" if log and text == "1" else text

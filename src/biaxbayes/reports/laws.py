@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from biaxbayes.comparison.law_weights import STACKED, LawComparison
+from biaxbayes.comparison.law_weights import MIXTURE, LawComparison
 from biaxbayes.figures.comparisons import by_weight, law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
@@ -46,7 +46,7 @@ def laws_table(compared: LawComparison) -> Table:
         return Column(q.name, q, format=lambda r: stretch_text(r, q), number=True)
 
     columns = [
-        Column("law", "Law", format=lambda r: "mixture" if r["law"] == STACKED else r["law"]),
+        Column("law", "Law"),
         Column("state", "Chains"),
         Column("rms_kPa", "Misfit", "kPa", ".3g", number=True, term=True),
         Column("left_out_rms_kPa", "Left out", "kPa", ".3g", number=True),
@@ -79,8 +79,8 @@ def _parts_table(parts: pd.DataFrame) -> Table:
     """How well the mixture and the best law predict each part."""
     rows = []
     for name, part in parts.groupby("part", sort=False):
-        mixture = part[part["law"] == STACKED].iloc[0]
-        best = part[part["law"] != STACKED].sort_values("left_out_rms_kPa").iloc[0]
+        mixture = part[part["law"] == MIXTURE].iloc[0]
+        best = part[part["law"] != MIXTURE].sort_values("left_out_rms_kPa").iloc[0]
         cells = (name, mixture["left_out_rms_kPa"], best["law"], best["left_out_rms_kPa"])
         rows.append((*cells, mixture["readings"]))
     names = ["part", "misfit", "best", "misfit_of_best", "readings"]
@@ -99,13 +99,13 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Figure]) -> str:
     """The page of a comparison of laws, with its figures by the stems of their files."""
     figures = {name: embedded(figure_bytes(figure, "png")) for name, figure in drawings.items()}
     table = compared.table
-    best = table[table["law"] != STACKED].sort_values("left_out_rms_kPa").iloc[0]
-    mixture = table.set_index("law").loc[STACKED]
+    best = table[table["law"] != MIXTURE].sort_values("left_out_rms_kPa").iloc[0]
+    mixture = table.set_index("law").loc[MIXTURE]
     left = [f"{law} is left out: {why}" for law, why in sorted(compared.left_out.items())]
     weights = [
         remarks("Not every law could be sampled.", left),
         paragraph(
-            f"{best['law']} predicts left-out parts best: its rms error is "
+            f"Of the laws, {best['law']} predicts left-out parts best: its rms error is "
             f"{best['left_out_rms_kPa']:.3g} kPa, that of the mixture of all laws "
             f"{mixture['left_out_rms_kPa']:.3g} kPa."
         ),
@@ -154,6 +154,7 @@ def laws_text(compared: LawComparison, folder: Path) -> str:
         "\nmisfit: error (rms) of the fit to all rows; left out: error of predicting the parts\n"
         "left out; density: log predictive density of these, larger is better (2.3 nats more: ten\n"
         "times as probable); weight: fraction in the mixture that predicts best (stacking);\n"
-        "mounting stretches: median, 90 % interval.\n\n"
+        "mounting stretches: median, 90 % interval. Weights hold for tested stretches, not below\n"
+        "the mounted state: where laws disagree on the mounting stretch, measure it.\n\n"
         f"open {folder / PAGE}; tables and figures are beside it"
     )

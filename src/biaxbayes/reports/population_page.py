@@ -33,7 +33,7 @@ from biaxbayes.report_table import (
     three_digits,
     truncate,
 )
-from biaxbayes.reports.answers import CHANCE, population_answers
+from biaxbayes.reports.answers import CHANCE, end_text, population_answers
 from biaxbayes.reports.page import (
     Block,
     Page,
@@ -104,6 +104,7 @@ FIGURE_TEXTS = {
     ),
 }
 """Title, caption and alternative text of each figure."""
+OPEN_NUMBER = "the number may be mostly that of the prior"
 
 
 # --- the tables ----------------------------------------------------------------------------------
@@ -140,9 +141,9 @@ def spread_parts(groups: pd.DataFrame) -> dict[str, str]:
     return {"sd_total": "Specimens of different donors differ by"}
 
 
-def _interval(name: str, row: Row) -> str:
-    """The 90 % interval of a quantity of a row."""
-    return quantile_texts(row, name)[1] or DASH
+def _new(name: str, row: Row) -> Cell:
+    """Median and 90 % interval of new specimens or donors."""
+    return quantile_texts(row, name)
 
 
 def group_table(group: str, part: pd.DataFrame) -> Table:
@@ -168,7 +169,7 @@ def group_table(group: str, part: pd.DataFrame) -> Table:
             for side, head in spread_parts(part).items()
         ),
         *(
-            Column(new, head, format=partial(_interval, new), number=True, term=True)
+            Column(new, head, format=partial(_new, new), number=True, term=True)
             for new, head in (("new_specimen", "New specimen"), ("new_donor", "New donor"))
         ),
     ]
@@ -195,7 +196,7 @@ def contrast_table(a: str, b: str, part: pd.DataFrame) -> Table:
         Column("direction", f"In {truncate(b, 40)}", format=_direction),
         Column("probability_positive", "P(larger)", format=".3f", number=True, term=True),
     ]
-    return Table(columns, part, f"{truncate(b, 40)} against {truncate(a, 40)}")
+    return Table(columns, part, f"{truncate(b, 40)} compared with {truncate(a, 40)}")
 
 
 def _kind(r: Row) -> str:
@@ -204,7 +205,11 @@ def _kind(r: Row) -> str:
 
 
 def _apart(r: Row) -> tuple[str, str]:
-    return quantile_texts(r, "difference", _ratio if r["scale"] == LOG else three_digits)
+    """Median and 90 % interval of a difference or ratio, as the sentences have them."""
+    log = r["scale"] == LOG
+    return quantile_texts(
+        r, "difference", lambda v: end_text(math.exp(min(v, 700.0)) if log else v, log=log)
+    )
 
 
 def _direction(r: Row) -> str:
@@ -335,8 +340,8 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[Block]:
     about = prose(
         "[Typical donor]: the centre of the group. [Donors differ by, specimens differ by]: "
         "standard deviations, a [factor] where a quantity varies in ratios; below each its own "
-        "[verdict]. Small figures and those of new ones are 90 % intervals. In italics with *: "
-        "[not identified] on its own; the number may be mostly that of the prior."
+        "[verdict]. Small figures are 90 % intervals. In italics with *: "
+        f"[not identified] on its own; {OPEN_NUMBER}."
     )
     blocks: list[Block] = [paragraph(about)]
     for group, part in table.groupby("group", sort=False):
@@ -458,6 +463,7 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
             f"% Methods: {population_methods(tables, record)}",
             f"% Results: {population_results(tables, record)}",
             *table.latex(),
+            f"\\par\\smallskip\\footnotesize * {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}.",
             "",
         ]
     )
@@ -467,20 +473,20 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
 
 
 def closing_message(result: PopulationResult) -> str:
-    """Groups, differences between them and notes, for a terminal."""
+    """Differences between groups in sentences, the tables and notes, for a terminal."""
     converged = result.state == "converged"
     state = result.state if converged else f"{result.state.upper()}: {result.reason}"
     lines = [f"{printable(result.name)}: {state}"]
     if result.state == "unusable":  # the tables have no numbers
         return "\n".join([*lines, f"{NO_NUMBERS}.", *_notes(result)])
+    for title, said in _answers(result.contrasts, result.groups):
+        lines += ["", printable(title), *(f"  {printable(text)}" for text in said)]
     for group, part in result.groups.groupby("group", sort=False):
         table = group_table(str(group), part).without("new_donor")
         lines += ["", f"{printable(table.label)}: {_members(part)}", *table.lines(brief=True)]
-    lines += ["", f"* {NOT_IDENTIFIED} on its own: the number may be mostly that of the prior"]
+    lines += ["", f"* {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}"]
     for table in contrast_tables(result.contrasts):
         lines += ["", printable(table.label), *table.lines()]
-    for title, said in _answers(result.contrasts, result.groups):
-        lines += ["", printable(title), *(f"  {printable(text)}" for text in said)]
     return "\n".join([*lines, *_notes(result)])
 
 

@@ -129,12 +129,12 @@ def _stress(run: Run, figure: Draw, further: Mapping[str, str]) -> list[Block]:
         "Stresses to report",
         "Posterior median and 90 % intervals at stretches in x and y",
     )
+    of = "the tissue: of the law and its misfit" if run.settings.has_misfit else "the law"
     about = (
-        "Stresses of the tissue: of the law and its misfit. `report-stresses.csv` has them at "
-        "more stretches. A nominal stress is the force over the section of the unloaded "
-        "specimen. Stresses at total stretches rest on the mounting stretches and on the law "
-        "below the mounted state, where nothing was read: their intervals hold what is not "
-        "known of these."
+        f"Stresses of {of}. `report-stresses.csv` has them at more stretches. A nominal stress is "
+        "the force over the section of the unloaded specimen. Stresses at total stretches rest on "
+        "the mounting stretches and on the law below the mounted state, where nothing was read: "
+        "their intervals hold what is not known of these."
     )
     return [
         figure(
@@ -167,9 +167,12 @@ def _simulation(run: Run) -> list[Section]:
     off, low, high = (100.0 * rows[TO_READINGS][k] for k in ("median_card", "q05", "q95"))
     about = (
         "A drawn law and its misfit together pass through the readings; the law alone need not. "
-        "For a simulation take the law nearest to the drawn tissue on the tested paths. The median "
-        f"one is off the readings by {off:.2g} % (relative root mean square; {low:.2g} to "
-        f"{high:.2g} % over the draws). The spread is what a simulation should carry:"
+        "For a simulation take the law nearest to the drawn tissue on the tested paths. "
+        if run.settings.has_misfit
+        else "A simulation takes a drawn law as it is. "
+    ) + (
+        f"The median one is off the readings by {off:.2g} % (relative root mean square; "
+        f"{low:.2g} to {high:.2g} % over the draws). The spread is what a simulation should carry:"
     )
     values = []
     for q in (run.quantities[name] for name in run.law.names):
@@ -198,7 +201,7 @@ def _test(run: Run, figure: Draw) -> list[Block]:
             grips,
         ]
     texts = (*provenance["notes"], provenance["sampler"]["message"], alignment_note(run.specimen))
-    notes = [truncate(capital(n), 600) for n in texts if n]
+    notes = [f"{truncate(capital(n), 600).rstrip('.')}." for n in texts if n]
     return [*blocks, subheading("Notes"), bullets(notes)] if notes else blocks
 
 

@@ -29,7 +29,7 @@ from biaxbayes.report_table import (
     truncate,
     unit_text,
 )
-from biaxbayes.reports.answers import CHANCE, answers
+from biaxbayes.reports.answers import CHANCE, answers, end_text
 from biaxbayes.reports.page import (
     Block,
     Page,
@@ -122,7 +122,7 @@ def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, Table]]:
             "mean_low", "90 % interval", format=lambda r: " to ".join(_mean(r)[1:]), number=True
         ),
         Column(
-            "lowest", "Range of medians", format=partial(_ends, "lowest", "highest"), number=True
+            "lowest", "Range of medians", format=lambda r: " to ".join(_range(r)[1:]), number=True
         ),
         Column("sd_between", "Sd between", format=_spread, number=True, term=True),
     ]
@@ -139,8 +139,8 @@ def _mean(r: Row) -> tuple[str, str, str]:
     return interval_texts(r["mean"], r["mean_low"], r["mean_high"], log=True)
 
 
-def _ends(low: str, high: str, r: Row) -> str:
-    return f"{three_digits(r[low])} to {three_digits(r[high])}"
+def _range(r: Row) -> tuple[str, str, str]:
+    return interval_texts(r["mean"], r["lowest"], r["highest"], log=r["scale"] == LOG)
 
 
 def _spread(r: Row) -> str:
@@ -164,14 +164,13 @@ def group_differences(contrasts: pd.DataFrame) -> list[tuple[list[str], Table]]:
     out = []
     for (first, second), part in contrasts.groupby(["group_a", "group_b"], sort=False):
         a, b = truncate(first, 40), truncate(second, 40)
-        ends = partial(_ends, "difference_low", "difference_high")
         columns = [
             QUANTITY,
             UNIT,
             Column("mean_a", f"Mean, {a}", format=partial(_mean_of, "a"), number=True),
             Column("mean_b", f"Mean, {b}", format=partial(_mean_of, "b"), number=True),
             Column("difference", "Difference", format=_difference, number=True),
-            Column("difference_low", "90 % interval", format=ends, number=True),
+            Column("difference_low", "90 % interval", format=_interval, number=True),
             Column(
                 "detectable",
                 "Could show",
@@ -192,6 +191,11 @@ def _mean_of(side: str, r: Row) -> str:
 
 def _difference(r: Row) -> str:
     return f"{'ratio ' if r['scale'] == LOG else ''}{three_digits(r['difference'])}"
+
+
+def _interval(r: Row) -> str:
+    ends = (float(r[f"difference_{end}"]) for end in ("low", "high"))
+    return " to ".join(end_text(value, log=r["scale"] == LOG) for value in ends)
 
 
 def _direction(r: Row) -> str:
@@ -256,9 +260,10 @@ def _glance(result: StudyResult) -> list[Block | None]:
     if differences:
         about = prose(
             "From the draws of every converged specimen, each donor once (n): one that knows "
-            "little of a quantity weighs little. A ratio where a quantity varies in ratios. "
-            f"[Includes 0 or 1]: no difference is shown. {CHANCE} For specimens pooled in one "
-            "model: `biaxbayes population` on this folder."
+            "little of a quantity weighs little. The groups share one spread, by which the means "
+            "may differ from those of each group alone, below. A ratio where a quantity varies in "
+            f"ratios. [Includes 0 or 1]: no difference is shown. {CHANCE} For specimens pooled in "
+            "one model: `biaxbayes population` on this folder."
         )
         blocks.append(paragraph(about, "soft"))
     missed = [f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()]

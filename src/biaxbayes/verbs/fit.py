@@ -266,7 +266,8 @@ def _print_fits(
     click.echo("\n".join([printable(specimen.name), *_table(specimen, fits, fixed, truth)]))
     lines = ["* ended on a bound"] if any(result.at_bound for result in fits) else []
     lines += ["= fixed"] if fixed else []
-    lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
+    if specimen.experiment.is_mounted:
+        lines += [f"{result.method}: {FIT_DESCRIPTIONS[result.method]}" for result in fits]
     # of other tests one method alone is of use
     several = specimen.experiment.is_biaxial and not specimen.further
     lines.append((WHICH_FIT if several and advise else "") + NO_INTERVAL)
