@@ -46,10 +46,18 @@ def test_every_study_finds_what_it_imports():
 
 NOT_RUN = {"benchmark", "mutation", "skins"}
 """Studies that take hours in any form, or records that are fetched."""
+MINUTES = {"crashes", "grips", "laws"}
+"""Studies that take minutes in any form, of what `test_resume`, `test_grips` and
+`test_compare_laws` run at less cost."""
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", sorted(study.studies().keys() - NOT_RUN))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in MINUTES else pytest.mark.long)
+        for name in sorted(study.studies().keys() - NOT_RUN)
+    ],
+)
 def test_a_study_runs_in_its_quick_form(name, tmp_path):
     folders = ["--out", str(tmp_path / "out"), "--records", str(tmp_path / "records")]
     done = subprocess.run(

@@ -142,8 +142,10 @@ def spread_parts(groups: pd.DataFrame) -> dict[str, str]:
 
 
 def _new(name: str, row: Row) -> Cell:
-    """Median and 90 % interval of new specimens or donors."""
-    return quantile_texts(row, name)
+    """The 90 % interval of new specimens or donors, and their median."""
+    median, low, high = (float(row[f"{name}_{q}"]) for q in ("q50", "q05", "q95"))
+    middle, first, last = interval_texts(median, low, high, log=row["scale"] == LOG)
+    return DASH if middle == DASH else (f"{first} to {last}", f"median {middle}")
 
 
 def group_table(group: str, part: pd.DataFrame) -> Table:
@@ -340,7 +342,8 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[Block]:
     about = prose(
         "[Typical donor]: the centre of the group. [Donors differ by, specimens differ by]: "
         "standard deviations, a [factor] where a quantity varies in ratios; below each its own "
-        "[verdict]. Small figures are 90 % intervals. In italics with *: "
+        "[verdict]. The figures below these, and the ranges of new specimens and donors, are 90 % "
+        "intervals. In italics with *: "
         f"[not identified] on its own; {OPEN_NUMBER}."
     )
     blocks: list[Block] = [paragraph(about)]
