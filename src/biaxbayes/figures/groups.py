@@ -94,8 +94,8 @@ ALONE = "0.62"
 NOTE = "grey: alone; coloured: pooled; diamond: group's median; thin: a new specimen; 90 %"
 PAIRS = "new specimens: filled 50 %, outline 90 %; points: tested specimens, pooled"
 BAND_NOTE = (
-    "band: 90 % of new specimens, to the largest stretch of any specimen; thin lines: "
-    "equibiaxial records"
+    "coloured: median and 90 % of new specimens, to the largest stretch of any specimen; "
+    "thin: equibiaxial records"
 )
 HIGHEST = 10.0
 """The stress axis ends at most at this multiple of the largest median."""
