@@ -169,7 +169,7 @@ def test_the_text_holds_what_was_understood(tmp_path, capsys):
     write_specimen(specimen(*GOOD.protocols, layer="media", **size), tmp_path / "a.csv")
     code, out, err = run(capsys, "check", str(tmp_path / "a.csv"))
     assert (code, err) == (0, "")
-    for words in ("20 x 18 mm, 1.35 mm", "1:0.5", "202 rows in 2 protocols", "0.047 kPa"):
+    for words in ("20 × 18 mm, 1.35 mm", "1:0.5", "202 rows in 2 protocols", "0.047 kPa"):
         assert words in out
     assert max(map(len, out.splitlines())) <= 100
 

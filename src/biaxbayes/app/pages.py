@@ -251,7 +251,7 @@ async def result(page: Page) -> None:
     (path,) = page.files("name")
     found = result_at(page.place, page.get_argument("name"))
     if found is None:
-        raise InputError(f"{path.name[:60]!r} is no result")
+        raise InputError(f"{path.name[:60]!r} is not a result of biaxbayes")
     files = [p.relative_to(path).as_posix() for p in sorted(path.rglob("*")) if p.is_file()]
     reports = [name for name in REPORTS if name in files and found.state != "running"]
     page.show(

@@ -458,6 +458,7 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
     """The groups as a LaTeX table with booktabs rules; both paragraphs as comments."""
     groups = tables["groups"]
     table = group_table("", groups).without(*spread_parts(groups), "new_specimen", "new_donor")
+    note = f"\\par\\smallskip\\footnotesize * {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}."
     group = Column("group", "Group", format=lambda r: truncate(r["group"], 60))
     table = replace(table, columns=[group, *table.columns])
     return "\n".join(
@@ -466,7 +467,7 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
             f"% Methods: {population_methods(tables, record)}",
             f"% Results: {population_results(tables, record)}",
             *table.latex(),
-            f"\\par\\smallskip\\footnotesize * {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}.",
+            *([] if all(map(_identified, groups.to_dict("records"))) else [note]),
             "",
         ]
     )
