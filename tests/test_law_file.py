@@ -121,6 +121,7 @@ def test_goh_in_a_file_has_the_density_of_goh(own_goh):
     np.testing.assert_allclose(of_own.residual, of_built_in.residual, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_law_is_kept_by_its_text_without_the_file(own_goh):
     posterior = Posterior(small_specimen(), law=str(own_goh), noise="independent")
     law = pickle.loads(pickle.dumps(posterior.law))

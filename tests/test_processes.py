@@ -220,7 +220,8 @@ except Exception as error:
 """
 
 
-@pytest.mark.parametrize("kind", ["nbi", pytest.param("nbc", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
 def test_damaged_compiled_code_is_said_in_one_line_and_made_again(tmp_path, kind):
     program, cache = tmp_path / "program.py", tmp_path / "cache"
     program.write_text(DAMAGED)

@@ -237,6 +237,8 @@ def test_digits():
     assert interval_texts(38.44, 33.07, 41.02, alpha) == ("38.4", "33.1", "41.0")
     assert interval_texts(2.468, 0.1453, 27.11, C1) == ("2.5", "0.15", "27")
     assert interval_texts(6.5, 2.6e-20, 6.6, C1) == ("6.5", "0", "6.6")
+    assert interval_texts(5.0, 1.0, math.inf, C1) == ("5", "1", "inf")
+    assert interval_texts(100.0, 1.0, 1e12, C1) == ("100", "1", "1e+12")
     # no end of a scale, and no median, has fewer than two significant digits
     assert interval_texts(46.2, 24.8, 148.0, C1) == ("46", "25", "150")
     assert interval_texts(15.9, 9.6, 71.3, C1) == ("16", "9.6", "71")

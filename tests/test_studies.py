@@ -79,7 +79,9 @@ def test_the_paper_is_recomputed_in_its_quick_form(tmp_path):
         assert made == known
 
 
-@pytest.mark.parametrize("noise", ["correlated", "independent"])
+@pytest.mark.parametrize(
+    "noise", [pytest.param("correlated", marks=pytest.mark.long), "independent"]
+)
 def test_the_natural_density_is_that_of_the_posterior(noise):
     """In C1 rather than ln C1, and in mounting stretches rather than forces."""
     posterior = prepare(read_specimen(DATA / "donor2-media.csv"), noise=noise)

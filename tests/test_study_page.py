@@ -229,11 +229,12 @@ def test_a_donor_counts_once():
     assert (row["donors_a"], row["donors_b"]) == (1, 2) and not isinstance(row["direction"], str)
 
 
-def test_a_narrow_range_of_medians_has_its_digits():
-    near = rows(*(specimen(s, s, "media", C1, 0.1) for s, C1 in (("a", 1.0052), ("b", 1.0069))))
+def test_a_range_of_medians_has_the_digits_of_the_mean():
+    values = {"a": 1.0052, "b": 1.0061, "c": 1.0064, "d": 1.0069}
+    near = rows(*(specimen(s, s, "media", C1, 0.0002) for s, C1 in values.items()))
     ((_, ranges),) = group_tables(group_summaries(near), "layer")
     (row,) = ranges.cells()
-    assert row[5] == "1.0052 to 1.0069"
+    assert row[5] == "1.005 to 1.007" and len(row[3]) == len("1.005")
 
 
 def test_sentences():
@@ -246,6 +247,8 @@ def test_sentences():
     assert sentence(row | {"quantity": "k1"}) == f"k1 of B is 1.5 times as large {found}"
     hardly = stiff | {"difference_low": 1.0014}
     assert "(1.001 to 1.9 times; probability 0.98)" in sentence(hardly)
+    for low, text in ((1.00004, "1.00004"), (1.0, "1"), (12345.0, "more than 10000")):
+        assert f"({text} to 1.9 times" in sentence(stiff | {"difference_low": low})
     unclear = stiff | {"direction": "open", "difference_low": 0.7, "difference_high": 3.4}
     shown = "no difference shown (0.7 to 3.4 times); 8 donors could show 1.9 times"
     assert sentence(unclear) == f"stiffness in x at 1.1: {shown}"

@@ -220,7 +220,7 @@ def unit_text(unit: object) -> str:
 
 COARSE_RATIO = 8.0
 """Ratio of the ends of an interval from which each has two significant digits."""
-NEGLIGIBLE = 1e-9
+NEGLIGIBLE = 1e-15
 """Fraction of the upper end of an interval below which a value is printed as 0."""
 
 
@@ -237,7 +237,8 @@ def number(
         return DASH
     width = abs(high - low)
     if log and low > 0.0 and high > COARSE_RATIO * low:
-        return f"{float(f'{value:.2g}'):g}" if value > NEGLIGIBLE * high else "0"
+        rounding = math.isfinite(high) and value < NEGLIGIBLE * high
+        return "0" if rounding else f"{float(f'{value:.2g}'):g}"
     if not (width > 0.0 and math.isfinite(width)):
         return f"{value:.4g}" if parameter is None else parameter.number(value)
     digits = 1 - math.floor(math.log10(width))

@@ -62,7 +62,7 @@ def group_sources(members: list[StudyRun], sources: list[Source]) -> tuple[Group
         "all specimens are of one donor, so the differences between donors are unknown: sd_donors "
         "is the prior's and widens mean, new_specimen and new_donor": donors == 1,
         "every donor gave one specimen, so the spread cannot be split between donors and "
-        "specimens: the one that is given, and new_specimen, contain both": not split,
+        "specimens: the spread that is given, and that of new specimens, contain both": not split,
         f"there are {donors} donors: sd_donors depends much on its prior": split and 1 < donors < 4,
         f"there are {len(pooled)} specimens: the sds depend much on their priors": len(pooled) < 4,
         **{

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.errors import listed
 from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.populations.reweighting import MAX_K, Chains, RunDraws
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.tasks import one_blas_thread
+from biaxbayes.text_files import first_few
 
 K_LEVEL = 0.75
 """Tuned on virtual specimens with long ridges: at the median, more sweeps were needed."""
@@ -220,9 +220,10 @@ def draw_population(
 
 
 def _announcement(state: PopulationCheckpoint, plan: PopulationPlan, labels: Sequence[str]) -> str:
+    again = first_few([labels[i] for i, *_ in state.left], 4)
     return (
-        f"sampling {listed([labels[i] for i, *_ in state.left])} again, each about as long as "
-        "its own run: too few of the draws lie where the other specimens put them (Pareto k above "
+        f"sampling {again} of {len(labels)} specimens again, which takes about as long as each "
+        "run did: too few of the draws lie where the other specimens put them (Pareto k above "
         f"{MAX_K:g}); round {state.rounds} of at most {plan.rounds}"
     )
 

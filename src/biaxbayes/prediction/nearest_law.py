@@ -116,7 +116,7 @@ def nearest_laws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
 
 MEDIAN_OF, SPREAD_OF = 24, 120
 """Draws, evenly chosen, among whose nearest laws the median one is chosen, and of all of which the
-spread is taken: the 5 % point of 24 draws lies between the least two of them."""
+spread is taken: the 5 % point of 24 draws is about the second least."""
 
 
 def median_nearest_law(posterior: Posterior, draws: pd.DataFrame) -> tuple[pd.DataFrame, int]:

@@ -20,6 +20,8 @@ CHANCE = (
     "Intervals are 90 %: one in ten excludes equality by chance. What could be shown is the "
     "difference that four of five such studies would show."
 )
+MOST = 10000
+"""Ratio beyond which a number says no more."""
 
 
 def answers(contrasts: Sequence[Mapping[Any, Any]]) -> list[str]:
@@ -91,9 +93,9 @@ def sentence(row: Mapping[Any, Any]) -> str:
 
 
 def end_text(value: float, *, log: bool) -> str:
-    """An end of an interval; beyond all measure as such."""
-    if log and (value > 1e4 or not math.isfinite(value)):
-        return "any"
+    """An end of the interval of a difference or, ``log``, of a ratio."""
+    if log and value > MOST:
+        return f"more than {MOST:g}"
     # an interval that excludes 1 does so in print
-    text = three_digits(value)
-    return f"{value:.4g}" if log and text == "1" else text
+    texts = (three_digits(value), *(f"{value:.{digits}g}" for digits in (4, 5, 6)))
+    return next((text for text in texts if text != "1" or not log), "1")

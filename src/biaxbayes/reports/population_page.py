@@ -14,10 +14,7 @@ from markupsafe import Markup
 
 from biaxbayes.errors import listed, printable
 from biaxbayes.identifiability.verdict import (
-    BOUNDED,
-    FIXED,
-    IDENTIFIED,
-    MEASURED,
+    COMBINATION,
     NOT_IDENTIFIED,
 )
 from biaxbayes.parameters import unit_words
@@ -97,13 +94,14 @@ FIGURE_TEXTS = {
     ),
     BANDS: (
         "Stress of a new specimen",
-        "Equibiaxial Cauchy stress: the band contains 90 % of new specimens; thin lines are the "
+        "Equibiaxial Cauchy stress: median and 90 % of new specimens, coloured; thin lines are the "
         "records of the tested ones.",
         "Equibiaxial Cauchy stress of new specimens over total stretch, with the equibiaxial "
         "records; the numbers are in new-specimen-bands.csv.",
     ),
 }
 """Title, caption and alternative text of each figure."""
+OPEN_VERDICTS = (COMBINATION, NOT_IDENTIFIED)
 OPEN_NUMBER = "the number may be mostly that of the prior"
 
 
@@ -128,9 +126,11 @@ def quantile_texts(
     return write(median), f"{write(low)} to {write(high)}"
 
 
-def _marked(median: str, identified: bool) -> str | Markup:
-    """Text in italics with an asterisk if it is not identified."""
-    return median if identified else Markup("<i>{}*</i>").format(median)
+def _marked(median: str, verdict: object) -> str | Markup:
+    """A number in italics with an asterisk if it is not identified on its own."""
+    if verdict not in OPEN_VERDICTS or median == DASH:
+        return median
+    return Markup("<i>{}*</i>").format(median)
 
 
 def spread_parts(groups: pd.DataFrame) -> dict[str, str]:
@@ -152,13 +152,13 @@ def group_table(group: str, part: pd.DataFrame) -> Table:
     """The typical donor of a group, how donors and specimens differ, and new ones."""
 
     def typical(r: Row) -> Cell:
-        return _marked(_centre(r), _identified(r))
+        return _marked(_centre(r), r["verdict"])
 
     def spread(side: str, r: Row) -> Cell:
         log, verdict = r["scale"] == LOG, _words(r[f"{side}_verdict"])
         median, ends = quantile_texts(r, side, _ratio if log else three_digits)
         text = f"factor {median}" if log and median != DASH else median
-        return (_marked(text, verdict != NOT_IDENTIFIED), ends, verdict)
+        return (_marked(text, verdict), ends, verdict)
 
     columns = [
         QUANTITY,
@@ -176,10 +176,6 @@ def group_table(group: str, part: pd.DataFrame) -> Table:
         ),
     ]
     return Table(columns, part, truncate(group, 60))
-
-
-def _identified(r: Row) -> bool:
-    return _words(r["verdict"]) in (IDENTIFIED, MEASURED, BOUNDED, FIXED)
 
 
 def _centre(r: Row) -> str:
@@ -209,9 +205,12 @@ def _kind(r: Row) -> str:
 def _apart(r: Row) -> tuple[str, str]:
     """Median and 90 % interval of a difference or ratio, as the sentences have them."""
     log = r["scale"] == LOG
-    return quantile_texts(
-        r, "difference", lambda v: end_text(math.exp(min(v, 700.0)) if log else v, log=log)
-    )
+    low, median, high = (float(r[f"difference_{q}"]) for q in ("q05", "q50", "q95"))
+    if math.isnan(median):
+        return DASH, ""
+    if log:
+        low, median, high = (math.exp(min(v, 700.0)) for v in (low, median, high))
+    return three_digits(median), f"{end_text(low, log=log)} to {end_text(high, log=log)}"
 
 
 def _direction(r: Row) -> str:
@@ -238,8 +237,7 @@ def specimens_table(table: pd.DataFrame) -> Table:
         if r is None:
             return DASH
         median, ends = quantile_texts(r, "pooled", KNOWN_QUANTITIES[name].parameter.number)
-        identified = r["pooled_verdict"] in (IDENTIFIED, MEASURED, BOUNDED, FIXED)
-        return (_marked(median, identified), ends, f"({_words(r['reported']) or DASH})")
+        return (_marked(median, r["pooled_verdict"]), ends, f"({_words(r['reported']) or DASH})")
 
     known = [KNOWN_QUANTITIES[n] for n in dict.fromkeys(table["quantity"]) if n in KNOWN_QUANTITIES]
     columns = [
@@ -342,8 +340,8 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[Block]:
     about = prose(
         "[Typical donor]: the centre of the group. [Donors differ by, specimens differ by]: "
         "standard deviations, a [factor] where a quantity varies in ratios; below each its own "
-        "[verdict]. The figures below these, and the ranges of new specimens and donors, are 90 % "
-        "intervals. In italics with *: "
+        "[verdict]. The small numbers below these, and the ranges of new specimens and donors, are "
+        "90 % intervals. In italics with *: "
         f"[not identified] on its own; {OPEN_NUMBER}."
     )
     blocks: list[Block] = [paragraph(about)]
@@ -434,9 +432,9 @@ def population_results(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         known = [
             f"{r['quantity']} {_centre(r)}{unit_words(r['unit'])} ({r['reported']})"
             for r in rows
-            if _identified(r) and _words(r["reported"])
+            if r["verdict"] not in OPEN_VERDICTS and _words(r["reported"])
         ]
-        left = [str(r["quantity"]) for r in rows if not _identified(r)]
+        left = [str(r["quantity"]) for r in rows if r["verdict"] in OPEN_VERDICTS]
         size = plural(int(part.iloc[0]["specimens"]), "specimen")
         if known:
             text = f"Medians of a typical donor of the group {group} ({size}) were "
@@ -458,7 +456,7 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
     """The groups as a LaTeX table with booktabs rules; both paragraphs as comments."""
     groups = tables["groups"]
     table = group_table("", groups).without(*spread_parts(groups), "new_specimen", "new_donor")
-    note = f"\\par\\smallskip\\footnotesize * {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}."
+    note = f"{{\\par\\smallskip\\footnotesize * {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}.\\par}}"
     group = Column("group", "Group", format=lambda r: truncate(r["group"], 60))
     table = replace(table, columns=[group, *table.columns])
     return "\n".join(
@@ -467,7 +465,7 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
             f"% Methods: {population_methods(tables, record)}",
             f"% Results: {population_results(tables, record)}",
             *table.latex(),
-            *([] if all(map(_identified, groups.to_dict("records"))) else [note]),
+            *([note] if groups["verdict"].isin(OPEN_VERDICTS).any() else []),
             "",
         ]
     )
@@ -488,7 +486,7 @@ def closing_message(result: PopulationResult) -> str:
     for group, part in result.groups.groupby("group", sort=False):
         table = group_table(str(group), part).without("new_donor")
         lines += ["", f"{printable(table.label)}: {_members(part)}", *table.lines(brief=True)]
-    lines += ["", f"* {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}"]
+    lines += ["", f"* {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}; new specimen: 90 %"]
     for table in contrast_tables(result.contrasts):
         lines += ["", printable(table.label), *table.lines()]
     return "\n".join([*lines, *_notes(result)])

@@ -169,7 +169,7 @@ def _simulation(run: Run) -> list[Section]:
         "A drawn law and its misfit together pass through the readings; the law alone need not. "
         "For a simulation take the law nearest to the drawn tissue on the tested paths. "
         if run.settings.has_misfit
-        else "A simulation takes a drawn law as it is. "
+        else "Errors are independent here, so that a drawn law goes into a simulation unchanged. "
     ) + (
         f"The median one is off the readings by {off:.2g} % (relative root mean square; "
         f"{low:.2g} to {high:.2g} % over the draws). The spread is what a simulation should carry:"
@@ -201,7 +201,7 @@ def _test(run: Run, figure: Draw) -> list[Block]:
             grips,
         ]
     texts = (*provenance["notes"], provenance["sampler"]["message"], alignment_note(run.specimen))
-    notes = [f"{truncate(capital(n), 600).rstrip('.')}." for n in texts if n]
+    notes = [truncate(f"{capital(n).rstrip('.')}.", 600) for n in texts if n]
     return [*blocks, subheading("Notes"), bullets(notes)] if notes else blocks
 
 

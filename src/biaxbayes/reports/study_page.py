@@ -25,6 +25,7 @@ from biaxbayes.report_table import (
     Row,
     Table,
     interval_texts,
+    number,
     three_digits,
     truncate,
     unit_text,
@@ -121,9 +122,7 @@ def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, Table]]:
         Column(
             "mean_low", "90 % interval", format=lambda r: " to ".join(_mean(r)[1:]), number=True
         ),
-        Column(
-            "lowest", "Range of medians", format=lambda r: " to ".join(_range(r)[1:]), number=True
-        ),
+        Column("lowest", "Range of medians", format=_range, number=True),
         Column("sd_between", "Sd between", format=_spread, number=True, term=True),
     ]
     out = []
@@ -139,8 +138,10 @@ def _mean(r: Row) -> tuple[str, str, str]:
     return interval_texts(r["mean"], r["mean_low"], r["mean_high"], log=True)
 
 
-def _range(r: Row) -> tuple[str, str, str]:
-    return interval_texts(r["mean"], r["lowest"], r["highest"], log=r["scale"] == LOG)
+def _range(r: Row) -> str:
+    """The least and largest median, with the digits of the mean."""
+    ends = (r["mean_low"], r["mean_high"])
+    return " to ".join(number(r[k], *ends, log=True) for k in ("lowest", "highest"))
 
 
 def _spread(r: Row) -> str:
@@ -260,8 +261,9 @@ def _glance(result: StudyResult) -> list[Block | None]:
     if differences:
         about = prose(
             "From the draws of every converged specimen, each donor once (n): one that knows "
-            "little of a quantity weighs little. The groups share one spread, by which the means "
-            "may differ from those of each group alone, below. A ratio where a quantity varies in "
+            "little of a quantity weighs little. As each donor counts once and the groups share "
+            "one spread, these means can differ from those of the groups below, which count every "
+            "specimen. A ratio where a quantity varies in "
             f"ratios. [Includes 0 or 1]: no difference is shown. {CHANCE} For specimens pooled in "
             "one model: `biaxbayes population` on this folder."
         )

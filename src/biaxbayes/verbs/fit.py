@@ -124,9 +124,8 @@ def _write_fits(
         row = _by_state(specimen, _record(specimen, result, truth))
         at_bound = row.pop("at_bound")
         assert isinstance(at_bound, list)
-        rows.append(
-            {**row, "at_bound": " ".join(at_bound), "what_it_does": FIT_DESCRIPTIONS[result.method]}
-        )
+        does = FIT_DESCRIPTIONS[result.method] if specimen.experiment.is_mounted else ""
+        rows.append({**row, "at_bound": " ".join(at_bound), "what_it_does": does})
     write_csv(target / "fits.csv", pd.DataFrame(rows), digits=8)
     save_pictures(fits_figure(specimen, fits), target, "fits")
 
