@@ -33,6 +33,7 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
     assert points == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
 
 
+@pytest.mark.long
 def test_verdicts_are_readable(run):
     opened = open_run(run)
     verdicts = opened.analyse()[1]

@@ -486,6 +486,7 @@ def test_unlike_specimens_are_pooled_with_a_note_and_those_that_failed_left_out(
     assert at.max() == pytest.approx(low, abs=1e-3)  # nobody is extrapolated
 
 
+@pytest.mark.long
 def test_one_specimen_that_can_be_used_is_no_population(pool):
     code, _, err, folder = pool(["m0", "m1"], state={"m1": "unusable"}, reason={"m1": "short"})
     assert code == 2 and not folder.exists()
@@ -506,6 +507,7 @@ def test_a_specimen_that_contradicts_its_group_is_named(pool, tmp_path):
     assert "odd contradicts" in (folder / "population.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_not_converged_gives_exit_three_and_no_verdict(pool, monkeypatch):
     short = LONGER | {"first_block": 20, "max_steps": 20, "ess": 1e5}
     monkeypatch.setattr(job, "PopulationPlan", lambda **k: PopulationPlan(**(k | short)))
@@ -518,6 +520,7 @@ def test_not_converged_gives_exit_three_and_no_verdict(pool, monkeypatch):
     assert set(specimens["single_verdict"]) - {NO_VERDICT, "fixed"}
 
 
+@pytest.mark.long
 def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
     first, second = (
         Source.from_run(n, biaxbayes.open_run(whole / "runs" / n)) for n in ("m0", "m1")
