@@ -528,6 +528,16 @@ def test_what_is_simulated_without_noise_is_fitted_by_all_five(capsys, tmp_path,
     assert exit_code("fit", path) == 0
     shown = capsys.readouterr()
     assert "NO" not in shown.out and "not converged" not in shown.err
+    assert "takes the mounted state as unloaded" in shown.out
+
+
+def test_a_fit_of_a_tube_describes_no_mounting_force(capsys, tmp_path):
+    path, of_tube = tmp_path / "tube.csv", ("unloaded_outer_diameter_mm=8", "--thickness", 0.9)
+    test = ("--test", "tube", "--header", *of_tube, "--total-stretch", 1.28, "--axial-stretch", 1.1)
+    assert exit_code("simulate", "--goh", 15, 40, 4, 40, 0.15, *test, "--out", path) == 0
+    capsys.readouterr()
+    assert exit_code("fit", path) == 0
+    assert "mounting force" not in capsys.readouterr().out
 
 
 def rounded(specimen, decimals: int):

@@ -244,7 +244,10 @@ def test_sampler_agrees_with_quadrature():
 @pytest.mark.long
 def test_runs_whose_draws_are_elsewhere_are_sampled_again():
     """Under a prior that keeps the runs from where their specimens are."""
-    result = pooled(prior_mean=3.0, prior_sd=0.15)
+    seen = []
+    result = pooled(prior_mean=3.0, prior_sd=0.15, progress=seen.append)
+    assert any("A, B, C, D and 2 more of 6 specimens again" in step.note for step in seen)
+    assert "sampling F again, round 1" in [step.phase for step in seen]
     assert result.sampled_again == list(range(6)) and (result.pareto_k < MAX_K).all()
     assert_agrees(result, within=0.01)
     left = pooled({"rounds": 0}, prior_mean=3.0, prior_sd=0.15)

@@ -16,7 +16,13 @@ import biaxbayes
 import quick_posteriors
 import shared
 from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
+from biaxbayes.identifiability.verdict import (
+    COMBINATION,
+    FIXED,
+    NO_VERDICT,
+    NOT_IDENTIFIED,
+    VERDICTS,
+)
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import PopulationOptions
@@ -39,6 +45,7 @@ from biaxbayes.reports.population_page import (
     contrast_table,
     contrast_tables,
     group_table,
+    population_latex,
 )
 from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.sampling.sampler import Plan
@@ -234,13 +241,32 @@ def test_a_contrast_says_whether_the_groups_differ(population):
     table[ends] = [[-0.9, -0.7, -0.5], [-0.9, 0.1, 0.4], [-3.0, 1.0, 4.0]]
     rows = contrast_table("a", "b", table).cells()
     assert [row[4] for row in rows] == ["smaller", "includes 1", "includes 0"]
-    assert rows[0][1:3] == ["ratio", f"{np.exp(-0.7):.3g}"]
+    ends = f"{np.exp(-0.9):.3g} to {np.exp(-0.5):.3g}"
+    assert rows[0][1:4] == ["ratio", f"{np.exp(-0.7):.3g}", ends]
     own = population.contrasts
     if population.state == "converged":
         assert list(own["direction"] == "larger") == list(own["difference_q05"] > 0.0)
         assert list(own["direction"] == "smaller") == list(own["difference_q95"] < 0.0)
     else:
         assert own["direction"].isna().all()
+
+
+def test_what_is_not_identified_on_its_own_is_marked(population):
+    """With a note where there is a mark; no mark without a verdict or a number."""
+    tables = {"groups": population.groups, "contrasts": population.contrasts}
+    record = json.loads((population.folder / POPULATION).read_text())
+    marked = population.groups["mean_q50"].notna().sum()
+    verdicts = (("identified", 0), (NOT_IDENTIFIED, 1), (COMBINATION, 1), (NO_VERDICT, 0))
+    for verdict, marks in verdicts:
+        groups = population.groups.assign(verdict=verdict)
+        cells = [as_text(row[2]) for row in group_table("a", groups).cells()]
+        assert sum(cell.endswith("*") for cell in cells) == marks * marked, verdict
+        text = population_latex(tables | {"groups": groups}, record).partition("\\begin{tabular}")[
+            2
+        ]
+        assert text.count("*") == marks * (marked + 1), verdict
+    unknown = groups.iloc[:1].assign(verdict=NOT_IDENTIFIED, mean_q50=np.nan)
+    assert as_text(group_table("a", unknown).cells()[0][2]) == DASH
 
 
 @pytest.mark.long

@@ -229,6 +229,16 @@ def test_chains_that_have_not_converged_give_no_verdict_and_no_number_anywhere(m
     assert texts.count("no verdict") == 7
 
 
+def test_the_contraction_of_the_figure_is_that_of_the_page(media_run):
+    judged = identify_draws(media_run.posterior(), media_run.draws, "converged")
+    figure = identifiability_figure(judged, judged.reported)
+    drawn = [t.get_text() for ax in figure.axes for t in ax.texts]
+    page = report_page(media_run)
+    for p in judged.parameters:
+        text = f"{100.0 * min(max(p.diagnostics.contraction, 0.0), 0.999):.3g} %"
+        assert text in drawn and f">{text}<" in page, p.scale.parameter.name
+
+
 def test_digits():
     """Two of the width of the interval; of a range of decades two of each number."""
     C1, alpha, kappa = (law_named("goh").parameter(n) for n in ("C1", "alpha", "kappa"))
