@@ -53,7 +53,7 @@ def population_answers(part: pd.DataFrame, groups: pd.DataFrame) -> list[str]:
         shown = POWER * (high - low) / (2.0 * Z90)
         ends = {"": middle, "_low": low, "_high": high}
         if r["scale"] == LOG:
-            shown, ends = _exp(shown), {k: _exp(v) for k, v in ends.items()}
+            shown, ends = ratio_of(shown), {k: ratio_of(v) for k, v in ends.items()}
         rows.append(
             r
             | {f"difference{k}": v for k, v in ends.items()}
@@ -63,7 +63,8 @@ def population_answers(part: pd.DataFrame, groups: pd.DataFrame) -> list[str]:
     return answers(rows)
 
 
-def _exp(value: float) -> float:
+def ratio_of(value: float) -> float:
+    """The ratio of a difference of logs; finite."""
     return math.exp(min(value, 700.0))
 
 
@@ -73,7 +74,7 @@ def sentence(row: Mapping[Any, Any]) -> str:
     log, unit = row["scale"] == LOG, unit_words(str(row["unit"]))
     middle, low, high = (float(row[f"difference{end}"]) for end in ("", "_low", "_high"))
     times = " times" if log else unit
-    ends = f"{end_text(low, log=log)} to {end_text(high, log=log)}{times}"
+    ends = f"{ends_text(low, high, log=log)}{times}"
     stem, _, at = quantity.partition(" at ")
     if row["direction"] == OPEN:
         count, shown = int(row["donors_a"] + row["donors_b"]), float(row["detectable"])
@@ -92,7 +93,12 @@ def sentence(row: Mapping[Any, Any]) -> str:
     return f"{derived_text(quantity)} of {b} is {three_digits(abs(middle))}{unit} {word} {found}"
 
 
-def end_text(value: float, *, log: bool) -> str:
+def ends_text(low: float, high: float, *, log: bool) -> str:
+    """The interval of a difference or, ``log``, of a ratio."""
+    return " to ".join(_end(value, log=log) for value in (low, high))
+
+
+def _end(value: float, *, log: bool) -> str:
     """An end of the interval of a difference or, ``log``, of a ratio."""
     if log and value > MOST:
         return f"more than {MOST:g}"

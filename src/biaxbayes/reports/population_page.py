@@ -30,7 +30,7 @@ from biaxbayes.report_table import (
     three_digits,
     truncate,
 )
-from biaxbayes.reports.answers import CHANCE, end_text, population_answers
+from biaxbayes.reports.answers import CHANCE, ends_text, population_answers, ratio_of
 from biaxbayes.reports.page import (
     Block,
     Page,
@@ -102,7 +102,7 @@ FIGURE_TEXTS = {
 }
 """Title, caption and alternative text of each figure."""
 OPEN_VERDICTS = (COMBINATION, NOT_IDENTIFIED)
-OPEN_NUMBER = "the number may be mostly that of the prior"
+OPEN_NOTE = f"{NOT_IDENTIFIED} on its own: the number may be mostly that of the prior"
 
 
 # --- the tables ----------------------------------------------------------------------------------
@@ -113,7 +113,7 @@ def _words(value: object) -> str:
 
 
 def _ratio(log: float) -> str:
-    return three_digits(math.exp(min(log, 700.0)))
+    return three_digits(ratio_of(log))
 
 
 def quantile_texts(
@@ -209,8 +209,8 @@ def _apart(r: Row) -> tuple[str, str]:
     if math.isnan(median):
         return DASH, ""
     if log:
-        low, median, high = (math.exp(min(v, 700.0)) for v in (low, median, high))
-    return three_digits(median), f"{end_text(low, log=log)} to {end_text(high, log=log)}"
+        low, median, high = map(ratio_of, (low, median, high))
+    return three_digits(median), ends_text(low, high, log=log)
 
 
 def _direction(r: Row) -> str:
@@ -342,7 +342,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[Block]:
         "standard deviations, a [factor] where a quantity varies in ratios; below each its own "
         "[verdict]. The small numbers below these, and the ranges of new specimens and donors, are "
         "90 % intervals. In italics with *: "
-        f"[not identified] on its own; {OPEN_NUMBER}."
+        f"{OPEN_NOTE}."
     )
     blocks: list[Block] = [paragraph(about)]
     for group, part in table.groupby("group", sort=False):
@@ -456,7 +456,7 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
     """The groups as a LaTeX table with booktabs rules; both paragraphs as comments."""
     groups = tables["groups"]
     table = group_table("", groups).without(*spread_parts(groups), "new_specimen", "new_donor")
-    note = f"{{\\par\\smallskip\\footnotesize * {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}.\\par}}"
+    note = f"{{\\par\\smallskip\\footnotesize * {OPEN_NOTE}.\\par}}"
     group = Column("group", "Group", format=lambda r: truncate(r["group"], 60))
     table = replace(table, columns=[group, *table.columns])
     return "\n".join(
@@ -486,7 +486,7 @@ def closing_message(result: PopulationResult) -> str:
     for group, part in result.groups.groupby("group", sort=False):
         table = group_table(str(group), part).without("new_donor")
         lines += ["", f"{printable(table.label)}: {_members(part)}", *table.lines(brief=True)]
-    lines += ["", f"* {NOT_IDENTIFIED} on its own: {OPEN_NUMBER}; new specimen: 90 %"]
+    lines += ["", f"* {OPEN_NOTE}; new specimen: 90 %"]
     for table in contrast_tables(result.contrasts):
         lines += ["", printable(table.label), *table.lines()]
     return "\n".join([*lines, *_notes(result)])

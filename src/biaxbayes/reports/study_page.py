@@ -30,7 +30,7 @@ from biaxbayes.report_table import (
     truncate,
     unit_text,
 )
-from biaxbayes.reports.answers import CHANCE, answers, end_text
+from biaxbayes.reports.answers import CHANCE, answers, ends_text
 from biaxbayes.reports.page import (
     Block,
     Page,
@@ -195,8 +195,7 @@ def _difference(r: Row) -> str:
 
 
 def _interval(r: Row) -> str:
-    ends = (float(r[f"difference_{end}"]) for end in ("low", "high"))
-    return " to ".join(end_text(value, log=r["scale"] == LOG) for value in ends)
+    return ends_text(r["difference_low"], r["difference_high"], log=r["scale"] == LOG)
 
 
 def _direction(r: Row) -> str:
@@ -263,9 +262,9 @@ def _glance(result: StudyResult) -> list[Block | None]:
             "From the draws of every converged specimen, each donor once (n): one that knows "
             "little of a quantity weighs little. As each donor counts once and the groups share "
             "one spread, these means can differ from those of the groups below, which count every "
-            "specimen. A ratio where a quantity varies in "
-            f"ratios. [Includes 0 or 1]: no difference is shown. {CHANCE} For specimens pooled in "
-            "one model: `biaxbayes population` on this folder."
+            "specimen. A ratio where a quantity varies in ratios. [Includes 0 or 1]: no difference "
+            f"is shown. {CHANCE} For specimens pooled in one model: `biaxbayes population` on "
+            "this folder."
         )
         blocks.append(paragraph(about, "soft"))
     missed = [f"{truncate(k)}: {truncate(v, 300)}" for k, v in result.missed.items()]
