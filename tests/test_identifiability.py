@@ -90,7 +90,7 @@ def test_low_stretch_does_not_determine_the_exponent():
 def test_one_ratio_trades_dispersion_for_angle():
     result = identify(case("equibiaxial"))
     for name, other in (("kappa", "alpha"), ("alpha", "kappa")):
-        assert other in result[name].partners
+        assert other in result[name].diagnostics.partners.names
         assert result[name].diagnostics.partners.spread_given_partners < 0.5
     assert {result[name].verdict for name in ("alpha", "k1", "k2")} == {COMBINATION}
     # of the dispersion alone the data say no more than its range
@@ -179,7 +179,7 @@ def test_fixed_and_tied_parameters_are_named():
     result = identify(made_up(priors={"kappa": 0.1}))
     assert result["kappa"].verdict == FIXED
     assert "kappa" not in {row.name for row in result.reported}
-    assert "kappa" not in {q for p in result.parameters for q in p.partners}
+    assert "kappa" not in {q for p in result.parameters for q in p.diagnostics.partners.names}
 
 
 def test_a_ridge_names_all_who_move_along_it():
@@ -189,7 +189,7 @@ def test_a_ridge_names_all_who_move_along_it():
     k1 = np.exp(3.0 + 6.0 * kappa + rng.normal(0.0, 0.02, 8000))
     result = identify(made_up(kappa=kappa, alpha=alpha, k1=k1))
     assert result["kappa"].verdict == COMBINATION
-    assert set(result["kappa"].partners) == {"alpha", "k1"}
+    assert set(result["kappa"].diagnostics.partners.names) == {"alpha", "k1"}
     assert "trades with" in result["kappa"].assessment.reason
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from biaxbayes.laws import LAWS, law_named, materials
-from biaxbayes.laws.law import ABSENT_STRESS_FRACTION, TransformInputs
+from biaxbayes.laws.law import ABSENT_STRESS_FRACTION
 from biaxbayes.laws.materials import Material
 from biaxbayes.model.assembly import to_slot
 from typical_laws import RECOVERED, TYPICAL, random_materials, stress_at_point
@@ -21,9 +21,9 @@ REFERENCE = (X, Y, Z)
 
 def coordinates(law, values):
     """Sampling coordinates of a material at the reference state, for a peak of 100 kPa."""
-    inputs = TransformInputs(law.names, REFERENCE, 0.3, True, REFERENCE, 100.0)
+    transform = law.sampling_transform(law.names, REFERENCE, 0.3, REFERENCE, 100.0)
     slots = {p.name: to_slot(p, np.array([v])) for p, v in zip(law.parameters, values, strict=True)}
-    return law.to_sampling_coordinates(law.sampling_transform(inputs), slots)
+    return law.to_sampling_coordinates(transform, slots)
 
 
 def test_goh_is_sampled_in_stresses_and_the_exponent_at_the_reference_state():

@@ -162,7 +162,9 @@ def test_an_open_end_and_a_ridge_are_named(values, prior):
         result["kappa"]
     )
     assert reported_text(result["kappa"]).startswith("below 0.0")
-    assert result["k1"].verdict == COMBINATION and result["k1"].partners == ("k2",)
+    assert result["k1"].verdict == COMBINATION and result["k1"].diagnostics.partners.names == (
+        "k2",
+    )
     assert result["C1"].verdict == IDENTIFIED
 
 
@@ -202,7 +204,7 @@ def test_spreads_of_which_only_the_sum_is_known_are_a_combination(values):
     whole, angle = 1.5 + 0.05 * rng.standard_normal(DRAWS), 0.5 * np.pi * rng.random(DRAWS)
     result = spread(values, whole * np.sin(angle), whole * np.cos(angle))
     assert result["sd_donors"].verdict == COMBINATION
-    assert result["sd_donors"].partners == ("sd_specimens of C1",)
+    assert result["sd_donors"].diagnostics.partners.names == ("sd_specimens of C1",)
     total = result["sd_total"]
     assert total.verdict == IDENTIFIED
     # 1.5 times the scale 0.5 of a log

@@ -34,7 +34,6 @@ from biaxbayes.mechanics.mounting import (
     mounted_section,
     sections,
     solve_balance,
-    unloaded_section,
     with_free_side,
 )
 from biaxbayes.options import Settings
@@ -105,18 +104,17 @@ class ForwardModel:
                 return cauchy_stress(constants, *squared_stretches(x, y))
 
             total = with_free_side(cauchy, total, side)
-        at = self.law.response(point, total)
-        by_point, by_log = at.by_fit_coordinate, at.by_log_stretch
+        stress, by_point, by_log = self.law.response(point, total)
         if side is not None and solved:
             by_point, by_log = _at_free_side(by_point, by_log, side)
         if not self.mounted_dimensions:  # g = A0 / lm
-            by_log = by_log - at.stress[..., None] * np.eye(2)
+            by_log = by_log - stress[..., None] * np.eye(2)
         section = mounted_section(stiffness * self.area, lm, self.mounted_dimensions)
         weight = points.weight * np.broadcast_to(section, lm.shape)[:, None]
         load_per_stress = np.abs(points.of_rows(np.einsum("nkk->nk", weight)))
         load, by_point, by_log = (
             points.of_rows(np.einsum("nik,nk...->ni...", weight, values))
-            for values in (at.stress, by_point, by_log)
+            for values in (stress, by_point, by_log)
         )
         return LoadResponse(
             load, by_point, by_log, np.where(load_per_stress > 0.0, load_per_stress, 1.0)
@@ -172,7 +170,9 @@ class ForwardModel:
 
     def unloaded_section(self, values: Any, mounting: np.ndarray) -> np.ndarray:
         """Load per first Piola-Kirchhoff stress at mounting stretches of that shape."""
-        return unloaded_section(self.section(values), mounting, self.mounted_dimensions)
+        # f = A0 P;  A0 = Am lm
+        section = self.section(values)
+        return section * mounting if self.mounted_dimensions else section
 
     def offset(self, values: Any) -> np.ndarray:
         """Load offsets z, the readings of the cell without load."""

@@ -288,6 +288,22 @@ class Quantity:
         return self.parameter.unit_in(self.load_unit)
 
 
+class OfQuantity:
+    """What is about one quantity of a run."""
+
+    quantity: Quantity
+
+    @property
+    def name(self) -> str:
+        """As in ``summary.csv``."""
+        return self.quantity.name
+
+    @property
+    def unit(self) -> str:
+        """Empty for pure numbers."""
+        return "" if self.quantity.unit == "1" else self.quantity.unit
+
+
 @dataclass(frozen=True)
 class PieceLabels:
     """What the quantities of a piece are called."""

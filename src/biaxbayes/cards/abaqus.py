@@ -1,12 +1,8 @@
 """Abaqus: ``*ANISOTROPIC HYPERELASTIC, HOLZAPFEL`` with two local directions.
 
-Abaqus Analysis User's Guide, "Anisotropic hyperelastic behavior", Holzapfel-Gasser-Ogden form:
-
-    U = C10 (I1 - 3) + (1/D) ((J^2 - 1)/2 - ln J) + k1/(2 k2) sum_a { exp[k2 <E_a>^2] - 1 }
-    E_a = kappa (I1 - 3) + (1 - 3 kappa) (I4_a - 1)          I1, I4 of the isochoric part of C
-
-The data line holds C10, D, k1, k2, kappa. The mean fibre directions are the LOCAL DIRECTIONS of
-an ``*ORIENTATION``, in its local system. C10 is our C1; each family counts once, as in ours.
+Abaqus Analysis User's Guide, "Anisotropic hyperelastic behavior", Holzapfel-Gasser-Ogden form, with
+the energy that :data:`CONVENTIONS` state. The data line holds C10, D, k1, k2, kappa. Each family
+counts once, as in our law.
 """
 
 from __future__ import annotations

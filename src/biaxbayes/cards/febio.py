@@ -1,9 +1,7 @@
 """FEBio: its Holzapfel-Gasser-Ogden material, and other laws as a mixture of a matrix and more.
 
-FEBio User Manual, uncoupled materials. The two families of
-Holzapfel-Gasser-Ogden lie at +gamma and -gamma (degrees) from the first axis of ``mat_axis``; c is
-2 C1 and each family counts once, as in our law. A fibre material has no ``mat_axis`` but a
-``fiber`` vector, which FEBio reads in the axes of the mixture. The outermost material has the
+FEBio User Manual, uncoupled materials. Each family counts once, as in our law. A fibre material has
+a ``fiber`` vector, which FEBio reads in the axes of the mixture. The outermost material has the
 bulk modulus k, with
 
     U(J) = k/2 ((J^2 - 1)/2 - ln J)  for Holzapfel-Gasser-Ogden,  k/2 (ln J)^2  for a mixture
@@ -31,9 +29,9 @@ MATRIX, FIBRE, FUNG = "Mooney-Rivlin", "fiber-exp-pow-uncoupled", "Fung orthotro
 class Mixture(NamedTuple):
     """A law as a mixture."""
 
-    # from parameters by name: type, FEBio's parameters (stresses in kPa), angle from x (degrees)
+    # from parameters by name: type, FEBio's parameters (stresses in kPa), angle from x (degrees);
+    # the matrix first
     parts: Callable[[Mapping[str, float]], list[Part]]
-    matrix_shear_kPa: Callable[[Mapping[str, float]], float]
     conventions: tuple[str, ...]
 
 
@@ -87,7 +85,6 @@ def _four_fibre_parts(p: Mapping[str, float]) -> list[Part]:
 MIXTURES = {
     "fung": Mixture(
         _fung_parts,
-        lambda p: 2.0 * p["c0"],
         (
             "Strain energy (isochoric I1 and Green strains E):",
             "  Psi = c0 (I1 - 3) + c/2 (exp(Q) - 1) + U(J)",
@@ -101,7 +98,6 @@ MIXTURES = {
     ),
     "four-fibre": Mixture(
         _four_fibre_parts,
-        lambda p: p["c"],
         (
             "Strain energy (isochoric I1, In): Psi = c/2 (I1 - 3) + U(J)",
             "  + sum k1/(4 k2) (exp(k2 <In - 1>^2) - 1), fibres along x, y and both diagonals",

@@ -199,9 +199,10 @@ def _rows(
         yield _row(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0])
     if states:
         yield from _total_rows(posterior, draws, states, axes)
-    stretches = [np.tile(state, (len(draws), 1)) for state in states]
-    for name, values in law.derived_at(material, stretches).items() if states else ():
-        yield _row(name, "", nowhere, values)
+        stretches = [np.tile(state, (len(draws), 1)) for state in states]
+        largest = law.largest_exponents(material.constants, stretches)
+        for formula, values in zip(law.formulas, largest, strict=True):
+            yield _row(f"exponent {formula}", "", nowhere, values)
 
 
 def _total_rows(

@@ -91,7 +91,7 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
         ax.set_xticks([])
         ax.spines["bottom"].set_visible(False)
         return
-    if row.scale.logarithmic:
+    if row.scale.parameter.logarithmic:
         ax.set_xscale("log")
     for density, colour, outline in (
         (prior_density, PRIOR_GREY, "0.6"),

@@ -126,23 +126,15 @@ class FitSetup:
         return self.law.lower[self.free], self.law.upper[self.free]
 
     def starting_points(
-        self,
-        starts: int,
-        seed: int | np.random.Generator,
-        initial: MaterialResponse | None = None,
+        self, starts: int, seed: int | np.random.Generator, initial: MaterialResponse | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Materials (n, p) and mounting stretches (n, 2): screened ones, and the initial one."""
         points, stretches = np.empty((0, self.point.size)), np.empty((0, 2))
         count = starts if initial is not None else max(starts, 1)
         if count:
+            rng = np.random.default_rng(seed)
             points, stretches = screened_points(
-                self.data,
-                count,
-                np.random.default_rng(seed),
-                self.law,
-                point=self.point,
-                free=self.free,
-                with_mounting=self.balanced,
+                self.data, count, rng, self.law, self.point, self.free, with_mounting=self.balanced
             )
         if initial is not None:
             points = np.vstack([points, self.law.to_fit_coordinates(initial.values)])
@@ -182,14 +174,12 @@ class FitSetup:
         """Result of fit coordinates and mounting stretches (m, 2), compared with the data."""
         data, law = self.data, self.law
         lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
-        one = np.ones(len(data.pieces))
-        stiffness = one if stiffness is None else stiffness
+        stiffness = np.ones(len(data.pieces)) if stiffness is None else stiffness
         model = LoadResiduals(data, "load", point, self.free, 1.0, lm, law)
         with np.errstate(all="ignore"):
             response = model.response(point, lm, stiffness)
-            mounting_load = (
-                model.mounted_response(point, lm).load * stiffness[data.piece_of_state, None]
-            )
+            mounting_load = model.mounted_response(point, lm).load
+            mounting_load *= stiffness[data.piece_of_state, None]
             mounting_load[~data.is_mounted] = 0.0
             # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
             measured = (data.load / response.load_per_stress)[data.is_read]
@@ -203,6 +193,15 @@ class FitSetup:
             load_residual = (data.load - response.load) / data.load_scale
             if np.sqrt((load_residual[data.is_read] ** 2).mean()) < self.specimen.load_resolution:
                 load_residual = np.zeros_like(load_residual)
+        at_bound = []  # names of the unknowns that ended on a bound
+        for i in self.free:
+            low, high, logarithmic = law.lower[i], law.upper[i], law.parameters[i].logarithmic
+            at_low = point[i] <= low + (0.0 if logarithmic else 1e-9 * high)
+            if at_low or point[i] >= high * (1.0 - 1e-9):
+                at_bound.append(law.names[i])
+        for axis, own in zip("xy", lm.T, strict=True):
+            if method == "linden" and ((own <= BRACKET[0]) | (own >= BRACKET[1])).any():
+                at_bound.append(f"mounting_stretch_{axis}")
         return FitResult(
             method=method,
             material=law.material_at(law.from_fit_coordinates(point)),
@@ -214,26 +213,11 @@ class FitSetup:
             mae_kPa=float(np.abs(residual).mean()),
             iterations=descent.iterations,
             converged=bool(converged and np.isfinite(rmse)),
-            at_bound=self._at_bound(point, lm, method),
+            at_bound=tuple(at_bound),
             residuals=tuple(
                 load_residual[~data.at_rest & (data.protocol == p)] for p in range(len(data.names))
             ),
         )
-
-    def _at_bound(self, point: np.ndarray, lm: np.ndarray, method: str) -> tuple[str, ...]:
-        """Names of the unknowns that ended on a bound."""
-        law = self.law
-        names = []
-        for i in self.free:
-            low, high, logarithmic = law.lower[i], law.upper[i], law.parameters[i].logarithmic
-            at_low = point[i] <= low + (0.0 if logarithmic else 1e-9 * high)
-            if at_low or point[i] >= high * (1.0 - 1e-9):
-                names.append(law.names[i])
-        if method == "linden":
-            for axis, own in zip("xy", lm.T, strict=True):
-                if (own <= BRACKET[0]).any() or (own >= BRACKET[1]).any():
-                    names.append(f"mounting_stretch_{axis}")
-        return tuple(names)
 
 
 def minimum(
@@ -250,30 +234,29 @@ def minimum(
     peaks, one = data.peaks, np.ones_like(data.mounting_load)
 
     def problem_at(
-        scale: np.ndarray, reading_sd: np.ndarray | None, piece_sd: float = 0.0
+        scale: np.ndarray, reading_sd: np.ndarray, piece_sd: float = 0.0
     ) -> LoadResiduals:
         common = (rows_in_fit, "load", setup.point, free, scale, one, setup.law)
         if not setup.balanced:
             return LoadResiduals(*common)
         return BalancedMounting(*common, reading_sd, compiled, piece_sd)
 
-    problem = problem_at(peaks, None)
+    sd = np.zeros_like(data.mounting_sd)  # of noisy readings
+    problem = problem_at(peaks, sd)
     lower, upper = setup.bounds
     limits: dict[str, Any] = {"steps": steps, "tolerance": tolerance}
-    starts = [p[free] for p in points]
-    descent = best_descent(problem, starts, lower, upper, finalists=finalists, **limits)
+    descent = best_descent(problem, points[:, free], lower, upper, finalists=finalists, **limits)
     floor = MIN_RELATIVE_SD * peaks
     least = floor[data.piece_of_state, None]
     exact = setup.mounting != "noisy" or (data.mounting_sd <= least).all()
     known = np.isfinite(data.measured_mounting).any()
-    if not np.isfinite(descent.cost) or not setup.balanced:
-        return problem, descent
-    if exact and not setup.piece_sd and not known:
+    settled = exact and not setup.piece_sd and not known
+    if not np.isfinite(descent.cost) or not setup.balanced or settled:
         return problem, descent
 
-    sd = None if exact else np.where(data.is_mounted, np.maximum(data.mounting_sd, least), 0.0)
-    others = 0 if sd is None else int((sd > 0.0).sum())
-    others += len(data.pieces) - 1 if setup.piece_sd else 0
+    if not exact:
+        sd = np.where(data.is_mounted, np.maximum(data.mounting_sd, least), 0.0)
+    others = int((sd > 0.0).sum()) + (len(data.pieces) - 1 if setup.piece_sd else 0)
     unknowns = np.concatenate([descent.unknowns, np.zeros(others)])
     lower = np.concatenate([lower, np.full(others, -np.inf)])
     upper = np.concatenate([upper, np.full(others, np.inf)])

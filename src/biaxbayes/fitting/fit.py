@@ -6,7 +6,6 @@ fixed point is not a minimum of one objective: with noise it differs from the le
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -24,25 +23,9 @@ from biaxbayes.specimens.specimen import Specimen
 
 METHODS = FIT_METHODS
 PRESTRETCH_METHODS = ("fip", "linden", "constrained")
-
-# --- the fit of the method paper: solve for the mounting stretch, update the data, refit, repeat -
-
 MAX_ALTERNATIONS = 500
 FIRST_ALTERNATIONS = 40
 ALTERNATION_TOLERANCE = 1e-10
-
-
-def best_alternation(
-    setup: FitSetup, starts: np.ndarray, scale: float
-) -> tuple[Descent, np.ndarray]:
-    """Alternate loosely from every start, then the best to the end."""
-    first = [
-        alternate(setup, point, scale, max_alternations=FIRST_ALTERNATIONS, tolerance=1e-4)
-        for point in starts
-    ]
-    best, lm = min(first, key=lambda end: (not end[0].converged, end[0].cost))
-    end, lm = alternate(setup, best.unknowns, scale, first=lm)
-    return replace(end, iterations=best.iterations + end.iterations), lm
 
 
 def alternate(
@@ -56,8 +39,9 @@ def alternate(
 ) -> tuple[Descent, np.ndarray]:
     """Alternate from one material until neither mounting stretch nor stress changes.
 
-    Returns the end, with all fit coordinates, and its mounting stretches (m, 2). ``first`` (m, 2)
-    are mounting stretches for materials that balance no root; default one.
+    Solve for the mounting stretch, update the data, refit, repeat. Returns the end, with all fit
+    coordinates, and its mounting stretches (m, 2). ``first`` (m, 2) are those for materials that
+    balance no root; default one.
     """
     data, free, law = setup.data, setup.free, setup.law
     lm = np.ones_like(data.mounting_load) if first is None else first
@@ -83,21 +67,14 @@ def alternate(
     return Descent(point, cost, count, converged), lm
 
 
-# --- one method, and all of them -----------------------------------------------------------------
-
-
 def fit(
     specimen: Specimen,
     method: str = "constrained",
     *,
     starts: int = FitOptions.starts,
     seed: int = FitOptions.seed,
-    fixed: Mapping[str, float] | None = None,
-    mounting_stretch: str = FitOptions.mounting_stretch,
-    law: str = FitOptions.law,
-    fibre_switch: bool = False,
-    piece_sd: float = FitOptions.piece_sd,
     initial: MaterialResponse | None = None,
+    **options: Any,
 ) -> FitResult:
     """Fit a material, and the mounting stretch where the method has one.
 
@@ -112,25 +89,8 @@ def fit(
         reading with the load cell's noise: the maximum of the posterior's likelihood.
         The first four minimise residuals of the Cauchy stress over all rows, as their
         authors did; ``constrained`` minimises residuals of the load, as the posterior does.
-    starts : int
-        Starting points, the most promising of 512 random ones. With ``initial`` it may be 0.
-    seed : int
-        Seed of the random starting points.
-    fixed : mapping, optional
-        Fixed values, by the law's parameters in their own units.
-    mounting_stretch : {"shared", "per-protocol"}
-    law : str
-        Name of the material law.
-    fibre_switch : bool
-        Fibres carry no compression, for laws that leave it open.
-    piece_sd : float
-        Sd of the log of the stiffness of each further piece over that of the first.
-    initial : Material, optional
-        A further starting point.
-
-    Returns
-    -------
-    FitResult
+    starts, seed, initial, **options
+        As in :class:`.FitOptions`. With ``initial``, ``starts`` may be 0.
 
     Raises
     ------
@@ -142,15 +102,7 @@ def fit(
     if method not in METHODS:
         raise InputError(f"unknown method {method!r}", remedy=f"one of {', '.join(METHODS)}")
     mounting = {"standard": "ignored", "zeroed": "zeroed", "constrained": "noisy"}
-    setup = FitSetup.from_options(
-        specimen,
-        mounting.get(method, "exact"),
-        mounting_stretch=mounting_stretch,
-        fixed=fixed,
-        law=law,
-        fibre_switch=fibre_switch,
-        piece_sd=piece_sd,
-    )
+    setup = FitSetup.from_options(specimen, mounting.get(method, "exact"), **options)
     if method == "constrained":
         return setup.fitted(starts, seed, initial)
     points, stretches = setup.starting_points(starts, seed, initial)
@@ -165,7 +117,12 @@ def fit(
     if method == "fip":
         known = np.setdiff1d(np.arange(setup.point.size), free)
         points[:, known] = setup.point[known]
-        end, lm = best_alternation(setup, points, scale)
+        # loosely from every start, then the best to the end
+        loose: dict[str, Any] = {"max_alternations": FIRST_ALTERNATIONS, "tolerance": 1e-4}
+        first = [alternate(setup, point, scale, **loose) for point in points]
+        best, lm = min(first, key=lambda end: (not end[0].converged, end[0].cost))
+        end, lm = alternate(setup, best.unknowns, scale, first=lm)
+        end = replace(end, iterations=best.iterations + end.iterations)
         return setup.result(method, end.unknowns, lm, end)
     one = np.ones_like(data.mounting_load)
     common = (data, "cauchy", setup.point, free, scale, one, setup.law)
@@ -182,10 +139,7 @@ def fit(
 
 
 def fit_all(specimen: Specimen, **options: Any) -> list[FitResult]:
-    """Every method that the specimen allows; a tared one allows the two without prestretch.
-
-    Options as in :func:`fit`.
-    """
+    """As :func:`fit` by every method that the specimen allows, a tared one two of them."""
     if specimen.further or not specimen.experiment.is_biaxial:
         return [fit(specimen, "constrained", **options)]
     methods = [m for m in METHODS if not (specimen.is_tared and m in PRESTRETCH_METHODS)]

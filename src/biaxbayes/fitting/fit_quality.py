@@ -10,12 +10,7 @@ import numpy as np
 from biaxbayes.evenly import evenly_chosen
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.fit import fit
-from biaxbayes.fitting.fit_result import (
-    POOR_MISFIT,
-    FitResult,
-    misfit_sentence,
-    root_mean_square,
-)
+from biaxbayes.fitting.fit_result import POOR_MISFIT, FitResult, misfit_sentence, root_mean_square
 from biaxbayes.options import FitOptions
 from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.specimen import Specimen
@@ -30,8 +25,18 @@ QUICK_STARTS = 4
 def quick_fit(
     specimen: Specimen, *, law: str = FitOptions.law, fibre_switch: bool = False
 ) -> FitResult:
-    """The best fit to a thinned record; a tared file is fitted without a mounting stretch."""
-    reduced = thinned(specimen)
+    """The best fit to all rest rows and at most 150 stretched ones of each protocol.
+
+    A tared file is fitted without a mounting stretch.
+    """
+    protocols = []
+    for p in specimen.protocols:
+        moving = np.arange(p.rest_rows, p.rows)
+        chosen = moving[evenly_chosen(moving.size, MAX_FIT_ROWS)]
+        index = np.concatenate([np.arange(p.rest_rows), chosen])
+        time = None if p.time_s is None else p.time_s[index]
+        protocols.append(replace(p.at_rows(index), time_s=time))
+    reduced = replace(specimen, protocols=tuple(protocols)).with_noise_of(specimen)
     if specimen.is_tared:
         return fit(reduced, "standard", starts=QUICK_STARTS, law=law, fibre_switch=fibre_switch)
     setup = FitSetup.from_options(reduced, law=law, fibre_switch=fibre_switch)
@@ -104,15 +109,3 @@ def swapped_columns(
         f"x and y of the load seem to be swapped: the best fit misses by {100 * rms / peak:.2g} % "
         f"of the largest load, with the two columns exchanged by {100 * exchanged / peak:.2g} %",
     )
-
-
-def thinned(specimen: Specimen) -> Specimen:
-    """Specimen with at most 150 stretched rows per protocol, and all rest rows."""
-    protocols = []
-    for p in specimen.protocols:
-        moving = np.arange(p.rest_rows, p.rows)
-        chosen = moving[evenly_chosen(moving.size, MAX_FIT_ROWS)]
-        index = np.concatenate([np.arange(p.rest_rows), chosen])
-        time = None if p.time_s is None else p.time_s[index]
-        protocols.append(replace(p.at_rows(index), time_s=time))
-    return replace(specimen, protocols=tuple(protocols)).with_noise_of(specimen)

@@ -1,15 +1,10 @@
-"""Result of a deterministic fit, and how far rounding of the data limits it.
-
-A record without noise is fitted down to the last digit of its file. There the cost is rounding
-alone, no step lowers it, and its gradient says nothing: a fit whose residuals are
-explained by the rounding of the data has converged.
-"""
+"""Result of a deterministic fit, and how far rounding of the data limits it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -66,13 +61,10 @@ class FitResult:
     converged: bool
     at_bound: tuple[str, ...]
     residuals: tuple[np.ndarray, ...]
-    stiffness: np.ndarray = field(default_factory=lambda: np.ones(1))
+    stiffness: np.ndarray
 
     def __repr__(self) -> str:
-        values = ", ".join(
-            f"{p.label}={v:.4g}"
-            for p, v in zip(self.material.law.parameters, self.material.values, strict=True)
-        )
+        values = ", ".join(f"{label}={v:.4g}" for label, v in self._values().items())
         end = "" if self.converged else ", not converged"
         return f"FitResult({self.method}: {values}, RMSE {self.rmse_kPa:.3g} kPa{end})"
 
@@ -81,24 +73,24 @@ class FitResult:
         """Root mean square of all residuals, in the unit of the loads."""
         return root_mean_square(self.residuals)
 
+    def _values(self) -> dict[str, float]:
+        """Parameters of the material, by their names with units."""
+        labels = [p.label for p in self.material.law.parameters]
+        return dict(zip(labels, self.material.values, strict=True))
+
     def record(self) -> dict[str, object]:
         """The fit as plain values; mounting stretches are lists where each protocol has one."""
         stretch_x, stretch_y = (
-            [float(v) for v in column] if len(column) > 1 else float(column[0])
-            for column in self.mounting_stretch.T
+            column if len(column) > 1 else column[0] for column in self.mounting_stretch.T.tolist()
         )
+        errors = {"r2": self.r2, "rmse_kPa": self.rmse_kPa, "mae_kPa": self.mae_kPa}
         return {
             "method": self.method,
             "law": self.material.law.name,
-            **{
-                p.label: value
-                for p, value in zip(self.material.law.parameters, self.material.values, strict=True)
-            },
+            **self._values(),
             "mounting_stretch_x": stretch_x,
             "mounting_stretch_y": stretch_y,
-            "r2": self.r2 if math.isfinite(self.r2) else None,
-            "rmse_kPa": self.rmse_kPa if math.isfinite(self.rmse_kPa) else None,
-            "mae_kPa": self.mae_kPa if math.isfinite(self.mae_kPa) else None,
+            **{name: value if math.isfinite(value) else None for name, value in errors.items()},
             "iterations": self.iterations,
             "converged": self.converged,
             "at_bound": list(self.at_bound),
@@ -128,28 +120,17 @@ def fit_from_record(record: Mapping[str, Any], law: Law, states: int) -> FitResu
     """Material and mounting stretches of a record, no residuals; ValueError if out of range."""
     values = [float(record[p.label]) for p in law.parameters]
     stretch = np.column_stack(
-        [np.atleast_1d(np.asarray(record[f"mounting_stretch_{a}"], dtype=float)) for a in "xy"]
+        [np.array(record[f"mounting_stretch_{a}"], dtype=float, ndmin=1) for a in "xy"]
     )
     inside = all(p.in_range(np.array(v)) for p, v in zip(law.parameters, values, strict=True))
     positive = np.isfinite(stretch).all() and (stretch > 0.0).all()
     if not (inside and positive and stretch.shape == (states, 2)):
         raise ValueError("its values are out of range")
-    nothing = np.full_like(stretch, math.nan)
+    method, converged = str(record["method"]), bool(record["converged"])
+    unknown = (np.full_like(stretch, math.nan), math.nan, math.nan, math.nan, 0)
     stiffness = np.asarray(record.get("stiffness", [1.0]), dtype=float)
-    return FitResult(
-        str(record["method"]),
-        law.material_at(tuple(values)),
-        stretch,
-        nothing,
-        math.nan,
-        math.nan,
-        math.nan,
-        0,
-        bool(record["converged"]),
-        (),
-        (),
-        stiffness,
-    )
+    material = law.material_at(tuple(values))
+    return FitResult(method, material, stretch, *unknown, converged, (), (), stiffness)
 
 
 def root_mean_square(residuals: Sequence[np.ndarray]) -> float:
@@ -157,9 +138,6 @@ def root_mean_square(residuals: Sequence[np.ndarray]) -> float:
     # across a strip nothing is read
     read = [column for part in residuals for column in part.T if column.any()]
     return float(np.sqrt(np.mean(np.concatenate(read) ** 2))) if read else 0.0
-
-
-# --- how far the written digits leave a fit open -------------------------------------------------
 
 
 DIGITS = 15
@@ -184,7 +162,10 @@ def half_digits(values: np.ndarray) -> np.ndarray:
 
 
 def rounding_bound(data: MeasuredRows, response: LoadResponse) -> float:
-    """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa."""
+    """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa.
+
+    A record without noise is fitted down to that, where no step lowers the cost any more.
+    """
     # half digits of the columns; the reader divides stretches, and Cauchy stresses with them, by
     # the stretch at rest
     written = []

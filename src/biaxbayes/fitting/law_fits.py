@@ -1,8 +1,4 @@
-"""Least-squares fits of several laws to one specimen, as information beside a posterior.
-
-Nothing of a run depends on them: the misfit of its law is part of its likelihood. Only
-:data:`CANDIDATE_LAWS` are fitted beside the law of a run.
-"""
+"""Least-squares fits of several laws to one specimen: information on which no run depends."""
 
 from __future__ import annotations
 
@@ -27,13 +23,16 @@ if TYPE_CHECKING:
 
 LAW_FIT_ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
-
-# --- one law -------------------------------------------------------------------------------------
-
 LAW_FIT_LIMITS: dict[str, Any] = {"finalists": 2, "steps": 100, "tolerance": 1e-8}
 """Limits of fits that are compared with one another. A flat valley of Fung's or Lee-Sacks'
 law takes 500 steps to its floor; stopped like this, the rms of 56 fits to the shipped specimens lay
 at most 3 % above it, and the mounting stretches within a tenth of their sd."""
+CANDIDATE_LAWS = ("goh", "four-fibre", "fung", "goh-exponential", "holzapfel-2005", "lee-sacks")
+"""Laws that are fitted in every run, beside its own."""
+BETTER_RMS_RATIO = 0.75
+"""Another law fits a specimen distinctly better where its rms is less than this fraction."""
+MIN_RELATIVE_DIFFERENCE = 2e-4
+"""Fraction of the largest load below which a difference between laws does not count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,39 +46,6 @@ class LawFit:
     mounting_stretch: np.ndarray  # (m, 2): one row, or one per protocol
     smooth: bool  # signs of the residuals show a smooth misfit
     converged: bool
-
-    @classmethod
-    def of_fit(cls, fitted: FitResult, law: str) -> LawFit:
-        """A fit as it is compared with those of other laws."""
-        return cls(
-            law_named(law).name,
-            law,
-            fitted.rms,
-            fitted.rmse_kPa,
-            fitted.mounting_stretch,
-            has_smooth_misfit(fitted.residuals),
-            fitted.converged,
-        )
-
-
-def fit_law(
-    specimen: Specimen, law: str, *, starts: int = 3, rows: int = LAW_FIT_ROWS, **options: Any
-) -> LawFit:
-    """A law fitted to averaged rows, compared with all; options of `FitSetup.from_options`."""
-    averaged = averaged_specimen(specimen, rows)
-    setup, of_all = (FitSetup.from_options(s, law=law, **options) for s in (averaged, specimen))
-    fitted = setup.fitted(starts, compiled=False, compared=of_all, **LAW_FIT_LIMITS)
-    return LawFit.of_fit(fitted, law)
-
-
-# --- several laws --------------------------------------------------------------------------------
-
-CANDIDATE_LAWS = ("goh", "four-fibre", "fung", "goh-exponential", "holzapfel-2005", "lee-sacks")
-"""Laws that are fitted in every run, beside its own."""
-BETTER_RMS_RATIO = 0.75
-"""Another law fits a specimen distinctly better where its rms is less than this fraction."""
-MIN_RELATIVE_DIFFERENCE = 2e-4
-"""Fraction of the largest load below which a difference between laws does not count."""
 
 
 @dataclass(frozen=True)
@@ -102,54 +68,45 @@ class LawFits:
         """One row per law: residuals, and mounting stretches by name."""
         from pandas import DataFrame
 
-        return DataFrame(
-            [
-                {
-                    "law": f.law,
-                    "converged": f.converged,
-                    "misses_smoothly": f.smooth,
-                    "rms": f.rms,
-                    "rmse_kPa": f.rmse_kPa,
-                    **{
-                        name: float(f.mounting_stretch[i, axis])
-                        for i, mount in enumerate(mounts)
-                        for axis, name in enumerate(mounting_names("stretch", mount))
-                    },
-                }
-                for f in self.fits
-            ]
-        )
+        columns = ["law", "converged", "misses_smoothly", "rms", "rmse_kPa"]
+        columns += [name for mount in mounts for name in mounting_names("stretch", mount)]
+        rows = [
+            (f.law, f.converged, f.smooth, f.rms, f.rmse_kPa)
+            + tuple(f.mounting_stretch[: len(mounts)].ravel().tolist())
+            for f in self.fits
+        ]
+        return DataFrame(rows, columns=columns)
 
 
 def fit_laws(
     specimen: Specimen,
     laws: Sequence[str] = CANDIDATE_LAWS,
     *,
-    mounting: str = "noisy",
-    mounting_stretch: str = "shared",
     rows: int = LAW_FIT_ROWS,
     starts: int = 3,
     options_by_law: Mapping[str, Mapping[str, Any]] | None = None,
     known: Mapping[str, FitResult] | None = None,
+    **options: Any,
 ) -> LawFits | None:
-    """Fit laws to a record; ``known`` fits stay, ``options_by_law`` are arguments of `fit_law`."""
-    common: dict[str, Any] = {
-        "mounting": mounting,
-        "mounting_stretch": mounting_stretch,
-        "starts": starts,
-        "rows": rows,
-    }
-    fits = [
-        LawFit.of_fit(known[law], law)
-        if known and law in known
-        else fit_law(specimen, law, **common, **(options_by_law or {}).get(law, {}))
-        for law in laws
-    ]
-    usable = [f for f in fits if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
-    ordered = tuple(sorted(usable, key=lambda f: f.rms))
+    """Fit laws to averaged rows and compare them with all; ``known`` fits stay.
+
+    Options as in :meth:`.FitSetup.from_options`, for all laws and for one.
+    """
+    averaged, fits = averaged_specimen(specimen, rows), []
+    for law in laws:
+        fitted = (known or {}).get(law)
+        if fitted is None:
+            own = options | dict((options_by_law or {}).get(law, {}))
+            setup, of_all = (FitSetup.from_options(s, law=law, **own) for s in (averaged, specimen))
+            fitted = setup.fitted(starts, compiled=False, compared=of_all, **LAW_FIT_LIMITS)
+        stretch, smooth = fitted.mounting_stretch, has_smooth_misfit(fitted.residuals)
+        if np.isfinite(fitted.rms) and np.isfinite(stretch).all():
+            errors, name = (fitted.rms, fitted.rmse_kPa), law_named(law).name
+            fits.append(LawFit(name, law, *errors, stretch, smooth, fitted.converged))
+    ordered = tuple(sorted(fits, key=lambda f: f.rms))
     # a mean of k rows has noise s0 / sqrt(k)
     noise = specimen.noise_sd / np.sqrt(np.mean(average_rows(specimen, rows).weight))
-    return LawFits(ordered, float(noise), specimen.peak_load) if usable else None
+    return LawFits(ordered, float(noise), specimen.peak_load) if fits else None
 
 
 def better_law(
@@ -197,11 +154,11 @@ def left_out_rms(specimen: Specimen, law: str, *, starts: int = 2, **options: An
     residuals: list[np.ndarray] = []
     for i in range(len(specimen.protocols)):
         others = tuple(p for k, p in enumerate(specimen.protocols) if k != i)
-        fitted = FitSetup.from_options(
-            replace(specimen, protocols=others, further=()), law=law, **options
-        ).fitted(starts, compiled=False, **LAW_FIT_LIMITS)
-        alone = replace(specimen, protocols=(specimen.protocols[i],), further=())
-        setup = FitSetup.from_options(alone, law=law, **options)
+        of_others, setup = (
+            FitSetup.from_options(replace(specimen, protocols=part, further=()), law=law, **options)
+            for part in (others, (specimen.protocols[i],))
+        )
+        fitted = of_others.fitted(starts, compiled=False, **LAW_FIT_LIMITS)
         point = setup.law.to_fit_coordinates(fitted.material.values)
         nothing = Descent(point, 0.0, 0, True)
         residuals += setup.result("", point, fitted.mounting_stretch, nothing).residuals
@@ -219,12 +176,8 @@ def quick_better_law(specimen: Specimen) -> str:
     # no law can fit better than the noise
     if default is None or default.fits[0].rms - default.noise < default.least_difference:
         return ""
-    others = fit_laws(
-        specimen,
-        [name for name in CANDIDATE_LAWS if name != DEFAULT_LAW],
-        mounting=mounting,
-        **QUICK,
-    )
+    other_laws = [name for name in CANDIDATE_LAWS if name != DEFAULT_LAW]
+    others = fit_laws(specimen, other_laws, mounting=mounting, **QUICK)
     fits = (*default.fits, *(others.fits if others else ()))
     ordered = tuple(sorted(fits, key=lambda f: f.rms))
     return better_law(specimen, replace(default, fits=ordered), DEFAULT_LAW, mounting=mounting)

@@ -1,6 +1,5 @@
 """Bounded nonlinear least squares, from several starting points.
 
-Several printed optima lie on a bound (k2 = 0, kappa = 0, alpha = 90 degrees). This is
 Levenberg-Marquardt with Nielsen's damping on the free set of a projected step: an unknown on a
 bound whose gradient points outward stays there, the others move, and a step that leaves the
 box is cut back to it. SciPy's methods for bounds were tried on 98 fits (seven specimens, seven
@@ -12,26 +11,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from biaxbayes.fitting.residuals import LoadResiduals
 
 TINY = 1e-300
 INTERIOR_STEPS = 10  # accepted, before a step may end on a bound
 INTERIOR_FRACTION = 0.9  # of the way to a bound, until then
 ROUNDING_FLOOR = 1e-26  # mean square of residuals scaled to order one: rounding alone
-
-
-class LeastSquares(Protocol):
-    """Residuals with an analytic Jacobian."""
-
-    def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual vector and its derivative."""
-        ...
-
-
 MAX_DESCENT_STEPS, DESCENT_TOLERANCE = 500, 1e-12
+FIRST_STEPS, FINALISTS = 20, 3  # of descents from several starting points
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +37,7 @@ class Descent:
 
 @np.errstate(all="ignore")
 def descend(
-    problem: LeastSquares,
+    problem: LoadResiduals,
     start: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
@@ -67,14 +58,14 @@ def descend(
             gradient = J.T @ r
             column = np.maximum(column, norms)
             free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
-            if cost <= ROUNDING_FLOOR * r.size or not free.any():
-                return Descent(x, cost, accepted, True)
-            if _stationary(norms, gradient, free, cost, tolerance):
+            at_floor = cost <= ROUNDING_FLOOR * r.size or not free.any()
+            if at_floor or _stationary(norms, gradient, free, cost, tolerance):
                 return Descent(x, cost, accepted, True)
         # Early steps keep inside: with k1 or C1 at zero the other gradients vanish or mislead.
         reach = INTERIOR_FRACTION if accepted < interior else 1.0
         near, far = x + reach * (lower - x), x + reach * (upper - x)
-        step, predicted = _step(J, r, cost, free, column, damping, x, near, far)
+        damped = math.sqrt(damping) * np.maximum(column, TINY)
+        step, predicted = _step(J, r, cost, free, damped, x, near, far)
         if predicted <= tolerance * cost and damping <= 1.0:
             # A step that was cut may predict nothing where a shorter one would
             if _stationary(norms, gradient, free, cost, 10.0 * math.sqrt(tolerance)):
@@ -100,7 +91,7 @@ def descend(
 
 
 def _evaluate(
-    problem: LeastSquares, x: np.ndarray
+    problem: LoadResiduals, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
     """Residual, Jacobian, sum of squares (infinite if not finite), norms of the columns."""
     r, J = problem.evaluate(x)
@@ -117,15 +108,13 @@ def _step(
     r: np.ndarray,
     cost: float,
     free: np.ndarray,
-    column: np.ndarray,
-    damping: float,
+    damped: np.ndarray,
     x: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
 ) -> tuple[np.ndarray, float]:
     """Damped step of the free unknowns, cut to the box, and the decrease it predicts."""
     rows = r.size
-    damped = math.sqrt(damping) * np.maximum(column, TINY)
     step = np.zeros(x.size)
     moving = np.flatnonzero(free)
     left = r  # where the unknowns that do not move are
@@ -161,15 +150,8 @@ def _stationary(
     return bool((np.abs(gradient) <= most)[free].all())
 
 
-# --- descents from several starting points -------------------------------------------------------
-
-
-FIRST_STEPS = 20
-FINALISTS = 3
-
-
 def best_descent(
-    problem: LeastSquares,
+    problem: LoadResiduals,
     starts: Iterable[np.ndarray],
     lower: np.ndarray,
     upper: np.ndarray,
@@ -188,7 +170,7 @@ def best_descent(
         if best is not None and not np.isfinite(begin.cost):
             continue
         end = descend(problem, begin.unknowns, lower, upper, steps=steps, tolerance=tolerance)
-        end = Descent(end.unknowns, end.cost, begin.iterations + end.iterations, end.converged)
+        end = replace(end, iterations=begin.iterations + end.iterations)
         if best is None or end.cost < best.cost * (1.0 - 1e-9):
             best = end
     assert best is not None, "at least one start"

@@ -7,19 +7,15 @@ What is compared (``quantity``), with the readings q of :mod:`biaxbayes.forward`
                the data updated to the mounting stretch, f_k l_k lm_k / A0_k  (unloaded dimensions)
                or  f_k l_k / Am_k  (mounted)
 
-Mounting stretch: given (:class:`LoadResiduals`), two more unknowns
-(:class:`FreeMounting`), or the root of the force balance at the mounted state, with the
-mounting load either given or unknown and measured (:class:`BalancedMounting`).
-
-All residuals are model minus data over one scale per piece, those of (n, 2) as one vector;
-parameters are the free ones among the law's coordinates, followed by those of the mounting state
-and the stiffnesses of further pieces.
+All residuals are model minus data over one scale per piece, those of (n, 2) as one vector. The
+unknowns are the free ones among the law's coordinates, followed by those of the mounting state and
+the stiffnesses of further pieces.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -37,8 +33,6 @@ def has_smooth_misfit(residuals: Sequence[np.ndarray]) -> bool:
     """True if the signs of residuals (n_p, 2) change too seldom for independent errors."""
     changes = steps = 0
     for part in residuals:
-        if not part.any():
-            continue
         read = part[:, part.any(axis=0)]
         above = read > 0.0
         changes += int(np.count_nonzero(above[1:] != above[:-1]))
@@ -158,21 +152,19 @@ class FreeMounting(LoadResiduals):
 class BalancedMounting(LoadResiduals):
     """The mounting stretch is the root of the force balance at the mounted state.
 
-    With ``reading_sd`` (m, 2) the mounting loads are unknowns too, as deviations z from
+    Mounting loads with a ``reading_sd`` (m, 2) are unknowns too, as deviations z from
     their readings in units of the sd, which are residuals as well. With ``piece_sd`` so are the
     logs of the stiffnesses of further pieces, in units of that sd. A mounting stretch that the
     header gives is a reading as well.
     """
 
-    reading_sd: np.ndarray | None = None
+    reading_sd: np.ndarray = field(default_factory=lambda: np.zeros((1, 2)))
     compiled: bool = True
     piece_sd: float = 0.0
 
     @property
     def read(self) -> np.ndarray:
         """Mounting loads that are unknown, as indices into the flat (m, 2)."""
-        if self.reading_sd is None:
-            return np.empty(0, dtype=int)
         return np.flatnonzero(self.data.is_mounted & (self.reading_sd > 0.0))
 
     @property
@@ -185,11 +177,9 @@ class BalancedMounting(LoadResiduals):
     def mounting_load(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting loads, shape (m, 2), in the unit of the readings."""
         load, read = self.data.mounting_load.copy(), self.read
-        if read.size:
-            assert self.reading_sd is not None
-            z = unknowns[self.free.size : self.free.size + read.size]
-            # f0 = reading + z s0
-            load.flat[read] += z * self.reading_sd.flat[read]
+        z = unknowns[self.free.size : self.free.size + read.size]
+        # f0 = reading + z s0
+        load.flat[read] += z * self.reading_sd.flat[read]
         return load
 
     def stiffness(self, unknowns: np.ndarray) -> np.ndarray:
@@ -224,7 +214,6 @@ class BalancedMounting(LoadResiduals):
         parts = [-(inverse @ at.by_fit_coordinate[..., self.free]).reshape(lm.size, -1)]
         inverse = inverse / self.stiffness(unknowns)[data.piece_of_state, None, None]
         if self.read.size:
-            assert self.reading_sd is not None
             parts.append(block_diag(*inverse * self.reading_sd[:, None])[:, self.read])
         if self.piece_sd:
             # d(ln lm) / d(ln c) = -inverse f0, each state by its own piece

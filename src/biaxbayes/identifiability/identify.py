@@ -1,8 +1,4 @@
-"""Verdicts on the parameters of a run, with their diagnostics.
-
-The verdicts follow from the draws of a run and its priors. What they mean and every threshold are
-in ``docs/identifiability.md``.
-"""
+"""Verdicts on the parameters of a run and their diagnostics (``docs/identifiability.md``)."""
 
 from __future__ import annotations
 
@@ -77,10 +73,7 @@ class Identifiability:
     checks: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> ParameterVerdict:
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        raise KeyError(name)
+        return {p.name: p for p in self.parameters}[name]
 
     @cached_property
     def reported(self) -> tuple[Reported, ...]:
@@ -113,14 +106,9 @@ class Identifiability:
             }
             for end in e.ends:
                 stem = f"{('low', 'high')[end.side]}_edge"
-                row |= {
-                    stem: end.value,
-                    f"{stem}_kind": end.kind,
-                    f"{stem}_distance": end.distance,
-                    f"{stem}_mass": end.mass,
-                    f"{stem}_prior_mass": end.prior_mass,
-                    f"{stem}_support": end.support,
-                }
+                row[stem] = end.value
+                for what in ("kind", "distance", "mass", "prior_mass", "support"):
+                    row[f"{stem}_{what}"] = getattr(end, what)
             row |= {
                 "partners": " ".join(e.partners.names),
                 "spread_given_all": e.partners.spread_given_all,
@@ -143,15 +131,11 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     if state != "converged":
         return result
     settings = posterior.settings
+    own = {"fixed": settings.fixed_material, "fibre_switch": settings.fibre_switch}
     how: dict[str, Any] = {
         "mounting": settings.fit_mounting,
         "mounting_stretch": settings.mounting_stretch,
-        "options_by_law": {
-            settings.law: {
-                "fixed": settings.fixed_material,
-                "fibre_switch": settings.fibre_switch,
-            }
-        },
+        "options_by_law": {settings.law: own},
     }
     laws = tuple(dict.fromkeys((settings.law, *CANDIDATE_LAWS)))
     # the fit of several pieces is that of all, with one material
@@ -197,30 +181,23 @@ def identify_draws(
         largest = [p.stretch.max(axis=0) * protocol_mounting(thinned, p) for p in protocols]
         distances = law.bound_tolerances(law.material(thinned), largest)
         diagnostics = diagnostics_from_draws(free, thinned, draws, logs, distances, chosen)
-        _add_deciding_priors(diagnostics, posterior, draws, free)
+    measured = {}  # mean and sd of the mounting stretches that the headers of all pieces give
+    for piece in posterior.pieces:
+        for label in piece.labels.states:
+            pairs = piece.specimen.measured_mounting.T
+            for name, (mean, sd) in zip(mounting_names("stretch", label), pairs, strict=True):
+                if np.isfinite(mean):
+                    measured[name] = (float(mean), float(sd))
     parameters = assess_parameters(
         scales,
         diagnostics,
         law,
         state,
         thresholds=chosen,
-        measured=measured_stretches(posterior),
+        measured=measured,
         given=[name for name in posterior.settings.priors if name in law.names],
     )
     return Identifiability(parameters, state, len(draws), chosen, law)
-
-
-def measured_stretches(posterior: Posterior) -> dict[str, tuple[float, float]]:
-    """Mean and sd of the mounting stretches that the headers of all pieces give, by name."""
-    return {
-        name: (float(mean), float(sd))
-        for piece in posterior.pieces
-        for state in piece.labels.states
-        for name, (mean, sd) in zip(
-            mounting_names("stretch", state), piece.specimen.measured_mounting.T, strict=True
-        )
-        if np.isfinite(mean)
-    }
 
 
 def diagnostics_from_draws(
@@ -231,13 +208,13 @@ def diagnostics_from_draws(
     distances: Mapping[str, float],
     thresholds: Thresholds,
 ) -> dict[str, Diagnostics]:
-    """Diagnostics by name from thinned draws; medians and intervals are of all draws.
+    """Diagnostics by name from thinned draws; medians, intervals and `by_prior` are of all draws.
 
     `log_components` are log prior and log likelihood of each draw, `distances` those from a
     physical end that count as near, by parameter.
     """
     scaled = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
-    by_prior, by_data = (power_scaling.sensitivity(scaled, log) for log in log_components)
+    of_prior, of_data = (power_scaling.sensitivity(scaled, log) for log in log_components)
     partners = find_partners(scaled, tuple(s.name for s in free))
     out = {}
     for j, scale in enumerate(free):
@@ -250,6 +227,11 @@ def diagnostics_from_draws(
         # posterior over prior density: the density of the draws' cumulative prior probability
         likelihood = density(prior.cdf(values), (0.0, 1.0))
         q05, q50, q95 = quantiles(all_draws[scale.name])
+        by_prior = (False, False)
+        if scale.parameter.kind == STRETCH:
+            every = all_draws[scale.name].to_numpy(dtype=float)
+            log_prior = power_scaling.log_prior((scale,), all_draws)
+            by_prior = power_scaling.ends_by_prior(every, log_prior)
         out[scale.name] = Diagnostics(
             parameter=scale.parameter,
             median=q50,
@@ -261,25 +243,10 @@ def diagnostics_from_draws(
             ends=range_ends(scale, values, likelihood, distances.get(scale.parameter.name)),
             partners=partners[scale.name],
             modes=count_modes(x, limits, after),
-            prior_sensitivity=float(by_prior[j]),
-            likelihood_sensitivity=float(by_data[j]),
+            prior_sensitivity=float(of_prior[j]),
+            likelihood_sensitivity=float(of_data[j]),
+            by_prior=by_prior,
             prior_density=density(before, limits),
             posterior_density=after,
         )
     return out
-
-
-def _add_deciding_priors(
-    diagnostics: dict[str, Diagnostics],
-    posterior: Posterior,
-    draws: pd.DataFrame,
-    free: Sequence[ComparisonScale],
-) -> None:
-    """Add to mounting stretches which ends their prior decides."""
-    measured = measured_stretches(posterior)
-    for scale in free:
-        if scale.parameter.kind != STRETCH or scale.name in measured:
-            continue  # of the material, or a measurement
-        values = draws[scale.name].to_numpy(dtype=float)
-        by_prior = power_scaling.ends_by_prior(values, power_scaling.log_prior((scale,), draws))
-        diagnostics[scale.name] = replace(diagnostics[scale.name], by_prior=by_prior)

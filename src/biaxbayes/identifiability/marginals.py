@@ -1,20 +1,13 @@
 """One parameter at a time: its scale, the shape of its draws, the bounds of its range.
 
-Stiffnesses and the exponent are compared in natural logs, the angle in degrees, the dispersion
-and the mounting stretches untransformed: the scales on which the default priors are normal or
-flat.
-
 The likelihood of a parameter with everything else averaged out is posterior over prior density.
 In the variable v = cumulative prior probability the prior is flat, so that the density of v is
 that likelihood, whatever the prior: its value at v = 0 and 1, relative to its maximum, says
 whether the data close the parameter's range on that side.
 
 Physical ends are those of the law, such as kappa at 0 (aligned fibres) and at 1/3 (isotropic), and
-stiffnesses and exponents towards 0 (no matrix, no fibres, no stiffening). At an end the draws are
-assessed by the likelihood with everything else averaged out, relative to its maximum: above
-exp(-1.92) = 0.147, what a 95 % likelihood interval leaves in, the data do not exclude the end. An
-angle of 0 or 90 degrees is a mirror of the material, not an end. Bounds that a user set are no
-property of tissue and are listed apart.
+stiffnesses and exponents towards 0. An angle of 0 or 90 degrees is a mirror of the material, not an
+end. Bounds that a user set are no property of tissue and are listed apart.
 """
 
 from __future__ import annotations
@@ -28,11 +21,10 @@ import pandas as pd
 
 from biaxbayes.identifiability.bounded_density import Span, curve
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
-from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
+from biaxbayes.parameters import MATERIAL, STRETCH, OfQuantity, Parameter, Quantities, Quantity
 from biaxbayes.prediction.percentiles import QUANTILES
 
 # --- the scale on which a parameter's prior and posterior are compared ---------------------------
-
 
 LEVELS = (np.arange(4096) + 0.5) / 4096
 """Cumulative probabilities whose values represent a prior."""
@@ -43,16 +35,11 @@ Z90 = 1.645
 
 
 @dataclass(frozen=True)
-class ComparisonScale:
+class ComparisonScale(OfQuantity):
     """A parameter with its prior (a number if fixed) and the scale to compare them on."""
 
     quantity: Quantity
     prior: Prior | DrawnPrior | Tie | float
-
-    @property
-    def name(self) -> str:
-        """Name in the draws."""
-        return self.quantity.name
 
     @property
     def parameter(self) -> Parameter:
@@ -60,28 +47,18 @@ class ComparisonScale:
         return self.quantity.parameter
 
     @property
-    def unit(self) -> str:
-        """Unit of the parameter, empty where it has none."""
-        return "" if self.parameter.unit == "1" else self.parameter.unit
-
-    @property
-    def logarithmic(self) -> bool:
-        """True if it is compared in natural logs."""
-        return self.parameter.logarithmic
-
-    @property
     def label(self) -> str:
         """Name of the scale."""
-        return f"ln {self.name}" if self.logarithmic else self.name
+        return f"ln {self.name}" if self.parameter.logarithmic else self.name
 
     def to_scale(self, values: np.ndarray) -> np.ndarray:
         """Natural values (kPa, degrees) on the scale."""
         with np.errstate(divide="ignore"):
-            return np.log(values) if self.logarithmic else np.asarray(values, dtype=float)
+            return np.log(values) if self.parameter.logarithmic else np.asarray(values, dtype=float)
 
     def from_scale(self, scaled: np.ndarray) -> np.ndarray:
         """Inverse of :meth:`to_scale`."""
-        return np.exp(scaled) if self.logarithmic else np.asarray(scaled, dtype=float)
+        return np.exp(scaled) if self.parameter.logarithmic else np.asarray(scaled, dtype=float)
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -106,7 +83,6 @@ def parameter_scales(
 
 
 # --- shape of a one-dimensional sample: its density and its peaks --------------------------------
-
 
 GRID_MARGIN = 0.15  # of the sample's range, added on either side for the tails
 MAX_VALLEY_RATIO, MIN_MODE_MASS = 0.7, 0.05
@@ -181,7 +157,6 @@ def _peaks(shape: Density) -> int:
 
 # --- where a parameter's range ends, and whether the data keep it away from there ----------------
 
-
 PRIOR_TAIL = 0.025  # fraction of a prior without bounds that counts as its end
 BOUND_TAIL = 0.05  # fraction of a prior that counts as near a bound
 OUT_OF_REACH = 1e-3  # fraction of a prior near an end of the law below which the prior excludes it
@@ -198,12 +173,6 @@ class RangeEnd:
     mass: float  # fraction of the draws that near
     prior_mass: float  # fraction of the prior that near
     support: float  # averaged likelihood there over its maximum
-
-    def text(self, parameter: Parameter) -> str:
-        """The end with what a material there is: ``0 (aligned fibres)``."""
-        value = "1/3" if abs(self.value - 1.0 / 3.0) < 1e-12 else f"{self.value:g}"
-        meaning = (parameter.at_low, parameter.at_high)[self.side]
-        return f"{value} ({meaning})" if meaning else value
 
 
 def _prior_mass(prior: Prior | DrawnPrior, side: int, threshold: float) -> float:

@@ -2,9 +2,8 @@
 
 The conditional sd is the residual sd of a polynomial regression of the parameter on the
 others (all on their sampling scales): cubic in each, with all products of two. Partners are those
-that alone explain much of the parameter (or it of them), since along an elongated
-posterior all move together, and the fewest that are needed besides to explain its sd. Every set of
-up to three is tried: a greedy search stops where two explain nothing alone and much together.
+that alone explain much of the parameter (or it of them), and the fewest that are needed besides.
+Every set of up to three is tried: two may explain nothing alone and much together.
 """
 
 from __future__ import annotations
@@ -18,9 +17,7 @@ import numpy as np
 MAX_REGRESSION_DRAWS = 3000
 MAX_PARTNERS = 3
 MAX_SPREAD_RATIO = 0.8  # partners must reduce the sd to this fraction, at least
-PAIR_SPREAD_RATIO = (
-    0.6  # two parameters move together where one leaves this fraction of the other's sd
-)
+PAIR_SPREAD_RATIO = 0.6  # two move together where one leaves this fraction of the other's sd
 NEAR_ALL = 1.25  # partners suffice once the sd is within this factor of that given all others
 NEAR_THREE = 1.1  # or, where no three reach that, of that given the best three
 
@@ -63,9 +60,8 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
         enough = max(NEAR_ALL * full, NEAR_THREE * best[-1][0])
         sd_given_chosen, chosen = next(candidate for candidate in best if candidate[0] <= enough)
         if sd_given_chosen > MAX_SPREAD_RATIO and not together:
-            out[name] = Partners((), full, 1.0)
-        else:
-            out[name] = Partners(tuple(names[j] for j in chosen), full, sd_given_chosen)
+            sd_given_chosen, chosen = 1.0, []
+        out[name] = Partners(tuple(names[j] for j in chosen), full, sd_given_chosen)
     return out
 
 

@@ -1,10 +1,8 @@
 """Sensitivity of a posterior to its prior and to its likelihood, by power-scaling.
 
-Kallioinen, Paananen, Buerkner and Vehtari, Statistics and Computing 34 (2024) 57: raise the
-prior (or the likelihood) to a power near one by reweighting the draws, and measure how far a
-marginal moves by the cumulative Jensen-Shannon distance (Nguyen and Vreeken, ECML 2015), per
-doubling of the power. A flat prior has no power to scale: its sensitivity is zero even where it
-decides everything, which is why this is a diagnostic and not the verdict.
+Kallioinen, Paananen, Buerkner and Vehtari, Statistics and Computing 34 (2024) 57. A flat prior has
+no power to scale: its sensitivity is zero even where it decides everything, which is why this is a
+diagnostic and not the verdict.
 """
 
 from __future__ import annotations
@@ -26,7 +24,8 @@ twice the sd. Alone a normal prior moves it by 0.7 of that, with as much from th
 def sensitivity(values: np.ndarray, log_component: np.ndarray | None) -> np.ndarray:
     """Distance (d,) that the marginals of draws (n, d) move per doubling of a component's power.
 
-    Above 0.05 counts as sensitive; NaN where the component is not known.
+    The draws are reweighted by prior or likelihood to a power near one. Above 0.05 counts as
+    sensitive; NaN where the component is not known.
     """
     if log_component is None:
         return np.full(values.shape[1], np.nan)
@@ -45,7 +44,10 @@ def sensitivity(values: np.ndarray, log_component: np.ndarray | None) -> np.ndar
 
 
 def _distance(x: np.ndarray, weights: np.ndarray) -> float:
-    """Cumulative Jensen-Shannon distance of sorted draws to the same weighted: of x or of -x."""
+    """Cumulative Jensen-Shannon distance of sorted draws to the same weighted: of x or of -x.
+
+    Nguyen and Vreeken, ECML 2015.
+    """
     p = np.arange(1, len(x)) / len(x)
     q = np.cumsum(weights)[:-1] / weights.sum()
     width = np.diff(x)
@@ -80,14 +82,11 @@ def log_prior(scales: tuple[ComparisonScale, ...], draws: pd.DataFrame) -> np.nd
     """Log prior density of the material and the mounting stretches, up to a constant."""
     total = np.zeros(len(draws))
     for scale in scales:
-        prior = scale.prior
+        prior, values = scale.prior, draws[scale.name].to_numpy(dtype=float)
         if isinstance(prior, DrawnPrior):
             marginal = density(scale.to_scale(prior.ppf(LEVELS)))
-            at = np.interp(
-                scale.to_scale(draws[scale.name].to_numpy(dtype=float)), marginal.x, marginal.height
-            )
+            at = np.interp(scale.to_scale(values), marginal.x, marginal.height)
             total += np.log(np.maximum(at, 1e-12 * marginal.peak))
-            continue
-        if isinstance(prior, Prior):
-            total += prior.log_density(draws[scale.name].to_numpy(dtype=float))
+        elif isinstance(prior, Prior):
+            total += prior.log_density(values)
     return total

@@ -1,9 +1,4 @@
-"""The reported table: median, 90 % interval, verdict and reason of each parameter.
-
-Median and interval are the 50, 5 and 95 % quantiles of the draws, the numbers of every other table
-and figure of a run. A verdict says how the interval may be used (:mod:`.verdict`). The rows as text
-are the same words and digits wherever they are printed.
-"""
+"""The reported table: median, 90 % interval, verdict and reason of each parameter."""
 
 from __future__ import annotations
 
@@ -24,15 +19,12 @@ from biaxbayes.identifiability.verdict import (
     Assessment,
     ParameterVerdict,
 )
-from biaxbayes.parameters import MATERIAL, Quantity
+from biaxbayes.parameters import MATERIAL, OfQuantity, Quantity
 from biaxbayes.report_table import DASH, Column, Table, interval_texts
-
-NOTHING = float("nan")
-"""In place of numbers where draws have not converged."""
 
 
 @dataclass(frozen=True)
-class Reported:
+class Reported(OfQuantity):
     """Reported row of one parameter.
 
     Attributes
@@ -58,16 +50,6 @@ class Reported:
     reason: str
     bound: str = ""
     partners: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """As in ``summary.csv``."""
-        return self.quantity.name
-
-    @property
-    def unit(self) -> str:
-        """Empty for pure numbers."""
-        return "" if self.quantity.unit == "1" else self.quantity.unit
 
     @property
     def texts(self) -> tuple[str, str, str]:
@@ -96,7 +78,7 @@ class Reported:
     def ends(self) -> tuple[float, float]:
         """Ends of the interval that hold, by the verdict; NaN for the others."""
         known = self.verdict in (IDENTIFIED, MEASURED, COMBINATION)
-        low, high = (self.low, self.high) if known else (NOTHING, NOTHING)
+        low, high = (self.low, self.high) if known else (math.nan, math.nan)
         return (
             self.low if self.bound == "low" else low,
             self.high if self.bound == "high" else high,
@@ -116,7 +98,7 @@ def reported(
             continue
         a, e = p.assessment, p.diagnostics
         if p.verdict == NO_VERDICT or e is None:
-            nothing = (NOTHING, NOTHING, NOTHING)
+            nothing = (math.nan, math.nan, math.nan)
             out.append(Reported(p.scale.quantity, *nothing, NO_VERDICT, a.reason))
             continue
         if contradicted_priors and p.scale.parameter.kind == MATERIAL:
@@ -126,15 +108,6 @@ def reported(
         values = (e.median, e.low, e.high)
         out.append(Reported(p.scale.quantity, *values, a.verdict, a.reason, a.bound, partners))
     return tuple(out)
-
-
-def measurement_advice(names: Sequence[str]) -> str:
-    """Advice on measuring mounting stretches that are not identified, with header lines."""
-    lines = " and ".join(f"# {name}: VALUE +- SD" for name in names)
-    return (
-        "photograph two marks per axis before and after mounting, and write the ratio of their "
-        f"distances into the header of the specimen: {lines}"
-    )
 
 
 # --- the table -----------------------------------------------------------------------------------

@@ -2,10 +2,7 @@
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
 in units of its prior standard deviation. The eigenvector is straight, a posterior along it is often
-bent: the sloppy direction is therefore given along materials with the same curves. The measured
-curves of one posterior draw are the target. One parameter is fixed at a series of values, and at
-each the others are fitted to the target's loads, the mounting stretch following from the target's
-mounting force. What is left over is how much the curves change.
+bent: the sloppy direction is therefore given along materials with the same curves.
 """
 
 from __future__ import annotations
@@ -30,11 +27,9 @@ from biaxbayes.identifiability.marginals import (
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
-from biaxbayes.options import Settings
 from biaxbayes.parameters import MATERIAL, STIFFNESS, mounting_names, name_of
 from biaxbayes.prediction.draws import median_draw
 from biaxbayes.specimens.rows import MeasuredRows
-from biaxbayes.specimens.specimen import Specimen
 
 # --- materials that give the same curves: one parameter is moved, the others follow --------------
 
@@ -65,18 +60,22 @@ class SameCurves:
 
 def same_curves(
     draw: pd.Series,
-    specimen: Specimen,
-    settings: Settings,
+    posterior: Posterior,
     moved: str,
     values: tuple[float, float],
     free: tuple[str, ...],
 ) -> SameCurves:
-    """Move one parameter of a draw between two natural values; those in `free` follow."""
-    law, balanced = settings.material_law, settings.infers_mounting
-    data = MeasuredRows.from_specimen(specimen, shared=settings.shared)
-    quantities = specimen.quantities(law.parameters, shared=settings.shared)
-    mounting_load = np.zeros_like(data.mounting_load)
-    if balanced:
+    """Move one parameter of a draw between two natural values; those in `free` follow.
+
+    At each value they are fitted to the loads of the draw, the mounting stretch following from its
+    mounting force.
+    """
+    law, shared = posterior.law, posterior.settings.shared
+    data = MeasuredRows.from_specimen(posterior.specimen, shared=shared)
+    quantities = posterior.specimen.quantities(law.parameters, shared=shared)
+    mounting_load, kind = np.zeros_like(data.mounting_load), LoadResiduals
+    if posterior.settings.infers_mounting:
+        kind = BalancedMounting
         # zero across a strip, which has no such force; of a piece as stiff as the first
         pairs = [mounting_names("force", state) for state in quantities.states]
         stiff = [
@@ -91,25 +90,44 @@ def same_curves(
 
     def curves(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Loads (n, 2) of every row and mounting stretches (m, 2)."""
-        kind = BalancedMounting if balanced else LoadResiduals
         problem = kind(data, "load", point, np.arange(point.size), 1.0, one, law)
         lm = problem.mounting(point)
         return problem.response(point, lm).load, lm
 
-    values_of_draw = [float(draw[n]) for n in law.names]
-    origin, index = law.to_fit_coordinates(values_of_draw), law.names.index(moved)
-    follows = [i for i, n in enumerate(law.names) if n != moved and n in free]
+    values_of_draw, index = [float(draw[n]) for n in law.names], law.names.index(moved)
+    origin = law.to_fit_coordinates(values_of_draw)
+    follows = np.array([i for i, n in enumerate(law.names) if n != moved and n in free], dtype=int)
     target = replace(data, load=curves(origin)[0]).chosen(TARGET_ROWS)
-    fits = _CurveFits(law, target, origin, index, np.array(follows, dtype=int), balanced)
-    here, low, high = (law.to_fit_coordinate(index, v) for v in (values_of_draw[index], *values))
-    logs = law.parameter(moved).logarithmic
 
-    def path(end: float) -> list[np.ndarray]:
-        if end == here:
-            return []
-        spaced = np.geomspace if logs and min(here, end) > 0.0 else np.linspace
-        return fits.follow(spaced(here, end, PATH_STEPS)[1:])
+    def fitted(value: float, start: np.ndarray) -> np.ndarray | None:
+        """Fit coordinates of the material with the curves of the draw at a value; None without."""
+        point = origin.copy()
+        point[index] = value
+        problem = kind(target, "load", point, follows, target.peak, one, law)
+        box = law.lower[follows], law.upper[follows]
+        descent = descend(problem, start, *box, steps=200, tolerance=1e-10)
+        return problem.fit_coordinates(descent.unknowns) if np.isfinite(descent.cost) else None
 
+    def path(value: float) -> list[np.ndarray]:
+        """Materials from the draw to a natural value, until one has no fit."""
+        natural = [*values_of_draw[:index], value, *values_of_draw[index + 1 :]]
+        first, last = origin[index], law.to_fit_coordinates(natural)[index]
+        out: list[np.ndarray] = []
+        if first == last:
+            return out
+        logs = law.parameter(moved).logarithmic and min(first, last) > 0.0
+        before = here = origin
+        for at in (np.geomspace if logs else np.linspace)(first, last, PATH_STEPS)[1:]:
+            found = fitted(at, here[follows] + 0.9 * (here - before)[follows])
+            if found is None:
+                found = fitted(at, here[follows])
+            if found is None:
+                break
+            before, here = here, found
+            out.append(found)
+        return out
+
+    low, high = values
     points = [*reversed(path(low)), origin, *path(high)]
     loads, stretches = zip(*map(curves, points), strict=True)
     area = np.array([piece.area for piece in data.pieces])[data.piece]
@@ -122,42 +140,6 @@ def same_curves(
         float(np.abs(stress - stress[0]).max()),
         float(np.abs(stress[0]).max()),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _CurveFits:
-    """Fits of materials to the curves of one draw, with one parameter fixed."""
-
-    law: Law
-    target: MeasuredRows  # of the draw
-    origin: np.ndarray  # (p,), fit coordinates of the draw
-    moved: int
-    free: np.ndarray  # indices of the parameters that follow
-    balanced: bool
-
-    def follow(self, values: np.ndarray) -> list[np.ndarray]:
-        """Fitted materials at a series of values of the moved parameter, until one has no fit."""
-        out: list[np.ndarray] = []
-        before, here = self.origin, self.origin
-        for value in values:
-            fitted = self._fit(value, here[self.free] + 0.9 * (here - before)[self.free])
-            if fitted is None:
-                fitted = self._fit(value, here[self.free])
-            if fitted is None:
-                break
-            before, here = here, fitted
-            out.append(fitted)
-        return out
-
-    def _fit(self, value: float, start: np.ndarray) -> np.ndarray | None:
-        point = self.origin.copy()
-        point[self.moved] = value
-        kind = BalancedMounting if self.balanced else LoadResiduals
-        one, peak = np.ones_like(self.target.mounting_load), self.target.peak
-        problem = kind(self.target, "load", point, self.free, peak, one, self.law)
-        lower, upper = self.law.lower[self.free], self.law.upper[self.free]
-        descent = descend(problem, start, lower, upper, steps=200, tolerance=1e-10)
-        return problem.fit_coordinates(descent.unknowns) if np.isfinite(descent.cost) else None
 
 
 # --- stiff and sloppy directions: what combination of parameters is known -------------------------
@@ -195,14 +177,8 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     moved = max(loadings, key=lambda name: abs(loadings[name]))
     row = median_draw(thinned, posterior.specimen, posterior.law)
     low, high = np.quantile(thinned[moved], INTERVAL)
-    path = same_curves(
-        thinned.iloc[row],
-        posterior.specimen,
-        posterior.settings,
-        moved,
-        (float(low), float(high)),
-        tuple(s.name for s in scales),
-    )
+    free = tuple(s.name for s in scales)
+    path = same_curves(thinned.iloc[row], posterior, moved, (float(low), float(high)), free)
     # error of a reading of the first piece, misfit and noise, at the median of the draws
     residual = posterior.residuals(thin_draws(thinned, ERROR_DRAWS), 0) / posterior.readings.scale
     residual = residual[:, posterior.readings.mounting_count :]
@@ -225,7 +201,7 @@ def _directions(scales: list[ComparisonScale], draws: pd.DataFrame) -> tuple[dic
         spread = float(np.sqrt(max(value, 0.0)))
         rank = "known" if out else "best known"
         text = f"{rank}: {_combination(scales, vector, np.array(units), spread)}"
-        loadings = {s.name: float(v) for s, v in zip(scales, vector, strict=True)}
+        loadings = dict(zip((s.name for s in scales), vector.tolist(), strict=True))
         out.append({"spread": spread, "loadings": loadings, "in_words": text})
     return tuple(out)
 
@@ -235,7 +211,7 @@ def _combination(
 ) -> str:
     """The combination as a product of powers or a sum, and how well it is known."""
     lead = int(np.argmax(np.abs(vector)))
-    product = scales[lead].logarithmic
+    product = scales[lead].parameter.logarithmic
     # sum_i v_i x_i / u_i, scaled so that the leading parameter has coefficient one
     coefficient = vector / units * (units[lead] / vector[lead])
     width = Z90 * spread * units[lead] / abs(vector[lead])
@@ -247,7 +223,7 @@ def _combination(
         if not product:
             name = scale.label
             terms.append(name if alone else f"{c:+.3g} {name}")
-        elif scale.logarithmic:
+        elif scale.parameter.logarithmic:
             terms.append(scale.name if alone else f"{scale.name}^{c:.2g}")
         else:
             step, unit = (10.0, " deg") if scale.unit else (0.1, "")

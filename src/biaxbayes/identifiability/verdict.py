@@ -8,8 +8,7 @@
 - `not identified`: the prior, or a choice of the law, decides
 - `no verdict`: the chains have not converged, so the run shows nothing about the tissue
 
-A verdict says how an interval may be used; it never moves one: intervals are the 5 and 95 %
-quantiles of the draws.
+A verdict never moves an interval, the 5 and 95 % quantiles of the draws.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ class Diagnostics:
     modes: int
     prior_sensitivity: float  # by power-scaling, as the next
     likelihood_sensitivity: float
-    by_prior: tuple[bool, bool] = (False, False)  # the prior decides the (low, high) end
+    by_prior: tuple[bool, bool] = (False, False)  # of a stretch: the prior decides (low, high)
     prior_density: Density | None = field(default=None, repr=False)
     posterior_density: Density | None = field(default=None, repr=False)
 
@@ -94,10 +93,6 @@ class Diagnostics:
     def contraction(self) -> float:
         """1 - posterior variance / prior variance."""
         return 1.0 - (self.posterior_sd / self.prior_sd) ** 2
-
-    def is_correlated(self, thresholds: Thresholds) -> bool:
-        """True if knowing its partners would narrow the parameter much."""
-        return self.partners.spread_given_partners <= thresholds.combination_spread
 
     def open_ends(self, thresholds: Thresholds) -> tuple[RangeEnd, ...]:
         """Ends of the range that the data do not exclude."""
@@ -131,13 +126,7 @@ class ParameterVerdict:
         """One of :data:`VERDICTS`, :data:`NO_VERDICT` or :data:`FIXED`."""
         return self.assessment.verdict
 
-    @property
-    def partners(self) -> tuple[str, ...]:
-        """Parameters that it is correlated with, whatever the verdict."""
-        return self.diagnostics.partners.names if self.diagnostics else ()
 
-
-UNCONVERGED = "chains have not converged"
 PRIOR_DECIDES = "the prior, not the data, determines it"
 DATA_DECIDE = "the data determine it"
 
@@ -151,7 +140,7 @@ def assess_material(
     ``undefined`` says why this one may have no meaning, and is empty where it has.
     """
     t, p = thresholds, scale.parameter
-    correlated = e.is_correlated(t)
+    correlated = e.partners.spread_given_partners <= t.combination_spread
     trades = f"trades with {listed(e.partners.names)}" if correlated else ""
     if undefined:  # at an end that is not excluded: no value is, however narrow
         return Assessment(COMBINATION if correlated else NOT_IDENTIFIED, undefined)
@@ -180,7 +169,7 @@ def assess_material(
         return Assessment(BOUNDED, f"the data are compatible with {end}", bound)
     if not informed:
         return Assessment(NOT_IDENTIFIED, PRIOR_DECIDES)
-    if scale.logarithmic and e.high > t.max_ratio * e.low:
+    if p.logarithmic and e.high > t.max_ratio * e.low:
         ratio = e.high / max(e.low, 1e-300)
         return Assessment(NOT_IDENTIFIED, f"known only to a factor of {ratio:.2g}")
     return Assessment(IDENTIFIED, "; ".join(filter(None, (DATA_DECIDE, trades))))
@@ -258,7 +247,7 @@ def assess_parameters(
         if not isinstance(scale.prior, Prior | DrawnPrior):
             assessment = Assessment(FIXED, "")
         elif e is None or state != "converged":
-            assessment = Assessment(NO_VERDICT, UNCONVERGED)
+            assessment = Assessment(NO_VERDICT, "chains have not converged")
         elif scale.parameter.kind == STRETCH:
             assessment = assess_stretch(e, thresholds, (measured or {}).get(scale.name))
         else:

@@ -35,9 +35,10 @@ def law_key(law: object, folder: Path | None = None) -> str:
     """What a run keeps of its law: its name, or the text of a user's file (from ``folder``)."""
     given = str(law)
     if "\n" not in given and given.endswith(".py"):
-        from biaxbayes.laws.law_file import read_law
+        from biaxbayes.text_files import one_line, read_text
 
-        given = read_law((folder or Path()) / given)
+        path = (folder or Path()) / given
+        given = f"# {one_line(path.name)}\n{read_text(path)}"
     law_named(given)
     return given
 

@@ -1,9 +1,4 @@
-r"""Dispersed fibres: the generalised structure tensor, and the chart that it is sampled in.
-
-Two symmetric families lie at +alpha and -alpha from x, dispersed by kappa. An axis-aligned test
-sees the diagonal (Hx, Hy, Hz) of their structure tensor alone (Gasser, Ogden, Holzapfel, J. R. Soc.
-Interface 3 (2006) 15), in which both families have the strain E = Hx X + Hy Y + Hz Z - 1 at
-squared stretches X, Y, Z.
+r"""The chart that angle and dispersion of fibres (:mod:`.dispersed_fibres`) are sampled in.
 
 The chart is (d, v). Data determine d = ln(Hx / Hy). v stands for h = (1 - 3 kappa) sin 2 alpha,
 twice the in-plane shear component of each family's structure tensor: what an axis-aligned test does
@@ -16,8 +11,7 @@ degrees, to h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
 runs from 0 to 1. The density is regular at both ends, and both are straight in v, which the
 independence move folds its proposals at. The scale s, a constant of the specimen near its
 |D|, makes the density 1/R of the polar coordinates flat in v, however close to isotropy (R = 0) the
-tissue is. One chart thus serves every specimen; (alpha, kappa) themselves are used where one of
-the two is fixed.
+tissue is. Where one of the two is fixed, (alpha, kappa) themselves are used.
 """
 
 from __future__ import annotations
@@ -25,8 +19,6 @@ from __future__ import annotations
 import numpy as np
 
 from biaxbayes.compilation import inlined
-
-DEFAULT_ISOTROPY_SCALE = 0.3
 
 
 @inlined

@@ -49,6 +49,7 @@ class Transform(NamedTuple):
     high: np.ndarray
     logarithmic: np.ndarray  # parameters whose slots are logs
     exponential: np.ndarray  # which exponential of the law it is an exponent of, or -1
+    in_exponents: np.ndarray  # the same, or bound by such
     first: np.ndarray  # the exponent that it shares one with, where both are sampled, or -1
     amplitude: np.ndarray
     sampled: np.ndarray  # whether q or S is sampled in its place
@@ -68,41 +69,30 @@ class Transform(NamedTuple):
 
 
 @inlined
-def constants_from_theta(transform, theta):
-    """Constants of the law at theta: parameters without logs, angles in radians."""
-    return constants_at(transform.constants, theta)
-
-
-@inlined
-def _theta(transform, slots):
+def _alone(transform, slots, k, others):
+    """Constants of the law where a parameter is 1 and others of its kind are 0."""
     theta = np.empty_like(slots)
     for i in range(transform.low.size):
         theta[i] = np.exp(slots[i]) if transform.logarithmic[i] else slots[i]
-    return theta
+        if others[i]:
+            theta[i] = 0.0
+    theta[k] = 1.0
+    return constants_at(transform.constants, theta)
 
 
 @inlined
 def log_exponent(transform, slots, k):
     """Ln of q* at k = 1, with no other exponent."""
-    theta = _theta(transform, slots)
-    for i in range(transform.low.size):
-        if transform.exponential[i] >= 0 or i == transform.bound[0]:
-            theta[i] = 0.0
-    theta[k] = 1.0
-    at_reference = constants_from_theta(transform, theta), transform.X, transform.Y, transform.Z
-    return np.log(exponents(*at_reference)[transform.exponential[k]])
+    constants = _alone(transform, slots, k, transform.in_exponents)
+    q = exponents(constants, transform.X, transform.Y, transform.Z)
+    return np.log(q[transform.exponential[k]])
 
 
 @inlined
 def log_stress(transform, slots, c):
     """Ln of (s_x* + s_y*) / 2 at c = 1, with no other amplitude."""
-    theta = _theta(transform, slots)
-    for i in range(transform.low.size):
-        if transform.amplitude[i]:
-            theta[i] = 0.0
-    theta[c] = 1.0
-    at_reference = constants_from_theta(transform, theta), transform.X, transform.Y, transform.Z
-    sx, sy = cauchy_stress(*at_reference)
+    constants = _alone(transform, slots, c, transform.amplitude)
+    sx, sy = cauchy_stress(constants, transform.X, transform.Y, transform.Z)
     return np.log(0.5 * (sx + sy))
 
 

@@ -1,11 +1,9 @@
 """Derivatives of a strain energy, exact, as code that numba compiles.
 
-The energy of a law is called once with expressions in place of numbers. Each operation of NumPy on
-them (``+``, ``np.exp``, ...) makes another expression, so that W is known as a graph. The chain
-rule, from W back to the squared stretches (reverse accumulation), gives its derivatives as graphs
-of the same kind, and a graph is written as a Python function with one operation a line. That takes
-numbers and arrays, real and complex; what depends on a comparison depends on real parts alone, so
-that second derivatives are complex steps of the first.
+The energy of a law is called once with expressions in place of numbers, on which each operation of
+NumPy makes another, so that W is known as a graph. Reverse accumulation gives its derivatives as
+graphs, too, and a graph is written as a Python function with one operation a line. Comparisons are
+of real parts, so that second derivatives are complex steps of the first.
 """
 
 from __future__ import annotations

@@ -99,7 +99,7 @@ class DispersedFibreLaw(Law):
 
     def sampling_widths(self, transform: Transform) -> dict[str, float]:
         """Width of kappa itself, where the chart is not used."""
-        return {} if self.has_isotropy_scale(transform) else {"kappa": 0.06}
+        return {} if transform.alpha >= 0 else {"kappa": 0.06}
 
     def isotropy_scale(self, values: Mapping[str, Any]) -> float:
         """Median |Hx - Hy|, at least 0.02, of materials by parameter, in their own units."""

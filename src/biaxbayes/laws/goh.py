@@ -61,9 +61,7 @@ class GOHLaw(DispersedFibreLaw):
         C1, k1, k2, alpha, kappa = values
         return GOH(C1, k1, k2, alpha, kappa, self.fibre_switch)
 
-    def as_goh(self, values: Sequence[float]) -> GOH:
-        """The material itself."""
-        return self.material_at(values)
+    as_goh = material_at
 
 
 @dataclass(frozen=True)
@@ -97,8 +95,7 @@ class GOH(MaterialResponse):
     fibre_switch: bool = False
 
     def __post_init__(self) -> None:
-        values = (self.C1_kPa, self.k1_kPa, self.k2, self.alpha_deg, self.kappa)
-        if not np.all(np.isfinite(values)):
+        if not np.all(np.isfinite(self.values)):
             raise ValueError("GOH parameters must be finite")
         if min(self.C1_kPa, self.k1_kPa, self.k2) < 0.0:
             raise ValueError("C1, k1 and k2 must not be negative")
@@ -120,8 +117,7 @@ class GOH(MaterialResponse):
     @property
     def theta(self) -> tuple[float, float, float, float, float]:
         """(C1, k1, k2, alpha in radians, kappa)."""
-        C1, k1, k2, alpha_deg, kappa = self.values
-        return C1, k1, k2, float(np.deg2rad(alpha_deg)), kappa
+        return *self.values[:3], float(np.deg2rad(self.alpha_deg)), self.kappa
 
     def structure_tensor(self) -> tuple[float, float, float]:
         """Diagonal (Hx, Hy, Hz) of the generalised structure tensor; sums to one."""

@@ -1,10 +1,6 @@
 r"""Base class of the material laws.
 
-The file of a law holds its energy, a function of squared stretches and parameters, and a subclass
-of :class:`Law` with ``energy``, ``name``, ``title``, ``source``, ``description``, ``parameters``,
-``amplitudes`` and ``exponents``. All else follows from these, or has a default: stresses
-(:mod:`biaxbayes.laws.materials`), sampling coordinates (:mod:`biaxbayes.laws.coordinates`),
-starting points of fits, scaled priors.
+The file of a law holds its energy and a subclass of :class:`Law`, from which all else follows.
 
 The values of the parameters are written in five ways:
 
@@ -18,10 +14,11 @@ The values of the parameters are written in five ways:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from numbers import Real
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -70,30 +67,6 @@ def stiffening(
     return positive_parameter(name, symbol, words, "1", 10.0, 2.0, 1e4, at_low)
 
 
-@dataclass(frozen=True, eq=False)
-class StressResponse:
-    """Cauchy stresses (kPa) at n states and their derivatives."""
-
-    stress: np.ndarray  # (n, 2)
-    by_fit_coordinate: np.ndarray  # (n, 2, p), d stress / d fit coordinate
-    by_log_stretch: np.ndarray  # (n, 2, 2), d stress / d ln(total stretch), symmetric
-
-
-class TransformInputs(NamedTuple):
-    """What the sampling transform of a law may depend on: the specimen and the search."""
-
-    free: tuple[str, ...]  # parameters that are neither fixed nor tied
-    # squared reference stretches (X, Y, Z), both in-plane ones above 1
-    reference: tuple[float, float, float]
-    isotropy_scale: float  # s of asinh(h / s) in the coordinates near isotropy
-    # True: stresses and exponents at the reference state, which the data determine well and which
-    # are regular at the bounds; False: the slots themselves
-    reparametrised: bool
-    # as `reference`, of the measured row of largest I1
-    max_I1_state: tuple[float, float, float]
-    peak_kPa: float  # largest stress of the specimen, a scale of stiffnesses
-
-
 @dataclass(frozen=True)
 class Law:
     """A material law.
@@ -110,6 +83,8 @@ class Law:
     order; angles are given as cos^2, and with ``has_switch`` the last argument is 1 where fibres
     carry no compression, else 0."""
     name: ClassVar[str]
+    text: ClassVar[str] = ""
+    """The file of a user's own law."""
     title: ClassVar[str]
     abbreviation: ClassVar[str] = ""
     source: ClassVar[str]
@@ -143,6 +118,8 @@ class Law:
     """Whether an amplitude counts as absent by the small-strain stiffness, not by the stress."""
     fraction_tolerances: ClassVar[Mapping[str, float]] = {}
     """Distances from a bound within which a dispersion or a fraction counts as being at it."""
+    least: ClassVar[Mapping[str, float]] = {}
+    """Lower bounds of fits where the energy has no value at the end of a range."""
     condition: ClassVar[str] = ""
     """Condition of admissibility on several parameters together, as text."""
     joint_parameters: ClassVar[tuple[str, ...]] = ()
@@ -151,7 +128,7 @@ class Law:
     @property
     def key(self) -> str:
         """What :func:`.law_named` knows the law by: its name, or the text of its file."""
-        return self.name
+        return self.text or self.name
 
     @property
     def short_name(self) -> str:
@@ -160,7 +137,7 @@ class Law:
 
     @property
     def in_words(self) -> str:
-        """The law as the object of a sentence, for the methods of a paper."""
+        """:attr:`description` of this law."""
         load = "in extension only" if self.fibre_switch else "in extension and compression"
         return self.description.format(load=load)
 
@@ -278,9 +255,25 @@ class Law:
     charted: ClassVar[tuple[str, ...]] = ()
     """Angle and dispersion that are sampled in their chart where both are free."""
 
-    def sampling_transform(self, inputs: TransformInputs) -> Transform:
-        """Constants of the sampling coordinates."""
-        sampled = {n for n in self.names if inputs.reparametrised and n in inputs.free}
+    def sampling_transform(
+        self,
+        free: Collection[str],
+        reference: tuple[float, float, float],
+        isotropy_scale: float,
+        max_I1_state: tuple[float, float, float],
+        peak_kPa: float,
+        *,
+        reparametrised: bool = True,
+    ) -> Transform:
+        """Constants of the sampling coordinates.
+
+        ``free`` are parameters that are neither fixed nor tied, ``reference`` squared stretches
+        (X, Y, Z), both in-plane ones above 1, ``max_I1_state`` those of the measured row of largest
+        I1, and ``peak_kPa`` is the largest stress of the specimen. With ``reparametrised`` stresses
+        and exponents there are sampled, which the data determine well and which are regular at the
+        bounds, else the slots themselves.
+        """
+        sampled = {n for n in self.names if reparametrised and n in free}
         chart = bool(self.charted) and set(self.charted) <= sampled
         share = bool(self.bound_by) and self.bound_by[0] in sampled
         ranges = {p.name: np.array(p.range) for p in self.parameters if p.bounded}
@@ -289,13 +282,13 @@ class Law:
             ranges |= dict(zip(self.charted, np.array([(-np.inf, np.inf), (0, 1)]), strict=True))
         if share:
             ranges[self.bound_by[0]] = np.array([-1.0, 1.0])
-        reference = inputs.max_I1_state if self.roots else inputs.reference
+        state = max_I1_state if self.roots else reference
         low, high = np.array([ranges.get(n, (-np.inf, np.inf)) for n in self.names]).T.copy()
         exponential = {n: self.formulas.index(f) for n, f in self.exponents.items()}
-        first: dict[str, int] = {}
-        for one, other in ((a, b) for a in self.exponents for b in self.exponents if a != b):
+        first = {}  # of two that share an exponential
+        for one, other in permutations(self.exponents, 2):
             if exponential[one] == exponential[other] and {one, other} <= sampled:
-                first.setdefault(other, self.names.index(one))
+                first[other] = self.names.index(one)
                 break
         alpha, kappa = (self.names.index(n) if chart else -1 for n in self.charted or ("", ""))
         bound = [self.names.index(n) for n in self.bound_by] or [-1, -1, -1]
@@ -305,6 +298,7 @@ class Law:
             high=high,
             logarithmic=np.array([p.logarithmic for p in self.parameters]),
             exponential=np.array([exponential.get(n, -1) for n in self.names]),
+            in_exponents=np.array([n in (*exponential, *self.bound_by[:1]) for n in self.names]),
             first=np.array([first.get(n, -1) for n in self.names]),
             amplitude=np.array([n in self.amplitudes for n in self.names]),
             sampled=np.array([n in sampled for n in self.names]),
@@ -312,10 +306,10 @@ class Law:
             as_share=share,
             alpha=alpha,
             kappa=kappa,
-            isotropy_scale=float(inputs.isotropy_scale),
+            isotropy_scale=float(isotropy_scale),
             roots=self.roots,
-            log_scale=math.log(STRESS_SHARE * inputs.peak_kPa),
-            **dict(zip("XYZ", reference, strict=True)),
+            log_scale=math.log(STRESS_SHARE * peak_kPa),
+            **dict(zip("XYZ", state, strict=True)),
         )
 
     def to_sampling_coordinates(
@@ -337,10 +331,6 @@ class Law:
         stretched = (*self.amplitudes, *self.exponents)
         return {n: ROOT_WIDTH for n, sampled in rooted if sampled and n in stretched}
 
-    def has_isotropy_scale(self, transform: Transform) -> bool:
-        """True if the sampling coordinates have a scale that :meth:`isotropy_scale` suits."""
-        return transform.alpha >= 0
-
     def isotropy_scale(self, values: Mapping[str, Any]) -> float:
         """The s of asinh(h / s) for materials around these natural values, by parameter."""
         return 1.0
@@ -350,23 +340,22 @@ class Law:
     @property
     def lower(self) -> np.ndarray:
         """Lower bounds of the fit coordinates."""
-        return np.array([0.0 if p.mirror else max(p.low, -p.largest) for p in self.parameters])
+        lower = [0.0 if p.mirror else max(p.low, -p.largest) for p in self.parameters]
+        return np.array([self.least.get(n, v) for n, v in zip(self.names, lower, strict=True)])
 
     @property
     def upper(self) -> np.ndarray:
         """Upper bounds of the fit coordinates."""
         return np.array([1.0 if p.mirror else min(p.high, p.largest) for p in self.parameters])
 
-    def to_fit_coordinate(self, i: int, value: float) -> float:
-        """Fit coordinate of parameter i at its natural value."""
-        if self.parameters[i].mirror:
-            # cos^2 of 90 degrees is 4e-33 in floating point, not the bound it stands for
-            return 0.0 if value == 90.0 else float(np.cos(np.deg2rad(value)) ** 2)
-        return float(value)
-
     def to_fit_coordinates(self, values: Sequence[float]) -> np.ndarray:
         """Fit coordinates at natural values in the order of the parameters."""
-        return np.array([self.to_fit_coordinate(i, v) for i, v in enumerate(values)])
+        point = np.array(values, dtype=float)
+        for i, p in enumerate(self.parameters):
+            if p.mirror:
+                # cos^2 of 90 degrees is 4e-33 in floating point, not the bound it stands for
+                point[i] = 0.0 if point[i] == 90.0 else np.cos(np.deg2rad(point[i])) ** 2
+        return point
 
     def from_fit_coordinates(self, point: Any) -> tuple[float, ...]:
         """Natural values in the order of the parameters, in their ranges, from fit coordinates."""
@@ -388,8 +377,13 @@ class Law:
             moved.append(max(value, INTERIOR_MINIMUM[p.unit]) if p.logarithmic else value)
         return tuple(float(v) for v in moved)
 
-    def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
-        """Stresses and derivatives at fit coordinates (p,), stretches (n, 2), by complex step."""
+    def response(
+        self, point: np.ndarray, stretch: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Cauchy stresses (n, 2) at fit coordinates (p,) and total stretches (n, 2).
+
+        With their derivatives by fit coordinate (n, 2, p) and by log stretch (n, 2, 2).
+        """
         p = point.size
         # one material and state per coordinate and log stretch, each with an imaginary step
         step = 1j * STEP * np.eye(p + 2)
@@ -397,7 +391,7 @@ class Law:
         lx, ly = (stretch[:, k] * (1.0 + step[:, p + k, None]) for k in range(2))
         stress = np.stack(cauchy_stress(constants, *squared_stretches(lx, ly)), axis=1).T
         slope = stress.imag / STEP
-        return StressResponse(stress[..., 0].real, slope[..., :p], slope[..., p:])
+        return stress[..., 0].real, slope[..., :p], slope[..., p:]
 
     # --- starting points of fits ---
 
@@ -406,9 +400,8 @@ class Law:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random materials for fits to start from, with amplitudes of 1; some are at bounds.
 
-        Exponents at total stretches (size, 2) are log-uniform from 0.01 to 30, which bends curves
-        more or less whatever the strain range; angles and fractions are uniform, others as their
-        priors. Returns fit coordinates (size, p) and features (size, k), exponents first.
+        Exponents at total stretches (size, 2) are log-uniform from 0.01 to 30, whatever the strain
+        range. Returns fit coordinates (size, p) and features (size, k), exponents first.
         """
         points, features = np.ones((size, len(self.parameters))), []
         for i, p in enumerate(self.parameters):
@@ -439,9 +432,8 @@ class Law:
             rho = rng.uniform(-0.9, 0.9, size)
             points[:, b] = rho * np.sqrt(points[:, first] * points[:, second])
             features.append(rho)
-        chosen = np.column_stack(
-            [np.empty((size, 0)), *features]
-        )  # a law may have amplitudes alone
+        # a law may have amplitudes alone
+        chosen = np.column_stack([np.empty((size, 0)), *features])
         return np.clip(points, self.lower, self.upper), chosen
 
     # --- priors, derived quantities, distances from bounds ---
@@ -486,17 +478,10 @@ class Law:
         """Quantities that an axis-aligned test determines, besides stress and stiffness."""
         return {}
 
-    def derived_at(
-        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
-    ) -> dict[str, np.ndarray]:
-        """The exponents of n draws at the largest of some stretches (n, 2), shape (n,) each."""
-        largest = self.largest_exponents(material.constants, max_stretches)
-        return {f"exponent {formula}": q for formula, q in zip(self.formulas, largest, strict=True)}
-
     def largest_exponents(
         self, constants: Any, max_stretches: Sequence[np.ndarray]
     ) -> list[np.ndarray]:
-        """Largest value of each exponent and draw at some total stretches, shape (n,) each."""
+        """Largest value of each exponent and draw at some total stretches (n, 2), (n,) each."""
         states = [squared_stretches(top[:, :1], top[:, 1:]) for top in max_stretches]
         at_states = [exponents(constants, *state)[: len(self.formulas)] for state in states]
         return [np.max(list(q), axis=0)[:, 0] for q in zip(*at_states, strict=True)]
@@ -505,23 +490,14 @@ class Law:
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
         """Distances from a bound within which a parameter of draws counts as being at it."""
-        exponents = {}
-        largest = self.derived_at(material, max_stretches)
+        distances = dict(self.fraction_tolerances)
+        largest = self.largest_exponents(material.constants, max_stretches)
         for name, formula in self.exponents.items():
             # q = k2 F: the k2 at which q is ABSENT_EXPONENT is that fraction of k2 / q
             value = np.ravel(material.theta[self.names.index(name)])
-            per_unit = value / np.maximum(largest[f"exponent {formula}"], 1e-12)
-            exponents[name] = ABSENT_EXPONENT * float(np.median(per_unit))
-        return (
-            dict(self.fraction_tolerances)
-            | exponents
-            | self.amplitude_tolerances(material, max_stretches)
-        )
-
-    def amplitude_tolerances(
-        self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
-    ) -> dict[str, float]:
-        """Amplitudes below which their terms carry too little of stress or stiffness to count."""
+            per_unit = value / np.maximum(largest[self.formulas.index(formula)], 1e-12)
+            distances[name] = ABSENT_EXPONENT * float(np.median(per_unit))
+        # amplitudes below which their terms carry too little of stress or stiffness to count
         indices = [self.names.index(name) for name in self.amplitudes]
         units = {}  # materials with one amplitude of 1 and no other
         for i in indices:
@@ -530,21 +506,20 @@ class Law:
                 alone[j] = np.full_like(alone[j], float(i == j))
             units[i] = Material(self, tuple(alone))
         if self.compares_stiffness:
-            per_unit = {
+            stiffness = {
                 i: np.trace(unit.cauchy_by_log_stretch(1.0, 1.0)).ravel()
                 for i, unit in units.items()
             }
-            whole = sum(np.ravel(material.theta[i]) * per_unit[i] for i in indices)
+            whole = sum(np.ravel(material.theta[i]) * stiffness[i] for i in indices)
             absent = ABSENT_STIFFNESS_FRACTION * float(np.median(whole))
-            return {
-                self.names[i]: absent / max(float(np.median(per_unit[i])), 1e-9) for i in indices
+            return distances | {
+                self.names[i]: absent / max(float(np.median(s)), 1e-9) for i, s in stiffness.items()
             }
 
         def stresses(response: MaterialResponse) -> np.ndarray:
             cauchy = [response.cauchy(s[:, :1], s[:, 1:]) for s in max_stretches]
             return np.array([np.maximum((x + y)[:, 0], 1e-12) for x, y in cauchy])
 
-        distances = {}
         for i, unit in units.items():
             # s is linear in the amplitude k: k_all = s / s(k = 1, other amplitudes 0) would carry
             # all of the stress, in the protocol in which it carries most

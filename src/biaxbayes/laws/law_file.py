@@ -1,22 +1,8 @@
-'''A law of the user's own, from a Python file with its energy and a table of parameters.
-
-    """Fibres along x in a neo-Hookean matrix."""
-    import numpy as np
-
-    parameters = {
-        "c_kPa": ("lognormal", 20, 2),
-        "k1_kPa": ("lognormal", 30, 2.5),
-        "k2": ("lognormal", 10, 2),
-    }
-    exponents = {"k2": "k2 E^2"}
-
-    def energy(X, Y, Z, c, k1, k2):
-        E = X - 1
-        return c / 2 * (X + Y + Z - 3) + k1 / k2 * (np.exp(k2 * E**2) - 1)
+"""A law of the user's own, from a Python file with its energy and parameters (docs/laws.md).
 
 Runs keep the text of the file, and a run may come from anywhere. So what is not arithmetic is
 refused before anything of the text is run.
-'''
+"""
 
 from __future__ import annotations
 
@@ -25,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +28,6 @@ from biaxbayes.parameters import (
     fibre_angle,
     positive_parameter,
 )
-from biaxbayes.text_files import one_line, read_text
 
 FUNCTIONS = sorted(o.__name__ for o in (*COMPOSED, *OPERATIONS) if isinstance(o, np.ufunc))
 ARITHMETIC = (
@@ -58,36 +43,17 @@ TAKEN = {"np", exponential.__name__, *Quantities(()), "lp", "log_likelihood"}
 TEST_STRETCHES = np.array([1.02, 1.1, 1.2])
 
 
-def read_law(path: Path) -> str:
-    """Text of the file of a law, after its name as a comment."""
-    return f"# {one_line(path.name)}\n{read_text(path)}"
-
-
 class LawOfFile(Law):
     """A law that a user has written."""
-
-    text: ClassVar[str]
-
-    @property
-    def key(self) -> str:
-        """The text of the file."""
-        return self.text
-
-    @property
-    def lower(self) -> np.ndarray:
-        """Lower bounds of the fit coordinates; k / k2 (exp(k2 x) - 1) has no value at k2 = 0."""
-        exponents = np.array([p.logarithmic and p.unit == "1" for p in self.parameters])
-        return np.where(exponents, 1e-6, super().lower)
 
     def bound_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]
     ) -> dict[str, float]:
         """Those of every law; a twentieth of range or prior median for what it does not name."""
-        scales = {
-            p.name: p.high - p.low if p.bounded else p.prior[1]  # type: ignore[index]
+        own = {
+            p.name: 0.05 * (p.high - p.low if p.bounded else p.prior[1])  # type: ignore[index]
             for p in self.parameters
         }
-        own = {name: 0.05 * scale for name, scale in scales.items()}
         return own | super().bound_tolerances(material, max_stretches)
 
     def __reduce__(self) -> Any:
@@ -135,6 +101,8 @@ def _law(text: str, name: str) -> type[LawOfFile]:
         "parameters": parameters,
         "amplitudes": tuple(p.name for p in parameters if p.unit == "kPa"),
         "exponents": formulas,
+        # k / k2 (exp(k2 x) - 1) has no value at k2 = 0
+        "least": {p.name: 1e-6 for p in parameters if p.logarithmic and p.unit == "1"},
     }
     if name in LAWS:
         raise InputError(f"there is a law {name}", remedy="give the file another name")

@@ -7,10 +7,8 @@ With A, B, C = dW/dX, dW/dY, dW/dZ the Cauchy stresses are
     s_x = 2 (X A - Z C)        s_y = 2 (Y B - Z C)
 
 Four generic functions of the constants of a law, a ``NamedTuple``, are written for each law from
-its energy (:func:`constants_type`). They are plain arithmetic, which serves numbers, arrays,
-complex numbers (complex-step differentiation) and the compiled density: in Python
-``functools.singledispatch`` chooses the implementation by the type of the constants, in compiled
-code ``numba.extending.overload`` does, so that one kernel is compiled for each law.
+its energy (:func:`constants_type`), as arithmetic of numbers, arrays and complex numbers. The type
+of the constants chooses the implementation, also in compiled code, one kernel for each law.
 """
 
 from __future__ import annotations
@@ -27,13 +25,7 @@ from numba.extending import overload
 
 from biaxbayes.compilation import WITHIN, implementation, inlined
 from biaxbayes.errors import InputError
-from biaxbayes.laws.differentiation import (
-    Expression,
-    exponential,
-    exponents_of,
-    gradient,
-    source,
-)
+from biaxbayes.laws.differentiation import Expression, exponential, exponents_of, gradient, source
 from biaxbayes.parameters import DEGREE
 
 STEP = 1e-30
@@ -46,25 +38,21 @@ STEP = 1e-30
 @singledispatch
 def energy(constants, X, Y, Z):
     """Strain energy per reference volume in kPa (mJ/mm^3), zero where unloaded; not compiled."""
-    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
 
 
 @singledispatch
 def derivatives(constants, X, Y, Z):
     """(dW/dX, dW/dY, dW/dZ) in kPa at squared stretches."""
-    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
 
 
 @singledispatch
 def exponents(constants, X, Y, Z):
     """The exponents of the law's exponentials at squared stretches, in their order."""
-    raise NotImplementedError(f"no law has the constants {type(constants).__name__}")
 
 
 @singledispatch
 def constants_at(like, theta):
     """Constants at theta (parameters without logs, angles in radians), of the type of others."""
-    raise NotImplementedError(f"no law has the constants {type(like).__name__}")
 
 
 @overload(derivatives, jit_options=WITHIN)

@@ -29,7 +29,6 @@ def energy(X, Y, Z, c0, k1, k2, k3, cos2):
 
 
 _ABSENT_EXPONENT_FRACTION = 0.05
-_MIN_K3 = 1e-6  # of a fit; it alters no stress where k2 is larger
 
 
 class MayNewmanLaw(Law):
@@ -60,17 +59,13 @@ class MayNewmanLaw(Law):
     amplitudes = ("c0", "k1")
     exponents: ClassVar = {"k2": "Q", "k3": "Q"}
     undefined_at: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
+    least: ClassVar = {"k3": 1e-6}  # it alters no stress where k2 is larger
     joint_parameters = ("k2", "k3")
     condition = "k2 + k3 has to be larger than zero"
 
     def is_admissible(self, values: Mapping[str, Any]) -> Any:
         """True if there is an exponent."""
         return np.asarray(values["k2"]) + values["k3"] > 0.0
-
-    @property
-    def lower(self) -> np.ndarray:
-        """Lower bounds of (c0, k1, k2, k3, t): without any exponent there is no law."""
-        return np.array([0.0, 0.0, 0.0, _MIN_K3, 0.0])
 
     def bound_tolerances(
         self, material: MaterialResponse, max_stretches: Sequence[np.ndarray]

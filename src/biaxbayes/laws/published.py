@@ -39,26 +39,20 @@ _TABLE5 = {
     "sheep5-linden": (4.4, 19.9, 0.538, 54.39, 0.096, 1.092, 1.027),
     "sheep5-fip": (3.8, 18.8, 0.475, 54.00, 0.067, 1.104, 1.021),
 }
-_TABLE2 = {
-    "donor1": (1.93, 1.15),
-    "donor2": (1.35, 1.15),
-    "donor2-intima": (0.27, 1.05),
-    "donor2-media": (0.88, 1.20),
-    "donor2-adventitia": (0.54, 1.15),
-}
+# Table 6 with the thickness (mm) and the measured stretch of Table 2
 _TABLE6 = {
-    "donor1": (12.21, 0.37, 31.35, 60.88, 0.0, 1.003, 1.028),
-    "donor2": (25.87, 39.78, 139.88, 90.0, 0.241, 1.009, 1.016),
-    "donor2-intima": (2.14, 26.88, 268.30, 90.0, 0.206, 1.017, 1.004),
-    "donor2-media": (2.98, 12.47, 1.88, 39.00, 0.0, 1.009, 1.010),
-    "donor2-adventitia": (2.10, 0.41, 23.85, 51.21, 0.0, 1.009, 1.019),
+    "donor1": (12.21, 0.37, 31.35, 60.88, 0.0, 1.003, 1.028, 1.93, 1.15),
+    "donor2": (25.87, 39.78, 139.88, 90.0, 0.241, 1.009, 1.016, 1.35, 1.15),
+    "donor2-intima": (2.14, 26.88, 268.30, 90.0, 0.206, 1.017, 1.004, 0.27, 1.05),
+    "donor2-media": (2.98, 12.47, 1.88, 39.00, 0.0, 1.009, 1.010, 0.88, 1.20),
+    "donor2-adventitia": (2.10, 0.41, 23.85, 51.21, 0.0, 1.009, 1.019, 0.54, 1.15),
 }
 
 MATERIALS: dict[str, PublishedMaterial] = {
     **{n: PublishedMaterial(GOH(*v), "Table 1") for n, v in _TABLE1.items()},
     **{n: PublishedMaterial(GOH(*v[:5]), "Table 5", (v[5], v[6])) for n, v in _TABLE5.items()},
     **{
-        n: PublishedMaterial(GOH(*v[:5]), "Table 6, fip", (v[5], v[6]), *_TABLE2[n])
+        n: PublishedMaterial(GOH(*v[:5]), "Table 6, fip", (v[5], v[6]), *v[7:])
         for n, v in _TABLE6.items()
     },
 }

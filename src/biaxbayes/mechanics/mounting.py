@@ -49,13 +49,6 @@ def mounted_section(section, mounting, mounted_dimensions):
 
 
 @inlined
-def unloaded_section(section, mounting, mounted_dimensions):
-    """Section of the unloaded state in a direction, f / P; arguments broadcast."""
-    # f = A0 P;  A0 = Am lm
-    return section * mounting if mounted_dimensions else section
-
-
-@inlined
 def sections(area, edge_x, edge_y, thickness):
     """Load per kPa in (x, y): sections of the file times the factors of its dimensions."""
     # the section in x is edge_y * thickness

@@ -46,11 +46,10 @@ def virtual_test(
     if increments < 1:
         raise ValueError("a test needs at least one increment")
     lm = np.array(mounting_stretch, dtype=float)
-    top = (
-        np.broadcast_to(np.asarray(total_stretch, dtype=float), 2) / lm
-        if measured_stretch is None
-        else np.broadcast_to(np.asarray(measured_stretch, dtype=float), 2)
-    )
+    given = total_stretch if measured_stretch is None else measured_stretch
+    top = np.broadcast_to(np.asarray(given, dtype=float), 2)
+    if measured_stretch is None:
+        top = top / lm
     # The mounted state is the first point; equal increments of total stretch follow.
     path = np.linspace(0.0, 1.0, increments + 1)[:, None]
     measured = 1.0 + path * (top - 1.0) * np.asarray(ratio, dtype=float)

@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.chart import DEFAULT_ISOTROPY_SCALE
-from biaxbayes.laws.law import Law, TransformInputs
+from biaxbayes.laws.law import Law
 from biaxbayes.model.density import (
     MODE_FORCE,
     MODE_STRETCH,
@@ -60,7 +59,7 @@ from biaxbayes.specimens.specimen import Specimen
 class SamplingConstants:
     """Constants of the sampling coordinates; only the efficiency of a sampler depends on them."""
 
-    isotropy_scale: float = DEFAULT_ISOTROPY_SCALE  # near isotropy, see laws/dispersed_fibres.py
+    isotropy_scale: float = 0.3  # near isotropy, see laws/chart.py
     # total stretches at which fibre stress and exponent are coordinates; None: the largest
     # measured
     reference_stretch: tuple[float, float] | None = None
@@ -153,14 +152,12 @@ def assemble(
     reference, max_I1_state = _references(specimen, constants.reference_stretch)
     peak_kPa = peak_stress(specimen)
     transform = law.sampling_transform(
-        TransformInputs(
-            free=tuple(n for n in law.names if n in free),
-            reference=reference,
-            isotropy_scale=constants.isotropy_scale,
-            reparametrised=sampling,
-            max_I1_state=max_I1_state,
-            peak_kPa=max(peak_kPa, 1e-9),
-        )
+        free,
+        reference,
+        constants.isotropy_scale,
+        max_I1_state,
+        max(peak_kPa, 1e-9),
+        reparametrised=sampling,
     )
     problem = Problem(
         slot=slot,

@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
-from biaxbayes.laws.coordinates import constants_from_theta, to_slots
-from biaxbayes.laws.materials import cauchy_stress
+from biaxbayes.laws.coordinates import to_slots
+from biaxbayes.laws.materials import cauchy_stress, constants_at
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,
@@ -237,7 +237,7 @@ def _walker(problem, u, value, residual):
     for i in range(size):
         if not np.isfinite(value[i]):
             return -np.inf, jacobian, OVERFLOW
-    constants = constants_from_theta(problem.transform, value)
+    constants = constants_at(problem.transform.constants, value)
     for r in range(residual.size):
         residual[r] = problem.measured[r] - value[problem.offset_of[r]]
     done = -1

@@ -129,7 +129,7 @@ def _with_terms_of_weight(posterior: Posterior, start: Start) -> tuple[Posterior
 
 def _rescaled(posterior: Posterior, start: Start) -> tuple[Posterior, Start]:
     """Change to sampling coordinates scaled for the posterior, where those of the fit differ."""
-    if not posterior.law.has_isotropy_scale(posterior.coordinate_constants):
+    if posterior.coordinate_constants.alpha < 0:  # not charted
         return posterior, start
     rng, half = start.rng, len(start.points) // 2
     typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])

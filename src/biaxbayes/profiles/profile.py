@@ -24,7 +24,7 @@ from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
-from biaxbayes.parameters import STRETCH, Quantities, Quantity, unit_words
+from biaxbayes.parameters import STRETCH, OfQuantity, Quantities, Quantity, unit_words
 from biaxbayes.profiles.conditional_fit import ConditionalLikelihood
 from biaxbayes.profiles.profile_curve import ProfileCurve, profile_axis
 
@@ -33,7 +33,7 @@ FLAT_DEVIANCE = 0.1
 
 
 @dataclass(frozen=True)
-class Profile:
+class Profile(OfQuantity):
     """A profile likelihood.
 
     Attributes
@@ -62,14 +62,9 @@ class Profile:
         return f"Profile({self.in_words()})"
 
     @property
-    def quantity(self) -> Quantity:
+    def quantity(self) -> Quantity:  # type: ignore[override]
         """The profiled quantity."""
         return self.known[self.parameter]
-
-    @property
-    def unit(self) -> str:
-        """Unit of the parameter, empty where it has none."""
-        return "" if self.quantity.unit == "1" else self.quantity.unit
 
     def in_words(self) -> str:
         """One sentence."""

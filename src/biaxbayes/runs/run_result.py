@@ -20,7 +20,7 @@ from biaxbayes.derived.piece_stiffness import piece_stiffnesses
 from biaxbayes.errors import RunError, listed
 from biaxbayes.fitting.fit_result import POOR_MISFIT, misfit_sentence, root_mean_square
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.reported import Reported, measurement_advice, report_table
+from biaxbayes.identifiability.reported import Reported, report_table
 from biaxbayes.identifiability.sloppiness import sloppiness
 from biaxbayes.identifiability.verdict import (
     IDENTIFIED,
@@ -251,8 +251,12 @@ def _advice(
     axes = {quantities[r.name].axis for r in undetermined if _is_stretch(quantities, r)}
     if undetermined and all(_is_stretch(quantities, r) for r in undetermined):
         names = mounting_names("stretch")
-        measured = measurement_advice([names[axis] for axis in (0, 1) if axis in axes])
-        return f"to know the mounting stretch, {measured}"
+        lines = " and ".join(f"# {names[axis]}: VALUE +- SD" for axis in sorted(axes))
+        return (
+            "to know the mounting stretch, photograph two marks per axis before and after "
+            "mounting, and write the ratio of their distances into the header of the specimen: "
+            f"{lines}"
+        )
     return further_test(posterior) if undetermined else ""
 
 

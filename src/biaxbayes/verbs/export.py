@@ -89,8 +89,7 @@ def export(
     DataFrame
         The manifest: one row per card.
     """
-    from biaxbayes.cards.export import export_cards
-    from biaxbayes.cards.new_specimens import export_population_cards
+    from biaxbayes.cards.export import export_cards, export_population_cards
     from biaxbayes.prediction.draws import chosen_draws
     from biaxbayes.prediction.nearest_law import (
         TO_READINGS,
