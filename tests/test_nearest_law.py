@@ -15,7 +15,7 @@ from biaxbayes.prediction.nearest_law import (
     nearest_laws,
     simulation_table,
 )
-from biaxbayes.reports.page import Page
+from biaxbayes.reports.page import page_html
 from biaxbayes.reports.run_page import _simulation
 
 TRUTH = {"C1": 8.0, "k1": 30.0, "k2": 6.0, "alpha": 40.0, "kappa": 0.1}
@@ -99,10 +99,10 @@ def test_the_median_law_is_one_of_them(posterior, draws):
     run = SimpleNamespace(result=result, law=posterior.law, quantities=posterior.quantities)
     run.settings = posterior.settings
     (section,) = _simulation(run)
-    page = Page("report", "a", "b", [section], []).html()
+    page = page_html("report", "a", "b", [section], [])
     off = 100.0 * table.loc[TO_READINGS, "median_card"]
     assert f"off the readings by {off:.2g} %" in page and "k1: " in page and "export RUN" in page
     assert "misfit" in page
     run.settings = posterior.replaced(noise="independent").settings
     (section,) = _simulation(run)
-    assert "misfit" not in Page("report", "a", "b", [section], []).html()
+    assert "misfit" not in page_html("report", "a", "b", [section], [])

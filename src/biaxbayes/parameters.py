@@ -1,9 +1,6 @@
-r"""Every inferred quantity: name, symbol, unit, scale, range, digits, description.
+"""Every inferred quantity: those of a material are in the file of its law, all others are here.
 
-The parameters of a material are in the file of its law; those of the mounted state, of the errors
-and of measured dimensions are here. A :class:`Quantity` is a parameter of one run: mounting
-stretches and forces exist once per mounted state. :class:`Quantities` are all of a run, by the
-names of ``summary.csv``.
+A :class:`Quantity` is a parameter of one run: mounting stretches exist once per mounted state.
 """
 
 from __future__ import annotations
@@ -11,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,25 +16,20 @@ LOAD = "load"
 """Unit of a quantity that is in the unit of the file's loads, N or kPa."""
 DEGREE = "deg"
 
-GREEK = {
-    r"\alpha": "α",
-    r"\kappa": "κ",
-    r"\lambda": "λ",
-    r"\mu": "μ",
-    r"\rho": "ρ",
-    r"\delta": "δ",
-}
-_HTML_UNIT = {DEGREE: "°"}
-_WORDS_UNIT = {DEGREE: "degrees"}
+GREEK = {r"\alpha": "α", r"\kappa": "κ", r"\lambda": "λ", r"\mu": "μ", r"\rho": "ρ", r"\delta": "δ"}
 
-Kind = str
 MATERIAL, STRETCH, FORCE, ERROR, DIMENSION = "material", "stretch", "force", "error", "dimension"
 PIECE, FREE_SIDE = "piece", "free side"
 
 
 def unit_words(unit: str) -> str:
     """Unit in a sentence, with a leading blank; empty for pure numbers."""
-    return "" if unit in ("1", "") else f" {_WORDS_UNIT.get(unit, unit)}"
+    return "" if unit in ("1", "") else f" {'degrees' if unit == DEGREE else unit}"
+
+
+def unit_text(unit: object) -> str:
+    """A unit as it is printed; nothing for pure numbers."""
+    return {DEGREE: "°", "1": ""}.get(str(unit), str(unit))
 
 
 @dataclass(frozen=True)
@@ -61,7 +54,7 @@ class Parameter:
     sharp: float = math.inf
     digits: str = ".3g"  # format of a single value
     width: float = 0.3  # of dispersed starting points, on the sampled scale
-    kind: Kind = MATERIAL
+    kind: str = MATERIAL
     axis: int | None = None  # 0 for x, 1 for y, None without a direction
     largest: float = math.inf  # upper bound in a fit, where the range has none
     # default: its distribution and two numbers, as in a priors file
@@ -112,8 +105,7 @@ class Parameter:
 
     def unit_symbol(self, load_unit: str = "") -> str:
         """Unit after a number or on an axis; empty for pure numbers."""
-        unit = self.unit_in(load_unit)
-        return "" if unit == "1" else _HTML_UNIT.get(unit, unit)
+        return unit_text(self.unit_in(load_unit))
 
     def unit_words(self, load_unit: str = "") -> str:
         """Unit in a sentence, with a leading blank; empty for pure numbers."""
@@ -133,35 +125,21 @@ def positive_parameter(
     positive: bool = False,
 ) -> Parameter:
     """A stiffness or an exponent: positive, with a lognormal prior, sampled as its log."""
-    return Parameter(
-        name,
-        symbol,
-        unit,
-        words,
-        low=0.0,
-        largest=largest,
-        logarithmic=True,
-        positive=positive,
-        at_low=at_low,
-        sharp=2.0,
-        width=0.4 if unit == "kPa" else 0.5,
-        prior=("lognormal", median, sd_log),
-    )
+    scale: dict[str, Any] = {"low": 0.0, "logarithmic": True, "positive": positive}
+    scale |= {"width": 0.4 if unit == "kPa" else 0.5, "prior": ("lognormal", median, sd_log)}
+    return Parameter(name, symbol, unit, words, **scale, largest=largest, at_low=at_low, sharp=2.0)
+
+
+def _uniform(low: float, high: float) -> dict[str, Any]:
+    """A range with a uniform prior."""
+    return {"low": low, "high": high, "prior": ("uniform", low, high)}
 
 
 def fibre_angle(name: str, symbol: str, words: str) -> Parameter:
     """An angle from x, 0 to 90 degrees with a uniform prior, mirrored at both bounds."""
+    range_and_prior = _uniform(0.0, 90.0)
     return Parameter(
-        name,
-        symbol,
-        DEGREE,
-        words,
-        low=0.0,
-        high=90.0,
-        mirror=True,
-        sharp=15.0,
-        digits=".1f",
-        prior=("uniform", 0.0, 90.0),
+        name, symbol, DEGREE, words, **range_and_prior, mirror=True, sharp=15.0, digits=".1f"
     )
 
 
@@ -169,22 +147,11 @@ def fraction_parameter(
     name: str, symbol: str, words: str, at_low: str, at_high: str, *, width: float = 0.3
 ) -> Parameter:
     """A fraction between 0 and 1 with a uniform prior."""
-    return Parameter(
-        name,
-        symbol,
-        words=words,
-        low=0.0,
-        high=1.0,
-        at_low=at_low,
-        at_high=at_high,
-        sharp=0.2,
-        digits=".3f",
-        width=width,
-        prior=("uniform", 0.0, 1.0),
-    )
+    ends = _uniform(0.0, 1.0) | {"at_low": at_low, "at_high": at_high}
+    return Parameter(name, symbol, words=words, **ends, sharp=0.2, digits=".3f", width=width)
 
 
-def _pair(name: str, symbol: str, words: str, **rest: object) -> tuple[Parameter, ...]:
+def _pair(name: str, symbol: str, words: str, **rest: Any) -> tuple[Parameter, ...]:
     """Parameters of both directions; ``{}`` is replaced by the axis."""
     return tuple(
         Parameter(
@@ -192,12 +159,13 @@ def _pair(name: str, symbol: str, words: str, **rest: object) -> tuple[Parameter
             symbol.replace("{}", axis),
             words=words.replace("{}", axis),
             axis=k,
-            **rest,  # type: ignore[arg-type]
+            **rest,
         )
         for k, axis in enumerate("xy")
     )
 
 
+_AT_REST = "load at the mounted state, {}"
 MOUNTING_PARAMETERS = (
     *_pair(
         "mounting_stretch",
@@ -209,25 +177,12 @@ MOUNTING_PARAMETERS = (
         width=0.005,
         kind=STRETCH,
     ),
-    *_pair(
-        "mounting_force",
-        "p_{0,{}}",
-        "load at the mounted state, {}",
-        unit=LOAD,
-        digits=".4f",
-        kind=FORCE,
-    ),
+    *_pair("mounting_force", "p_{0,{}}", _AT_REST, unit=LOAD, digits=".4f", kind=FORCE),
 )
 """Stretches, then forces, of a mounted state."""
+_OF_LOG: dict[str, Any] = {"low": 0.0, "logarithmic": True, "positive": True}
 NOISE_SD = Parameter(
-    "noise_sd",
-    "w",
-    LOAD,
-    "standard deviation of the errors",
-    low=0.0,
-    logarithmic=True,
-    positive=True,
-    kind=ERROR,
+    "noise_sd", "w", LOAD, "standard deviation of the errors", **_OF_LOG, kind=ERROR
 )
 DIMENSION_PARAMETERS = (
     *_pair("edge", "", "edge in {} over the stated one", low=0.0, kind=DIMENSION),
@@ -235,15 +190,8 @@ DIMENSION_PARAMETERS = (
     *_pair("load_offset", "", "load offset in {}", unit=LOAD, kind=DIMENSION),
 )
 """True over stated dimensions, and the load offset, the reading of the cell without load."""
-STIFFNESS = Parameter(
-    "stiffness",
-    "s",
-    words="stiffness of the piece over that of the first",
-    low=0.0,
-    logarithmic=True,
-    positive=True,
-    kind=PIECE,
-)
+_OVER_FIRST = "stiffness of the piece over that of the first"
+STIFFNESS = Parameter("stiffness", "s", words=_OVER_FIRST, **_OF_LOG, kind=PIECE)
 """Factor of all stresses of a further piece of the tissue."""
 OF_PIECE = (NOISE_SD, *DIMENSION_PARAMETERS, STIFFNESS)
 """Parameters that every piece has for itself, besides its mounted states."""
@@ -325,23 +273,16 @@ class Quantities(Mapping[str, Quantity]):
     ) -> None:
         self.material = tuple(material)
         self.pieces = tuple(pieces)
-        self.load_unit = pieces[0].load_unit
-        quantities = [Quantity(p, "", self.load_unit) for p in self.material]
+        quantities = [Quantity(p, "", self.pieces[0].load_unit) for p in self.material]
         for what in (STRETCH, FORCE):
+            both = [p for p in MOUNTING_PARAMETERS if p.kind == what]
             for piece in self.pieces:
+                own = [p for p in both if p.axis in piece.axes]
+                # follows from the other
+                free = [replace(p, kind=FREE_SIDE) for p in both if len(own) == 1 and p not in own]
                 for state in piece.states:
-                    of_state = [p for p in MOUNTING_PARAMETERS if p.kind == what]
-                    quantities += [
-                        Quantity(p, state, piece.load_unit)
-                        for p in of_state
-                        if p.axis in piece.axes
-                    ]
-                    if what == STRETCH and len(piece.axes) == 1:  # follows from the other
-                        quantities += [
-                            Quantity(replace(p, kind=FREE_SIDE), state)
-                            for p in of_state
-                            if p.axis not in piece.axes
-                        ]
+                    quantities += [Quantity(p, state, piece.load_unit) for p in own]
+                    quantities += [Quantity(p, state) for p in free if what == STRETCH]
         for piece in self.pieces:
             known = [p for p in OF_PIECE if piece.label or p is not STIFFNESS]
             quantities += [Quantity(p, piece.label, piece.load_unit) for p in known]
@@ -361,17 +302,13 @@ class Quantities(Mapping[str, Quantity]):
     def __len__(self) -> int:
         return len(self._quantities)
 
-    def of_kind(self, *kinds: Kind) -> tuple[Quantity, ...]:
+    def of_kind(self, *kinds: str) -> tuple[Quantity, ...]:
         """Quantities of the given kinds, in their order."""
         return tuple(q for q in self._quantities.values() if q.parameter.kind in kinds)
 
     def assessed(self) -> tuple[Quantity, ...]:
         """Material parameters and mounting stretches, which get a verdict."""
         return self.of_kind(MATERIAL, STRETCH)
-
-    def mounting(self) -> tuple[Quantity, ...]:
-        """Stretches, then forces, of every mounted state."""
-        return self.of_kind(STRETCH, FORCE)
 
     def force_of(self, quantity: Quantity) -> Quantity:
         """The mounting force for a mounting stretch; any other quantity unchanged."""
@@ -380,11 +317,3 @@ class Quantities(Mapping[str, Quantity]):
             return quantity
         force = next(f for f in MOUNTING_PARAMETERS if f.kind == FORCE and f.axis == p.axis)
         return Quantity(force, quantity.state, quantity.load_unit)
-
-    def in_same_state(self, name: str, parameter: str) -> str:
-        """Name of another parameter in the mounted state of a quantity."""
-        return name_of(parameter, self._quantities[name].state)
-
-    def of_parameter(self, name: str) -> tuple[Quantity, ...]:
-        """One parameter in every mounted state."""
-        return tuple(q for q in self._quantities.values() if q.parameter.name == name)

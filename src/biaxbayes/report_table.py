@@ -1,9 +1,6 @@
-"""A table of a result, in every medium.
+"""A table of a result: a DataFrame, and columns that say how a row is printed in every medium.
 
-The rows are a DataFrame: its numbers go to CSV and JSON. A column says how a row is printed, with
-the same words and digits on a page, in LaTeX and in a terminal:
-
-    Table([Column("quantity", "Quantity"), Column("low", "5 %", "kPa", ".3g")], frame, "Bounds")
+Such as ``Table([Column("quantity", "Quantity"), Column("low", "5 %", "kPa", ".3g")], frame)``.
 """
 
 from __future__ import annotations
@@ -18,7 +15,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 
 from biaxbayes.errors import printable
-from biaxbayes.parameters import Parameter, Quantity
+from biaxbayes.parameters import Parameter, Quantity, unit_text
 from biaxbayes.text_files import aligned, one_line
 
 Cell: TypeAlias = str | Quantity | Markup | tuple[str | Quantity | Markup, ...]
@@ -107,13 +104,23 @@ class Table:
 
     def html(self) -> Markup:
         """The table on a page; its first column names the rows."""
-        heads = Markup("").join(_html_head(column) for column in self.columns)
-        body = Markup("\n").join(_html_row(self.columns, row) for row in self.cells())
+        heads, rows = Markup(""), []
+        numbers = [Markup(' class="n"') if c.number else "" for c in self.columns]
+        for c, n in zip(self.columns, numbers, strict=True):
+            link = Markup('<a href="#words">{}</a>' if c.term else "{}")
+            heads += Markup('<th scope="col"{}>{}</th>').format(n, link.format(c.head(as_html)))
+        for cells in self.cells():
+            first, *others = (as_html(cell) for cell in cells)
+            row = Markup('<th scope="row" class="name">{}</th>').format(first)
+            for cell, n in zip(others, numbers[1:], strict=True):
+                shown = Markup(MINUS.sub("\N{MINUS SIGN}", cell)) if n else cell
+                row += Markup("<td{}>{}</td>").format(n, shown)
+            rows.append(Markup("<tr>{}</tr>").format(row))
         return Markup(
             '<div class="scroll" role="region" aria-label="Table: {}" tabindex="0">\n<table>\n'
             "<caption>{}</caption>\n<thead><tr>{}</tr></thead>\n<tbody>\n{}\n</tbody>\n</table>\n"
             "</div>"
-        ).format(self.label, self.caption or self.label, heads, body)
+        ).format(self.label, self.caption or self.label, heads, Markup("\n").join(rows))
 
     def _repr_html_(self) -> str:
         return str(self.html())
@@ -126,27 +133,6 @@ class Table:
         begin = f"\\begin{{tabular}}{{{'l' * len(heads)}}}"
         rules = ("  \\toprule", head, "  \\midrule", *lines, "  \\bottomrule")
         return [begin, *rules, "\\end{tabular}"]
-
-
-def _html_head(column: Column) -> Markup:
-    head = Markup(column.head(as_html))
-    if column.term:
-        head = Markup('<a href="#words">{}</a>').format(head)
-    numbers = Markup(' class="n"') if column.number else ""
-    return Markup('<th scope="col"{}>{}</th>').format(numbers, head)
-
-
-def _html_row(columns: Sequence[Column], cells: Sequence[Cell]) -> Markup:
-    first, *others = (as_html(cell) for cell in cells)
-    row = Markup('<th scope="row" class="name">{}</th>').format(first)
-    for column, cell in zip(columns[1:], others, strict=True):
-        if column.number:
-            row += Markup('<td class="n">{}</td>').format(
-                Markup(MINUS.sub("\N{MINUS SIGN}", str(cell)))
-            )
-        else:
-            row += Markup("<td>{}</td>").format(cell)
-    return Markup("<tr>{}</tr>").format(row)
 
 
 # --- a cell in each medium; text from files is made safe -----------------------------------------
@@ -210,18 +196,7 @@ def truncate(text: object, length: int = 120) -> str:
     return line if len(line) <= length else line[: length - 1].rstrip() + "…"
 
 
-def unit_text(unit: object) -> str:
-    """A unit as it is printed; nothing for pure numbers."""
-    return {"deg": "°", "1": ""}.get(str(unit), str(unit))
-
-
 # --- digits --------------------------------------------------------------------------------------
-
-
-COARSE_RATIO = 8.0
-"""Ratio of the ends of an interval from which each has two significant digits."""
-NEGLIGIBLE = 1e-15
-"""Fraction of the upper end of an interval below which a value is printed as 0."""
 
 
 def number(
@@ -230,14 +205,14 @@ def number(
     """A value with two digits of the width of its interval; the same wherever it is printed.
 
     ``log``: a positive scale, of which a value has at least two significant digits, and each end of
-    a wide interval just these. A value without a width is printed as the parameter is, else with
-    four digits.
+    an interval beyond a factor of 8 just these. A value without a width is printed as the parameter
+    is, else with four digits.
     """
     if math.isnan(value):
         return DASH
     width = abs(high - low)
-    if log and low > 0.0 and high > COARSE_RATIO * low:
-        rounding = math.isfinite(high) and value < NEGLIGIBLE * high
+    if log and low > 0.0 and high > 8.0 * low:
+        rounding = math.isfinite(high) and value < 1e-15 * high
         return "0" if rounding else f"{float(f'{value:.2g}'):g}"
     if not (width > 0.0 and math.isfinite(width)):
         return f"{value:.4g}" if parameter is None else parameter.number(value)
@@ -252,6 +227,11 @@ def number(
 def three_digits(value: float) -> str:
     """A number with three digits; a dash where there is none."""
     return DASH if math.isnan(value) else f"{float(f'{value:.3g}'):g}"
+
+
+def quantiles_of(row: Row, name: str) -> tuple[float, float, float]:
+    """Median and ends of a 90 % interval, in columns such as ``mean_q50``."""
+    return float(row[f"{name}_q50"]), float(row[f"{name}_q05"]), float(row[f"{name}_q95"])
 
 
 def interval_texts(

@@ -26,9 +26,10 @@ from biaxbayes.figures.quantities import axis_span, corner_columns
 from biaxbayes.figures.style import colour, figure_bytes, print_style
 from biaxbayes.model.priors import FAMILIES, PRIOR_NUMBERS, Prior
 from biaxbayes.options import CONTENT
+from biaxbayes.parameters import unit_text
 from biaxbayes.prediction.percentiles import tails
-from biaxbayes.report_table import interval_texts, unit_text
-from biaxbayes.reports.templates import Picture, embedded
+from biaxbayes.report_table import interval_texts
+from biaxbayes.reports.page import Picture, embedded
 from biaxbayes.runs.run import Run
 from biaxbayes.verbs.inputs import usable_run
 

@@ -29,7 +29,7 @@ from biaxbayes.options import (
     SamplingPlan,
     options_of,
 )
-from biaxbayes.reports.templates import embedded
+from biaxbayes.reports.page import embedded
 from biaxbayes.runs.checkpoint import NAMES as CHECKPOINTS
 from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY
 from biaxbayes.runs.run import open_run

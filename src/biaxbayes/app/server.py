@@ -29,7 +29,7 @@ from tornado.websocket import WebSocketHandler
 
 from biaxbayes.app.jobs import HIDDEN, jobs
 from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.reports.templates import page_template
+from biaxbayes.reports.page import page_template
 from biaxbayes.tables.sheets import MAX_WORKBOOK_BYTES
 from biaxbayes.verbs.convert import BESIDE
 

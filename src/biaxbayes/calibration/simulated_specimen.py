@@ -70,7 +70,7 @@ def draw_truth(
         }
         for name, prior in priors.items():
             if isinstance(prior, Tie):
-                truth[name] = prior.factor * truth[quantities.in_same_state(name, prior.other)]
+                truth[name] = prior.factor * truth[name_of(prior.other, quantities[name].state)]
         if model.law.is_admissible(truth) and _add_mounting_forces(model, truth):
             return truth, rejected
     raise ValueError("the prior has hardly any mass where a material has a stable mounted state")
@@ -224,7 +224,7 @@ def local_prior(
     """Independent priors twice as wide as the marginals of `draws`, at most those in `wide`."""
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():
-        quantities = [q for q in known.of_parameter(name) if q.name in draws]
+        quantities = [q for q in known.values() if q.parameter.name == name and q.name in draws]
         values_of_states = [draws[q.name].ravel() for q in quantities]
         if not isinstance(prior, Prior) or not values_of_states:
             out[name] = prior

@@ -24,6 +24,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.readings import ReadingVector
 from biaxbayes.normal_errors import log_likelihood
+from biaxbayes.parameters import FORCE, STRETCH
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.progress_bar import OnProgress, no_progress
 from biaxbayes.sampling.sampler import Plan
@@ -199,6 +200,7 @@ def predicted_readings(
 
 def _load_per_stress(tissue: Tissue, stretch: np.ndarray, protocol: str) -> np.ndarray:
     """Load per Cauchy stress at measured stretches (m, 2) and the median mounting stretch."""
-    names = [q.name for q in tissue.posterior.quantities.mounting() if q.name in tissue.draws]
+    mounting = tissue.posterior.quantities.of_kind(STRETCH, FORCE)
+    names = [q.name for q in mounting if q.name in tissue.draws]
     medians = {name: tissue.draws[name].median() for name in names}
     return np.asarray(tissue.posterior.forward.load_per_stress(medians, stretch, protocol)[0])

@@ -144,7 +144,7 @@ def assemble(
         elif isinstance(prior, Tie):
             if i >= first:
                 # of one stretch to the other in the same state, which precedes it: the factor is 1
-                slot[i] = slot[slots.index(quantities.in_same_state(name, prior.other))]
+                slot[i] = slot[slots.index(name_of(prior.other, quantities[name].state))]
             else:
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:

@@ -12,36 +12,38 @@ from typing import Any
 import pandas as pd
 
 from biaxbayes.parameters import MATERIAL, unit_words
-from biaxbayes.report_table import three_digits, truncate
-from biaxbayes.reports.text import derived_text
+from biaxbayes.report_table import quantiles_of, three_digits, truncate
+from biaxbayes.reports.text import derived_text, text_or_empty
 from biaxbayes.studies.groups import KNOWN_QUANTITIES, LOG, OPEN, POWER, Z90
 
 CHANCE = (
     "Intervals are 90 %: one in ten excludes equality by chance. What could be shown is the "
     "difference that four of five such studies would show."
 )
-MOST = 10000
-"""Ratio beyond which a number says no more."""
 
 
 def answers(contrasts: Sequence[Mapping[Any, Any]]) -> list[str]:
     """Sentences on the contrasts of two groups, rows as of :func:`.group_contrasts`."""
-    stretches = [
-        float(at)
-        for r in contrasts
-        for stem, _, at in [str(r["quantity"]).partition(" at ")]
-        if stem.startswith("stiffness_") and at
-    ]
-    top = f" at {max(stretches):g}" if stretches else ""
-    chosen = [f"stiffness_{axis}{top}" for axis in "xy" if top]
     rows = {str(r["quantity"]): r for r in contrasts}
-    chosen += [
-        name
-        for name in rows
-        if name in KNOWN_QUANTITIES and KNOWN_QUANTITIES[name].parameter.kind == MATERIAL
-    ]
+    at = [name.split(" at ") for name in rows if name.startswith("stiffness_") and " at " in name]
+    top = max((float(stretch) for _, stretch in at), default=math.nan)
+    materials = {q.name for q in KNOWN_QUANTITIES.of_kind(MATERIAL)}
+    chosen = [f"stiffness_{axis} at {top:g}" for axis in "xy"]
+    chosen += [name for name in rows if name in materials]
     known = (rows[name] for name in chosen if name in rows)
     return [sentence(r) for r in known if isinstance(r["direction"], str)]
+
+
+def group_pairs(contrasts: pd.DataFrame) -> list[tuple[str, str, pd.DataFrame]]:
+    """Names of both groups, and the rows of their contrasts."""
+    pairs = contrasts.groupby(["group_a", "group_b"], sort=False)
+    return [(truncate(a, 40), truncate(b, 40), part) for (a, b), part in pairs]
+
+
+def direction_text(row: Mapping[Any, Any]) -> str:
+    """`larger` or `smaller`, else what the interval includes; empty if not converged."""
+    no_difference = f"includes {1 if row['scale'] == LOG else 0}"
+    return text_or_empty(row["direction"]).replace(OPEN, no_difference)
 
 
 def population_answers(part: pd.DataFrame, groups: pd.DataFrame) -> list[str]:
@@ -49,7 +51,7 @@ def population_answers(part: pd.DataFrame, groups: pd.DataFrame) -> list[str]:
     donors = groups.drop_duplicates("group").set_index("group")["donors"]
     rows: list[dict[Any, Any]] = []
     for r in part.to_dict("records"):
-        low, middle, high = (float(r[f"difference_{q}"]) for q in ("q05", "q50", "q95"))
+        middle, low, high = quantiles_of(r, "difference")
         shown = POWER * (high - low) / (2.0 * Z90)
         ends = {"": middle, "_low": low, "_high": high}
         if r["scale"] == LOG:
@@ -95,13 +97,10 @@ def sentence(row: Mapping[Any, Any]) -> str:
 
 def ends_text(low: float, high: float, *, log: bool) -> str:
     """The interval of a difference or, ``log``, of a ratio."""
-    return " to ".join(_end(value, log=log) for value in (low, high))
-
-
-def _end(value: float, *, log: bool) -> str:
-    """An end of the interval of a difference or, ``log``, of a ratio."""
-    if log and value > MOST:
-        return f"more than {MOST:g}"
-    # an interval that excludes 1 does so in print
-    texts = (three_digits(value), *(f"{value:.{digits}g}" for digits in (4, 5, 6)))
-    return next((text for text in texts if text != "1" or not log), "1")
+    ends = []
+    for value in (low, high):
+        # an interval that excludes 1 does so in print
+        texts = (three_digits(value), *(f"{value:.{digits}g}" for digits in (4, 5, 6)))
+        end = next((text for text in texts if text != "1" or not log), "1")
+        ends.append("more than 10000" if log and value > 1e4 else end)
+    return " to ".join(ends)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -15,13 +16,15 @@ from biaxbayes.figures.comparisons import forest_figure, matrix_figure
 from biaxbayes.figures.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.identifiability.reported import report_table
-from biaxbayes.report_table import Column, Row, Table, number
+from biaxbayes.parameters import Quantity
+from biaxbayes.report_table import Column, Row, Table, interval_texts, number, quantiles_of
 from biaxbayes.reports.page import (
     Block,
-    Page,
     Section,
     captioned,
+    embedded,
     notice,
+    page_html,
     paragraph,
     prose,
     remarks,
@@ -29,7 +32,6 @@ from biaxbayes.reports.page import (
     titled,
 )
 from biaxbayes.reports.study_page import UNIT, named
-from biaxbayes.reports.templates import embedded
 from biaxbayes.reports.text import VERDICT_TERMS
 from biaxbayes.text_files import atomic_write_text, make_folder, write_csv
 
@@ -40,9 +42,6 @@ TERMS = (
     *("Cauchy stress, nominal stress", "in sd", "P(larger)", "Kolmogorov", "overlay"),
     *("corner plot", "converged, tentative, unusable"),
 )
-MOST_OVERLAID = 6
-LARGEST = 4
-"""Differences of a pair of runs that the terminal shows."""
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> None:
@@ -51,7 +50,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
     write_csv(folder / "compare-report.csv", comparison.matrix(), digits=6)
     write_csv(folder / "compare-distances.csv", comparison.distances, digits=6)
     figures = {"matrix": matrix_figure(comparison), "forest": forest_figure(comparison)}
-    if len(comparison.members) <= MOST_OVERLAID:
+    if len(comparison.members) <= 6:
         figures["overlay"] = overlay_figure(
             [m.draws for m in comparison.members],
             comparison.labels,
@@ -64,72 +63,56 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
 
 def distance_tables(distances: pd.DataFrame) -> list[Table]:
     """How far apart each pair of runs is."""
-    return [
-        _distance_table(str(a), str(b), rows)
-        for (a, b), rows in distances.groupby(["run_a", "run_b"], sort=False)
-    ]
+    pairs = distances.groupby(["run_a", "run_b"], sort=False)
+    return [_distance_table(str(a), str(b), rows) for (a, b), rows in pairs]
 
 
 def _distance_table(a: str, b: str, rows: pd.DataFrame) -> Table:
+    def quantity(r: Row) -> Quantity | str:
+        at: str = "" if pd.isna(r["total_stretch"]) else f" at {r['total_stretch']:.4g}"
+        return named(f"{r['quantity']}{at}")
+
+    def median(name: str, r: Row) -> str:
+        # with the digits of the difference, but two significant ones at least
+        width = min(abs(r["difference_q95"] - r["difference_q05"]), abs(r[name]))
+        return number(r[name], 0.0, width)
+
+    def difference(r: Row) -> tuple[str, str, str]:
+        return interval_texts(*quantiles_of(r, "difference"))
+
+    def interval(r: Row) -> str:
+        return " to ".join(difference(r)[1:])
+
+    def determined(r: Row) -> str:
+        known = [label for label, side in ((a, "a"), (b, "b")) if r[f"identified_in_{side}"]]
+        return ("by neither", f"by {''.join(known)}", "by both")[len(known)]
+
     columns = [
-        Column("quantity", "Quantity", format=lambda r: named(_at_stretch(r))),
+        Column("quantity", "Quantity", format=quantity),
         UNIT,
-        Column("median_a", a, format=lambda r: _median(r, "median_a"), number=True),
-        Column("median_b", b, format=lambda r: _median(r, "median_b"), number=True),
-        Column(
-            "difference_q50",
-            "Difference",
-            format=lambda r: _number(r, "difference_q50"),
-            number=True,
-        ),
-        Column(
-            "difference_q05",
-            "90 % interval",
-            format=lambda r: f"{_number(r, 'difference_q05')} to {_number(r, 'difference_q95')}",
-            number=True,
-        ),
+        Column("median_a", a, format=partial(median, "median_a"), number=True),
+        Column("median_b", b, format=partial(median, "median_b"), number=True),
+        Column("difference_q50", "Difference", format=lambda r: difference(r)[0], number=True),
+        Column("difference_q05", "90 % interval", format=interval, number=True),
         Column("standardised", "In sd", format="+.1f", number=True, term=True),
         Column("probability_b_greater", "P(larger)", format=".3f", number=True, term=True),
         Column("kolmogorov", "Kolmogorov", format=".2f", number=True, term=True),
-        Column("identified_in_both", "Determined", format=lambda r: _determined(r, a, b)),
+        Column("identified_in_both", "Determined", format=determined),
     ]
     return Table(columns, rows, f"{b} minus {a}")
-
-
-def _number(r: Row, name: str) -> str:
-    """A number of the row, with the digits of the interval of the difference."""
-    return number(r[name], r["difference_q05"], r["difference_q95"])
-
-
-def _median(r: Row, name: str) -> str:
-    """A median of the row: the same digits, but two significant ones at least."""
-    width = min(abs(r["difference_q95"] - r["difference_q05"]), abs(r[name]))
-    return number(r[name], 0.0, width)
-
-
-def _determined(r: Row, a: str, b: str) -> str:
-    """Which of the runs identify or bound the quantity."""
-    known = [label for label, side in ((a, "a"), (b, "b")) if r[f"identified_in_{side}"]]
-    return ("by neither", f"by {''.join(known)}", "by both")[len(known)]
-
-
-def _at_stretch(row: Row) -> str:
-    """A quantity, of a curve with its total stretch."""
-    at = row["total_stretch"]
-    return str(row["quantity"]) + ("" if pd.isna(at) else f" at {at:.4g}")
 
 
 def comparison_page(comparison: Comparison, drawings: Mapping[str, Figure]) -> str:
     """The page of a comparison of runs, with its figures by the stems of their files."""
     figures = {name: embedded(figure_bytes(figure, "png")) for name, figure in drawings.items()}
-    report: list[Block | None] = []
-    if not comparison.converged:
-        states = [f"{m.label} is {m.state}" for m in comparison.members if m.state != "converged"]
-        text = f"{', '.join(states)}. Nothing is reported of its parameters."
-        report.append(notice("tentative", "Not every run has converged:", text=text))
-    about = "One 90 % interval or 95 % bound per parameter, with its [verdict]."
-    report.append(remarks("These runs differ in more than the tissue.", comparison.notes))
-    report.append(paragraph(prose(about)))
+    states = [f"{m.label} is {m.state}" for m in comparison.members if m.state != "converged"]
+    text = f"{', '.join(states)}. Nothing is reported of its parameters."
+    about = prose("One 90 % interval or 95 % bound per parameter, with its [verdict].")
+    report: list[Block | None] = [
+        notice("tentative", "Not every run has converged:", text=text) if states else None,
+        remarks("These runs differ in more than the tissue.", comparison.notes),
+        paragraph(about),
+    ]
     for label, rows in zip(comparison.labels, comparison.reported, strict=True):
         caption = f"90 % intervals and 95 % bounds of {label}"
         report += [subheading(label), report_table(rows, f"What {label} reports", caption)]
@@ -142,18 +125,14 @@ def comparison_page(comparison: Comparison, drawings: Mapping[str, Figure]) -> s
         "grows with the logarithm of the stretch in that of the second; stretches are from the "
         "unloaded state, the same in both directions."
     )
-    distances: list[Block] = [
-        notice("tentative", WARNING),
-        paragraph(
-            prose(
-                "[In sd]: how far apart, in units of the common width. [P(larger)]: probability "
-                "that the run named first is larger. [Kolmogorov]: 0 for equal distributions, 1 "
-                "without overlap; at 1 no correlation of parameters within a run explains the "
-                "difference. Determined: by the runs that identify or bound the quantity. "
-                "Stretches are equibiaxial, from the unloaded state."
-            )
-        ),
-    ]
+    about = prose(
+        "[In sd]: how far apart, in units of the common width. [P(larger)]: probability that the "
+        "run named first is larger. [Kolmogorov]: 0 for equal distributions, 1 without overlap; at "
+        "1 no correlation of parameters within a run explains the difference. Determined: by the "
+        "runs that identify or bound the quantity. Stretches are equibiaxial, from the unloaded "
+        "state."
+    )
+    distances: list[Block] = [notice("tentative", WARNING), paragraph(about)]
     for table in distance_tables(comparison.distances):
         distances += titled(table)
     overlay: list[Block] = []
@@ -171,18 +150,18 @@ def comparison_page(comparison: Comparison, drawings: Mapping[str, Figure]) -> s
         Section("overlay", "Joint posteriors", overlay),
         Section("files", "Files", [paragraph(files)]),
     ]
-    return Page(
+    return page_html(
         "comparison",
         ", ".join(comparison.labels),
         f"{len(comparison.labels)} runs side by side: what their tests say of the parameters of "
         f"the material law ({laws}) and of the mounting stretches",
         sections,
         TERMS,
-    ).html()
+    )
 
 
 def comparison_text(comparison: Comparison, folder: Path) -> str:
-    """What each run reports, and the largest differences of every pair."""
+    """What each run reports, and the four largest differences of every pair."""
     lines = []
     for label, reported in zip(comparison.labels, comparison.reported, strict=True):
         lines.append(f"{printable(label)}: medians, 90 % intervals and 95 % bounds")
@@ -192,7 +171,7 @@ def comparison_text(comparison: Comparison, folder: Path) -> str:
         lines.append("\nlargest differences, in units of the common width:")
     order = differences["standardised"].abs().sort_values(ascending=False).index
     for table in distance_tables(differences.reindex(order)):
-        most = replace(table, rows=table.rows.head(LARGEST)).without("kolmogorov")
+        most = replace(table, rows=table.rows.head(4)).without("kolmogorov")
         lines += [f"  {printable(table.label)}", *(f"    {line}" for line in most.lines())]
     lines += [f"note: {note}" for note in (*comparison.notes, WARNING)]
     return "\n".join([*lines, f"\n{folder / PAGE}"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -12,9 +13,17 @@ from biaxbayes.comparison.law_weights import MIXTURE, LawComparison
 from biaxbayes.figures.comparisons import by_weight, law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
-from biaxbayes.report_table import DASH, Column, Row, Table, interval_texts
-from biaxbayes.reports.page import Block, Page, Section, captioned, paragraph, prose, remarks
-from biaxbayes.reports.templates import embedded
+from biaxbayes.report_table import DASH, Column, Row, Table, interval_texts, quantiles_of
+from biaxbayes.reports.page import (
+    Block,
+    Section,
+    captioned,
+    embedded,
+    page_html,
+    paragraph,
+    prose,
+    remarks,
+)
 from biaxbayes.text_files import atomic_write_text, write_csv
 
 PAGE = "laws.html"
@@ -22,18 +31,15 @@ TERMS = (
     *("material laws", "residual, misfit", "weight of a law", "density of what was left out"),
     *("nats", "mounting stretch", "median, 90 % interval", "converged, tentative, unusable"),
 )
-STRETCHES = Quantities(()).of_kind(STRETCH)
 
 
 def write_law_comparison(compared: LawComparison, folder: Path) -> None:
     """Write tables, figures and the page."""
     write_csv(folder / "laws.csv", compared.table, digits=8)
     write_csv(folder / "left-out.csv", compared.parts, digits=8)
-    drawn = {
-        "law-misfit": law_misfit_figure(compared),
-        "law-mounting": law_mounting_figure(compared),
-    }
-    figures = {stem: figure for stem, figure in drawn.items() if figure is not None}
+    figures = {"law-misfit": law_misfit_figure(compared)}
+    if (mounting := law_mounting_figure(compared)) is not None:
+        figures["law-mounting"] = mounting
     for stem, figure in figures.items():
         save_pictures(figure, folder, stem)
     atomic_write_text(folder / PAGE, laws_page(compared, figures))
@@ -42,37 +48,33 @@ def write_law_comparison(compared: LawComparison, folder: Path) -> None:
 def laws_table(compared: LawComparison) -> Table:
     """The laws by weight, the mixture last, with the mounting stretches."""
 
-    def stretch(q: Quantity) -> Column:
-        return Column(q.name, q, format=lambda r: stretch_text(r, q), number=True)
+    def weight(r: Row) -> str:
+        if pd.isna(r["weight"]):
+            return DASH
+        known = not pd.isna(r["weight_low"])
+        ends = f" ({r['weight_low']:.2f} to {r['weight_high']:.2f})" if known else ""
+        return f"{r['weight']:.2f}{ends}"
 
+    def stretch(q: Quantity, r: Row) -> str:
+        middle, first, last = interval_texts(*quantiles_of(r, q.name), q.parameter)
+        return DASH if middle == DASH else f"{middle}, {first} to {last}"
+
+    mounting = Quantities(()).of_kind(STRETCH)
     columns = [
         Column("law", "Law"),
         Column("state", "Chains"),
         Column("rms_kPa", "Misfit", "kPa", ".3g", number=True, term=True),
         Column("left_out_rms_kPa", "Left out", "kPa", ".3g", number=True),
         Column("left_out_density_nats", "Density", "nats", ".1f", number=True, term=True),
-        Column("weight", "Weight", format=_weight, number=True, term=True),
-        *(stretch(q) for q in STRETCHES if f"{q.name}_q50" in compared.table),
+        Column("weight", "Weight", format=weight, number=True, term=True),
+        *(
+            Column(q.name, q, format=partial(stretch, q), number=True)
+            for q in mounting
+            if f"{q.name}_q50" in compared.table
+        ),
     ]
     caption = "Laws by weight; mounting stretches: median and 90 % interval"
     return Table(columns, by_weight(compared.table), "Laws", caption)
-
-
-def _weight(r: Row) -> str:
-    if pd.isna(r["weight"]):
-        return DASH
-    known = not pd.isna(r["weight_low"])
-    ends = f" ({r['weight_low']:.2f} to {r['weight_high']:.2f})" if known else ""
-    return f"{r['weight']:.2f}{ends}"
-
-
-def stretch_text(r: Row, q: Quantity) -> str:
-    """Median and 90 % interval of a mounting stretch in a row of laws.csv."""
-    median, low, high = (float(r[f"{q.name}_q{k}"]) for k in ("50", "05", "95"))
-    if median != median:
-        return DASH
-    middle, first, last = interval_texts(median, low, high, q.parameter)
-    return f"{middle}, {first} to {last}"
 
 
 def _parts_table(parts: pd.DataFrame) -> Table:
@@ -81,9 +83,8 @@ def _parts_table(parts: pd.DataFrame) -> Table:
     for name, part in parts.groupby("part", sort=False):
         mixture = part[part["law"] == MIXTURE].iloc[0]
         best = part[part["law"] != MIXTURE].sort_values("left_out_rms_kPa").iloc[0]
-        cells = (name, mixture["left_out_rms_kPa"], best["law"], best["left_out_rms_kPa"])
-        rows.append((*cells, mixture["readings"]))
-    names = ["part", "misfit", "best", "misfit_of_best", "readings"]
+        misfits = mixture["left_out_rms_kPa"], best["left_out_rms_kPa"]
+        rows.append((name, misfits[0], best["law"], misfits[1], mixture["readings"]))
     columns = [
         Column("part", "Part"),
         Column("misfit", "Misfit", "kPa", ".3g", number=True, term=True),
@@ -92,7 +93,8 @@ def _parts_table(parts: pd.DataFrame) -> Table:
         Column("readings", "Readings", format=".0f", number=True),
     ]
     caption = "The mixture whose weights are from the other parts, and the best law"
-    return Table(columns, pd.DataFrame(rows, columns=names), "Parts left out", caption)
+    frame = pd.DataFrame(rows, columns=[c.name for c in columns])
+    return Table(columns, frame, "Parts left out", caption)
 
 
 def laws_page(compared: LawComparison, drawings: Mapping[str, Figure]) -> str:
@@ -127,12 +129,8 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Figure]) -> str:
             "measure the mounting stretch."
         )
         caption = "Median and 90 % [interval] of every law; grey symbols: laws with a weight below "
-        mounting = [
-            paragraph(about),
-            captioned(
-                figures["law-mounting"], "Mounting stretches by law", prose(f"{caption}0.05.")
-            ),
-        ]
+        drawn = figures["law-mounting"], "Mounting stretches by law", prose(f"{caption}0.05.")
+        mounting = [paragraph(about), captioned(*drawn)]
     files = "laws.csv: one row per law, the last one the mixture. left-out.csv: every law on every "
     sections = [
         Section("weights", "Misfit and weight", weights),
@@ -144,14 +142,13 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Figure]) -> str:
         f"{len(table) - 1} [material laws] fitted to one record, and weighted by how well they "
         "predict the parts of it that were left out of the fit"
     )
-    return Page("laws", compared.specimen, about, sections, TERMS).html()
+    return page_html("laws", compared.specimen, about, sections, TERMS)
 
 
 def laws_text(compared: LawComparison, folder: Path) -> str:
     """The laws by weight, the mixture last, with the mounting stretches."""
-    lines = [*laws_table(compared).lines(), ""]
-    return "\n".join(lines) + (
-        "\nmisfit: error (rms) of the fit to all rows; left out: error of predicting the parts\n"
+    return "\n".join(laws_table(compared).lines()) + (
+        "\n\nmisfit: error (rms) of the fit to all rows; left out: error of predicting the parts\n"
         "left out; density: log predictive density of these, larger is better (2.3 nats more: ten\n"
         "times as probable); weight: fraction in the mixture that predicts best (stacking);\n"
         "mounting stretches: median, 90 % interval. Weights hold for tested stretches, not below\n"

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from biaxbayes.errors import listed, printable
-from biaxbayes.identifiability.verdict import (
-    BOUNDED,
-    COMBINATION,
-    IDENTIFIED,
-    MEASURED,
-    NOT_IDENTIFIED,
-)
+from biaxbayes.identifiability import verdict
 from biaxbayes.model.priors import prior_text
 from biaxbayes.report_table import latex_text, truncate
-from biaxbayes.reports.templates import page_template
+from biaxbayes.reports.page import page_template
 from biaxbayes.reports.text import CONVERGENCE_TEXTS, capital
 from biaxbayes.runs.run import Run
 from biaxbayes.runs.run_result import RunResult
@@ -40,24 +34,17 @@ def results_paragraph(run: Run) -> str:
         return "The chains have not converged: no result to report." if run.result.reported else ""
     sentences = []
     for row in run.result.reported:
-        name = f"{row.name} ({row.quantity.parameter.words})"
-        if row.verdict == IDENTIFIED:
-            sentences.append(
-                f"{name} was identified: {row.text} ({row.interval_with_unit}, 90 % interval)."
-            )
-        elif row.verdict == MEASURED:
-            sentences.append(
-                f"{name} was measured ({row.reason}): {row.text} ({row.interval_with_unit}, 90 % "
-                "interval)."
-            )
-        elif row.verdict == BOUNDED:
-            sentences.append(f"{name} was bounded: {row.interval_with_unit} (95 % bound).")
-        elif row.verdict == COMBINATION:
-            sentences.append(
-                f"{name} was identified {row.verdict} with {listed(row.partners)}: "
-                f"{row.text} ({row.interval_with_unit}, 90 % interval)."
-            )
-    left = [row.name for row in run.result.reported if row.verdict == NOT_IDENTIFIED]
+        known = f"{row.text} ({row.interval_with_unit}, 90 % interval)"
+        found = {
+            verdict.IDENTIFIED: f"identified: {known}",
+            verdict.MEASURED: f"measured ({row.reason}): {known}",
+            verdict.BOUNDED: f"bounded: {row.interval_with_unit} (95 % bound)",
+            verdict.COMBINATION: f"identified {row.verdict} with {listed(row.partners)}: {known}",
+        }
+        if row.verdict in found:
+            words = row.quantity.parameter.words
+            sentences.append(f"{row.name} ({words}) was {found[row.verdict]}.")
+    left = [row.name for row in run.result.reported if row.verdict == verdict.NOT_IDENTIFIED]
     if left:
         sentences.append(f"The test did not identify {listed(left)}.")
     sentences += [f"{capital(text)}." for text in run.result.pieces]
@@ -71,23 +58,16 @@ def latex_table(run: Run) -> str:
     caption = f"{name}: medians with 90\\,\\% intervals, or 95\\,\\% bounds."
     if run.state != "converged":
         caption += f" {latex_text(CONVERGENCE_TEXTS[run.state])}"
-    footnotes = [
-        f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in run.result.warnings
+    lines = [
+        f"% {MADE_HERE}; needs \\usepackage{{booktabs}}",
+        f"% Methods: {methods(run)}",
+        f"% Results: {results_paragraph(run)}",
+        "\\begin{table}\n  \\centering",
+        f"  \\caption{{{caption}}}",
+        *(f"  {line}" for line in run.result.table.latex()),
+        *(f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in run.result.warnings),
     ]
-    return "\n".join(
-        [
-            f"% {MADE_HERE}; needs \\usepackage{{booktabs}}",
-            f"% Methods: {methods(run)}",
-            f"% Results: {results_paragraph(run)}",
-            "\\begin{table}",
-            "  \\centering",
-            f"  \\caption{{{caption}}}",
-            *(f"  {line}" for line in run.result.table.latex()),
-            *footnotes,
-            "\\end{table}",
-            "",
-        ]
-    )
+    return "\n".join([*lines, "\\end{table}\n"])
 
 
 # --- in the terminal -----------------------------------------------------------------------------
@@ -101,13 +81,13 @@ def closing_message(run: Run) -> str:
         name += f" ({record['layer']})"
     convergence = record["convergence"]
     state = "TENTATIVE" if run.state == "tentative" else "NOT USABLE"
-    verdict = f"{state}, not converged: {convergence['reason']}"
+    how = f"{state}, not converged: {convergence['reason']}"
     if run.state == "converged":
-        verdict = (
+        how = (
             f"converged (R-hat {convergence['worst_rhat']:.4f}, at least "
             f"{convergence['worst_ess']:.0f} effective draws of every quantity)"
         )
-    lines = [f"{printable(truncate(name, 80))}: {verdict}"]
+    lines = [f"{printable(truncate(name, 80))}: {how}"]
     if grips := record.get("grips"):
         lines.append(printable(truncate(grips["in_words"], 200)))
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]

@@ -6,15 +6,65 @@ such as those of :func:`prose`, are written as they stand.
 
 from __future__ import annotations
 
+import base64
 import re
+import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
 
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
-from biaxbayes.report_table import Table
-from biaxbayes.reports.templates import Picture, page_template
+import biaxbayes
+from biaxbayes.report_table import Table, truncate
+from biaxbayes.reports.text import GLOSSARY, SEVERAL_GLOSSARY, capital
+
+# --- templates and pictures ----------------------------------------------------------------------
+
+
+@cache
+def page_template(name: str, package: str = "biaxbayes.reports") -> Template:
+    """The template of a file of a package."""
+    environment = Environment(
+        loader=PackageLoader(package, "."),
+        autoescape=lambda name: str(name).endswith("html.jinja"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"one_line": truncate, "capital": capital}
+    environment.policies["json.dumps_kwargs"] = {}  # unsorted: Bokeh refers to what came before
+    environment.globals["version"] = biaxbayes.__version__
+    return environment.get_template(name)
+
+
+class Picture(NamedTuple):
+    """A PNG as a data URI, and its size in pixels."""
+
+    uri: str
+    width: int
+    height: int
+
+
+def pictures(folder: Path, stems: tuple[str, ...]) -> dict[str, Picture]:
+    """Figures of a folder by stem, as far as a page with them stays below 5 MB."""
+    left, out = 3_300_000, {}  # encoded, they are a third larger
+    for stem in stems:
+        path = folder / f"{stem}.png"
+        if path.is_file() and path.stat().st_size <= left:
+            data = path.read_bytes()
+            left -= len(data)
+            out[stem] = embedded(data)
+    return out
+
+
+def embedded(data: bytes) -> Picture:
+    """A PNG as a part of a page."""
+    width, height = struct.unpack(">II", data[16:24])
+    return Picture("data:image/png;base64," + base64.b64encode(data).decode("ascii"), width, height)
+
 
 # --- what a section consists of ------------------------------------------------------------------
 
@@ -86,12 +136,7 @@ def titled(table: Table, about: str | Markup = "", heading: str = "") -> list[Bl
     return [subheading(heading or table.label), *sentences, table] if table else []
 
 
-def _html(block: Block) -> Markup:
-    return block.html() if isinstance(block, Table) else block
-
-
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """A section of a page; a block that is None has nothing to say."""
 
     id: str
@@ -102,21 +147,17 @@ class Section:
 # --- the page ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Page:
-    """A result on one page."""
+def page_html(
+    kind: str, heading: str, about: str | Markup, sections: Sequence[Section], terms: Sequence[str]
+) -> str:
+    """A result on one page, with a sentence below its heading and terms of the glossary.
 
-    kind: str  # in the title of the page, such as ``report``
-    heading: str
-    about: str | Markup  # sentence below the heading
-    sections: Sequence[Section]  # those without blocks are left out
-    terms: Sequence[str]  # of the glossary
-
-    def html(self) -> str:
-        """The page."""
-        sections = [
-            replace(s, blocks=[_html(b) for b in s.blocks if b is not None]) for s in self.sections
-        ]
-        shown = [s for s in sections if s.blocks]
-        titles = {s.id: s.title for s in shown} | {"words": "Words"}
-        return page_template("page.html.jinja").render(page=self, shown=shown, sections=titles)
+    ``kind`` is in its title, such as ``report``; sections without blocks are left out.
+    """
+    shown = []
+    for section in sections:
+        html = [b.html() if isinstance(b, Table) else b for b in section.blocks if b is not None]
+        if html:
+            shown.append(section._replace(blocks=html))
+    page = {"kind": kind, "heading": heading, "about": about, "sections": shown, "terms": terms}
+    return page_template("page.html.jinja").render(page, glossary=GLOSSARY | SEVERAL_GLOSSARY)

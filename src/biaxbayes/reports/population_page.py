@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,10 +13,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.errors import listed, printable
-from biaxbayes.identifiability.verdict import (
-    COMBINATION,
-    NOT_IDENTIFIED,
-)
+from biaxbayes.identifiability.verdict import COMBINATION, NOT_IDENTIFIED
 from biaxbayes.parameters import unit_words
 from biaxbayes.populations.population_result import PopulationResult
 from biaxbayes.report_table import (
@@ -27,27 +24,35 @@ from biaxbayes.report_table import (
     Table,
     as_html,
     interval_texts,
+    quantiles_of,
     three_digits,
     truncate,
 )
-from biaxbayes.reports.answers import CHANCE, ends_text, population_answers, ratio_of
+from biaxbayes.reports.answers import (
+    CHANCE,
+    direction_text,
+    ends_text,
+    group_pairs,
+    population_answers,
+    ratio_of,
+)
 from biaxbayes.reports.page import (
     Block,
-    Page,
     Section,
     bullets,
     captioned,
     notice,
+    page_html,
     paragraph,
+    pictures,
     prose,
     remarks,
     subheading,
     titled,
 )
 from biaxbayes.reports.study_page import QUANTITY, UNIT, named
-from biaxbayes.reports.templates import pictures
-from biaxbayes.reports.text import VERDICT_TERMS, plural
-from biaxbayes.studies.groups import KNOWN_QUANTITIES, LARGER, LOG, OPEN, SMALLER
+from biaxbayes.reports.text import VERDICT_TERMS, capital, plural, text_or_empty
+from biaxbayes.studies.groups import KNOWN_QUANTITIES, LARGER, LOG, SMALLER
 
 PAGE, LATEX = "population.html", "population.tex"
 TABLES = {
@@ -65,11 +70,6 @@ TERMS = (
     *("converged, tentative, unusable", "effective draws (ESS), bulk and tail", "R-hat"),
 )
 BANDS = "new-specimen-bands"
-NO_NUMBERS = (
-    "No number is given: continue with --resume and a larger --max-steps, or compare the groups as "
-    "study.html of batch does, specimen by specimen"
-)
-"""What to do where the chains do not agree."""
 FILES = {
     **dict(TABLES.values()),
     f"{BANDS}.csv": "stress of a new specimen",
@@ -108,22 +108,12 @@ OPEN_NOTE = f"{NOT_IDENTIFIED} on its own: the number may be mostly that of the 
 # --- the tables ----------------------------------------------------------------------------------
 
 
-def _words(value: object) -> str:
-    return value if isinstance(value, str) else ""
-
-
-def _ratio(log: float) -> str:
-    return three_digits(ratio_of(log))
-
-
 def quantile_texts(
     row: Row, part: str, write: Callable[[float], str] = three_digits
 ) -> tuple[str, str]:
     """Median and 90 % interval; a dash and nothing where there are no numbers."""
-    median, low, high = (float(row[f"{part}_{q}"]) for q in ("q50", "q05", "q95"))
-    if math.isnan(median):
-        return DASH, ""
-    return write(median), f"{write(low)} to {write(high)}"
+    median, low, high = quantiles_of(row, part)
+    return (DASH, "") if math.isnan(median) else (write(median), f"{write(low)} to {write(high)}")
 
 
 def _marked(median: str, verdict: object) -> str | Markup:
@@ -141,38 +131,39 @@ def spread_parts(groups: pd.DataFrame) -> dict[str, str]:
     return {"sd_total": "Specimens of different donors differ by"}
 
 
-def _new(name: str, row: Row) -> Cell:
-    """The 90 % interval of new specimens or donors, and their median."""
-    median, low, high = (float(row[f"{name}_{q}"]) for q in ("q50", "q05", "q95"))
-    middle, first, last = interval_texts(median, low, high, log=row["scale"] == LOG)
-    return DASH if middle == DASH else (f"{first} to {last}", f"median {middle}")
-
-
 def group_table(group: str, part: pd.DataFrame) -> Table:
     """The typical donor of a group, how donors and specimens differ, and new ones."""
 
     def typical(r: Row) -> Cell:
         return _marked(_centre(r), r["verdict"])
 
+    def text(name: str, r: Row) -> str:
+        return text_or_empty(r[name]) or DASH
+
     def spread(side: str, r: Row) -> Cell:
-        log, verdict = r["scale"] == LOG, _words(r[f"{side}_verdict"])
-        median, ends = quantile_texts(r, side, _ratio if log else three_digits)
-        text = f"factor {median}" if log and median != DASH else median
-        return (_marked(text, verdict), ends, verdict)
+        log, verdict = r["scale"] == LOG, text_or_empty(r[f"{side}_verdict"])
+        write = (lambda v: three_digits(ratio_of(v))) if log else three_digits
+        median, ends = quantile_texts(r, side, write)
+        factor = f"factor {median}" if log and median != DASH else median
+        return (_marked(factor, verdict), ends, verdict)
+
+    def new(name: str, r: Row) -> Cell:
+        middle, first, last = interval_texts(*quantiles_of(r, name), log=r["scale"] == LOG)
+        return DASH if middle == DASH else (f"{first} to {last}", f"median {middle}")
 
     columns = [
         QUANTITY,
         UNIT,
         Column("mean_q50", "Typical donor", format=typical, number=True, term=True),
-        Column("reported", "Interval", format=lambda r: _words(r["reported"]) or DASH, number=True),
-        Column("verdict", "Verdict", format=lambda r: _words(r["verdict"]) or DASH, term=True),
+        Column("reported", "Interval", format=partial(text, "reported"), number=True),
+        Column("verdict", "Verdict", format=partial(text, "verdict"), term=True),
         *(
             Column(side, head, format=partial(spread, side), number=True)
             for side, head in spread_parts(part).items()
         ),
         *(
-            Column(new, head, format=partial(_new, new), number=True, term=True)
-            for new, head in (("new_specimen", "New specimen"), ("new_donor", "New donor"))
+            Column(name, head, format=partial(new, name), number=True, term=True)
+            for name, head in (("new_specimen", "New specimen"), ("new_donor", "New donor"))
         ),
     ]
     return Table(columns, part, truncate(group, 60))
@@ -180,8 +171,7 @@ def group_table(group: str, part: pd.DataFrame) -> Table:
 
 def _centre(r: Row) -> str:
     """Median of the typical donor, with the digits of its reported interval."""
-    median, low, high = (float(r[f"mean_{q}"]) for q in ("q50", "q05", "q95"))
-    return interval_texts(median, low, high, log=r["scale"] == LOG)[0]
+    return interval_texts(*quantiles_of(r, "mean"), log=r["scale"] == LOG)[0]
 
 
 def contrast_table(a: str, b: str, part: pd.DataFrame) -> Table:
@@ -191,10 +181,10 @@ def contrast_table(a: str, b: str, part: pd.DataFrame) -> Table:
         Column("scale", "Difference", format=_kind),
         Column("difference_q50", "Median", format=lambda r: _apart(r)[0], number=True),
         Column("difference_q05", "90 % interval", format=lambda r: _apart(r)[1], number=True),
-        Column("direction", f"In {truncate(b, 40)}", format=_direction),
+        Column("direction", f"In {b}", format=direction_text),
         Column("probability_positive", "P(larger)", format=".3f", number=True, term=True),
     ]
-    return Table(columns, part, f"{truncate(b, 40)} compared with {truncate(a, 40)}")
+    return Table(columns, part, f"{b} compared with {a}")
 
 
 def _kind(r: Row) -> str:
@@ -204,24 +194,21 @@ def _kind(r: Row) -> str:
 
 def _apart(r: Row) -> tuple[str, str]:
     """Median and 90 % interval of a difference or ratio, as the sentences have them."""
-    log = r["scale"] == LOG
-    low, median, high = (float(r[f"difference_{q}"]) for q in ("q05", "q50", "q95"))
-    if math.isnan(median):
+    log, values = r["scale"] == LOG, quantiles_of(r, "difference")
+    if math.isnan(values[0]):
         return DASH, ""
-    if log:
-        low, median, high = map(ratio_of, (low, median, high))
+    median, low, high = map(ratio_of, values) if log else values
     return three_digits(median), ends_text(low, high, log=log)
 
 
-def _direction(r: Row) -> str:
-    """`larger` or `smaller`, else what the interval includes; empty if not converged."""
-    return _words(r["direction"]).replace(OPEN, f"includes {1 if r['scale'] == LOG else 0}")
-
-
-def contrast_tables(contrasts: pd.DataFrame) -> list[Table]:
-    """How each pair of groups differs."""
-    pairs = contrasts.groupby(["group_a", "group_b"], sort=False)
-    return [contrast_table(str(a), str(b), part) for (a, b), part in pairs]
+def group_differences(
+    contrasts: pd.DataFrame, groups: pd.DataFrame
+) -> list[tuple[list[str], Table]]:
+    """How each pair of groups differs, in sentences and a table."""
+    return [
+        (population_answers(part, groups), contrast_table(a, b, part))
+        for a, b, part in group_pairs(contrasts)
+    ]
 
 
 def specimens_table(table: pd.DataFrame) -> Table:
@@ -237,18 +224,16 @@ def specimens_table(table: pd.DataFrame) -> Table:
         if r is None:
             return DASH
         median, ends = quantile_texts(r, "pooled", KNOWN_QUANTITIES[name].parameter.number)
-        return (_marked(median, r["pooled_verdict"]), ends, f"({_words(r['reported']) or DASH})")
+        own = text_or_empty(r["reported"]) or DASH
+        return (_marked(median, r["pooled_verdict"]), ends, f"({own})")
+
+    def fits(r: Row) -> str:
+        return three_digits(float(r["specimen_predictive_p"]))
 
     known = [KNOWN_QUANTITIES[n] for n in dict.fromkeys(table["quantity"]) if n in KNOWN_QUANTITIES]
     columns = [
         Column("specimen", "Specimen, group, donor", format=label),
-        Column(
-            "specimen_predictive_p",
-            "Predictive p",
-            format=lambda r: three_digits(float(r["specimen_predictive_p"])),
-            number=True,
-            term=True,
-        ),
+        Column("specimen_predictive_p", "Predictive p", format=fits, number=True, term=True),
         *(Column(q.name, q, q.unit, partial(quantity, q.name), number=True) for q in known),
     ]
     return Table(columns, table.drop_duplicates("specimen"), "Specimens")
@@ -264,60 +249,51 @@ def population_page(
     own = tables["specimens"].drop_duplicates("specimen")
     usable = record["convergence"]["state"] != "unusable"
     groups = _groups(tables["groups"], tuple(record["pooled"])) if usable else []
-    drawn = pictures(folder, tuple(FIGURE_TEXTS))
-    figures = [
-        Section(stem, title, [captioned(drawn[stem], alt, caption, title)])
-        for stem, (title, caption, alt) in FIGURE_TEXTS.items()
-        if stem in drawn
-    ]
-    differences = contrast_tables(tables["contrasts"]) if usable else []
-    contrasts = [block for table in differences for block in titled(table)]
+    figures = []
+    for stem, picture in pictures(folder, tuple(FIGURE_TEXTS)).items():
+        title, caption, alt = FIGURE_TEXTS[stem]
+        figures.append(Section(stem, title, [captioned(picture, alt, caption, title)]))
+    differences = group_differences(tables["contrasts"], tables["groups"]) if usable else []
     about = prose(
         "Centre of one group compared with that of the other, as a [ratio] where a quantity "
         "varies in ratios. [P(larger)]: probability that it is larger in the group that the "
         "heading names first."
     )
+    contrasts = [block for _, table in differences for block in titled(table)]
+    contrasts = contrasts and [paragraph(about), *contrasts]
     every = tables["specimens"]["quantity"].isin(KNOWN_QUANTITIES).all()
     more = Markup("Mounting stretches of single protocols are in specimens.csv.")
-    specimens: list[Block | None] = [
-        paragraph(
-            prose(
-                "Median and 90 % interval after [pooling], and in brackets the interval of "
-                "the specimen's own run. In italics with *: not identified even with the other "
-                "specimens. [Predictive p] of the specimen in its group: below 0.05 it does not "
-                "belong there."
-            )
-        ),
-        specimens_table(tables["specimens"]),
-        None if every else paragraph(more, "soft"),
-    ]
+    pooled = prose(
+        "Median and 90 % interval after [pooling], and in brackets the interval of the specimen's "
+        "own run. In italics with *: not identified even with the other specimens. [Predictive p] "
+        "of the specimen in its group: below 0.05 it does not belong there."
+    )
+    specimens: list[Block | None] = [paragraph(pooled), specimens_table(tables["specimens"])]
+    specimens += [] if every else [paragraph(more, "soft")]
     files = [f"{name}: {words}. " for name, words in FILES.items() if (folder / name).is_file()]
     cards = prose("Material cards of new specimens: `biaxbayes export` on this folder with ")
     cards += prose("`--population GROUP`.")
     paragraphs = (population_methods(tables, record), population_results(tables, record))
     sections = [
-        Section("glance", "At a glance", _glance(tables, record, usable=usable)),
+        Section("glance", "At a glance", _glance(record, differences)),
         Section("groups", "Groups", groups),
         *figures,
         Section("specimens", "Specimens", specimens),
-        Section(
-            "contrasts", "Differences between groups", contrasts and [paragraph(about), *contrasts]
-        ),
+        Section("contrasts", "Differences between groups", contrasts),
         Section("methods", "Methods and results", [paragraph(t, "paste") for t in paragraphs]),
         Section("files", "Files", [paragraph(Markup.escape("".join(files)) + cards)]),
     ]
     counts = f"{plural(len(own), 'specimen')} of {plural(int(own['donor'].nunique()), 'donor')}"
     counts += ": what they have in common, how they differ, and what the next one would be"
-    return Page("population", truncate(record["name"]), counts, sections, TERMS).html()
+    return page_html("population", truncate(record["name"]), counts, sections, TERMS)
 
 
 def _glance(
-    tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any], *, usable: bool
+    record: Mapping[str, Any], differences: Sequence[tuple[list[str], Table]]
 ) -> list[Block | None]:
     state, reason = (record["convergence"][k] for k in ("state", "reason"))
     converged = state == "converged"
     left = [f"left out: {truncate(k)}: {truncate(v, 300)}" for k, v in record["left_out"].items()]
-    said = _answers(tables["contrasts"], tables["groups"]) if usable else []
     return [
         notice(
             state,
@@ -330,8 +306,8 @@ def _glance(
             "centre; specimens of one donor share its donor effect. All are inferred together, so "
             "that the other specimens inform a parameter that a specimen's own test leaves open."
         ),
-        *(block for title, texts in said for block in (subheading(title), bullets(texts))),
-        paragraph(Markup.escape(CHANCE), "soft") if said else None,
+        *(b for said, table in differences for b in (subheading(table.label), bullets(said))),
+        paragraph(Markup.escape(CHANCE), "soft") if differences else None,
         remarks("Read the numbers with this in mind.", [truncate(n, 500) for n in record["notes"]]),
     ]
 
@@ -363,31 +339,15 @@ def _members(part: pd.DataFrame) -> str:
     return f"{plural(specimens, 'specimen')} of {plural(donors, 'donor')}"
 
 
-def _answers(contrasts: pd.DataFrame, groups: pd.DataFrame) -> list[tuple[str, list[str]]]:
-    """How two groups differ in sentences, with a title."""
-    return [
-        (f"{truncate(b, 40)} compared with {truncate(a, 40)}", population_answers(part, groups))
-        for (a, b), part in contrasts.groupby(["group_a", "group_b"], sort=False)
-    ]
-
-
 def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
     """One paragraph for a paper, with the numbers of this population."""
-    groups = tables["groups"].drop_duplicates("group")
-    members = "; ".join(
-        f"{truncate(r['group'], 60)}: {plural(r['specimens'], 'specimen')} of "
-        f"{plural(r['donors'], 'donor')}"
-        for r in groups.to_dict("records")
-    )
+    groups = tables["groups"].groupby("group", sort=False)
+    members = "; ".join(f"{truncate(group, 60)}: {_members(part)}" for group, part in groups)
     pooled = record["pooled"]
     logs = [name for name, v in pooled.items() if v["scale"] == "log"]
     others = [name for name in pooled if name not in logs]
-    scales = []
-    if logs:
-        scales.append(f"the natural logs of {listed(logs)}")
-    if others:
-        scales.append(f"{listed(others)} truncated at their physical limits")
-    values = listed(scales)
+    scales = [f"the natural logs of {listed(logs)}"] if logs else []
+    scales += [f"{listed(others)} truncated at their physical limits"] if others else []
     units = tables["groups"].drop_duplicates("quantity").set_index("quantity")["unit"]
     priors = "; ".join(
         f"{name}: mean {v['mean']}{unit_words(units[name])}, sds {v['sd_donors']} between donors "
@@ -413,7 +373,7 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
     )
     left = f" Left out: {listed(list(record['left_out']))}." if record["left_out"] else ""
     return (
-        f"A hierarchical model pooled the specimens ({members}). {values[:1].upper()}{values[1:]} "
+        f"A hierarchical model pooled the specimens ({members}). {capital(listed(scales))} "
         "of a specimen were normal around the mean of its group plus the effect of its donor, "
         "which was common to the donor's specimens; each specimen kept the likelihood of its "
         "single run, and the run's prior of the pooled parameters was divided out. Priors "
@@ -432,7 +392,7 @@ def population_results(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         known = [
             f"{r['quantity']} {_centre(r)}{unit_words(r['unit'])} ({r['reported']})"
             for r in rows
-            if r["verdict"] not in OPEN_VERDICTS and _words(r["reported"])
+            if r["verdict"] not in OPEN_VERDICTS and text_or_empty(r["reported"])
         ]
         left = [str(r["quantity"]) for r in rows if r["verdict"] in OPEN_VERDICTS]
         size = plural(int(part.iloc[0]["specimens"]), "specimen")
@@ -441,14 +401,14 @@ def population_results(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
             sentences.append(f"{text}{listed(known)} (90 % intervals or 95 % bounds).")
         if left:
             sentences.append(f"The specimens of {group} did not identify {listed(left)}.")
-    for (a, b), part in tables["contrasts"].groupby(["group_a", "group_b"], sort=False):
+    for a, b, part in group_pairs(tables["contrasts"]):
         different = [
             f"{r['quantity']} ({_kind(r)} {', '.join(_apart(r))})"
             for r in part.to_dict("records")[: len(record["pooled"])]
             if r["direction"] in (LARGER, SMALLER)
         ]
         words = f"differed in {listed(different)}" if different else "showed no difference in them"
-        sentences.append(f"The groups {truncate(b, 40)} and {truncate(a, 40)} {words}.")
+        sentences.append(f"The groups {b} and {a} {words}.")
     return " ".join(sentences)
 
 
@@ -456,19 +416,16 @@ def population_latex(tables: Mapping[str, pd.DataFrame], record: Mapping[str, An
     """The groups as a LaTeX table with booktabs rules; both paragraphs as comments."""
     groups = tables["groups"]
     table = group_table("", groups).without(*spread_parts(groups), "new_specimen", "new_donor")
-    note = f"{{\\par\\smallskip\\footnotesize * {OPEN_NOTE}.\\par}}"
     group = Column("group", "Group", format=lambda r: truncate(r["group"], 60))
-    table = replace(table, columns=[group, *table.columns])
-    return "\n".join(
-        [
-            "% needs \\usepackage{booktabs}",
-            f"% Methods: {population_methods(tables, record)}",
-            f"% Results: {population_results(tables, record)}",
-            *table.latex(),
-            *([note] if groups["verdict"].isin(OPEN_VERDICTS).any() else []),
-            "",
-        ]
-    )
+    lines = [
+        "% needs \\usepackage{booktabs}",
+        f"% Methods: {population_methods(tables, record)}",
+        f"% Results: {population_results(tables, record)}",
+        *replace(table, columns=[group, *table.columns]).latex(),
+    ]
+    if groups["verdict"].isin(OPEN_VERDICTS).any():
+        lines.append(f"{{\\par\\smallskip\\footnotesize * {OPEN_NOTE}.\\par}}")
+    return "\n".join([*lines, ""])
 
 
 # --- what the terminal shows ---------------------------------------------------------------------
@@ -479,19 +436,21 @@ def closing_message(result: PopulationResult) -> str:
     converged = result.state == "converged"
     state = result.state if converged else f"{result.state.upper()}: {result.reason}"
     lines = [f"{printable(result.name)}: {state}"]
+    notes = ["", *(f"note: {printable(note)}" for note in result.notes)]
+    notes.append(f"all tables and draws are in {result.folder}")
     if result.state == "unusable":  # the tables have no numbers
-        return "\n".join([*lines, f"{NO_NUMBERS}.", *_notes(result)])
-    for title, said in _answers(result.contrasts, result.groups):
-        lines += ["", printable(title), *(f"  {printable(text)}" for text in said)]
+        lines.append(
+            "No number is given: continue with --resume and a larger --max-steps, or compare the "
+            "groups as study.html of batch does, specimen by specimen."
+        )
+        return "\n".join([*lines, *notes])
+    differences = group_differences(result.contrasts, result.groups)
+    for said, table in differences:
+        lines += ["", printable(table.label), *(f"  {printable(text)}" for text in said)]
     for group, part in result.groups.groupby("group", sort=False):
         table = group_table(str(group), part).without("new_donor")
         lines += ["", f"{printable(table.label)}: {_members(part)}", *table.lines(brief=True)]
     lines += ["", f"* {OPEN_NOTE}; new specimen: 90 %"]
-    for table in contrast_tables(result.contrasts):
+    for _, table in differences:
         lines += ["", printable(table.label), *table.lines()]
-    return "\n".join([*lines, *_notes(result)])
-
-
-def _notes(result: PopulationResult) -> list[str]:
-    notes = [f"note: {printable(note)}" for note in result.notes]
-    return ["", *notes, f"all tables and draws are in {result.folder}"]
+    return "\n".join([*lines, *notes])

@@ -17,7 +17,7 @@ from biaxbayes.errors import printable
 from biaxbayes.figures.groups import study_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.identifiability.verdict import FIXED
-from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantity
+from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantity, unit_text
 from biaxbayes.report_table import (
     DASH,
     Cell,
@@ -28,24 +28,23 @@ from biaxbayes.report_table import (
     number,
     three_digits,
     truncate,
-    unit_text,
 )
-from biaxbayes.reports.answers import CHANCE, answers, ends_text
+from biaxbayes.reports.answers import CHANCE, answers, direction_text, ends_text, group_pairs
 from biaxbayes.reports.page import (
     Block,
-    Page,
     Section,
     bullets,
     captioned,
     notice,
+    page_html,
     paragraph,
+    pictures,
     prose,
     remarks,
     subheading,
 )
-from biaxbayes.reports.templates import pictures
-from biaxbayes.reports.text import VERDICT_TERMS, derived_text, plural
-from biaxbayes.studies.groups import KNOWN_QUANTITIES, LEAST_DONORS, LOG, OPEN
+from biaxbayes.reports.text import VERDICT_TERMS, derived_text, plural, text_or_empty
+from biaxbayes.studies.groups import KNOWN_QUANTITIES, LEAST_DONORS, LOG
 from biaxbayes.studies.study_result import FAILED, StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
@@ -104,7 +103,7 @@ def _reported(row: Row | None) -> Cell:
         return DASH
     if row["verdict"] == FIXED:
         return (f"{float(row['q50']):.4g}", FIXED)
-    interval, verdict = (row[k] if isinstance(row[k], str) else "" for k in ("reported", "verdict"))
+    interval, verdict = (text_or_empty(row[k]) for k in ("reported", "verdict"))
     if interval in ("", DASH):
         return (DASH, verdict)
     parameter = KNOWN_QUANTITIES[str(row["quantity"])].parameter
@@ -114,16 +113,32 @@ def _reported(row: Row | None) -> Cell:
 
 def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, Table]]:
     """The specimens of each group counted, and the properties of their tissue and test."""
+
+    def mean(r: Row) -> tuple[str, str, str]:
+        return interval_texts(r["mean"], r["mean_low"], r["mean_high"], log=True)
+
+    def interval(r: Row) -> str:
+        return " to ".join(mean(r)[1:])
+
+    def medians(r: Row) -> str:
+        # with the digits of the mean
+        ends = (r["mean_low"], r["mean_high"])
+        return " to ".join(number(r[k], *ends, log=True) for k in ("lowest", "highest"))
+
+    def spread(r: Row) -> str:
+        between = float(r["sd_between"])
+        if math.isnan(between):
+            return DASH
+        return f"factor {math.exp(between):.2f}" if r["scale"] == LOG else f"{between:.2g}"
+
     columns = [
         QUANTITY,
         UNIT,
         Column("converged", "Specimens", format="d", number=True),
-        Column("mean", "Mean", format=lambda r: _mean(r)[0], number=True, term=True),
-        Column(
-            "mean_low", "90 % interval", format=lambda r: " to ".join(_mean(r)[1:]), number=True
-        ),
-        Column("lowest", "Range of medians", format=_range, number=True),
-        Column("sd_between", "Sd between", format=_spread, number=True, term=True),
+        Column("mean", "Mean", format=lambda r: mean(r)[0], number=True, term=True),
+        Column("mean_low", "90 % interval", format=interval, number=True),
+        Column("lowest", "Range of medians", format=medians, number=True),
+        Column("sd_between", "Sd between", format=spread, number=True, term=True),
     ]
     out = []
     for group, part in groups[groups["group_by"] == by].groupby("group", sort=False):
@@ -134,73 +149,44 @@ def group_tables(groups: pd.DataFrame, by: str) -> list[tuple[str, Table]]:
     return out
 
 
-def _mean(r: Row) -> tuple[str, str, str]:
-    return interval_texts(r["mean"], r["mean_low"], r["mean_high"], log=True)
-
-
-def _range(r: Row) -> str:
-    """The least and largest median, with the digits of the mean."""
-    ends = (r["mean_low"], r["mean_high"])
-    return " to ".join(number(r[k], *ends, log=True) for k in ("lowest", "highest"))
-
-
-def _spread(r: Row) -> str:
-    between = float(r["sd_between"])
-    if math.isnan(between):
-        return DASH
-    return f"factor {math.exp(between):.2f}" if r["scale"] == LOG else f"{between:.2g}"
-
-
 def _is_of_tissue(name: str) -> bool:
     """True for properties of the tissue, which groups are summarised in; not errors and loads."""
-    quantity = KNOWN_QUANTITIES.get(name)
-    return quantity is None or (
-        quantity.parameter.kind in (MATERIAL, STRETCH, DIMENSION)
-        and quantity.parameter.unit != LOAD
-    )
+    of_tissue = KNOWN_QUANTITIES.of_kind(MATERIAL, STRETCH, DIMENSION)
+    known = [q.name for q in of_tissue if q.parameter.unit != LOAD]
+    return name in known or name not in KNOWN_QUANTITIES
 
 
 def group_differences(contrasts: pd.DataFrame) -> list[tuple[list[str], Table]]:
     """How groups differ, in sentences and a table, the same on the page and in a terminal."""
+
+    def mean(side: str, r: Row) -> str:
+        return f"{three_digits(r[f'mean_{side}'])} (n={r[f'donors_{side}']})"
+
+    def difference(r: Row) -> str:
+        return f"{'ratio ' if r['scale'] == LOG else ''}{three_digits(r['difference'])}"
+
+    def interval(r: Row) -> str:
+        return ends_text(r["difference_low"], r["difference_high"], log=r["scale"] == LOG)
+
+    def detectable(r: Row) -> str:
+        return three_digits(r["detectable"])
+
     out = []
-    for (first, second), part in contrasts.groupby(["group_a", "group_b"], sort=False):
-        a, b = truncate(first, 40), truncate(second, 40)
+    for a, b, part in group_pairs(contrasts):
         columns = [
             QUANTITY,
             UNIT,
-            Column("mean_a", f"Mean, {a}", format=partial(_mean_of, "a"), number=True),
-            Column("mean_b", f"Mean, {b}", format=partial(_mean_of, "b"), number=True),
-            Column("difference", "Difference", format=_difference, number=True),
-            Column("difference_low", "90 % interval", format=_interval, number=True),
-            Column(
-                "detectable",
-                "Could show",
-                format=lambda r: three_digits(r["detectable"]),
-                number=True,
-            ),
-            Column("direction", f"In {b}", format=_direction),
+            Column("mean_a", f"Mean, {a}", format=partial(mean, "a"), number=True),
+            Column("mean_b", f"Mean, {b}", format=partial(mean, "b"), number=True),
+            Column("difference", "Difference", format=difference, number=True),
+            Column("difference_low", "90 % interval", format=interval, number=True),
+            Column("detectable", "Could show", format=detectable, number=True),
+            Column("direction", f"In {b}", format=direction_text),
         ]
         known = part[part["direction"].map(lambda text: isinstance(text, str))]
         table = Table(columns, known, f"{b} compared with {a}")
         out.append((answers(part.to_dict("records")), table))
     return out
-
-
-def _mean_of(side: str, r: Row) -> str:
-    return f"{three_digits(r[f'mean_{side}'])} (n={r[f'donors_{side}']})"
-
-
-def _difference(r: Row) -> str:
-    return f"{'ratio ' if r['scale'] == LOG else ''}{three_digits(r['difference'])}"
-
-
-def _interval(r: Row) -> str:
-    return ends_text(r["difference_low"], r["difference_high"], log=r["scale"] == LOG)
-
-
-def _direction(r: Row) -> str:
-    none = f"includes {1 if r['scale'] == LOG else 0}"
-    return none if r["direction"] == OPEN else str(r["direction"])
 
 
 # --- the page ------------------------------------------------------------------------------------
@@ -220,7 +206,7 @@ def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> st
     groups: list[Block] = []
     for counts, table in group_tables(result.groups, "all" if result.own_columns else "layer"):
         groups += [subheading(table.label), paragraph(Markup.escape(counts), "soft")]
-        groups.append(table if table else paragraph("No specimen has converged.", "soft"))
+        groups.append(table or paragraph("No specimen has converged.", "soft"))
     written = "".join(f"{name}: {content}. " for name, content in files)
     runs = "runs: a run folder of every specimen with its own report."
     total = sum(result.states.values())
@@ -233,7 +219,7 @@ def study_page(result: StudyResult, files: Sequence[tuple[str, str]] = ()) -> st
     ]
     about_study = f"{plural(total, 'specimen')}: what their tests say of the parameters of a "
     about_study += "material law and of the mounting stretches"
-    return Page("study", truncate(result.name), about_study, sections, terms).html()
+    return page_html("study", truncate(result.name), about_study, sections, terms)
 
 
 def _glance(result: StudyResult) -> list[Block | None]:
@@ -252,11 +238,7 @@ def _glance(result: StudyResult) -> list[Block | None]:
     differences = group_differences(result.group_contrasts)
     too_few = "There are fewer than two converged specimens of a group: nothing to compare."
     for answered, table in differences:
-        blocks += [
-            subheading(table.label),
-            bullets(answered),
-            table if table else paragraph(too_few),
-        ]
+        blocks += [subheading(table.label), bullets(answered), table or paragraph(too_few)]
     if differences:
         about = prose(
             "From the draws of every converged specimen, each donor once (n): one that knows "

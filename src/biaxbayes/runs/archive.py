@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-PREDICTIVE_DRAWS = 500
-"""Draws of each chain with predictions of readings."""
 SLASH = "\N{DIVISION SLASH}"
 """In place of a slash in names, where it would be a path (protocol ``1/1``)."""
 
@@ -54,8 +52,8 @@ def write_archive(
     """Write posterior.nc.
 
     ``posterior_predictive`` has new readings of the tissue at the measured states, for 500 draws of
-    each chain, and the loads of the law. There is no pointwise log likelihood: a smooth misfit
-    makes the readings dependent, and what a law predicts is judged by protocols that were left out.
+    each chain, and the loads of the law. There is no pointwise log likelihood, as a smooth misfit
+    makes the readings dependent.
     """
     groups = _groups(posterior, draws, seed)
     for group in groups.values():
@@ -78,15 +76,13 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     flat = {name: flatten(values) for name, values in draws.quantities.items()}
     by_draw = ("chain", "draw")
     parameters = {
-        name.replace("/", SLASH): (by_draw, flat[name], _units(posterior.quantities[name].unit))
+        name.replace("/", SLASH): (by_draw, flat[name], {"units": posterior.quantities[name].unit})
         for name in posterior.parameter_names
     }
-    stats = {
-        "lp": (by_draw, flat["lp"]),
-        "log_likelihood": (by_draw, flat["log_likelihood"]),
-    }
-    pick = evenly_chosen(count, PREDICTIVE_DRAWS)
+    stats = {name: (by_draw, flat[name]) for name in ("lp", "log_likelihood")}
+    pick = evenly_chosen(count, 500)
     thinned = {name: flat[name][:, pick] for name in posterior.parameter_names}
+    thinned_coords = {"chain": coords["chain"], "draw": pick}
     observed: dict[str, Any] = {}
     constant: dict[str, Any] = {}
     predictive: dict[str, Any] = {}
@@ -96,26 +92,23 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         def of_piece(name: str, label: str = piece.labels.label) -> str:
             return name_of(name, label).replace("/", SLASH)
 
-        unit = _units(", ".join(dict.fromkeys(piece.specimen.units)))
+        unit = {"units": ", ".join(dict.fromkeys(piece.specimen.units))}
         row, mount = of_piece("row"), of_piece("mount")
         rows[row] = np.arange(len(piece.rows.load))
         observed[of_piece("load")] = ((row, "direction"), piece.rows.load, unit)
-        shared = posterior.settings.shared
-        reading, reading_sd = piece.specimen.mounting_readings(shared=shared)
+        readings = piece.specimen.mounting_readings(shared=posterior.settings.shared)
         constant |= {
             of_piece("stretch"): ((row, "direction"), piece.rows.stretch, {"units": "1"}),
             of_piece("protocol"): (row, np.asarray(piece.rows.protocol)),
-            of_piece("mounting_reading"): ((mount, "direction"), reading, unit),
-            of_piece("mounting_reading_sd"): ((mount, "direction"), reading_sd, unit),
+            of_piece("mounting_reading"): ((mount, "direction"), readings[0], unit),
+            of_piece("mounting_reading_sd"): ((mount, "direction"), readings[1], unit),
         }
         for name, values in _predictive(posterior, i, thinned, seed).items():
             predictive[of_piece(name)] = ((*by_draw, row, "direction"), values, unit)
     return {
         "posterior": xr.Dataset(parameters, coords),
         "sample_stats": xr.Dataset(stats, coords),
-        "posterior_predictive": xr.Dataset(
-            predictive, {"chain": coords["chain"], "draw": pick} | rows
-        ),
+        "posterior_predictive": xr.Dataset(predictive, thinned_coords | rows),
         "observed_data": xr.Dataset(observed, rows),
         "constant_data": xr.Dataset(constant, rows),
     }
@@ -139,10 +132,6 @@ def _predictive(
         return np.concatenate(parts, axis=1).reshape(chains, draws, -1, 2).astype(np.float32)
 
     return {"load": by_draw(readings), "model_load": by_draw(law)}
-
-
-def _units(unit: str) -> dict[str, str]:
-    return {"units": unit} if unit else {}
 
 
 def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:

@@ -1,7 +1,6 @@
 """Checkpoints: the state of a run between two blocks, written so that no crash can lose it.
 
-Writing goes to a temporary name, is synced, and replaces the previous checkpoint, which stays under
-a second name until the next one. A checksum shows whether one is damaged.
+A new one replaces the previous, which stays under a second name; a checksum shows damage.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ FORMAT = 9
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 NAMES = (NAME, PREVIOUS)
-TEMPORARY_NAME = ".checkpoint-following.npz"
 
 
 # --- the state of a run as nested dicts and lists of arrays and plain values, and back ------------
@@ -77,7 +75,7 @@ def save(
     record: Callable[[Any], dict[str, Any]] = run_record,
 ) -> None:
     """Write a checkpoint with the identity of its run (hashes and settings as JSON values)."""
-    path, following = folder / NAME, folder / TEMPORARY_NAME
+    path, following = folder / NAME, folder / ".checkpoint-following.npz"
     data = pack_record({"format": FORMAT, "identity": identity, "state": record(state)})
     try:
         atomic_write_bytes(following, data)
@@ -94,9 +92,7 @@ def save(
 
 
 def load(
-    folder: Path,
-    identity: dict[str, Any],
-    from_record: Callable[[dict[str, Any]], Any] = run_state,
+    folder: Path, identity: dict[str, Any], from_record: Callable[[dict[str, Any]], Any] = run_state
 ) -> tuple[Any | None, str]:
     """The newest intact checkpoint of this run, or None; a note if a damaged one was skipped."""
     damaged = []
@@ -109,23 +105,15 @@ def load(
             stored = read_record(path)
             before, found = dict(stored["identity"]), stored["format"]
             state = from_record(stored["state"]) if found == FORMAT else None
-        except DamagedArchive as error:
-            damaged.append(f"{name} {error}")
-            continue
         except Exception as error:  # whatever foreign values make of it
-            damaged.append(f"{name} is damaged ({type(error).__name__})")
+            known = isinstance(error, DamagedArchive)
+            damaged.append(f"{name} {error if known else f'is damaged ({type(error).__name__})'}")
             continue
         if found != FORMAT:
-            raise CannotResume(
-                f"{path}: has checkpoint format {_short(found)}, this version reads {FORMAT}; "
-                "finish the run with the version that started it"
-            )
-        differing = [
-            _difference(key, before.get(key), now.get(key))
-            for key in {**now, **before}
-            if before.get(key) != now.get(key)
-        ]
-        if differing:
+            problem = f"has checkpoint format {_short(found)}, this version reads {FORMAT}"
+            remedy = "finish the run with the version that started it"
+            raise CannotResume(f"{path}: {problem}; {remedy}")
+        if differing := _differences(before, now):
             raise CannotResume(
                 f"{path}: belongs to another run, which differs in {', '.join(differing)}; use "
                 "the same file and options, or another `out`, or start again without `resume`"
@@ -136,12 +124,16 @@ def load(
     return None, ""
 
 
-def _difference(key: str, there: Any, now: Any) -> str:
-    """One setting that differs, with both values where they are short enough to help."""
-    if isinstance(there, dict) and isinstance(now, dict):
-        inner = [k for k in {**now, **there} if there.get(k) != now.get(k)]
-        return ", ".join(_difference(f"{key}: {k}", there.get(k), now.get(k)) for k in inner)
-    return f"{key} ({_short(there)} there, {_short(now)} now)"
+def _differences(before: dict[str, Any], now: dict[str, Any], of: str = "") -> list[str]:
+    """Settings that differ, with both values where they are short enough to help."""
+    differing = []
+    for key in {**now, **before}:
+        a, b = before.get(key), now.get(key)
+        if isinstance(a, dict) and isinstance(b, dict) and a != b:
+            differing += _differences(a, b, f"{of}{key}: ")
+        elif a != b:
+            differing.append(f"{of}{key} ({_short(a)} there, {_short(b)} now)")
+    return differing
 
 
 def _short(value: object) -> str:

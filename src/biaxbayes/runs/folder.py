@@ -1,17 +1,10 @@
-"""The files of a run folder: written aside, put in place together, and read as untrusted input.
+"""The files of a run or population: written aside, moved in together, read as untrusted input.
 
-Folders of populations are written in the same way, and those of other work claimed and locked.
-
-The files of a run are written into a hidden folder in it. Renaming that folder to ``.ready`` makes
-them the run: they are then moved into place, by the next process if a crash got in between. The run
-folder itself is never exchanged: it may be a mount or a link, Windows renames no folder in which a
-file is open, and lock and checkpoints are in it.
-
-One rule says what is the user's. A file that the record of the run or the list ``.written`` names,
-and that is still as it was written, is the program's and goes with the draws; every other stays.
-
-A run folder may come from a colleague or a download. Its record is data: types are checked, nothing
-in it is executed, and no name in it leads outside the folder.
+They are written into a hidden folder in it. Renaming that folder to ``.ready`` makes them the run:
+they are then moved into place, by the next process if a crash got in between. The run folder itself
+is never exchanged: it may be a mount or a link, and lock and checkpoints are in it. A file that the
+record or the list ``.written`` names, and that is still as it was written, goes with the draws;
+every other is the user's and stays.
 """
 
 from __future__ import annotations
@@ -44,6 +37,7 @@ KINDS = {
 RUNS = "runs"
 """Where the runs of a study are in its folder."""
 WRITING, READY = ".writing-", ".ready"
+COPY_AGAIN = "copy the folder again, or sample again"
 
 
 # --- who writes into a folder ---------------------------------------------------------------------
@@ -57,12 +51,10 @@ def claim_folder(folder: Path, record: str, own: Collection[str] = ()) -> Iterat
         folder.mkdir(parents=True, exist_ok=True)
         names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
     except OSError as error:
-        raise RunError(
-            f"{folder}: cannot be used ({error.strerror}); choose another `out`"
-        ) from None
+        problem = f"cannot be used ({error.strerror})"
+        raise RunError(f"{folder}: {problem}; choose another `out`") from None
     if names.difference(own) and not names.intersection(records):
-        kind = KINDS[record]
-        raise RunError(f"{folder}: is not a {kind} folder; choose another `out`")
+        raise RunError(f"{folder}: is not a {KINDS[record]} folder; choose another `out`")
     with folder_lock(folder):
         for path in folder.glob(f"{WRITING}*"):  # of a killed process
             if path.is_dir() and not path.is_symlink():
@@ -86,10 +78,8 @@ def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool)
     """Refuse to overwrite a finished run without `overwrite`, or a checkpoint and `resume`."""
     continued = resume and any((folder / name).exists() for name in CHECKPOINTS)
     if (folder / record).exists() and not (continued or overwrite):
-        raise RunError(
-            f"{folder}: holds a finished {KINDS[record]}; choose another `out`, or replace it with "
-            "`overwrite=True`"
-        )
+        remedy = "choose another `out`, or replace it with `overwrite=True`"
+        raise RunError(f"{folder}: holds a finished {KINDS[record]}; {remedy}")
 
 
 def refuse_other_work(folder: Path, record: str, identity: Any, *, resume: bool) -> None:
@@ -97,15 +87,11 @@ def refuse_other_work(folder: Path, record: str, identity: Any, *, resume: bool)
     if not (folder / record).exists():
         return
     if not resume:
-        raise RunError(
-            f"{folder}: already holds a {KINDS[record]}; choose another `out`, or continue it with "
-            "`resume=True`"
-        )
+        remedy = "choose another `out`, or continue it with `resume=True`"
+        raise RunError(f"{folder}: already holds a {KINDS[record]}; {remedy}")
     if read_object(folder / record).get("identity") != identity:
-        raise RunError(
-            f"{folder}: holds another {KINDS[record]} (specimen, options, seed or version differ); "
-            "choose another `out`"
-        )
+        problem = f"holds another {KINDS[record]} (specimen, options, seed or version differ)"
+        raise RunError(f"{folder}: {problem}; choose another `out`")
 
 
 # --- files written aside, then moved into place together -----------------------------------------
@@ -254,21 +240,20 @@ def open_folder(folder: Path, record: str) -> None:
     """Finish what a crash interrupted; RunError if it is no such folder."""
     kind = KINDS[record]
     verb = f"'biaxbayes {'sample' if record == PROVENANCE else kind}'"
-    make = f"make one with {verb}"
     try:
         if not os.path.lexists(folder):
             raise RunError(f"{folder}: does not exist; make a {kind} folder with {verb}")
         found = [name for name in KINDS if (folder / name).is_file()] if folder.is_dir() else []
         if found and record not in found:
-            remedy = make
+            remedy = f"make one with {verb}"
             if record == PROVENANCE and found[0] == STUDY:
                 remedy = f"give one of the runs in {folder / RUNS}"
             elif record == PROVENANCE and found[0] == POPULATION:
                 remedy = "give a run of its study, or export cards of a group with `population`"
             raise RunError(f"{folder}: is a {KINDS[found[0]]}'s folder, not a {kind}'s; {remedy}")
-        names = (record, READY, *CHECKPOINTS)
-        if not any((folder / name).exists() for name in names):
-            raise RunError(f"{folder}: is not a {kind} folder (it has no {record}); {make}")
+        if not any((folder / name).exists() for name in (record, READY, *CHECKPOINTS)):
+            problem = f"is not a {kind} folder (it has no {record})"
+            raise RunError(f"{folder}: {problem}; make one with {verb}")
         if (folder / READY).is_dir():
             # A crash came between two renames of finished files: nothing is missing.
             with folder_lock(folder):
@@ -286,8 +271,7 @@ def read_run_json(path: Path) -> Any:
     try:
         return read_json(path)
     except InputError as error:
-        remedy = "copy the folder again, or sample again"
-        raise RunError(f"{path}: {error.problem}; {remedy}") from None
+        raise RunError(f"{path}: {error.problem}; {COPY_AGAIN}") from None
 
 
 def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
@@ -301,10 +285,8 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
     if not digest:
         raise RunError(f"{path}: cannot be read; check its permissions")
     if digest != record["files"].get(name):
-        raise RunError(
-            f"{path}: is not the file that the run wrote (damaged or changed); copy the folder "
-            "again, or sample again"
-        )
+        problem = "is not the file that the run wrote (damaged or changed)"
+        raise RunError(f"{path}: {problem}; {COPY_AGAIN}")
     return path
 
 

@@ -7,7 +7,6 @@ import hashlib
 import platform
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,28 +31,20 @@ if TYPE_CHECKING:
 
 FORMAT = 3
 """Of run folders; those of another one are refused."""
-LIBRARIES = ("numpy", "scipy", "numba", "emcee", "h5netcdf", "matplotlib")
 
 
 def specimen_digest(specimen: Specimen) -> str:
     """SHA-256 of everything the posterior depends on in a specimen."""
-    digest = hashlib.sha256()
-    for value in (
-        specimen.test,
-        specimen.loads,
-        specimen.geometry,
-        specimen.edge_x_mm,
-        specimen.edge_y_mm,
-        specimen.thickness_mm,
-        specimen.load_noise,
-        sorted(specimen.metadata.items()),
-    ):
+    s, digest = specimen, hashlib.sha256()
+    sizes = (s.edge_x_mm, s.edge_y_mm, s.thickness_mm)
+    header = (s.test, s.loads, s.geometry, *sizes, s.load_noise, sorted(s.metadata.items()))
+    for value in header:
         digest.update(repr(value).encode())
-    for p in specimen.protocols:
+    for p in s.protocols:
         digest.update(repr((p.name, p.rest_rows)).encode())
         for column in (p.stretch_x, p.stretch_y, p.load_x, p.load_y):
             digest.update(column.tobytes())
-    for further in specimen.further:
+    for further in s.further:
         digest.update(specimen_digest(further).encode())
     return digest.hexdigest()
 
@@ -99,6 +90,11 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
 
     specimen, convergence = posterior.specimen, draws.convergence
     converged = bool(convergence.names)
+    rows = int(sum(p.rows - p.rest_rows for p in specimen.protocols))
+    versions = {"python": platform.python_version()}
+    for library in ("numpy", "scipy", "numba", "emcee", "h5netcdf", "matplotlib"):
+        with contextlib.suppress(PackageNotFoundError):
+            versions[library] = version(library)
     return {
         "format": FORMAT,
         "biaxbayes": biaxbayes.__version__,
@@ -112,9 +108,8 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         "settings": settings_table(posterior),
         "priors": {k: prior_value(v) for k, v in posterior.priors.items()},
         "noise": {
-            "rows": int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
-            "readings": len(specimen.experiment.axes)
-            * int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
+            "rows": rows,
+            "readings": len(specimen.experiment.axes) * rows,
             "readings_compared": len(posterior.readings.weight) - posterior.readings.mounting_count,
             "load_noise": specimen.noise_sd,
         },
@@ -140,22 +135,20 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         },
         "marginal_likelihood": marginal_likelihood_record(posterior, draws, plan.seed),
         "seconds": {k: round(v, 3) for k, v in draws.seconds.items()},
-        "versions": dict(_versions()),
+        "versions": versions,
     }
 
 
 MISFIT_FOUND = ("amplitude", "toe", "friction")
-MISFIT_DRAWS = 400
 
 
 def _misfit(posterior: Posterior, draws: Draws) -> dict[str, Any]:
     """The terms of the smooth misfit that were summed, and its posterior in the first piece."""
-    out: dict[str, Any] = {"terms": [], "of": [], "left_out": 0.0}
-    out |= dict.fromkeys(MISFIT_FOUND)
+    out: dict[str, Any] = {"terms": [], "of": [], "left_out": 0.0} | dict.fromkeys(MISFIT_FOUND)
     if not posterior.settings.has_misfit:
         return out
     flat = {name: v.ravel() for name, v in draws.quantities.items()}
-    rows = evenly_chosen(len(flat["lp"]), MISFIT_DRAWS)
+    rows = evenly_chosen(len(flat["lp"]), 400)
     chosen = {name: v[rows] for name, v in flat.items()}
     for i, misfit in enumerate(posterior.misfits):
         every, residual = replace(misfit, chosen=None), posterior.residuals(chosen, i)
@@ -170,15 +163,6 @@ def _misfit(posterior: Posterior, draws: Draws) -> dict[str, Any]:
             out["amplitude"] = float(mean @ every.terms.amplitude)
             out["toe"] = float(mean @ every.terms.toe)
             out["friction"] = float(mean @ (every.terms.friction > 0.0))  # its probability
-    return out
-
-
-@cache
-def _versions() -> dict[str, str]:
-    out = {"python": platform.python_version()}
-    for name in LIBRARIES:
-        with contextlib.suppress(PackageNotFoundError):
-            out[name] = version(name)
     return out
 
 
@@ -208,11 +192,8 @@ REQUIRED_ENTRIES: dict[str, Any] = {
 """Entries that the readers of a run rely on."""
 OPTIONAL_ENTRIES = {
     "files": dict,
-    "grips": {
-        "in_words": str,
-        "mesh_difference": NUMBER,
-        "largest_sd_of_log_ratio": OPTIONAL_NUMBER,
-    },
+    "grips": {"in_words": str, "mesh_difference": NUMBER}
+    | {"largest_sd_of_log_ratio": OPTIONAL_NUMBER},
 }
 """Entries that may be missing."""
 
@@ -222,40 +203,37 @@ def read_record(folder: Path) -> dict[str, Any]:
     record = read_run_json(folder / PROVENANCE)
     if isinstance(record, dict) and "biaxbayes" in record and record.get("format") != FORMAT:
         raise RunError(f"{folder}: made by an earlier version: sample again")
-    wrong = _schema_error(record, REQUIRED_ENTRIES) or _schema_error(
-        record, OPTIONAL_ENTRIES, optional=True
+    wrong = _schema_error(record, REQUIRED_ENTRIES)
+    wrong = wrong or _schema_error(
+        record, {k: v for k, v in OPTIONAL_ENTRIES.items() if k in record}
     )
     if not wrong:
-        convergence = record["convergence"]
-        state = convergence["state"]
+        state = record["convergence"]["state"]
         # A converged run has both numbers, any other run both or neither.
-        numbers = [convergence[k] is not None for k in ("worst_ess", "worst_rhat")]
+        ess, rhat = (record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat"))
         if state not in STATES:
             wrong = "convergence: state"
-        elif numbers[0] != numbers[1] or (state == "converged" and not numbers[0]):
+        elif ess != rhat or (state == "converged" and not ess):
             wrong = "convergence: worst_ess, worst_rhat"
+    problem = f"{folder / PROVENANCE}: is not the record of a run"
     if wrong:
-        raise RunError(f"{folder / PROVENANCE}: is not the record of a run (entry {wrong!r})")
+        raise RunError(f"{problem} (entry {wrong!r})")
     try:
         Settings(**parse_options(record["settings"]))
     except (BiaxbayesError, TypeError) as error:
-        raise RunError(
-            f"{folder / PROVENANCE}: is not the record of a run (settings: {error})"
-        ) from None
+        raise RunError(f"{problem} (settings: {error})") from None
     return record
 
 
-def _schema_error(record: object, needed: dict[str, Any], *, optional: bool = False) -> str:
+def _schema_error(record: object, needed: dict[str, Any]) -> str:
     """The first entry that is missing or of another type; empty when there is none."""
     if not isinstance(record, dict):
         return "the whole"
     for key, kind in needed.items():
         if key not in record:
-            if not optional:
-                return key
-        elif isinstance(kind, dict):
-            inner = _schema_error(record[key], kind)
-            if inner:
+            return key
+        if isinstance(kind, dict):
+            if inner := _schema_error(record[key], kind):
                 return f"{key}: {inner}"
         elif not isinstance(record[key], kind) or isinstance(record[key], bool):
             return key

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -12,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import RunError
-from biaxbayes.fitting.fit_result import FitResult, fit_from_record
+from biaxbayes.fitting.fit_result import fit_from_record
 from biaxbayes.laws.law import Law
 from biaxbayes.model.misfit import Terms
 from biaxbayes.model.posterior import Posterior
@@ -20,13 +21,7 @@ from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_SD, Quantities
 from biaxbayes.prediction.percentiles import quantiles
 from biaxbayes.runs.archive import quantity_name, read_archive
-from biaxbayes.runs.folder import (
-    PROVENANCE,
-    open_folder,
-    piece_files,
-    read_run_json,
-    trusted_path,
-)
+from biaxbayes.runs.folder import PROVENANCE, open_folder, piece_files, read_run_json, trusted_path
 from biaxbayes.runs.provenance import parse_options, read_record, stored_law
 from biaxbayes.sampling.convergence import Convergence, assess
 from biaxbayes.specimens.check import Finding
@@ -195,10 +190,8 @@ class Run:
         """Findings of the specimen before it was sampled, one sentence each."""
         stored, out = self.provenance.get("findings"), []
         for finding in stored if isinstance(stored, list) else []:
-            try:
+            with contextlib.suppress(TypeError):  # the file of another program
                 out.append(one_line(str(Finding(**finding)))[:MAX_FINDING_LENGTH])
-            except TypeError:
-                continue  # the file of another program
         return out[:MAX_FINDINGS]
 
     @cached_property
@@ -228,25 +221,13 @@ class Run:
 
     def posterior(self) -> Posterior:
         """The posterior that was sampled, rebuilt from the stored settings."""
-        return Posterior(
-            self.specimen,
-            **parse_options(self.provenance["settings"]),
-            misfit_fit=self._stored_fit(),
-            terms=self._stored_terms() or None,
-        )
-
-    def _stored_fit(self) -> FitResult:
-        """The fit whose loads the smooth misfit of the run is relative to."""
         try:
             (record,) = self.fit
-            return fit_from_record(record, self.law, len(self.quantities.states))
+            fit = fit_from_record(record, self.law, len(self.quantities.states))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise RunError(
-                f"{self.path / 'fit.json'}: is not the fit of this run ({error})"
-            ) from None
-
-    def _stored_terms(self) -> list[np.ndarray]:
-        """The terms of the smooth misfit that the run summed, by piece."""
+            problem = f"is not the fit of this run ({error})"
+            raise RunError(f"{self.path / 'fit.json'}: {problem}") from None
+        # the terms of the smooth misfit that the run summed, by piece
         stored = self.provenance["misfit"]["terms"]
         pieces = self.specimen.pieces if self.settings.has_misfit else ()
         counts = [len(Terms.every(len(p.protocols), self.settings.toe).toe) for p in pieces]
@@ -255,7 +236,12 @@ class Run:
             for own, n in zip(stored, counts, strict=True)
         ):
             raise RunError(f"{self.path / PROVENANCE}: is not the record of a run (misfit: terms)")
-        return [np.array(own) for own in stored]
+        return Posterior(
+            self.specimen,
+            **parse_options(self.provenance["settings"]),
+            misfit_fit=fit,
+            terms=[np.array(own) for own in stored] or None,
+        )
 
     def _repr_html_(self) -> str:
         """State and reported table for notebooks."""

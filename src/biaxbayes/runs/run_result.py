@@ -1,7 +1,4 @@
-"""results.json: the result of a run, from which everything else is printed.
-
-The CSV files of a run are exports for spreadsheets and scripts, which no part of the package reads.
-"""
+"""results.json: the result of a run, from which all else is printed; its CSV files are exports."""
 
 from __future__ import annotations
 
@@ -22,12 +19,7 @@ from biaxbayes.fitting.fit_result import POOR_MISFIT, misfit_sentence, root_mean
 from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.reported import Reported, report_table
 from biaxbayes.identifiability.sloppiness import sloppiness
-from biaxbayes.identifiability.verdict import (
-    IDENTIFIED,
-    MEASURED,
-    NO_VERDICT,
-    VERDICTS,
-)
+from biaxbayes.identifiability.verdict import IDENTIFIED, MEASURED, NO_VERDICT, VERDICTS
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING_MODES
@@ -35,6 +27,7 @@ from biaxbayes.parameters import PIECE, STRETCH, Quantities, mounting_names
 from biaxbayes.prediction.nearest_law import simulation_table
 from biaxbayes.prediction.predictive_checks import path_warnings
 from biaxbayes.report_table import Table
+from biaxbayes.runs.folder import COPY_AGAIN
 from biaxbayes.stored_data import from_json, json_values
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -53,10 +46,7 @@ TABLES = {
         "how much the data narrow each parameter, which others it is correlated with, and which "
         "ends of its range stay open.",
     ),
-    "law_fits": (
-        "law-fits.csv",
-        "other material laws fitted to the same record, for information.",
-    ),
+    "law_fits": ("law-fits.csv", "other material laws fitted to the same record, for information."),
     "determined": (
         "determined.csv",
         "stresses, stiffnesses and structure tensors. The data can fix these where they leave "
@@ -67,17 +57,9 @@ TABLES = {
         "simulation.csv",
         "parameters of the law nearest to the drawn tissues, and its distance to the readings.",
     ),
-    "checks": (
-        "misfit.csv",
-        "residuals of each curve, compared with the noise of a reading.",
-    ),
+    "checks": ("misfit.csv", "residuals of each curve, compared with the noise of a reading."),
 }
 """Tables in the sub-folder evidence: file, and its content."""
-KNOWN = "quantities"
-"""Field of a result that is not stored: the specimen and the law define it."""
-WORDS = (*VERDICTS, NO_VERDICT)
-LOW_INFORMATION = 1.0 / 3.0
-"""A test that identifies at most this fraction of its parameters determines little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +95,7 @@ class RunResult:
 
     def __getitem__(self, name: str) -> Reported:
         """Reported row of a parameter."""
-        for row in self.reported:
-            if row.name == name:
-                return row
-        raise KeyError(name)
+        return {row.name: row for row in self.reported}[name]
 
     @property
     def low_information(self) -> str:
@@ -124,7 +103,7 @@ class RunResult:
         if self.state != "converged" or not self.reported:
             return ""
         determined = [r for r in self.reported if r.verdict in (IDENTIFIED, MEASURED)]
-        if len(determined) > len(self.reported) * LOW_INFORMATION:
+        if len(determined) > len(self.reported) * (1.0 / 3.0):
             return ""
         names = f" ({listed([r.name for r in determined])})" if determined else ""
         return (
@@ -180,22 +159,19 @@ def run_result(
 ) -> RunResult:
     """Result of a run from its draws (natural quantities, one row per draw) and their verdicts."""
     law, settings = posterior.law, posterior.settings
-    nothing = pd.DataFrame()
+    nothing = fits = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
-    checks = verdicts.checks
     alike, different = piece_stiffnesses(posterior, draws) if usable else ([], [])
     curves = sloppiness(posterior, draws) if converged else None
-    reported = verdicts.reported
-    fits = nothing
     if verdicts.fits is not None:
         fits = verdicts.fits.to_frame(posterior.mounts if settings.infers_mounting else ())
     return RunResult(
         law=law.name,
         state=verdicts.state,
-        reported=reported,
+        reported=verdicts.reported,
         fit=_fit_in_words(posterior) if usable else "",
-        advice=_advice(reported, verdicts, settings.mounting, posterior),
-        warnings=(*different, *(path_warnings(checks, law.key) if usable else ())),
+        advice=_advice(verdicts, posterior),
+        warnings=(*different, *(path_warnings(verdicts.checks, law.key) if usable else ())),
         pieces=tuple(alike),
         findings=tuple(findings),
         better_law=verdicts.better_law,
@@ -209,7 +185,7 @@ def run_result(
         determined=determined(posterior, draws) if converged else nothing,
         same_curves=nothing if curves is None else curves.path.to_frame(),
         simulation=simulation_table(posterior, draws) if converged else nothing,
-        checks=checks,
+        checks=verdicts.checks,
         quantities=posterior.quantities,
     )
 
@@ -224,20 +200,16 @@ def _fit_in_words(posterior: Posterior) -> str:
     ]
     rms = root_mean_square(residuals)
     noise, peak, law = specimen.noise_sd, specimen.peak_load, posterior.law.short_name
-    record, poor = (
-        "the first piece" if specimen.further else "this record",
-        rms > POOR_MISFIT * peak,
-    )
+    record = "the first piece" if specimen.further else "this record"
+    poor = rms > POOR_MISFIT * peak
     text = misfit_sentence(law, rms, noise, peak, specimen.unit, record=record, share=poor)
     # at its best: no mounting stretch and no parameters follow the record more closely
     return f"{text}: it does not describe {record}" if poor else text
 
 
-def _advice(
-    reported: Sequence[Reported], verdicts: Identifiability, mounting: str, posterior: Posterior
-) -> str:
+def _advice(verdicts: Identifiability, posterior: Posterior) -> str:
     """The most useful next step: converge, the mounting stretch, a further test."""
-    quantities = posterior.quantities
+    mounting = posterior.settings.mounting
     if verdicts.state != "converged":
         return "the chains have not converged: continue with --resume and a larger --max-steps"
     if mounting not in INFERRING_MODES:
@@ -247,27 +219,18 @@ def _advice(
         )
     if verdicts.contradicted_priors:
         return f"correct the prior of {listed(list(verdicts.contradicted_priors))}, or its unit"
-    undetermined = [r for r in reported if r.verdict not in (IDENTIFIED, MEASURED)]
-    axes = {quantities[r.name].axis for r in undetermined if _is_stretch(quantities, r)}
-    if undetermined and all(_is_stretch(quantities, r) for r in undetermined):
+    reported = verdicts.reported
+    undetermined = [r.quantity for r in reported if r.verdict not in (IDENTIFIED, MEASURED)]
+    if undetermined and all(q.parameter.kind == STRETCH for q in undetermined):
         names = mounting_names("stretch")
-        lines = " and ".join(f"# {names[axis]}: VALUE +- SD" for axis in sorted(axes))
+        axes = sorted({q.axis for q in undetermined})
+        lines = " and ".join(f"# {names[axis]}: VALUE +- SD" for axis in axes)
         return (
             "to know the mounting stretch, photograph two marks per axis before and after "
             "mounting, and write the ratio of their distances into the header of the specimen: "
             f"{lines}"
         )
     return further_test(posterior) if undetermined else ""
-
-
-def _is_stretch(quantities: Quantities, row: Reported) -> bool:
-    return quantities[row.name].parameter.kind == STRETCH
-
-
-IDENTIFIED_OF_FIVE = {"equibiaxial": 1.1, "one strip": 2.1, "two strips": 3.3}
-"""Parameters of GOH that a simulated square identified, alone and with strips: docs/pieces.md."""
-OF_THREE_PROTOCOLS = {"alone": 2.9, "two strips": 3.6}
-"""The same of a square that was tested with three protocols."""
 
 
 def further_test(posterior: Posterior) -> str:
@@ -283,10 +246,10 @@ def further_test(posterior: Posterior) -> str:
     missing = [axis for k, axis in enumerate("xy") if (k,) not in strips]
     if not missing or law.key != DEFAULT_LAW or len(strips) != len(specimen.further):
         return f"to know more parameters: {ranked}"
-    brought = IDENTIFIED_OF_FIVE["two strips"]
-    without = IDENTIFIED_OF_FIVE["one strip" if strips else "equibiaxial"]
-    if len(specimen.protocols) > 1 and not strips:
-        brought, without = OF_THREE_PROTOCOLS["two strips"], OF_THREE_PROTOCOLS["alone"]
+    # parameters of GOH that a simulated square identified, alone and with strips: docs/pieces.md
+    brought, without = 3.3, 2.1 if strips else 1.1
+    if len(specimen.protocols) > 1 and not strips:  # three protocols
+        brought, without = 3.6, 2.9
     pieces = f"a strip along {missing[0]}" if strips else "two strips, along x and y,"
     return (
         f"to know more parameters, cut {pieces} beside the square and sample all files together "
@@ -323,7 +286,8 @@ def as_record(result: RunResult) -> dict[str, Any]:
         {"name": r.name, "unit": r.unit, **{k: v for k, v in vars(r).items() if k != "quantity"}}
         for r in result.reported
     ]
-    others = {k: v for k, v in vars(result).items() if k != KNOWN}
+    # the specimen and the law define the quantities
+    others = {k: v for k, v in vars(result).items() if k != "quantities"}
     record: dict[str, Any] = json_values({**others, "reported": rows})
     return record
 
@@ -336,21 +300,17 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
             if name not in quantities:
                 raise ValueError(f"no quantity of this run is called {name!s:.40}")
         rows = [{**r, "quantity": quantities[r["name"]]} for r in record["reported"]]
-        result: RunResult = from_json(RunResult, {**record, "reported": rows, KNOWN: quantities})
-        strange = [
-            *(f"verdict {r.verdict:.40}" for r in result.reported if r.verdict not in WORDS),
-            *(
-                f"bound {r.bound:.40}"
-                for r in result.reported
-                if r.bound not in ("", "low", "high")
-            ),
-            *([] if result.law == law.name else ["another law"]),
-        ]
-        if strange:
-            raise ValueError(strange[0])
+        known = {"reported": rows, "quantities": quantities}
+        result: RunResult = from_json(RunResult, {**record, **known})
+        for r in result.reported:
+            if r.verdict not in (*VERDICTS, NO_VERDICT):
+                raise ValueError(f"verdict {r.verdict:.40}")
+        for r in result.reported:
+            if r.bound not in ("", "low", "high"):
+                raise ValueError(f"bound {r.bound:.40}")
+        if result.law != law.name:
+            raise ValueError("another law")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RunError(
-            f"{path}: is not the result of this run ({error}); copy the folder again, or sample "
-            "again"
-        ) from None
+        problem = f"is not the result of this run ({error})"
+        raise RunError(f"{path}: {problem}; {COPY_AGAIN}") from None
     return result

@@ -1,7 +1,4 @@
-"""Typed files are read in a child process, whose memory is limited where the platform can.
-
-A workbook of a few kilobytes may unpack to gigabytes; the child fails, and the parent says so.
-"""
+"""Typed files, read in a child process with limited memory: a workbook may unpack to gigabytes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """Arithmetic over columns, such as ``1 + {Disp X (mm)} / 20.6``.
 
-simpleeval walks the syntax tree of an expression; here it knows numbers, names, four operations,
-powers and the functions below, and nothing else: no attribute, index, text or call of anything
-that is not listed, so that no code of a file or a recipe runs.
+Numbers, names, operators and functions as listed here, and nothing else: no code of a file runs.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
-"""Where the table of a sheet is: below the line that holds all named columns.
-
-Without names it is the longest run of rows of numbers below a line of texts.
-"""
+"""Where the table of a sheet is: below the named columns, or the longest rows of numbers."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +25,6 @@ from biaxbayes.tables.worksheet import Worksheet
 from biaxbayes.text_files import (
     DECIMAL_COMMA,
     DECIMAL_POINT,
-    first_few,
     is_number,
     one_line,
     without_empty_end,
@@ -37,8 +33,6 @@ from biaxbayes.text_files import (
 ALL_SHEETS = "all"
 SAMPLE_ROWS = 200
 """Rows from which the form of a table is read."""
-MOST_EXTRA = 0.2
-"""Share of rows with more cells than names, from which the separator is wrong."""
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 SUMMARY = re.compile(r"\W*[^\W\d_]{2,}[^\d]*")
 """A word in a column of numbers, as below the readings: Max, Mean, St. dev."""
@@ -86,11 +80,8 @@ def tables_in(
         raise InputError("no sheet holds a table", file=path, remedy=listing)
     if named and not sheets and len(tables) > 1:
         # sheets without the columns are no choice
-        whole = {
-            k: t
-            for k, t in tables.items()
-            if all(any(map(t.has_column, n)) for n in named if "*" not in n[-1])
-        }
+        needed = [n for n in named if "*" not in n[-1]]
+        whole = {k: t for k, t in tables.items() if all(any(map(t.has_column, n)) for n in needed)}
         others |= {k: "has not the columns" for k in tables if whole and k not in whole}
         tables = whole or tables
     if len(tables) > 1 and not sheets:
@@ -142,8 +133,7 @@ def table_from_sheet(sheet: Worksheet, path: Path, named: Names = ()) -> Table:
             break
         reads[k] = False
     start = first + (reads.index(True) if True in reads else len(reads))
-    above = rows[first:start]
-    units = next((tuple(r) for r in above if _is_row_of_units(r, names)), ())
+    units = next((tuple(r) for r in rows[first:start] if _is_row_of_units(r, names)), ())
     found = zip(rows[start:], lines[start:], reads[start - first :], strict=True)
     needed = max(numeric, default=-1) + 1 if sheet.text else 0
     body, kept, blocks, notes = _readings(list(found), names, units, needed, path)
@@ -208,7 +198,7 @@ def _line_of_names(rows: Sequence[Sequence[str]], named: Names) -> int | None:
     return best
 
 
-def _is_among(name: str, cells: set[str]) -> bool:
+def _is_among(name: str, cells: Collection[str]) -> bool:
     """Whether a name, in which an asterisk stands for any text, is among some cells."""
     pattern = re.escape(name).replace(r"\*", ".+")
     return name in cells or ("*" in name and any(re.fullmatch(pattern, cell) for cell in cells))
@@ -261,7 +251,7 @@ def _readings(
     if len(body) < 2:
         remedy = "a table has a line of column names and at least two rows"
         raise InputError("holds no rows of numbers below its names", file=path, remedy=remedy)
-    if needed and len(extra) > MOST_EXTRA * len(body):
+    if needed and len(extra) > 0.2 * len(body):
         problem = f"more cells than the {width} names in {len(extra)} of {len(body)} rows"
         remedy = "the separator may be a decimal comma, or a name is missing"
         raise InputError(problem, file=path, row=extra[0], remedy=remedy)
@@ -281,8 +271,13 @@ def _numeric_columns(
     rows: Sequence[Sequence[str]], named: Names = (), names: Sequence[str] = ()
 ) -> list[int]:
     """Columns that hold a number in half of the rows, or in half of their cells if named."""
-    bare = [bare_name(name) for name in names]
-    wanted = {j for alternatives in named for n in alternatives for j in _places(n, bare)}
+    wanted = set()
+    for name in (n for alternatives in named for n in alternatives):
+        if POSITION.fullmatch(name.strip()):
+            wanted.add(int(name.strip()[1:]) - 1)
+        else:
+            bare = bare_name(name)
+            wanted |= {j for j, n in enumerate(names) if _is_among(bare, [bare_name(n)])}
     middle = rows if wanted else rows[len(rows) // 3 :][:SAMPLE_ROWS]
     width = max(map(len, middle), default=0)
     counts = {
@@ -296,13 +291,6 @@ def _numeric_columns(
     if wanted and not counts:
         return _numeric_columns(rows)
     return [j for j, count in counts.items() if wanted or 2 * count >= len(middle)]
-
-
-def _places(name: str, bare: Sequence[str]) -> list[int]:
-    """Columns of a name, or of a position such as #3."""
-    if POSITION.fullmatch(name.strip()):
-        return [int(name.strip()[1:]) - 1]
-    return [j for j, other in enumerate(bare) if _is_among(bare_name(name), {other})]
 
 
 def _first_row_of_numbers(rows: Sequence[Sequence[str]], path: Path) -> int:
@@ -355,11 +343,8 @@ def _decimal_comma(rows: Sequence[Sequence[str]], numeric: Sequence[int], path: 
     commas = [cell for cell in cells if DECIMAL_COMMA.fullmatch(cell)]
     problem = ""
     if all(grouped) or (commas and any(map(DECIMAL_POINT.fullmatch, cells)) and not grouped[1]):
-        shown = first_few(
-            [next(c for c in cells if "," in c), next(c for c in cells if "." in c)], 2
-        )
-        problem = "mixes decimal commas and decimal points (or has thousands separators): "
-        problem += shown
+        shown = ", ".join(next(cell for cell in cells if mark in cell) for mark in ",.")
+        problem = f"mixes decimal commas and decimal points (or has thousands separators): {shown}"
     elif commas and not grouped[1] and all(map(THOUSANDS.fullmatch, commas)):
         problem = f"writes numbers like {commas[0]!r}, which may be decimals or thousands"
     if problem:

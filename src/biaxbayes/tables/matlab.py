@@ -1,8 +1,7 @@
 """MATLAB files, version 5 to 7.2 through scipy, 7.3 through h5py; and arrays of NumPy (.npz).
 
-Arrays of one length are the columns of a sheet: vectors by their name, those of a matrix as NAME_1,
-NAME_2 ... A struct is a sheet of its own, and so is each element of a cell or of an array of
-structs.
+Arrays of one length are the columns of a sheet, those of a matrix as NAME_1, NAME_2 ... A struct is
+a sheet of its own, and so is each element of a cell or of an array of structs.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from biaxbayes.errors import InputError
@@ -17,8 +17,6 @@ from biaxbayes.text_files import SIGNATURES, is_number, read_bytes, rows_of
 MAX_WORKBOOK_BYTES = 64_000_000
 MAX_ROWS = 500_000
 CONTROL_CHARACTERS = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
-END_OF_FILE = "\x1a"
-"""A mark of old programs behind the text."""
 WORDS = re.compile(r"[^ \t]+")
 """What stands between spaces; a narrow space may be a mark between thousands."""
 LINES_OF_A_CELL = 5
@@ -113,7 +111,7 @@ def _decoded(raw: bytes, path: Path) -> tuple[str, str]:
                 "is damaged UTF-16 text", file=path, remedy="export it again"
             ) from None
         encoding, text = "Windows-1252", raw.decode("cp1252", errors="replace")
-    text = text.removesuffix(END_OF_FILE).replace(MINUS, "-")
+    text = text.removesuffix("\x1a").replace(MINUS, "-")  # old programs mark the end of a file
     control = CONTROL_CHARACTERS.search(text)
     if control:
         row = text[: control.start()].count("\n") + 1
@@ -138,18 +136,22 @@ def _separator(lines: Sequence[str], path: Path) -> str:
 
 def _separator_of(sample: Sequence[str]) -> str:
     """The separator of most of some lines; empty without one."""
+    words = [WORDS.findall(line) for line in sample]
+
+    def usual(counts: Iterable[int]) -> int:
+        """The count that most lines have; 0 if these are few."""
+        ((count, often),) = Counter(counts).most_common(1) or [(0, 0)]
+        return count if often >= 0.6 * len(sample) else 0
+
     for separator in SEPARATORS:
+        counts = [line.count(separator) for line in sample]
         if separator == " ":
             # Only where all is numbers: decimal commas between spaces look like separators.
-            cells = ([*map(plain, WORDS.findall(line))] for line in sample)
-            counts = Counter(len(c) - 1 for c in cells if len(c) > 1 and all(map(is_number, c)))
-        else:
-            counts = Counter(line.count(separator) for line in sample)
-        count, often = counts.most_common(1)[0] if counts else (0, 0)
-        if count >= 1 and often >= 0.6 * len(sample):
+            counts = [
+                len(w) - 1 for w in words if len(w) > 1 and all(map(is_number, map(plain, w)))
+            ]
+        if usual(counts) >= 1:
             return separator
-    counts = Counter(len(WORDS.findall(line)) for line in sample)
-    count, often = counts.most_common(1)[0] if counts else (0, 0)
-    if count >= 2 and often >= 0.6 * len(sample) and any(map(is_number, sample[-1].split())):
+    if usual(map(len, words)) >= 2 and any(map(is_number, sample[-1].split())):
         return " "
     return ""

@@ -174,30 +174,25 @@ class Table:
     ) -> np.ndarray:
         """Numbers of a column, NaN where a reading is missing and, with `texts`, for a text."""
         if index not in self.parsed:
-            self.parsed[index] = self._parsed(index)
+            self.parsed[index] = numbers = np.full(self.rows, np.nan)
+            unit = self.cell_units[index] if self.cell_units else ""
+            for row, cell in enumerate(self.columns[index]):
+                text = plain(cell)
+                if unit and (match := NUMBER_AND_UNIT.fullmatch(text)) and match[2] == unit:
+                    text = match[1]
+                if GROUPED[self.decimal_comma].fullmatch(text):
+                    text = text.replace("." if self.decimal_comma else ",", "")
+                if self.decimal_comma:
+                    # A point among decimal commas separates thousands: 1.034 is 1034.
+                    text = text.replace(".", "x").replace(",", ".")
+                with contextlib.suppress(ValueError):
+                    numbers[row] = number_in(text)
         values = self.parsed[index] if rows is None else self.parsed[index][rows]
         places = np.arange(self.rows) if rows is None else rows
         for row in [] if texts else places[np.isnan(values)].tolist():
             if (cell := self.columns[index][row].strip()).lower() not in MISSING:
                 raise self.error(*cell_fault(cell), column=index, row=row)
         return values.copy()
-
-    def _parsed(self, index: int) -> np.ndarray:
-        """Numbers of all cells of a column, NaN for any other."""
-        values = np.full(self.rows, np.nan)
-        unit = self.cell_units[index] if self.cell_units else ""
-        for row, cell in enumerate(self.columns[index]):
-            text = plain(cell)
-            if unit and (match := NUMBER_AND_UNIT.fullmatch(text)) and match[2] == unit:
-                text = match[1]
-            if GROUPED[self.decimal_comma].fullmatch(text):
-                text = text.replace("." if self.decimal_comma else ",", "")
-            if self.decimal_comma:
-                # A point among decimal commas separates thousands: 1.034 is 1034.
-                text = text.replace(".", "x").replace(",", ".")
-            with contextlib.suppress(ValueError):
-                values[row] = number_in(text)
-        return values
 
     def finite(self, index: int) -> np.ndarray:
         """All numbers of a column."""

@@ -1,7 +1,4 @@
-"""Units behind column names and header keys, names of stretches, and misspelt names.
-
-This table of units is the only one: help, messages and documentation list it.
-"""
+"""Units behind column names and header keys, names of stretches, and misspelt names."""
 
 from __future__ import annotations
 

@@ -8,9 +8,6 @@ from pathlib import Path
 
 from biaxbayes.tables.worksheet import MAX_CELLS, Worksheet, sheet_from
 
-MOST_CELLS_LOOKED_AT = 400_000
-"""Cells of a workbook up to which its hidden rows are looked for."""
-
 
 def sheets(path: Path) -> dict[str, Worksheet]:
     """All worksheets of a workbook."""
@@ -27,7 +24,7 @@ def sheets(path: Path) -> dict[str, Worksheet]:
             by_name[meta.name] = sheet = sheet_from(rows, f"sheet {meta.name}")
             sheet.unseen = meta.visible != calamine.SheetVisibleEnum.Visible
             cells += sum(map(len, rows))
-    hidden = _hidden_rows(path) if cells <= MOST_CELLS_LOOKED_AT else None
+    hidden = _hidden_rows(path) if cells <= 400_000 else None  # which takes its time
     for name, sheet in by_name.items():
         if hidden is None:
             sheet.notes.append("hidden rows, if there are any, are read: they cannot be told")
