@@ -1,14 +1,5 @@
 """Compilation by numba, and the cache of compiled code.
 
-Numba notices a change of the file of a compiled function, but not of the files that it calls: an
-edited law would go on with the stress of before. The name of the cache folder therefore has a
-digest of all compiled sources.
-
-Functions that compiled code calls are inlined. Numba links calls by name: a process that has
-compiled a function for another caller, with other rounding, runs that code, and a process that
-loads its caller from the cache does not, so that the first run of a seed gave other draws than
-later ones.
-
 Compiled code avoids NumPy functions that can raise, since their messages are compiled as well,
 which takes two seconds for ``numpy.diff`` or for a slice that is assigned to a slice.
 """
@@ -42,7 +33,11 @@ WITHIN: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrappe
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Let compiled code call a Python function, inlined where it is called."""
+    """Let compiled code call a Python function, inlined where it is called.
+
+    Numba links calls by name: with code that was compiled for another caller, with other rounding,
+    the first run of a seed would give other draws than later ones, which load it from the cache.
+    """
     made: Callable[..., Any] = register_jitable(**WITHIN)(function)
     return made
 
@@ -53,19 +48,20 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
     return generic.dispatch(kind) if kind in generic.registry else None
 
 
-# --- the cache of compiled code -------------------------------------------------------------------
-
 COMPILED = ("laws/*.py", "mechanics/*.py", "model/*.py")
 
 
 def _cache_folder() -> Path | None:
-    """Cache folder of this version of the sources; None, with a warning, if not writable."""
+    """Cache folder of this version of the sources; None, with a warning, if not writable.
+
+    Numba does not notice a change of the files that a compiled function calls, such as a law.
+    """
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for pattern in COMPILED:
         for source in sorted(Path(__file__).parent.glob(pattern)):
             digest.update(source.read_bytes())
-    numba_config: Any = numba.config
-    base = numba_config.CACHE_DIR or platformdirs.user_cache_dir("biaxbayes")
+    config: Any = numba.config
+    base = config.CACHE_DIR or platformdirs.user_cache_dir("biaxbayes")
     folder = Path(base) / f"biaxbayes-{digest.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -20,7 +20,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder; RunError if another live process holds it."""
     lock = FileLock(folder / NAME)
     try:
-        lock.acquire(timeout=RELEASE_SECONDS)
+        held = lock.acquire(timeout=RELEASE_SECONDS)
     except Timeout:
         raise RunError(
             f"{folder}: another process is writing there; wait for it, choose another `out`, or "
@@ -29,10 +29,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     except NotImplementedError:
         raise RunError(f"{folder}: its file system has no locks; choose another `out`") from None
     except OSError as error:
-        raise RunError(
-            f"{folder}: cannot be written ({error.strerror}); choose another `out`"
-        ) from None
-    try:
+        problem = f"{folder}: cannot be written ({error.strerror}); choose another `out`"
+        raise RunError(problem) from None
+    with held:
         yield
-    finally:
-        lock.release()

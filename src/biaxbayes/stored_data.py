@@ -1,8 +1,7 @@
 """Files of data that this program wrote, or somebody else: JSON, netCDF and archives of arrays.
 
 They are read with limits: nothing in them is executed or unpickled, leads to another file, or
-takes more memory than the file has room for. HDF5 can point to other files, loop, and claim more
-numbers than it holds; no file of this program does any of that.
+takes more memory than the file has room for.
 """
 
 from __future__ import annotations

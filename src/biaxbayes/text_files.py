@@ -100,9 +100,8 @@ def read_text(path: Path) -> str:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(
-            "is not UTF-8 text", file=path, row=row(error.start), remedy="save it as CSV UTF-8"
-        ) from None
+        remedy, at = "save it as CSV UTF-8", row(error.start)
+        raise InputError("is not UTF-8 text", file=path, row=at, remedy=remedy) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -110,11 +109,8 @@ def read_lines(path: Path) -> list[str]:
     """Lines of a text file, as an editor counts them."""
     lines = read_text(path).split("\n")
     if len(lines) > MAX_LINES + 1:
-        raise InputError(
-            f"has more than {MAX_LINES:,} lines",
-            file=path,
-            remedy="split the record, or leave out rows",
-        )
+        problem = f"has more than {MAX_LINES:,} lines"
+        raise InputError(problem, file=path, remedy="split the record, or leave out rows")
     for row, line in enumerate(lines, 1):
         if len(line) > MAX_LINE:
             problem = f"a line of {len(line):,} characters"
@@ -129,10 +125,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     try:
         return tomllib.loads(read_text(path))
-    except ValueError as error:
-        raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
-    except RecursionError:
-        raise InputError("not valid TOML (nested too deeply)", file=path) from None
+    except (ValueError, RecursionError) as error:
+        why = str(error)[:80] if isinstance(error, ValueError) else "nested too deeply"
+        raise InputError(f"not valid TOML ({why})", file=path) from None
 
 
 # --- cells ----------------------------------------------------------------------------------------
@@ -140,11 +135,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def number_in(text: str) -> float:
     """The finite number in a cell, else ValueError; unlike float(), refuses ``1_000``."""
-    if "_" in text:
-        raise ValueError("not a plain number")
     value = float(text)
-    if not math.isfinite(value):
-        raise ValueError("not finite")
+    if "_" in text or not math.isfinite(value):
+        raise ValueError("not a finite number")
     return value
 
 
@@ -285,9 +278,8 @@ def atomic_write_all(contents: Mapping[Path, bytes | memoryview]) -> None:
         for path in contents:
             temporary[path].replace(path)
     except OSError as error:
-        raise InputError(
-            f"cannot be written ({error.strerror})", file=path, remedy="check space and permissions"
-        ) from None
+        problem = f"cannot be written ({error.strerror})"
+        raise InputError(problem, file=path, remedy="check space and permissions") from None
     finally:
         for waiting in temporary.values():
             with contextlib.suppress(OSError):
@@ -295,21 +287,16 @@ def atomic_write_all(contents: Mapping[Path, bytes | memoryview]) -> None:
     for folder in {path.parent for path in contents}:
         sync_folder(folder)
     for path, data in contents.items():
-        _list_written(path, data)
+        for folder in list(path.parents)[:3]:  # the lists of its folder and of the two above
+            name, lists = path.relative_to(folder).as_posix(), folder / WRITTEN
+            if lists.is_file() and not lists.is_symlink() and "/." not in f"/{name}":
+                with contextlib.suppress(OSError), lists.open("a", encoding="utf-8") as lines:
+                    lines.write(f"{hashlib.sha256(data).hexdigest()}  {name}\n")
 
 
 WRITTEN = ".written"
 """List in a folder of what was written into it: lines of SHA-256 and name, as sha256sum has them.
 A folder that has one is of a run, say: these files go when its draws are replaced."""
-
-
-def _list_written(path: Path, data: bytes | memoryview) -> None:
-    """Add a file to the list of its folder, or of the two above, where there is one."""
-    for folder in list(path.parents)[:3]:
-        name, lists = path.relative_to(folder).as_posix(), folder / WRITTEN
-        if lists.is_file() and not lists.is_symlink() and "/." not in f"/{name}":
-            with contextlib.suppress(OSError), lists.open("a", encoding="utf-8") as lines:
-                lines.write(f"{hashlib.sha256(data).hexdigest()}  {name}\n")
 
 
 def atomic_write_text(path: Path, text: str) -> None:
@@ -352,15 +339,11 @@ def csv_text(table: pd.DataFrame, *, digits: int | None = None) -> str:
     def marked(cell: Any) -> Any:
         """A text that a spreadsheet would compute, marked as text by an apostrophe."""
         computed = isinstance(cell, str) and FORMULA.match(cell) and cell != "-"
-        computed = computed and not is_number(cell)
-        return f"'{cell}" if computed else cell
+        return f"'{cell}" if computed and not is_number(cell) else cell
 
-    text: str = _with_texts(table, marked).to_csv(
-        index=False,
-        float_format=None if digits is None else f"%.{digits}g",
-        lineterminator="\n",
-    )
-    return text
+    form = None if digits is None else f"%.{digits}g"
+    marked_table = _with_texts(table, marked)
+    return str(marked_table.to_csv(index=False, float_format=form, lineterminator="\n"))
 
 
 def _with_texts(table: pd.DataFrame, change: Any) -> pd.DataFrame:

@@ -1,8 +1,7 @@
 """The posterior of a run to explore: draws in a box, their curves, and other priors.
 
-What was chosen stands in the address of the page: ``low C1`` and ``high C1`` are the ends of a
-range, ``prior C1 sd_log`` is a number of another prior. Draws are weighted by the ratio of the
-densities of the priors.
+In the address, ``low C1`` and ``high C1`` are the ends of a range, ``prior C1 sd_log`` is a number
+of another prior; draws are weighted by the ratio of the densities of the priors.
 """
 
 from __future__ import annotations
@@ -82,10 +81,9 @@ class Explored:
     @cached_property
     def priors(self) -> dict[str, Prior]:
         """Priors that can be changed, by the name of the quantity."""
-        priors = self.run.posterior().priors
         return {
             name: prior
-            for name, prior in priors.items()
+            for name, prior in self.run.posterior().priors.items()
             if isinstance(prior, Prior) and name in self.draws and np.ptp(self.draws[name]) > 0.0
         }
 
@@ -125,19 +123,14 @@ class Explored:
         rows = []
         everything = corner_columns(self.run.draws, self.run.quantities)
         for name, (text, values) in self.columns.items():
-            before, now = np.quantile(everything[name][1], LEVELS), self.quantiles(values)
+            before = np.quantile(everything[name][1], LEVELS)
+            now = np.quantile(values, LEVELS, weights=self.weights, method="inverted_cdf")
             log = np.log if text.parameter.logarithmic and (values > 0.0).all() else np.asarray
             shift = (log(now[0]) - log(before[0])) / np.std(log(values))
             texts = (interval_texts(q[0], q[1], q[2], text.parameter) for q in (before, now))
             shown = (f"{median} ({low} to {high})" for median, low, high in texts)
             rows.append((name, text.unit, *shown, f"{round(shift, 1) + 0.0:+.1f}"))
         return rows
-
-    def quantiles(self, values: np.ndarray) -> np.ndarray:
-        """Median and ends of the interval of weighted draws, (3, ...)."""
-        return np.quantile(values, LEVELS, axis=0, weights=self.weights, method="inverted_cdf")
-
-    # --- figures ---------------------------------------------------------------------------------
 
     def corner(self) -> Any:
         """Pairs and histograms; a box in a pair gives the ranges of its parameters."""
@@ -179,10 +172,9 @@ class Explored:
 
     def curves(self) -> list[Picture]:
         """Bands of these draws over the readings, of each piece."""
-        posterior, rows = self.run.posterior(), np.arange(len(self.draws))
-        share = self.weights / self.weights.sum()
-        drawn = self.draws.iloc[np.random.default_rng(1).choice(rows, MAX_DRAWS, p=share)]
-        drawn = drawn.reset_index(drop=True)
+        posterior, share = self.run.posterior(), self.weights / self.weights.sum()
+        rows = np.random.default_rng(1).choice(np.arange(len(self.draws)), MAX_DRAWS, p=share)
+        drawn = self.draws.iloc[rows].reset_index(drop=True)
         figures = (bands_figure(posterior, drawn, piece=i) for i in range(len(posterior.pieces)))
         return [embedded(figure_bytes(figure, "png")) for figure in figures]
 

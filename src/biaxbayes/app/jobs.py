@@ -1,7 +1,6 @@
 """Long work in a process of its own: it outlives the page, and can be stopped and resumed.
 
-Beside the results, in the folder :data:`HIDDEN`, stand for each result the verb with its
-arguments, the progress and the log. The process holds a lock as long as it lives.
+Its verb with arguments, progress, log and lock are in the folder :data:`HIDDEN`.
 """
 
 from __future__ import annotations
@@ -29,8 +28,6 @@ FLAGS = {"sets": "set", "sheets": "sheet"}
 PAIRS = ("mounting_force",)
 """Options with another flag than their name, and with several values behind one flag."""
 EVERY_SECONDS = 0.3
-LOG_LETTERS = 4_000
-"""End of the log that is shown."""
 
 
 def command_line(verb: str, arguments: list[Any], options: dict[str, Any]) -> str:
@@ -77,7 +74,7 @@ class Job:
         """The end of the log."""
         path = self._file(".log")
         text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-        return text[-LOG_LETTERS:]
+        return text[-4_000:]
 
     def start(self, verb: str, arguments: list[Any], options: dict[str, Any]) -> None:
         """Start the work in the folder."""
@@ -87,14 +84,11 @@ class Job:
         asked = {"verb": verb, "arguments": arguments, "options": options}
         atomic_write_text(self._file(".json"), json.dumps(asked, indent=1))
         self._file(".stop").unlink(missing_ok=True)
-        atomic_write_text(self._file(".progress"), json.dumps({"phase": "starting"}))
+        self._write({"phase": "starting"})
         with self._file(".log").open("a", encoding="utf-8") as log:
+            command = [sys.executable, "-m", __name__, self.name]
             process = subprocess.Popen(
-                [sys.executable, "-m", __name__, self.name],
-                cwd=self.folder,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
+                command, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
         while process.poll() is None and not self.is_running:
             time.sleep(0.02)
@@ -127,18 +121,16 @@ class Job:
             try:
                 verb = getattr(biaxbayes, asked["verb"])
                 result = verb(*asked["arguments"], progress=show, **options)
+                code, message = 0, getattr(result, "conclusion", "")
             except BiaxbayesError as error:
                 print(error, flush=True)
-                message = getattr(error, "done", str(error))
-                self._write({"phase": "ended", "code": error.exit_code, "message": message})
-                return error.exit_code
+                code, message = error.exit_code, getattr(error, "done", str(error))
             except BaseException as error:
-                message = f"internal error: {type(error).__name__}: {error}"
-                self._write({"phase": "ended", "code": 70, "message": message})
+                code, message = 70, f"internal error: {type(error).__name__}: {error}"
                 raise
-            message = getattr(result, "conclusion", "")
-            self._write({"phase": "ended", "code": 0, "message": message})
-        return 0
+            finally:
+                self._write({"phase": "ended", "code": code, "message": message})
+        return code
 
     def _write(self, progress: dict[str, Any]) -> None:
         atomic_write_text(self._file(".progress"), json.dumps(progress))
@@ -146,10 +138,9 @@ class Job:
 
 def jobs(folder: Path) -> list[Job]:
     """All work that was asked for in a folder, the latest first."""
-    paths = sorted(
-        (folder / HIDDEN).glob("*.json"), key=lambda path: path.stat().st_mtime, reverse=True
-    )
-    return [Job(folder, path.stem) for path in paths]
+    asked = (folder / HIDDEN).glob("*.json")
+    latest = sorted(asked, key=lambda path: path.stat().st_mtime, reverse=True)
+    return [Job(folder, path.stem) for path in latest]
 
 
 def is_locked(path: Path) -> bool:

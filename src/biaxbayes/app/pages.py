@@ -52,18 +52,13 @@ TABLES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".xlsx", ".xls", ".ods", ".mat
 RECIPE = "-recipe.toml"
 REPORTS = ("report.html", "study.html", "compare.html", "design.png")
 """The page of a result."""
-HEAD_BYTES = 4_000
-
-
-# --- what is in the folder -----------------------------------------------------------------------
 
 
 def is_specimen(path: Path) -> bool:
     """Whether a file begins with a header line of a specimen file."""
     with path.open("rb") as file:
-        lines = file.read(HEAD_BYTES).decode("utf-8", errors="replace").splitlines()
-    heads = (line[1:].partition(":")[0].strip() for line in lines if line.startswith("#"))
-    return any(head in KEYS for head in heads)
+        lines = file.read(4_000).decode("utf-8", errors="replace").splitlines()
+    return any(line[1:].partition(":")[0].strip() in KEYS for line in lines if line[:1] == "#")
 
 
 class Result(NamedTuple):
@@ -105,9 +100,8 @@ def results(place: Place) -> list[Result]:
     folders = [p for p in sorted(place.folder.iterdir()) if p.is_dir() and p.name[0] != "."]
     folders += [run for p in folders for run in sorted((p / RUNS).glob("*"))]
     works = [place.folder / job.name for job in jobs(place.folder)]
-    names = dict.fromkeys(
-        path.relative_to(place.folder).as_posix() for path in works + folders if place.holds(path)
-    )
+    held = (path.relative_to(place.folder) for path in works + folders if place.holds(path))
+    names = dict.fromkeys(path.as_posix() for path in held)
     return [result for name in names if (result := result_at(place, name))]
 
 
@@ -141,13 +135,10 @@ async def upload(page: Page) -> None:
         names.append(name)
     tables = [name for name in names if not name.endswith(RECIPE)]
     recipe = [name for name in names if name.endswith(RECIPE)]
-    are_specimens = bool(tables) and all(is_specimen(folder / name) for name in tables)
-    page.go_to(
-        "specimen" if are_specimens else "read" if tables else "", file=tables, recipe=recipe
-    )
-
-
-# --- specimens: their check, and how they are sampled --------------------------------------------
+    to = "read" if tables else ""
+    if tables and all(is_specimen(folder / name) for name in tables):
+        to = "specimen"
+    page.go_to(to, file=tables, recipe=recipe)
 
 
 def controls(*tables: type[Options]) -> dict[str, tuple[Option, Any]]:
@@ -174,7 +165,7 @@ def given_options(page: Page, *tables: type[Options]) -> dict[str, Any]:
         if value not in ("", default):
             values[name] = value
     for table in tables:
-        table.from_values({name: v for name, v in values.items() if name in options_of(table)})
+        table.split(values)  # refuses what it does not allow
     return values
 
 
@@ -243,9 +234,6 @@ def study_text(page: Page, name: str, files: list[str], options: dict[str, Any])
     )
 
 
-# --- a result ------------------------------------------------------------------------------------
-
-
 async def result(page: Page) -> None:
     """A run while it is made, and when it is finished; a study; a comparison."""
     (path,) = page.files("name")
@@ -290,12 +278,8 @@ async def change(page: Page) -> None:
 
 async def state(page: Page) -> None:
     """Progress of all work by name, for the page that shows it."""
-    page.finish(
-        {
-            job.name: {"running": job.is_running, "log": job.log, **job.progress}
-            for job in jobs(page.place.folder)
-        }
-    )
+    works = jobs(page.place.folder)
+    page.finish({j.name: {"running": j.is_running, "log": j.log, **j.progress} for j in works})
 
 
 async def cards(page: Page) -> None:

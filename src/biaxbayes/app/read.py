@@ -1,7 +1,7 @@
 """Reading exports of a machine: what each column is, what is open, which rows are taken.
 
-What was answered stands in the address of the page, by the names of ``convert``'s options and of
-header keys; ``columns:stretch_x`` is what that target is read from.
+The address of the page has the answers, by options of ``convert``, header keys, and as
+``columns:stretch_x`` what a target is read from.
 """
 
 from __future__ import annotations
@@ -101,9 +101,8 @@ class Reading:
             name, _ = answer_of(question.proposals[0])
             if question in earlier and name not in self.answers:
                 continue  # another answer has settled it
-            default, assumed = (
-                answer_of(p)[1] if p else "" for p in (question.default, question.assumed)
-            )
+            likely = (question.default, question.assumed)
+            default, assumed = (answer_of(p)[1] if p else "" for p in likely)
             # what the test is depends on the columns, which may not be known yet
             value = self.answers.get(name, "" if name == "test" else default)
             control = self.controls.setdefault(name, Control(name, value))
@@ -182,9 +181,8 @@ async def read(page: Page) -> None:
     """Show what files are, with all that is open."""
     reading, each = reading_of(page), bool(page.get_argument("each", ""))
     files = [path.name for path in reading.files]
-    out = page.get_argument("out", "") or page.place.new_name(
-        f"{common_stem(reading.files)}-specimen", ".csv"
-    )
+    free = page.place.new_name(f"{common_stem(reading.files)}-specimen", ".csv")
+    out = page.get_argument("out", "") or free
     if each:
         reading.files = reading.files[:1]
 

@@ -1,8 +1,4 @@
-"""The server: on 127.0.0.1, for who has the token in its address, and within one folder.
-
-Every request must come for this host, from no page of another origin, and to an address that
-begins with the token; a page names files of the folder by relative paths without hidden parts.
-"""
+"""The server: on 127.0.0.1, for who has the token in its address, and within one folder."""
 
 from __future__ import annotations
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.columns import Columns, Source, parse_columns
+from biaxbayes.machines.columns import Columns, Header, Source, parse_columns
 from biaxbayes.machines.cycles import Cycle
 from biaxbayes.machines.readings import ask_about_jumps, ask_about_signs
 from biaxbayes.machines.record import Record, outside
@@ -20,16 +19,23 @@ from biaxbayes.tables.table import Table
 
 PHASE = re.compile(r"\s*(\d+)\s*-\s*(\w+)")
 PHASES = ("stretch", "hold", "recover")
-LEAST_TRACKED = 5
-"""Least number of rows in which all points are tracked."""
 
 
-def records(table: Table, choice: Choice, header: Mapping[str, object]) -> list[Record]:
+def records(table: Table, choice: Choice, header: Header) -> list[Record]:
     """The record of each selected set of a BioTester export, with its cycles."""
-    index = table.by_stem("setname")
+    index, wanted = table.by_stem("setname"), tuple(choice.sets)
     sets = np.full(table.rows, "") if index is None else np.array(table.text(index))
     counts = Counter(sets.tolist())
-    chosen = _chosen_sets(table, counts, choice.sets)
+    if [*counts] == [""] and wanted:
+        raise table.error("no column 'SetName', so the file has no sets", table.listing)
+    for name in wanted if wanted != ("all",) else ():
+        if name not in counts:
+            raise table.error(f"no set {name[:40]!r}", f"sets are {', '.join(counts)[:200]}")
+    if not wanted and len(counts) > 1:
+        gives = {f"sets={name}": f"{count} rows" for name, count in counts.items()}
+        gives["sets=all"] = "each a protocol"
+        raise Question(f"holds {len(counts)} sets", gives, file=table.path)
+    chosen = dict.fromkeys(counts if wanted in ((), ("all",)) else wanted)
     left = [f"{name} ({count} rows)" for name, count in counts.items() if name not in chosen]
     notes = [f"sets left out: {', '.join(left)}"] if left else []
     return [
@@ -41,9 +47,6 @@ def records(table: Table, choice: Choice, header: Mapping[str, object]) -> list[
 def recognises(table: Table, choice: Choice) -> bool:
     """True if a sheet is an export of a BioTester."""
     return table.by_stem("cycle") is not None or table.by_stem("xforce") is not None
-
-
-# --- sets, phases and cycles ----------------------------------------------------------------------
 
 
 def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
@@ -64,23 +67,6 @@ def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
     return np.array(numbers), np.array(phases)
 
 
-def _chosen_sets(table: Table, counts: Counter[str], wanted: Sequence[str]) -> Sequence[str]:
-    """Names of the selected sets, of those with their rows; an empty one if there are no sets."""
-    names = list(counts)
-    if names == [""] and wanted:
-        raise table.error("no column 'SetName', so the file has no sets", table.listing)
-    if tuple(wanted) == ("all",) or (len(names) == 1 and not wanted):
-        return names
-    if not wanted:
-        gives = {f"sets={name}": f"{count} rows" for name, count in counts.items()}
-        gives["sets=all"] = "each a protocol"
-        raise Question(f"holds {len(names)} sets", gives, file=table.path)
-    for name in wanted:
-        if name not in names:
-            raise table.error(f"no set {name[:40]!r}", f"sets are {', '.join(names)[:200]}")
-    return tuple(dict.fromkeys(wanted))
-
-
 def _cycles(
     table: Table, numbers: np.ndarray, phases: np.ndarray, name: str, rows: np.ndarray
 ) -> list[Cycle]:
@@ -91,12 +77,10 @@ def _cycles(
         remedy = f"phases are {', '.join(sorted(set(phases[rows].tolist())))[:80]}"
         raise InputError(problem, file=table.path, column="Cycle", remedy=remedy)
 
-    def of_phase(label: str, phase: str) -> np.ndarray:
-        return rows[(numbers[rows] == label) & (phases[rows] == phase)]
-
     cycles = []
     for label in labels:
-        stretch, hold, recover = (of_phase(label, phase) for phase in PHASES)
+        mine = rows[numbers[rows] == label]
+        stretch, hold, recover = (mine[phases[mine] == phase] for phase in PHASES)
         before = rows[rows < stretch[0]]
         stretching = np.flatnonzero(phases[before] != "rest")
         rest = before[stretching[-1] + 1 :] if stretching.size else before
@@ -105,10 +89,7 @@ def _cycles(
     return cycles
 
 
-# --- stretches and forces -------------------------------------------------------------------------
-
-
-def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object]) -> Record:
+def _record(table: Table, name: str, choice: Choice, header: Header) -> Record:
     """Convert a set; stretches are those of tracked points if there are any."""
     numbers, phases = _phases(table)
     reasons = outside(table.lines, choice.rows, table.path)
@@ -142,6 +123,7 @@ def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object
     force = np.zeros((table.rows, 2))
     for target, origin in sources.items():
         force[:, "xy".index(target[6])] = origin.values(table, rows, header)
+    columns = [f"{a.upper()}{of}" * (a in read) for of in (f" {source}", "Force") for a in "xy"]
     record = Record(
         name=name,
         path=table.path,
@@ -150,14 +132,10 @@ def _record(table: Table, name: str, choice: Choice, header: Mapping[str, object
         load=force,
         time_s=_quantity(table, "time", "time", rows),
         gradient=gradient,
-        columns=tuple(
-            f"{axis.upper()}{of}" if axis in read else ""
-            for of in (f" {source}", "Force")
-            for axis in "xy"
-        ),
+        columns=tuple(columns),
         experiment=choice.experiment,
         loads="force",
-        cycles={name: [cycle.only(reasons == "") for cycle in cycles]},
+        cycles={name: [Cycle(c.label, *(r[reasons[r] == ""] for r in c.parts)) for c in cycles]},
         reasons=reasons,
         notes=(*table.notes, note),
         assumptions=tuple(f"{t} = {s}" for t, s in sources.items() if s.computed),
@@ -173,12 +151,9 @@ def _directions(table: Table, choice: Choice, *, rakes: bool) -> str:
     """Directions that are read; asks where the file has one only."""
     if not choice.experiment.is_mounted:
         raise table.error(f"a BioTester tests no {choice.test}s", "leave out `test`")
-    having = [
-        axis
-        for axis in "xy"
-        if table.by_stem(f"{axis}force") is not None
-        and (not rakes or table.by_stem(f"{axis}size") is not None)
-    ]
+    stems = ("force", "size") if rakes else ("force",)
+    having = [axis for axis in "xy"
+              if all(table.by_stem(axis + stem) is not None for stem in stems)]  # fmt: skip
     if choice.test is None and len(having) == 1:
         other = "XY"[having == ["x"]]
         lacking = "Force_mN" if table.by_stem(f"{other.lower()}force") is None else "Size_um"
@@ -199,7 +174,7 @@ def _tracked_points(table: Table, start: np.ndarray, *, required: bool) -> np.nd
         points = np.moveaxis(np.array(pairs), 2, 0)
         # Trackers write 0, 0 for a point that they lost.
         points[(points == 0.0).all(axis=2)] = np.nan
-        if np.isfinite(points[start]).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
+        if np.isfinite(points[start]).all(axis=(1, 2)).sum() >= 5:  # rows with all points
             return points
     if required:
         problem = "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows"
@@ -214,8 +189,8 @@ def _deformation_gradient(points: np.ndarray, start: np.ndarray, table: Table) -
         X = reference - reference.mean(axis=0)
         metric = X.T @ X
         if np.linalg.cond(metric) > 1e6:
-            problem = "the tracked points lie on one line"
-            raise table.error(problem, "use `stretch_from=rake`", row=start[0])
+            remedy = "use `stretch_from=rake`"
+            raise table.error("the tracked points lie on one line", remedy, row=start[0])
         x = points - points.mean(axis=1, keepdims=True)
         # x = F X for every point, in the least-squares sense: F = (sum x X^T) (sum X X^T)^-1
         gradient = np.einsum("nmi,mj->nij", x, X) @ np.linalg.inv(metric)
@@ -239,18 +214,15 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
 
 def _rake_stretch(table: Table, rows: np.ndarray, start: np.ndarray, read: str) -> np.ndarray:
     """Stretches from the distance of the rakes; one in a direction that is not read."""
-    columns = []
-    for axis in "xy":
-        if axis not in read:
-            columns.append(np.ones(table.rows))
-            continue
+    lengths = np.ones((table.rows, 2))
+    for axis in read:
         size = _quantity(table, f"{axis}size", "length", rows)
         if size is None:
             problem = f"no column '{axis.upper()}Size_um', so the distance of the rakes is unknown"
             raise table.error(problem, table.listing)
         moved = _quantity(table, f"{axis}displacement", "length", rows)
         # XSize is the rake distance at every moment, or that at the start
-        columns.append(size if moved is None or np.ptp(size[rows]) > 0.0 else size + moved)
-    lengths = np.column_stack(columns)
+        at_start = moved is not None and np.ptp(size[rows]) == 0.0
+        lengths[:, "xy".index(axis)] = size + moved if at_start else size
     resting = rest_rows(lengths[start, 0], lengths[start, 1])
     return np.asarray(lengths / lengths[start[:resting]].mean(axis=0))

@@ -18,12 +18,7 @@ OF_OTHER_TESTS = ", ".join(
     if not set(targets_of(test.name)) <= set(targets_of(None))
 )
 """What is read from tests that are not planar."""
-
-
-FORMATS = {
-    "biotester": "exports of a CellScale BioTester",
-    "generic": "any table, by its columns",
-}
+FORMATS = {"biotester": "exports of a CellScale BioTester", "generic": "any table, by its columns"}
 """Formats by the name that ``--machine`` takes, which is that of their module."""
 OF_ONE_FORMAT = {"biotester": ("sets", "stretch_from"), "generic": ("join", "blocks")}
 """Fields of :class:`Choice` that only one format takes."""
@@ -122,10 +117,7 @@ class Choice(Options):
         choices=("auto", "tracked", "rake"),
     )
     sets: tuple[str, ...] = option(
-        (),
-        "biotester: sets to take, a protocol each; repeatable.",
-        metavar="NAME|all",
-        flag="set",
+        (), "biotester: sets to take, a protocol each; repeatable.", metavar="NAME|all", flag="set"
     )
     sheets: tuple[str, ...] = option(
         (),

@@ -53,9 +53,8 @@ PLANAR_LOADS = {column: name for name, of in BIAXIAL.loads.items() for column in
 """Kinds of planar loads by their columns."""
 LOAD_PAIRS = [of.columns for test in EXPERIMENTS.values() for of in test.loads.values()]
 """Columns of the loads in x and y, of every kind of test."""
-OF_UNIT = {"N": "force", "kPa": "stress", "mm": "length"}
 TARGETS = OF_ALL_TESTS | {
-    name: OF_UNIT.get(name.rpartition("_")[2], "stretch")
+    name: unit.quantity if (unit := unit_of_column(name)) else "stretch"
     for name in (*PLANAR_LOADS, *SHEAR, *(c for pair in LOAD_PAIRS for c in pair if c),
                  *STRETCH_OF)
 } | dict.fromkeys(SHEAR, "fraction")  # fmt: skip
@@ -87,8 +86,6 @@ TO_PIOLA = {"pk2": "{} * ({})", "cauchy": "{} / ({})", "kirchhoff": "{} / ({})"}
 """First Piola-Kirchhoff stress from others and the stretch of their direction, without shear."""
 INNER, RADIUS = r"inner|innen|inside|lumen|id", r"radius|rad|r|radii|half"
 MEASURES_AGAIN = r"extensomet\w*|clip|laser|video\w*|camera|optical|dic|marker\w*|lvdt"
-NEAR_ONE = (0.5, 1.7)
-"""Values that a stretch may begin with."""
 AXES = (
     {"x": r"x+|circ\w*|horizontal|theta|θ", "y": r"y+|ax\w*|long\w*|vertical|z+"},
     {"x": r"1+", "y": r"2+"},
@@ -101,14 +98,14 @@ OF_QUANTITY = {
     "length": r"diameter|od|length|l[äa]nge",
 }
 """Words of a column's name that suggest a quantity."""
-OF_Y = (*OF_AXES[1], *(y for _, y in LOAD_PAIRS))
-"""Targets of the direction y."""
 EXAMPLES = {
     "stretch": "1 + {Disp X (mm)} / 20.6",
     "force": "({Load 1 (mN)} + {Load 2 (mN)}) / 2:mN",
     "pole_tension_kPa": "{P (kPa)} * {Radius of curvature (mm)} / (2 * thickness_mm)",
 }
 """Expressions of a target, or of a quantity."""
+Header = Mapping[str, object]
+"""Values by their key in a specimen file."""
 LABELS, ROWS_OF_LABEL = (2, 60), 3
 """Least and largest number of labels that a column of labels has, and the least rows of each."""
 
@@ -125,16 +122,17 @@ class Source:
     conflict: str = ""  # how the unit that the user gives differs from that of the column
 
     def __str__(self) -> str:
-        plain = self.unit is None or self.unit.name == "mm/mm"
-        plain = plain or (self.computed and self.unit.factor == 1.0)  # type: ignore[union-attr]
-        return self.text if plain else f"{self.text} ({self.unit.name})"  # type: ignore[union-attr]
+        unit = self.unit
+        if unit is None or unit.name == "mm/mm" or (self.computed and unit.factor == 1.0):
+            return self.text
+        return f"{self.text} ({unit.name})"
 
     @property
     def formula(self) -> str:
         """The source as a part of an expression."""
         return self.text if self.computed else f"{{{self.text}}}"
 
-    def values(self, table: Table, rows: np.ndarray, header: Mapping[str, object]) -> np.ndarray:
+    def values(self, table: Table, rows: np.ndarray, header: Header) -> np.ndarray:
         """Values in the unit of the target; NaN where rows are left out and not readable."""
         factor = 1.0 if self.unit is None else self.unit.factor
         if not self.computed:
@@ -171,7 +169,17 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
         by_quotes = '"' in text and "{" not in text
         pairs = cells_of(text) if by_quotes else re.split(r",(?=\s*\w+\s*=)(?![^{}]*\})", text)
         for pair in (pair for pair in pairs if pair.strip(" ,")):
-            target, source = _target_and_source(pair)
+            target, _, source = (piece.strip() for piece in pair.partition("="))
+            if not source:
+                problem = f"`columns`: {pair[:60]!r} is not of the form stretch_x=F11"
+                raise InputError(problem, remedy="give target=column pairs, separated by commas")
+            if target not in (*TARGETS, IGNORE):
+                likely, hint = likely_name(target, TARGETS, cutoff=0.7)
+                unit = unit_of_column(target)
+                if likely and unit is not None and unit != unit_of_column(likely):
+                    hint = f"write {likely}={source}:{unit.name}; "
+                remedy = f"{hint}targets are {', '.join(TARGETS)}"
+                raise InputError(f"`columns`: unknown target {target[:60]!r}", remedy=remedy)
             if target in here and target != IGNORE:
                 raise InputError(f"`columns`: {target} is given twice", remedy="keep one")
             here[target] = f"{here[target]}\n{source}" if target in here else source
@@ -184,30 +192,13 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
     return wanted
 
 
-def _target_and_source(pair: str) -> tuple[str, str]:
-    """The two sides of ``stretch_x=F11``."""
-    target, _, source = (piece.strip() for piece in pair.partition("="))
-    if not source:
-        problem = f"`columns`: {pair[:60]!r} is not of the form stretch_x=F11"
-        raise InputError(problem, remedy="give target=column pairs, separated by commas")
-    if target not in (*TARGETS, IGNORE):
-        likely, hint = likely_name(target, TARGETS, cutoff=0.7)
-        unit = unit_of_column(target)
-        if likely and unit is not None and unit != unit_of_column(likely):
-            hint = f"write {likely}={source}:{unit.name}; "
-        remedy = f"{hint}targets are {', '.join(TARGETS)}"
-        raise InputError(f"`columns`: unknown target {target[:60]!r}", remedy=remedy)
-    return target, source
-
-
 def names_needed(sources: Iterable[str]) -> list[list[str]]:
     """For each column of some sources the names that it may have, the longest first."""
     needed = []
     for source in sources:
-        if is_expression(_without_unit(source)[0]):
-            needed += [[name] for name in columns_in(source)]
-        else:
-            needed.append(list(dict.fromkeys((source, _without_unit(source)[0]))))
+        plain = _without_unit(source)[0]
+        several = [[name] for name in columns_in(source)]
+        needed += several if is_expression(plain) else [list(dict.fromkeys((source, plain)))]
     return needed
 
 
@@ -257,12 +248,8 @@ def _without_unit(source: str) -> tuple[str, Unit | None]:
 def targets_of(test: str | None) -> list[str]:
     """Targets of a kind of test as a specimen file names it; of a biaxial one without a name."""
     kind = EXPERIMENTS[test or "biaxial"]
-    loads = [of.columns[k] for of in kind.loads.values() for k in kind.axes]
-    others = {
-        *loads,
-        *(kind.columns.keys() & STRETCH_OF.keys()),
-        *(SHEAR if kind.is_biaxial else ()),
-    }
+    others = {of.columns[k] for of in kind.loads.values() for k in kind.axes}
+    others |= (kind.columns.keys() & STRETCH_OF.keys()).union(SHEAR if kind.is_biaxial else ())
     return [t for t in TARGETS if t in OF_ALL_TESTS or t in others]
 
 
@@ -272,7 +259,7 @@ class Columns:
 
     table: Table
     wanted: Mapping[str, str]  # sources by target
-    header: Mapping[str, object]
+    header: Header
     test: str | None = None  # as a specimen file names it; a biaxial one if it is not stated
 
     @property
@@ -318,7 +305,7 @@ class Columns:
 
     def _check_braces(self, text: str) -> None:
         """Refuse an expression whose columns stand without braces."""
-        inside = max((n for n in self.table.names if n and n in text), key=len, default="")
+        inside = max((n for n in self.table.names if n in text), key=len, default="")
         if inside and "{" not in text and re.search(r"[-+*/(]", text.replace(inside, "")):
             plain = text.replace(f"[{inside}]", inside).replace(inside, f"{{{inside}}}")
             remedy = f"columns of an expression stand in braces: {plain}"
@@ -361,8 +348,6 @@ class Columns:
             gives[f"{before}COLUMN"] = f"another column; {self.table.listing}"
         assumed = before + assumed if assumed else ""
         raise Question(problem, gives, file=self.table.path, likely=likely, assumed=assumed)
-
-    # --- an expression ---
 
     def _expression(self, target: str, text: str, given: Unit | None) -> Source:
         """An expression; its result is in the target's unit, or in the one behind a colon."""
@@ -410,8 +395,6 @@ class Columns:
         gives[f"{text}:{own}"] = f"the result is in {own} as it stands"
         self._ask(target, problem + why, gives, other=False)
 
-    # --- a single column ---
-
     def _column(self, target: str, index: int, given: Unit | None) -> Source:
         """A column by its name, in the unit of its name or the given one; asks where it is open."""
         table, quantity = self.table, TARGETS[target]
@@ -432,10 +415,9 @@ class Columns:
             shown = given or table.unit(index) or UNITS["kPa"]
             gives = {"EXPRESSION": f"such as {EXAMPLES[target]}:{shown.name}"}
             gives[f"{{{text}}}:{shown.name}"] = "it is the tension of the pole"
-            problem = f"{name!r} is a pressure, and {target} is pressure times radius of curvature "
-            self._ask(
-                target, f"{problem}over twice the thickness", gives, likely=False, other=False
-            )
+            problem = f"{name!r} is a pressure, and {target} is pressure times radius of curvature"
+            problem += " over twice the thickness"
+            self._ask(target, problem, gives, likely=False, other=False)
         unit, unknown = given or table.unit(index), table.unknown_unit(index)
         if unit is None and not unknown and quantity in ("time", "fraction"):
             unit = UNITS[OWN_UNITS[quantity]]
@@ -461,13 +443,10 @@ class Columns:
         quantity, name = TARGETS[target], self.table.reference(index)
         largest = np.abs(self.table.finite(index)).max()
         usual = {"force": ("N", "mN", "gf"), "stress": ("kPa", "MPa", "Pa", "mmHg")}
-        units = usual.get(quantity, tuple(FACTORS[quantity])[:4])
+        units, own = usual.get(quantity, tuple(FACTORS[quantity])[:4]), OWN_UNITS[quantity]
         low, high = (1e-3, 50.0) if quantity == "force" else (0.1, 2000.0)
         values = {unit: largest * UNITS[unit].factor for unit in units}
-        gives = {
-            f"{name}:{unit}": f"its largest value is {value:.4g} {OWN_UNITS[quantity]}"
-            for unit, value in values.items()
-        }
+        gives = {f"{name}:{u}": f"its largest value is {v:.4g} {own}" for u, v in values.items()}
         gives[f"{name}:UNIT"] = f"one of {units_of(quantity)}"
         likely = next((unit for unit, value in values.items() if low <= value <= high), units[0])
         self._ask(target, problem, gives, likely=False, assumed=f"{name}:{likely}")
@@ -498,15 +477,14 @@ class Columns:
         name, (pair, axis, _) = self.table.names[index], target.split("_")
         words = words_of(name)
         words += [first + second for first, second in pairwise(words)]
+        own, unit = STRESSES[pair][0], given or self.table.unit(index)
+        is_tension = unit is not None and unit.quantity == "membrane tension"
         kinds = {
             k: kind
             for k, (kind, pattern) in STRESSES.items()
-            if any(re.fullmatch(pattern, word) for word in words)
+            if any(re.fullmatch(pattern, w) for w in words) and (k == "tension" or not is_tension)
         }
-        own, unit = STRESSES[pair][0], given or self.table.unit(index)
         text = self.table.reference(index)
-        if unit is not None and unit.quantity == "membrane tension":
-            kinds = {k: kind for k, kind in kinds.items() if k == "tension"}
         if not kinds or [*kinds] == [pair]:
             return
         factor = f":{unit.name}" if unit is not None and unit.quantity == "stress" else ":kPa"
@@ -538,7 +516,7 @@ class Columns:
         units = [u for u in table.units(index) if u.quantity != "fraction" or u.factor != 1.0]
         start, extent = float(values[0]), float(np.ptp(values))
         plain = not units and given is None and not table.unknown_unit(index)
-        low, high = NEAR_ONE
+        low, high = 0.5, 1.7  # values that a stretch may begin with
         is_stretch = names_stretch(name, table.below(index)) and not is_scaled(name)
         if plain and is_stretch and low < start < high:
             return Source(target, table.reference(index), (index,), UNITS["mm/mm"])
@@ -563,37 +541,29 @@ class Columns:
         what = f"is in {length.name}" if length is not None else f"starts at {start:g}"
         certain = length is None or start > 2.0 * extent
         # so that what else is open can be asked
-        near = f"1 {sign} {column} / {max(4.0 * extent, 1e-12):.6g}"
+        near = "" if certain else f"1 {sign} {column} / {max(4.0 * extent, 1e-12):.6g}"
         of = "" if column == f"{{{name}}}" else f" ({table.reference(index)})"
         problem = f"{name!r}{of} {what}: how does {target} follow from it?"
-        self._ask(target, problem, formulas, likely=certain, assumed="" if certain else near)
+        self._ask(target, problem, formulas, likely=certain, assumed=near)
 
     def _of_a_length(
         self, target: str, column: str, sign: str, start: float, extent: float, unit: Unit | None
     ) -> dict[str, str]:
         """Stretches from a displacement, or from the distance of marks or grips."""
-        of, moved = "the length between marks or grips", column
-        displaced = {}
-        if abs(start) > 0.01 * extent:
-            moved = f"({column} - first({column}))"
-            displaced = {
-                f"1 {sign} {column} / LENGTH_MM": f"a displacement, over {of} where it is zero"
-            }
-        displaced = {
-            f"1 {sign} {moved} / LENGTH_MM": f"a displacement, over {of} in the first row"
-        } | displaced
+        of, over = "the length between marks or grips", "/ LENGTH_MM"
+        moved = f"({column} - first({column}))" if abs(start) > 0.01 * extent else column
+        displaced = {f"1 {sign} {moved} {over}": f"a displacement, over {of} in the first row"}
+        at_zero = f"a displacement, over {of} where it is zero"
+        displaced.setdefault(f"1 {sign} {column} {over}", at_zero)
         edge = "unloaded_length_mm" if target == "stretch_z" else f"edge_{target[-1]}_mm"
         if edge in self.header and unit is not None and unit.name != "px":
             scale = "" if unit.factor == 1.0 else f" * {unit.factor:g}"
             displaced[f"1 {sign} {moved}{scale} / {edge}"] = f"a displacement over {edge}"
-        distance = {f"{column} / LENGTH_MM": f"a distance, over {of}, unloaded or mounted"}
-        if start > 0.0:
-            over = f"a distance, over its first value {start:g}"
-            distance = {f"{column} / first({column})": over} | distance
+        first = {f"{column} / first({column})": f"a distance, over its first value {start:g}"}
+        distance = first if start > 0.0 else {}
+        distance[f"{column} {over}"] = f"a distance, over {of}, unloaded or mounted"
         # a distance is longer than it changes
         return (distance | displaced) if start > 2.0 * extent else (displaced | distance)
-
-    # --- targets without a column ---
 
     def _check_complete(self, sources: dict[str, Source]) -> None:
         """Ask for missing stretches and loads; refuse two of one, and two kinds of loads."""
@@ -637,30 +607,22 @@ class Columns:
             swapped = f"columns={first.target}={second.text},{second.target}={first.text}"
             kept = ",".join(f"{c.target}={c.formula}:{unit.name}" for c in (first, second))  # type: ignore[union-attr]
             gives = {swapped: "the other way round", f"columns={kept}": "as it is said"}
-            problem = (
-                f"{columns[0].text!r} and {second.text!r} are of one direction by their names, "
-            )
-            self._ask(
-                first.target, f"{problem}and {first.text!r} is said to be", gives, likely=False
-            )
+            problem = f"{columns[0].text!r} and {second.text!r} are of one direction by their "
+            problem += f"names, and {first.text!r} is said to be"
+            self._ask(first.target, problem, gives, likely=False)
 
     def _missing(self, sources: Mapping[str, Source], pairs: Sequence[str]) -> list[str]:
         """Targets that the test needs, of the likely loads, and that have no source."""
         kind = self.experiment
-        likely = [
-            p for p, of in kind.loads.items()
-            if any(self.likely_columns(t, sources) for t in of.columns if t)
-        ]  # fmt: skip
+        likely = [p for p, of in kind.loads.items()
+                  if any(self.likely_columns(t, sources) for t in of.columns if t)]  # fmt: skip
         loads = kind.loads[[*pairs, *likely, *kind.loads][0]]
         given = {STRETCH_OF.get(name, name) for name in sources}
         needed = [f"stretch_{axis}" for k, axis in enumerate("xy") if k != kind.free_side]
         needed += [loads.columns[k] for k in kind.axes if k not in loads.optional]
         lengths = {STRETCH_OF[t]: t for t in targets_of(self.test) if TARGETS[t] == "length"}
-        return [
-            lengths[t] if t in lengths and self.likely_columns(lengths[t], sources) else t
-            for t in needed
-            if t not in given
-        ]
+        lengths = {t: name for t, name in lengths.items() if self.likely_columns(name, sources)}
+        return [lengths.get(t, t) for t in needed if t not in given]
 
     def likely_columns(self, target: str, sources: Mapping[str, Source]) -> list[int]:
         """Columns that may be read for a target by unit and name, the likeliest first."""
@@ -697,18 +659,14 @@ class Columns:
         if self.test is None and not planar and any(map(_is_pressure, table.names)):
             inflated = {n: e for n, e in EXPERIMENTS.items() if "pressure_kPa" in e.columns}
             others |= {f"test={name}": e.words for name, e in inflated.items()}
-        same = next((s for t, s in sources.items() if TARGETS[t] == TARGETS[target]), None)
-        both = {}
-        if same is not None and TARGETS[target] == "stretch":
-            both = {same.formula: "the same for both directions"}
+        stretches = [s for t, s in sources.items() if TARGETS[t] == TARGETS[target] == "stretch"]
+        both = {s.formula: "the same for both directions" for s in stretches[:1]}
         certain = any(_axis_of(target) in _directions(table.names[i]) for i in likely)
         gives = columns | others | both if certain or not others else others | columns | both
         example = EXAMPLES.get(target, EXAMPLES.get(TARGETS[target]))
         gives["EXPRESSION"] = f"such as {example}" if example else "columns in braces, as {#3}"
         problem = f"no column for {' and '.join(missing) if others else target}; {table.listing}"
         self._ask(target, problem, gives, likely=bool(likely or others), other=False)
-
-    # --- columns that nobody mapped ---
 
     def _ask_about_labels(self, sources: Mapping[str, Source], unused: Sequence[int]) -> None:
         """Ask what a column separates that has the same few labels in many rows."""
@@ -728,15 +686,14 @@ class Columns:
             if not few or (numbers and not whole) or reading or often or (merged and not cells[0]):
                 continue
             shown = first_few([f"{label}: {count} rows" for label, count in counts.items()], 6)
-            kinds = [target for target in ("protocol", "cycle") if target not in sources]
             text = table.reference(index)
-            gives = {f"columns={target}={text}": f"each a {target}" for target in kinds}
+            gives = {f"columns={target}={text}": f"each a {target}"
+                     for target in ("protocol", "cycle") if target not in sources}  # fmt: skip
             if "specimen" not in sources:
                 gives[f"specimen_by={text}"] = "each a specimen"
-            ignored = f"columns={IGNORE}={text}"
+            gives[ignored := f"columns={IGNORE}={text}"] = "nothing"
             problem = f"column {text!r} has {len(counts)} labels ({shown}), and nothing says what "
             problem += "they separate"
-            gives[ignored] = "nothing"
             raise Question(problem, gives, file=table.path, likely=False, assumed=ignored)
 
     def _ask_about_opposites(self, sources: Mapping[str, Source], unused: Sequence[int]) -> None:
@@ -755,10 +712,10 @@ class Columns:
             unit = "" if source.computed else f":{source.unit.name}"  # type: ignore[union-attr]
             for other, correlation in zip(others, alike.values(), strict=True):
                 total = f"({column} {'+' if correlation > 0.0 else '-'} {{{other}}})"
-                ways = {f"({total} / 2)": "cells at both ends: their mean"}
-                ways[total] = "cells side by side: their sum"
-                if quantity == "length":
-                    ways = {total: "both ends move"}
+                ways = {total: "both ends move"}
+                if quantity == "force":
+                    ways = {f"({total} / 2)": "cells at both ends: their mean",
+                            total: "cells side by side: their sum"}  # fmt: skip
                 for both, label in ways.items():
                     gives[source.formula.replace(column, both) + unit] = label
             ignore = ",".join(f"{IGNORE}={other}" for other in others)
@@ -790,7 +747,8 @@ def _directions(name: str, axes: Sequence[Mapping[str, str]] = AXES) -> set[str]
 
 
 def _axis_of(target: str) -> str:
-    return "y" if target in OF_Y or "_y" in target else "x"
+    of_y = (*OF_AXES[1], *(y for _, y in LOAD_PAIRS))
+    return "y" if target in of_y or "_y" in target else "x"
 
 
 def _is_pressure(name: str) -> bool:

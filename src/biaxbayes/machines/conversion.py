@@ -13,7 +13,6 @@ from biaxbayes.errors import InputError, ReadingError
 from biaxbayes.experiments import Experiment
 from biaxbayes.machines import generic
 from biaxbayes.machines.choice import Choice
-from biaxbayes.machines.columns import IGNORE, names_needed
 from biaxbayes.machines.outcome import Conversion, OpenQuestions
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.machines.selection import select, without_repeats
@@ -32,14 +31,12 @@ BELOW_START = 0.02
 """Fall of a loading branch below its start, over its range, that cannot be loading."""
 Header = Mapping[str, float | str]
 """Values by their key in a specimen file."""
+Sheets = dict[str, Worksheet]
+Files = Mapping[Path, Sheets]
 
 
 def convert(
-    paths: Sequence[Path],
-    choice: Choice,
-    *,
-    header: Header,
-    protocol_names: Sequence[str] = (),
+    paths: Sequence[Path], choice: Choice, *, header: Header, protocol_names: Sequence[str] = ()
 ) -> Conversion:
     """Read machine exports as one specimen; all that is open is asked at once."""
     files = {path: read_sheets(path) for path in paths}
@@ -71,9 +68,8 @@ def convert(
                 raise
             obstacle = str(error) if certain else ""
             break  # what was assumed does not fit: the questions come first
-    if open_ones:
+    if open_ones or result is None:
         raise OpenQuestions(list(open_ones.values()), result, obstacle)
-    assert result is not None
     return result
 
 
@@ -105,12 +101,7 @@ def _answered(choice: Choice, header: Header, answer: Proposal) -> tuple[Choice,
     return replace(choice, **{name: new}), header  # type: ignore[arg-type]
 
 
-def _converted(
-    files: Mapping[Path, dict[str, Worksheet]],
-    choice: Choice,
-    header: Header,
-    protocol_names: Sequence[str],
-) -> Conversion:
+def _converted(files: Files, choice: Choice, header: Header, names: Sequence[str]) -> Conversion:
     """The specimen of some files whose sheets are read."""
     paths, given = list(files), (choice, header)
     name = choice.specimen or (str(header["specimen"]) if "specimen" in header else None)
@@ -119,13 +110,19 @@ def _converted(
     if set(MOUNTED_STATE) & set(header):
         header = {k: v for k, v in header.items() if k not in MOUNTED_STATE}
         header["reference"] = "common"
-    records, recordings = _named_recordings(files, choice, header, protocol_names)
+    records, recordings = _named_recordings(files, choice, header, names)
     loads, experiment = recordings[0].record.loads, recordings[0].record.experiment
     _check_header(header, loads, experiment, paths[0])
     noise = header.get(f"load_noise_{experiment.loads[loads].units[0]}")
     in_doubt = experiment.is_mounted and "reference" not in header
     try:
-        protocols = _protocols(recordings, mounted)
+        timed = all(r.time_s is not None for r in recordings)
+        protocols = []
+        for r in recordings:
+            # stretches over those of the mounted state; across a strip the width may be unmeasured
+            measured = [bool(column) for column in r.record.columns[:2]]
+            (x, y), (load_x, load_y) = np.where(measured, r.stretch / mounted, np.nan).T, r.load.T
+            protocols.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
         if in_doubt:
             _ask_for_reference(protocols, list(experiment.axes), paths[0])
         specimen = Specimen(
@@ -140,11 +137,10 @@ def _converted(
         )
         findings = check_specimen(specimen)
     except ReadingError as error:
-        r = next((r for r in recordings if r.name == error.protocol), None)
-        if r is None:
-            raise
-        columns = dict(zip(CURVES, r.record.columns, strict=True))
-        raise error.at(r.record.path, r.lines, columns) from None
+        for r in (r for r in recordings if r.name == error.protocol):
+            columns = dict(zip(CURVES, r.record.columns, strict=True))
+            raise error.at(r.record.path, r.lines, columns) from None
+        raise
     for protocol, recording in zip(specimen.protocols, recordings, strict=True):
         _check_start(protocol, recording)
         if in_doubt:
@@ -158,18 +154,6 @@ def _converted(
     )
 
 
-def _protocols(recordings: Sequence[Recording], mounted: Sequence[float]) -> list[Protocol]:
-    """Protocols with stretches as measured, over those of the mounted state where it is given."""
-    timed = all(r.time_s is not None for r in recordings)
-    protocols = []
-    for r in recordings:
-        # across a strip the width may not be measured
-        measured = [bool(name) for name in r.record.columns[:2]]
-        (x, y), (load_x, load_y) = np.where(measured, r.stretch / mounted, np.nan).T, r.load.T
-        protocols.append(Protocol(r.name, x, y, load_x, load_y, r.time_s if timed else None))
-    return protocols
-
-
 def _check_header(header: Header, loads: str, test: Experiment, file: Path) -> None:
     """Ask for the dimensions that loads of the test need; refuse the noise of other loads."""
     unit = test.loads[loads].units[0]
@@ -178,17 +162,16 @@ def _check_header(header: Header, loads: str, test: Experiment, file: Path) -> N
         problem = f"`load_noise_{other}` does not fit: the columns are in {unit}"
         raise InputError(problem, remedy=f"give `load_noise_{unit}`")
     for key in (key for key in test.needed(loads) if key not in header):
-        gives, likely = {f"{key}=MM": KEYS[key].meaning}, True
-        assumed, of = f"{key}={1.0 if key == 'thickness_mm' else 10.0:g}", ""
+        readings = test.loads[loads].compared if test.is_mounted else f"readings of a {test.name}"
+        problem = f"{readings} need {key}"
         if key == "geometry":
             gives = {
                 "geometry=unloaded": "dimensions were measured on the unloaded tissue",
                 "geometry=mounted": "they were measured after mounting",
             }
-            assumed, of, likely = "", f": {KEYS[key].meaning}", False
-        readings = test.loads[loads].compared if test.is_mounted else f"readings of a {test.name}"
-        problem = f"{readings} need {key}{of}"
-        raise Question(problem, gives, file=file, assumed=assumed, likely=likely)
+            raise Question(f"{problem}: {KEYS[key].meaning}", gives, file=file, likely=False)
+        assumed = f"{key}={1 if key == 'thickness_mm' else 10}"
+        raise Question(problem, {f"{key}=MM": KEYS[key].meaning}, file=file, assumed=assumed)
 
 
 def _ask_for_reference(protocols: Sequence[Protocol], axes: Sequence[int], file: Path) -> None:
@@ -196,9 +179,8 @@ def _ask_for_reference(protocols: Sequence[Protocol], axes: Sequence[int], file:
     starts = np.array([p.known_stretch[: max(p.rest_rows, 1)].mean(axis=0) for p in protocols])
     if np.ptp(starts, axis=0).max() <= LARGE_DRIFT:
         return
-    shown = "; ".join(
-        f"{p.name}: {x:.4f}, {y:.4f}" for p, (x, y) in zip(protocols, starts, strict=True)
-    )
+    named = zip(protocols, starts, strict=True)
+    shown = "; ".join(f"{p.name}: {x:.4f}, {y:.4f}" for p, (x, y) in named)
     gives = {
         "reference=each protocol": "each starts at the mounted state, by which it is divided",
         "reference=common": "one reference for all; those that start elsewhere have no rest",
@@ -221,18 +203,15 @@ def _ask_about_far_start(r: Recording, file: Path) -> None:
     at_first = r.record.stretch[first, axes]
     if np.abs(r.stretch[0, axes] - at_first).max() <= LARGE_DRIFT:
         return
-    of_record, own = (
-        r.record.stretches_text(r.record.stretch[k], ".4f") for k in (first, r.rows[0])
-    )
+    at = (first, r.rows[0])
+    of_record, own = (r.record.stretches_text(r.record.stretch[k], ".4f") for k in at)
     gives = {
         "reference=each protocol": f"its own start, {own}, is the mounted state",
         "reference=common": "the mounted state is where the columns are one",
         f"mounted_state_x={at_first[0]:.5g}": "the first rows are (and mounted_state_y)",
     }
-    problem = (
-        f"the cycle in lines {r.lines[0]} to {r.lines[-1]} starts at {own}, and its record in "
-    )
-    problem += f"line {r.record.lines[first]} at {of_record}"
+    problem = f"the cycle in lines {r.lines[0]} to {r.lines[-1]} starts at {own}, and its record "
+    problem += f"in line {r.record.lines[first]} at {of_record}"
     raise Question(problem, gives, file=file)
 
 
@@ -248,19 +227,13 @@ def _check_start(p: Protocol, r: Recording) -> None:
     low, scatter = int(along.argmin()), second_difference_scatter(along)
     if along[low] < -max(BELOW_START * float(np.ptp(along)), 6.0 * scatter):
         at = r.record.stretches_text(p.stretch[low], ".4f")
-        raise InputError(
-            f"the loading branch {r.name!r} falls to {at} of the state that it starts from",
-            file=r.record.path,
-            row=int(r.lines[low]),
-            remedy="give the lines of the loading side with `rows`",
-        )
+        problem = f"the loading branch {r.name!r} falls to {at} of the state that it starts from"
+        remedy = "give the lines of the loading side with `rows`"
+        raise InputError(problem, file=r.record.path, row=int(r.lines[low]), remedy=remedy)
 
 
 def _named_recordings(
-    files: Mapping[Path, dict[str, Worksheet]],
-    choice: Choice,
-    header: Header,
-    protocol_names: Sequence[str],
+    files: Files, choice: Choice, header: Header, names: Sequence[str]
 ) -> tuple[list[Record], list[Recording]]:
     """Records of all files, and their recordings with the given names or those in the files."""
     records: list[Record] = []
@@ -284,56 +257,42 @@ def _named_recordings(
     if len(kinds) > 1:
         problem = f"the files hold different loads ({', '.join(sorted(kinds))})"
         raise InputError(problem, remedy="convert them with the same columns")
-    names = list(protocol_names) or [r.name for r in recordings]
+    names = list(names) or [r.name for r in recordings]
     if len(names) != len(recordings):
         of = ", ".join(f"{r.name} from {r.record.source}" for r in recordings)
         problem = f"{len(names)} protocol names for {len(recordings)} protocols"
         raise InputError(problem, remedy=f"the protocols are {of[:300]}")
-    bad = next((name for name in names if not name.strip() or names.count(name) > 1), None)
-    if bad is not None:
-        problem = f"protocol name {bad[:40]!r} is empty or duplicated"
-        raise InputError(problem, remedy="give `protocol_names`, one per protocol")
+    for name in names:
+        if not name.strip() or names.count(name) > 1:
+            problem = f"protocol name {name[:40]!r} is empty or duplicated"
+            raise InputError(problem, remedy="give `protocol_names`, one per protocol")
     named = zip(recordings, names, strict=True)
     return records, [replace(r, name=name) for r, name in named]
 
 
-def _ask_for_join(files: Mapping[Path, dict[str, Worksheet]], choice: Choice) -> None:
+def _ask_for_join(files: Files, choice: Choice) -> None:
     """Ask how tables belong together that have the named columns only together."""
-    names, tables = _names_needed(choice), list[Table]()
+    names, tables = generic.names_of(choice), list[Table]()
     for path, sheets in files.items():
         chosen = choice.sheets or ((ALL_SHEETS,) if "" not in sheets else ())
         tables += tables_in(sheets, path, chosen, choice.hidden or "keep", names)[0].values()
-    found = [
-        [any(map(t.has_column, each)) for each in names if "*" not in each[-1]] for t in tables
-    ]
+    plain = [each for each in names if "*" not in each[-1]]
+    found = [[any(map(t.has_column, each)) for each in plain] for t in tables]
     if len(tables) > 1 and not any(map(all, found)) and all(map(any, zip(*found, strict=True))):
-        gives = {
-            "join=time": "stretches are interpolated at the times of the loads",
-            "join=stretch": "curves of one ratio, each load over the stretch of its direction",
-        }
         problem = f"of {len(tables)} tables none has all of the columns, and all together have them"
-        raise Question(problem, gives, file=next(iter(files)))
+        raise Question(problem, generic.JOINS, file=next(iter(files)))
 
 
-def _names_needed(choice: Choice) -> list[list[str]]:
-    """For each column that is read the names that it may have."""
-    return names_needed(v for k, v in generic.wanted_of(choice).items() if k != IGNORE)
-
-
-def _tables(
-    path: Path, sheets: dict[str, Worksheet], choice: Choice
-) -> tuple[dict[str, Table], dict[str, str]]:
+def _tables(path: Path, sheets: Sheets, choice: Choice) -> tuple[dict[str, Table], dict[str, str]]:
     """Tables of a file by sheet, below the columns that are named; and why others hold none."""
-    named = _names_needed(choice) if choice.machine == "generic" else []
-    wanted_sheets = choice.sheets
-    if choice.join in ("time", "stretch") and not wanted_sheets and "" not in sheets:
-        wanted_sheets = (ALL_SHEETS,)
-    return tables_in(sheets, path, wanted_sheets, choice.hidden, named)
+    named = generic.names_of(choice) if choice.machine == "generic" else []
+    chosen = choice.sheets
+    if choice.join in ("time", "stretch") and not chosen and "" not in sheets:
+        chosen = (ALL_SHEETS,)
+    return tables_in(sheets, path, chosen, choice.hidden, named)
 
 
-def _records(
-    path: Path, sheets: dict[str, Worksheet], choice: Choice, header: Header
-) -> list[Record]:
+def _records(path: Path, sheets: Sheets, choice: Choice, header: Header) -> list[Record]:
     """Records of all tables of a file; sheets without the columns are left out."""
     tables, skipped = _tables(path, sheets, choice)
     reader = import_module(f"biaxbayes.machines.{choice.machine}")
@@ -372,15 +331,10 @@ def _metadata(
     if gradients:
         # rounded, as it is a caution and not a measurement
         gradient = np.concatenate(gradients)
-        shear, angle = np.abs(gradient[:, [0, 1], [1, 0]]), np.abs(shear_angle_deg(gradient))
-        metadata["largest_shear"] = float(f"{shear.max():.3g}")
+        # of the right angle between x and y: C = F^T F;  sin(gamma) = C12 / sqrt(C11 C22)
+        C = np.einsum("nki,nkj->nij", gradient, gradient)
+        sine = C[:, 0, 1] / np.sqrt(C[:, 0, 0] * C[:, 1, 1])
+        angle = np.abs(np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))))
+        metadata["largest_shear"] = float(f"{np.abs(gradient[:, [0, 1], [1, 0]]).max():.3g}")
         metadata["largest_shear_angle_deg"] = float(f"{angle.max():.3g}")
     return metadata
-
-
-def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:
-    """Change of the right angle between the x and y axes by gradients of shape (n, 2, 2)."""
-    # C = F^T F;  sin(gamma) = C12 / sqrt(C11 C22); a rotation has none
-    C = np.einsum("nki,nkj->nij", gradient, gradient)
-    sine = C[:, 0, 1] / np.sqrt(C[:, 0, 0] * C[:, 1, 1])
-    return np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -45,10 +45,10 @@ class Cycle:
     hold: np.ndarray
     unloading: np.ndarray
 
-    def only(self, kept: np.ndarray) -> Cycle:
-        """The cycle without rows that are left out; `kept` is True for the others."""
-        parts = (self.loading, self.hold, self.unloading)
-        return Cycle(self.label, *(part[kept[part]] for part in parts))
+    @property
+    def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows of the loading side, the hold and the unloading side."""
+        return self.loading, self.hold, self.unloading
 
     def rows(self, branch: str) -> np.ndarray:
         """Rows of a branch; an unloading branch is reversed, so that it starts at rest."""
@@ -89,27 +89,25 @@ def scatter_of(path: np.ndarray) -> float:
     return min(fourth, second_difference_scatter(path))
 
 
-def cut(path: np.ndarray, label: str = "", breaks: np.ndarray | None = None) -> list[Cycle]:
+def cut(path: np.ndarray, label: str = "", breaks: Sequence[int] = ()) -> list[Cycle]:
     """Cycles of a record from its path, none beyond `breaks`: rises with what follows them.
 
     Loops of less than ``AMPLITUDE`` of the range cut the record, but are no cycles.
     """
     cycles: list[Cycle] = []
     span = float(np.ptp(path))
-    edges = [0, *(breaks if breaks is not None else ()), path.size]
-    for first, last in pairwise(edges):
+    for first, last in pairwise([0, *breaks, path.size]):
         part = path[first:last]
         for c in _cut_part(part, span) if part.size >= LEAST_ROWS else ():
             number = label or str(len(cycles) + 1)
-            cycles.append(Cycle(number, c.loading + first, c.hold + first, c.unloading + first))
+            cycles.append(Cycle(number, *(rows + first for rows in c.parts)))
     return cycles
 
 
 def _cut_part(path: np.ndarray, span: float) -> list[Cycle]:
     """Cycles of a part, of at least a fraction of the range of the whole record."""
-    scatter = scatter_of(path)
-    loop = min(max(SMALL_LOOP * span, 6.0 * scatter), AMPLITUDE * span)
-    least = AMPLITUDE * span
+    scatter, least = scatter_of(path), AMPLITUDE * span
+    loop = min(max(SMALL_LOOP * span, 6.0 * scatter), least)
     rises: list[tuple[int, int]] = []
     for low, high in _turning_points(path, loop):
         valley, peak = rises[-1] if rises else (low, low)
@@ -120,17 +118,13 @@ def _cut_part(path: np.ndarray, span: float) -> list[Cycle]:
             rises[-1] = (valley, high if path[high] > path[peak] else peak)
         else:
             rises.append((low, high))
-    rises = [
-        (low, high)
-        for low, high in rises
-        if path[high] - path[low] >= least and high - low >= LEAST_ROWS - 1
-    ]
+    rises = [(low, high) for low, high in rises
+             if path[high] - path[low] >= least and high - low >= LEAST_ROWS - 1]  # fmt: skip
     rows = np.arange(path.size)
     ends = [0, *(high + 1 for _, high in rises)][: len(rises)]
     starts = [_rest(path, *rise, b, scatter) for rise, b in zip(rises, ends, strict=True)]
     cycles = []
-    for number, ((low, high), start) in enumerate(zip(rises, starts, strict=True)):
-        end = starts[number + 1] if number + 1 < len(rises) else path.size
+    for (low, high), start, end in zip(rises, starts, [*starts[1:], path.size], strict=False):
         top, after = _hold(path, low, high, end, scatter)
         # the valley belongs to both cycles
         falling = rows[after - 1 : end + 1] if after < end else rows[:0]
@@ -204,9 +198,6 @@ def _turning_points(path: np.ndarray, amplitude: float) -> list[tuple[int, int]]
     return pairs
 
 
-# --- ratios ---------------------------------------------------------------------------------------
-
-
 def peak_change(curves: np.ndarray, loading: np.ndarray) -> np.ndarray:
     """Change of x and y over a loading side, each end a mean of a few rows."""
     few = max(loading.size // 30, 1)
@@ -235,15 +226,15 @@ def by_ratio(curves: np.ndarray, cycles: Sequence[Cycle]) -> dict[str, list[int]
 
 def at_level(stretch: np.ndarray, cycle: Cycle) -> Cycle:
     """A cycle without the rows in which the direction that is held goes to its level."""
-    change = np.abs(np.ptp(stretch[cycle.loading[cycle.loading.size // 2 :]], axis=0))
-    held = int(change.argmin())
-    level = float(np.median(stretch[cycle.loading[cycle.loading.size // 2 :], held]))
-    parts = (cycle.loading, cycle.hold, cycle.unloading)
-    off = [np.flatnonzero(np.abs(stretch[part, held] - level) > 0.5 * SAME_LEVEL) for part in parts]
+    second_half = stretch[cycle.loading[cycle.loading.size // 2 :]]
+    held = int(np.ptp(second_half, axis=0).argmin())
+    level = float(np.median(second_half[:, held]))
+    off = [np.flatnonzero(np.abs(stretch[part, held] - level) > 0.5 * SAME_LEVEL)
+           for part in (cycle.loading, cycle.unloading)]  # fmt: skip
     loading = cycle.loading[off[0][-1] + 1 if off[0].size else 0 :]
-    unloading = cycle.unloading[: off[2][0] if off[2].size else None]
-    return Cycle(cycle.label, loading if loading.size >= LEAST_ROWS else cycle.loading, cycle.hold,
-                 unloading)  # fmt: skip
+    unloading = cycle.unloading[: off[1][0] if off[1].size else None]
+    loading = loading if loading.size >= LEAST_ROWS else cycle.loading
+    return replace(cycle, loading=loading, unloading=unloading)
 
 
 def by_level(stretch: np.ndarray, cycles: Sequence[Cycle]) -> dict[str, list[int]]:
@@ -266,9 +257,6 @@ def ratio_name(change: np.ndarray) -> str:
     """A ratio such as ``1:0.5``, in steps of 0.05."""
     x, y = (round(20.0 * float(v)) / 20.0 + 0.0 for v in change / max(np.abs(change).max(), 1e-300))
     return f"{x:g}:{y:g}"
-
-
-# --- preconditioning ------------------------------------------------------------------------------
 
 
 def settling(
@@ -297,9 +285,7 @@ def settling(
         settled = curve <= limit
     else:
         changes = " and ".join(f"{c:+.1%} in {n}" for c, n in zip(change, names, strict=True))
-        text = (
-            f"between the last two cycles the peak load changes by {changes}, the curve by "
-            f"{curve:.1%} (of the largest load)"
-        )
+        text = f"between the last two cycles the peak load changes by {changes}, the curve by "
+        text += f"{curve:.1%} (of the largest load)"
         settled = max(curve, *np.abs(change).tolist()) <= limit
     return (text if settled else f"preconditioning has not settled: {text}"), settled

@@ -20,6 +20,7 @@ from biaxbayes.machines.columns import (
     SHEAR,
     TARGETS,
     Columns,
+    Header,
     Source,
     names_needed,
     parse_columns,
@@ -45,6 +46,11 @@ from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import Table
 from biaxbayes.text_files import first_few
 
+JOINS = {
+    "join=time": "stretches are interpolated at the times of the loads",
+    "join=stretch": "curves of one ratio, each load over the stretch of its direction",
+}
+"""How tables of their own time or length may belong together."""
 LEAST_JOINED = 5
 """Rows of a part that is joined to another."""
 LEAST_OVERLAP = 0.3
@@ -60,10 +66,10 @@ STARTS = {True: (0.4, 2.5), False: (0.4, 1.8)}
 as long as one cut out."""
 
 
-def records(table: Table, choice: Choice, header: Mapping[str, object]) -> list[Record]:
+def records(table: Table, choice: Choice, header: Header) -> list[Record]:
     """The record of a table, with the cycles of each of its protocols."""
     wanted = wanted_of(choice)
-    protocols = side_by_side(table, wanted)
+    protocols = side_by_side(table, wanted) or {"": (wanted, {})}
     found = []
     for protocol, (mine, starred) in protocols.items():
         try:
@@ -71,21 +77,20 @@ def records(table: Table, choice: Choice, header: Mapping[str, object]) -> list[
         except Question as question:
             question.rename(starred, assumed=True)  # an answer holds for all protocols
             raise
-    return found if protocols else [_record(table, wanted, choice, header)]
+    return found
 
 
-def _record(
-    table: Table, wanted: Mapping[str, str], choice: Choice, header: Mapping[str, object]
-) -> Record:
+def _record(table: Table, wanted: Mapping[str, str], choice: Choice, header: Header) -> Record:
     """The record of the columns of one protocol, or of all."""
     sources = Columns(table, wanted, header, choice.test).sources()
     ignored = [table.column(name) for name in wanted.get(IGNORE, "").split("\n") if name]
-    ask_about_times(table, sources, choice, ignored)
+    if choice.join is None:
+        _ask_about_times(table, sources, ignored)
     reasons = _left_out(table, sources, choice)
     rows = np.flatnonzero(reasons == "")
     values = {t: s.values(table, rows, header) for t, s in sources.items() if s.unit is not None}
-    before = {target: _first_cells(table, source, rows) for target, source in sources.items()}
-    record = _of_values(table, sources, values, reasons, choice, header, before)
+    part = Part(table, sources, rows, values)
+    record = _of_values([part], values, reasons, choice, header)
     return _with_cycles(record, _labels(table, sources, choice), sources, choice)
 
 
@@ -99,6 +104,11 @@ def wanted_of(choice: Choice) -> dict[str, str]:
     return wanted
 
 
+def names_of(choice: Choice) -> list[list[str]]:
+    """For each column that is read the names that it may have."""
+    return names_needed(v for k, v in wanted_of(choice).items() if k != IGNORE)
+
+
 def recognises(table: Table, choice: Choice) -> bool:
     """True if a sheet has any column of the map."""
     wanted = wanted_of(choice)
@@ -109,24 +119,20 @@ def recognises(table: Table, choice: Choice) -> bool:
 
 def _labels(table: Table, sources: Mapping[str, Source], choice: Choice) -> dict[str, np.ndarray]:
     """Protocol and cycle of each row, from columns of labels, or from lines that repeat names."""
-    labels = {
-        target: np.array(table.labels(sources[target].indices[0], choice.fill_labels))
-        for target in ("protocol", "cycle")
-        if target in sources
-    }
+    columns = {t: sources[t].indices[0] for t in ("protocol", "cycle") if t in sources}
+    labels = {t: np.array(table.labels(i, choice.fill_labels)) for t, i in columns.items()}
     if any(map(PHASE.fullmatch, labels.get("cycle", ()))) and "cycle" not in wanted_of(choice):
         text = sources["cycle"].text
         gives = {f"columns=ignore={text}": "cycles are cut from the curves",
                  f"columns=cycle={text}": "each label is a cycle"}  # fmt: skip
-        problem = (
-            f"{text!r} has phases of cycles, such as {str(labels['cycle'][-1])!r}, as a BioTester "
-        )
-        raise Question(f"{problem}writes them for `machine=biotester`", gives, file=table.path)
+        problem = f"{text!r} has phases of cycles, such as {str(labels['cycle'][-1])!r}, as a "
+        problem += "BioTester writes them for `machine=biotester`"
+        raise Question(problem, gives, file=table.path)
     if table.blocks and choice.blocks is None:
         counts = Counter(table.blocks)
         shown = first_few([f"{n}: {count} rows" for n, count in counts.items()], 6)
-        gives = {"blocks=protocols": "each a protocol", "blocks=cycles": "cycles of one"}
-        gives["blocks=record"] = "one record that goes on"
+        gives = {"blocks=protocols": "each a protocol", "blocks=cycles": "cycles of one",
+                 "blocks=record": "one record that goes on"}  # fmt: skip
         problem = f"the names are repeated, which begins {len(counts)} blocks ({shown})"
         raise Question(problem, gives, file=table.path)
     if table.blocks and choice.blocks != "record":
@@ -143,10 +149,8 @@ def _left_out(table: Table, columns: Mapping[str, Source], choice: Choice) -> np
         counts = Counter(labels.tolist())
         if choice.specimen not in counts and len(counts) > 1:
             gives = {f"specimen={name}": f"{count} rows" for name, count in counts.items()}
-            problem = "holds several specimens"
-            if choice.specimen:
-                problem += f", and none is named {choice.specimen[:40]!r}"
-            raise Question(problem, gives, file=table.path)
+            other = f", and none is named {choice.specimen[:40]!r}" if choice.specimen else ""
+            raise Question(f"holds several specimens{other}", gives, file=table.path)
         if len(counts) > 1:
             reasons[(labels != choice.specimen) & (reasons == "")] = "another specimen"
     indices = [i for s in columns.values() if s.unit is not None for i in s.indices]
@@ -158,10 +162,7 @@ def _left_out(table: Table, columns: Mapping[str, Source], choice: Choice) -> np
 
 
 def _with_cycles(
-    record: Record,
-    labels: Mapping[str, np.ndarray],
-    sources: Mapping[str, Source],
-    choice: Choice,
+    record: Record, labels: Mapping[str, np.ndarray], sources: Mapping[str, Source], choice: Choice
 ) -> Record:
     """A record with the cycles of its protocols; asks about readings that may not be of it."""
     rows = np.flatnonzero(record.reasons == "")
@@ -185,12 +186,9 @@ def _with_cycles(
         back = 0 if record.time_s is None else int((np.diff(record.time_s[rows]) < 0.0).sum())
         if back > 2:
             does = f"the time runs backwards in {back} of {rows.size} rows"
-        raise InputError(
-            f"no loading branch of five rows: {does}",
-            file=record.path,
-            row=int(record.lines[rows[0]]),
-            remedy="check the columns and their signs, or name the rows with `rows`",
-        )
+        problem, row = f"no loading branch of five rows: {does}", int(record.lines[rows[0]])
+        remedy = "check the columns and their signs, or name the rows with `rows`"
+        raise InputError(problem, file=record.path, row=row, remedy=remedy)
     return record
 
 
@@ -204,9 +202,9 @@ def _cycles(record: Record, rows: np.ndarray, labels: np.ndarray | None) -> list
     cycles = []
     for label, of_label in groups.items():
         back = np.zeros(1) if record.time_s is None else np.diff(record.time_s[of_label])
-        found = cut(path[of_label], label, np.flatnonzero(back < 0.0) + 1)
+        found = cut(path[of_label], label, (np.flatnonzero(back < 0.0) + 1).tolist())
         for c in found[-1 if labels is not None else 0 :]:
-            loading, hold, unloading = (of_label[p] for p in (c.loading, c.hold, c.unloading))
+            loading, hold, unloading = (of_label[p] for p in c.parts)
             load = record.pulled(loading)[1].sum(axis=1)
             tolerated = TOLERATED_FALL * np.ptp(load) + 6.0 * scatter_of(load)
             if unloading.size and load[-2] - load[-1] > tolerated:
@@ -218,17 +216,16 @@ def _cycles(record: Record, rows: np.ndarray, labels: np.ndarray | None) -> list
 
 
 def _of_values(
-    table: Table,
-    sources: Mapping[str, Source],
+    parts: Sequence[Part],
     values: Mapping[str, np.ndarray],
     reasons: np.ndarray,
     choice: Choice,
-    header: Mapping[str, object],
-    before: Mapping[str, str],
+    header: Header,
     *notes: str,
 ) -> Record:
-    """The record of the values of each target, whose first cells are `before`."""
-    rows = np.flatnonzero(reasons == "")
+    """The record of the values of each target, in the rows of the first part's table."""
+    table, rows = parts[0].table, np.flatnonzero(reasons == "")
+    sources = {target: source for part in parts for target, source in part.sources.items()}
     kinds = choice.experiment.loads
     loads = next(name for name, of in kinds.items() if set(of.columns) & set(sources))
     of_loads = kinds[loads].columns
@@ -239,19 +236,24 @@ def _of_values(
             of = choice.experiment.columns.get(target)
             stretch[:, k] = _stretch(table, sources[target], values[target], rows, header, of)
     _check_per_cent(table, sources, float(np.ptp(stretch[rows], axis=0).max()))
-    gradient = None
-    if any(target in sources for target in SHEAR):
+    gradient, sheared = None, sources.keys() & SHEAR.keys()
+    if sheared:
         gradient = stretch[:, :, None] * np.eye(2)
-        for target, (i, j) in (("shear_xy", (0, 1)), ("shear_yx", (1, 0))):
-            gradient[:, i, j] = values.get(target, 0.0)
-        if all(target in sources for target in SHEAR):
+        gradient[:, 0, 1], gradient[:, 1, 0] = (values.get(target, 0.0) for target in SHEAR)
+        if sheared == SHEAR.keys():
             # the stretch of a line along x is |F e_x|: a rotation of the specimen leaves it
             stretch = np.sqrt((gradient**2).sum(axis=1))
     shown = []
     for target, source in sources.items():
-        after = values.get(target, np.zeros(0))[rows[:SHOWN_ROWS] if target in values else []]
-        made = f": {before[target]}-> {' '.join(f'{value:.5g}' for value in after)}"
-        shown.append(f"{target} = {source}{made if target in values else ''}")
+        text, part = f"{target} = {source}", next(p for p in parts if target in p.sources)
+        if target in values:
+            several = len(source.indices) > 1
+            called = [part.table.names[i] if several else "" for i in source.indices]
+            first = [part.table.text(i, part.rows[:SHOWN_ROWS]) for i in source.indices]
+            cells = [" ".join(filter(None, [n, *c])) for n, c in zip(called, first, strict=True)]
+            after = " ".join(f"{value:.5g}" for value in values[target][rows[:SHOWN_ROWS]])
+            text += f": {', '.join(cells)}{' ' * bool(cells)}-> {after}"
+        shown.append(text)
     conflicts = [s.conflict for s in sources.values() if s.conflict]
     computed = [f"{t} = {s}" for t, s in sources.items() if s.computed]
     return Record(
@@ -275,20 +277,12 @@ def _of_values(
     )
 
 
-def _first_cells(table: Table, source: Source, rows: np.ndarray) -> str:
-    """The first cells of the columns of a source."""
-    several = len(source.indices) > 1
-    cells = [(table.names[i] if several else "", *table.text(i, rows[:SHOWN_ROWS]))
-             for i in source.indices]  # fmt: skip
-    return ", ".join(" ".join(filter(None, of_column)) for of_column in cells) + " " * bool(cells)
-
-
 def _stretch(
     table: Table,
     source: Source,
     values: np.ndarray,
     rows: np.ndarray,
-    header: Mapping[str, object],
+    header: Header,
     column: Column | None,
 ) -> np.ndarray:
     """Stretches of a target; of a length as its column of a specimen file says."""
@@ -298,23 +292,17 @@ def _stretch(
             if key not in header:
                 # over a length of which the first row is 1.1
                 near = column.follows({target: values[rows]}, {key: first})[0] * first / 1.1
-                raise Question(
-                    f"{source.text!r} is a length and needs the {key}",
-                    {f"{key}=MM": KEYS[key].meaning},
-                    file=table.path,
-                    assumed=f"{key}={near:.6g}",
-                )
+                problem = f"{source.text!r} is a length and needs the {key}"
+                gives, assumed = {f"{key}=MM": KEYS[key].meaning}, f"{key}={near:.6g}"
+                raise Question(problem, gives, file=table.path, assumed=assumed)
         values = column.follows({target: values}, header)
         first = float(values[rows[0]])
         over = "".join(f" over {key} of {header[key]}" for key in column.needs)
     low, high = STARTS[bool(over)]
     if not low < first < high:
-        what = f"{target}{over}"
-        raise table.error(
-            f"{what} starts at {first:.4g}, and a stretch starts near 1",
-            f"it is read as {source}: check the expression, or the kind of the column",
-            row=int(rows[0]),
-        )
+        problem = f"{target}{over} starts at {first:.4g}, and a stretch starts near 1"
+        remedy = f"it is read as {source}: check the expression, or the kind of the column"
+        raise table.error(problem, remedy, row=int(rows[0]))
     return values
 
 
@@ -339,7 +327,7 @@ class Part(NamedTuple):
     values: dict[str, np.ndarray]  # in these rows, by target
 
 
-def joined(tables: Sequence[Table], choice: Choice, header: Mapping[str, object]) -> list[Record]:
+def joined(tables: Sequence[Table], choice: Choice, header: Header) -> list[Record]:
     """The record of loads and stretches, or of x and y, that are two tables or parts of one."""
     wanted, by_time = wanted_of(choice), choice.join == "time"
     times = {"time_s": "loads", "stretch_time_s": "stretches"}
@@ -357,20 +345,19 @@ def joined(tables: Sequence[Table], choice: Choice, header: Mapping[str, object]
         for target in (t for t in times if by_time and times[t] == name and t not in mine):
             _ask_for_time(table, target, name, mine)
         # lines are those of the loads: stretches of another time are in others
-        parts[name] = _part(table, mine, wanted, header, choice.rows if name == "loads" else None)
+        lines = choice.rows if name == "loads" else None
+        parts[name] = _part(Columns(table, wanted, header), mine, lines)
     expected = ("loads", "stretches") if by_time else ("x", "y")
     if set(parts) != set(expected):
         problem = f"`join={choice.join}` needs {' and '.join(expected)}"
         raise InputError(problem, remedy="name both in `columns`")
     first, second = (parts[name] for name in expected)
-    if by_time and choice.rows is None:
-        _ask_about_overlap(first, second)
-    values, kept, note = (_joined_by_time if by_time else _joined_by_stretch)(first, second)
-    before = {
-        t: _first_cells(p.table, s, p.rows) for p in parts.values() for t, s in p.sources.items()
-    }
-    table, sources = first.table, first.sources | second.sources
-    sources.pop("stretch_time_s", None)
+    if by_time:
+        values, kept, note = _joined_by_time(first, second, in_doubt=choice.rows is None)
+    else:
+        values, kept, note = _joined_by_stretch(first, second)
+    second.sources.pop("stretch_time_s", None)
+    table = first.table
     reasons = np.full(table.rows, "no reading", dtype=object)
     reasons[first.rows] = np.where(kept, "", "outside the times of the stretches")
     others = outside(table.lines, choice.rows, table.path)
@@ -378,8 +365,8 @@ def joined(tables: Sequence[Table], choice: Choice, header: Mapping[str, object]
     whole = {t: np.full(table.rows, np.nan) for t in values}
     for target, curve in values.items():
         whole[target][first.rows] = curve
-    record = _of_values(table, sources, whole, reasons, choice, header, before, note)
-    return [_with_cycles(record, {}, sources, choice)]
+    record = _of_values([first, second], whole, reasons, choice, header, note)
+    return [_with_cycles(record, {}, first.sources | second.sources, choice)]
 
 
 def _table_with(tables: Sequence[Table], wanted: Mapping[str, str]) -> Table:
@@ -401,16 +388,14 @@ def _ask_for_time(table: Table, target: str, of: str, wanted: Mapping[str, str])
     times = [i for i in times_of(table) if _last_filled(table, i) >= end - ENDS_EARLY]
     times.sort(key=lambda i: (i > first, abs(first - i)))
     gives = {f"columns={target}={table.reference(i)}": f"the time of the {of}" for i in times}
-    counts = [i for i in range(len(table.names)) if not times and _counts(table.finite(i))]
-    gives |= {
-        f"columns={target}={{{table.reference(i)}}} * FACTOR": "a count, times the seconds of each"
-        for i in counts
-    }
+    indices = range(len(table.names)) if not times else ()
+    counts = [f"columns={target}={{{table.reference(i)}}}" for i in indices
+              if _counts(table.finite(i))]  # fmt: skip
+    gives |= {f"{count} * FACTOR": "a count, times the seconds of each" for count in counts}
     gives[f"columns={target}=COLUMN"] = "another column"
-    assumed = f"columns={target}={{{table.reference(counts[0])}}}" if counts else ""
-    raise Question(
-        f"no column for {target}, the time of the {of}", gives, file=table.path, assumed=assumed
-    )
+    assumed = counts[0] if counts else ""
+    problem = f"no column for {target}, the time of the {of}"
+    raise Question(problem, gives, file=table.path, assumed=assumed)
 
 
 def _counts(values: np.ndarray) -> bool:
@@ -420,22 +405,14 @@ def _counts(values: np.ndarray) -> bool:
     return even and bool(np.all(values == np.round(values)))
 
 
-def _part(
-    table: Table,
-    mine: Mapping[str, str],
-    wanted: Mapping[str, str],
-    header: Mapping[str, object],
-    lines: str | None,
-) -> Part:
+def _part(columns: Columns, mine: Mapping[str, str], lines: str | None) -> Part:
     """The rows of a table that have readings of some sources."""
-    sources = {t: Columns(table, wanted, header).said(t) for t in mine}
+    table, sources = columns.table, {t: columns.said(t) for t in mine}
     numbers = [table.sparse_numbers(i, texts=True) for s in sources.values() for i in s.indices]
     inside = outside(table.lines, lines, table.path) == ""
     rows = np.flatnonzero(np.isfinite(numbers).all(axis=0) & inside)
-    ends = {
-        target: max((_last_filled(table, i) for i in source.indices), default=table.rows)
-        for target, source in sources.items()
-    }
+    ends = {t: max((_last_filled(table, i) for i in s.indices), default=table.rows)
+            for t, s in sources.items()}  # fmt: skip
     early = [t for t in ends if t.endswith("time_s") and ends[t] < max(ends.values()) - ENDS_EARLY]
     for target in early:
         problem = f"{sources[target].text!r} ends in line {table.lines[ends[target]]}, before what "
@@ -444,30 +421,25 @@ def _part(
     if rows.size < LEAST_JOINED:
         problem = f"{rows.size} rows have all of {', '.join(mine.values())[:100]}"
         raise table.error(problem, table.listing)
-    values = {t: source.values(table, rows, header)[rows] for t, source in sources.items()}
+    values = {t: s.values(table, rows, columns.header)[rows] for t, s in sources.items()}
     return Part(table, sources, rows, values)
 
 
-def _ask_about_overlap(loads: Part, stretches: Part) -> None:
-    """Ask where the shorter of two times is a small part of the longer, as in another unit."""
-    at = [loads.values["time_s"], stretches.values["stretch_time_s"]]
-    extents = [float(np.ptp(time)) for time in at]
-    if min(extents) >= LEAST_OVERLAP * max(extents):
-        return
-    first, second = (f"{t.min():g} to {t.max():g} s" for t in at)
-    problem = f"the times of the loads, {first}, and of the stretches, {second}, differ much in "
-    gives = {"columns=stretch_time_s=EXPRESSION": "such as {Frame} * 0.1, in seconds",
-             "rows=all": "they are in the same unit"}  # fmt: skip
-    raise Question(f"{problem}length: are both in the unit that is read?", gives,
-                   file=loads.table.path, likely=False)  # fmt: skip
-
-
-def _joined_by_time(loads: Part, stretches: Part) -> tuple[dict[str, np.ndarray], np.ndarray, str]:
+def _joined_by_time(
+    loads: Part, stretches: Part, *, in_doubt: bool
+) -> tuple[dict[str, np.ndarray], np.ndarray, str]:
     """Loads as they are, with stretches at their times; none outside the times of the stretches."""
     times, at = stretches.values["stretch_time_s"], loads.values["time_s"]
-    for part, of, back in (
-        (stretches, "stretches", np.diff(times) <= 0.0), (loads, "loads", np.diff(at) < 0.0)
-    ):  # fmt: skip
+    extents = [float(np.ptp(at)), float(np.ptp(times))]
+    if in_doubt and min(extents) < LEAST_OVERLAP * max(extents):  # as in another unit
+        first, second = (f"{t.min():g} to {t.max():g} s" for t in (at, times))
+        problem = f"the times of the loads, {first}, and of the stretches, {second}, differ much "
+        problem += "in length: are both in the unit that is read?"
+        gives = {"columns=stretch_time_s=EXPRESSION": "such as {Frame} * 0.1, in seconds",
+                 "rows=all": "they are in the same unit"}  # fmt: skip
+        raise Question(problem, gives, file=loads.table.path, likely=False)
+    backward = np.diff(times) <= 0.0, np.diff(at) < 0.0
+    for part, of, back in zip((stretches, loads), ("stretches", "loads"), backward, strict=True):
         if back.any():
             row = int(part.rows[np.argmax(back) + 1])
             remedy = "give a time that goes on, such as {Frame} * 0.1, or one run at a time"
@@ -475,13 +447,10 @@ def _joined_by_time(loads: Part, stretches: Part) -> tuple[dict[str, np.ndarray]
             raise part.table.error(f"the time of the {of} does not increase", remedy, row=row)
     inside = (at >= times[0]) & (at <= times[-1])
     if inside.sum() < LEAST_JOINED:
-        raise loads.table.error(
-            f"times of the loads, {at[0]:g} to {at[-1]:g} s, and of the stretches, {times[0]:g} to "
-            f"{times[-1]:g} s, do not overlap"
-            + f" but in {inside.sum()} rows"
-            * bool(inside.any()),
-            "shift one of them, as time_s={Time (s)} - 12.5",
-        )
+        problem = f"times of the loads, {at[0]:g} to {at[-1]:g} s, and of the stretches, "
+        problem += f"{times[0]:g} to {times[-1]:g} s, do not overlap"
+        problem += f" but in {inside.sum()} rows" * bool(inside.any())
+        raise loads.table.error(problem, "shift one of them, as time_s={Time (s)} - 12.5")
     note = f"{times.size} stretches interpolated at the times of {int(inside.sum())} loads"
     interpolated = {t: np.interp(at, times, curve) for t, curve in stretches.values.items()}
     return loads.values | interpolated, inside, note
@@ -498,12 +467,8 @@ def _joined_by_stretch(x: Part, y: Part) -> tuple[dict[str, np.ndarray], np.ndar
     return x.values | curves, np.ones(at.size, dtype=bool), note
 
 
-def ask_about_times(
-    table: Table, sources: Mapping[str, Source], choice: Choice, ignored: Sequence[int]
-) -> None:
+def _ask_about_times(table: Table, sources: Mapping[str, Source], ignored: Sequence[int]) -> None:
     """Ask whether rows belong together where columns have their own times, or end early."""
-    if choice.join is not None:
-        return
     ends = {}
     for target, source in sources.items():
         for i in source.indices if source.unit is not None and target not in SHEAR else ():
@@ -514,24 +479,18 @@ def ask_about_times(
     # times that stand before all readings are of the same rows
     same = [i for i in times if i < min(readings, default=0)] or times[:1]
     curves = {i: table.sparse_numbers(i, texts=True) for i in times}
-    own = [
-        i
-        for i in times
-        if i not in (*same, *ignored)
-        and not any(np.array_equal(curves[k], curves[i], equal_nan=True) for k in same)
-    ]
+    copies = [i for i in times if any(np.array_equal(curves[k], curves[i], True) for k in same)]
+    own = [i for i in times if i not in (*same, *ignored, *copies)]
     if not own and not short:
         return
-    gives = {"join=time": "stretches are interpolated at the times of the loads"} if times else {}
-    gives["join=stretch"] = "curves of one ratio, each load over the stretch of its direction"
+    gives = {k: v for k, v in JOINS.items() if times or k != "join=time"}
     gives["join=rows"] = "cells of a row belong together"
-    if not short:
-        gives[f"columns={IGNORE}={table.reference(own[0])}"] = "nothing is read at that time"
     if short:
         line = table.lines[min(ends[k] for k in short)]
         what = f"{first_few([repr(k) for k in short], 4)} end in line {line}, before the other "
         what += "columns: rows may not belong together"
     else:
+        gives[f"columns={IGNORE}={table.reference(own[0])}"] = "nothing is read at that time"
         other = next(i for i in times if i != own[0])
         names = " and ".join(repr(table.names[i]) for i in sorted((other, own[0])))
         what = f"{names} are two times: rows may not belong together"

@@ -56,9 +56,8 @@ def ask_about_steps(record: Record, rows: np.ndarray) -> None:
         return
     way = np.pad(np.sign(np.diff(path)), 1)
     onward = (way[:-2] == way[1:-1]) & (way[1:-1] == way[2:]) & (way[1:-1] != 0.0)
-    even = onward & (
-        _over_others(np.abs(np.diff(path))) < STEEP
-    )  # no turn of the stretch, where loads fall
+    # no turn of the stretch, where loads fall
+    even = onward & (_over_others(np.abs(np.diff(path))) < STEEP)
     for k, curve in zip(record.axes_of(rows), load.T, strict=True):
         step, noise = np.diff(curve), 10.0 * second_difference_scatter(curve)
         span, fall = float(np.ptp(load)), np.maximum(-step, 0.0)
@@ -115,21 +114,19 @@ def ask_about_falls_of_one(record: Record, rows: np.ndarray, cycles: Sequence[Cy
 
 def ask_about_signs(record: Record, rows: np.ndarray, sources: Mapping[str, Source]) -> None:
     """Ask where a load falls while its direction is stretched, or both are counted negative."""
-    largest, axes = float(np.ptp(record.pulled(rows)[1], axis=0).max()), record.axes_of(rows)
+    axes, (_, loads) = record.axes_of(rows), record.pulled(rows)
+    low = -NEGATIVE * float(np.ptp(loads, axis=0).max())
     for k in axes:
         stretch, load = record.stretch[rows, k], record.load[rows, k]
         change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
         strain, rise = stretch - stretch[0], load - load[0]
         shortens = -strain.min() > strain.max()
         of_load = not record.experiment.is_mounted or not shortens
-        if change < -NEGATIVE * largest:
+        if change < low:
             wrong = ["load"] if of_load or rise[np.abs(strain).argmax()] < 0.0 else ["stretch"]
             says = f"the {record.load_named(k)} falls by {-change:.3g} while the stretch in "
             says += f"{'xy'[k]} rises"
-        elif (
-            shortens and axes == (0, 1)
-            and max(rise[strain.argmin()], load.min()) < -NEGATIVE * largest
-        ):  # fmt: skip
+        elif shortens and axes == (0, 1) and max(rise[strain.argmin()], load.min()) < low:
             wrong = ["stretch", "load"]
             says = f"stretch and load in {'xy'[k]} both fall from the first row on, as in "
             says += "compression"
@@ -158,21 +155,18 @@ def _turned(record: Record, sources: Mapping[str, Source], k: int, which: str) -
     return f"{source.target}={again}:{source.unit.name}"  # type: ignore[union-attr]
 
 
-# --- a loading branch -----------------------------------------------------------------------------
-
-
 def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recording:
     """A loading branch whose load and stretch go on together; asks where they do not."""
-    record, loads = taken.record, taken.pulled[1]
+    record = taken.record
+    loads = record.pulled(taken.rows)[1]
     rest = rest_rows(taken.stretch[:, 0], taken.stretch[:, 1], taken.load)
     falling = None if choice.rows else _falls(taken, rest)
-    stuck = max(_runs(taken.stretch[rest:]), key=len)
-    steps = repeats(taken.stretch, taken.load, rest) or any(
-        _rises(load, loads)
-        for load in (record.load[cycle.hold][:, taken.axes], loads[rest:][stuck])
-        if len(load) > 2
-    )
-    relaxes = (falling is not None and _relaxes(taken, falling[1])) or _has_steps(taken, rest)
+    runs = _runs(taken.stretch[rest:])
+    at_peak = (record.load[cycle.hold][:, taken.axes], loads[rest:][max(runs, key=len)])
+    steps = repeats(taken.stretch, taken.load, rest)
+    steps = steps or any(_rises(load, loads) for load in at_peak if len(load) > 2)
+    relaxes = falling is not None and _relaxes(taken, falling[1])
+    relaxes = relaxes or _relax_in_steps(loads[rest:], runs)
     if choice.still in ("first", "last") or (choice.still is None and (steps or relaxes)):
         return _one_row_a_step(taken, cycle.hold, choice, "goes on" if steps else "relaxes")
     if choice.rows is not None:
@@ -188,9 +182,7 @@ def followed_by_load(taken: Recording, cycle: Cycle, choice: Choice) -> Recordin
     return taken
 
 
-def _one_row_a_step(
-    taken: Recording, hold: np.ndarray, choice: Choice, load_does: str
-) -> Recording:
+def _one_row_a_step(taken: Recording, hold: np.ndarray, choice: Choice, does: str) -> Recording:
     """The first or last row of each run of the same stretch, as the user chose."""
     record, rows = taken.record, np.concatenate([taken.rows, hold])
     runs = _runs(record.stretch[rows])
@@ -200,7 +192,7 @@ def _one_row_a_step(
             remedy = "check the columns of the stretches"
             raise InputError("the stretch never changes", file=record.path, remedy=remedy)
         problem = f"the stretch stands still in up to {longest.size} rows (lines "
-        problem += f"{in_lines(record.lines[longest])}) while the load {load_does}: a camera slower"
+        problem += f"{in_lines(record.lines[longest])}) while the load {does}: a camera slower"
         problem += " than the load cell, a coarse or frozen stretch, or steps with relaxation"
         gives = {
             "still=first": f"{len(runs)} rows, the first of each stretch",
@@ -235,10 +227,9 @@ def _rises(held: np.ndarray, load: np.ndarray) -> bool:
     return bool(np.any(rise > JUMP * np.ptp(load) + noise))
 
 
-def _has_steps(taken: Recording, rest: int) -> bool:
+def _relax_in_steps(load: np.ndarray, runs: Sequence[np.ndarray]) -> bool:
     """Whether the stretch goes on in steps, in most of which the load relaxes."""
-    load = taken.pulled[1][rest:]
-    runs = [run for run in _runs(taken.stretch[rest:]) if run.size >= 3]
+    runs = [run for run in runs if run.size >= 3]
     if 2 * sum(map(len, runs)) < len(load) or len(runs) < 3:
         return False
     falls = np.array([load[run[0]] - load[run[-1]] for run in runs])
@@ -248,7 +239,7 @@ def _has_steps(taken: Recording, rest: int) -> bool:
 
 def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
     """Direction and rows of a load that falls although the stretch does not, or None."""
-    stretch, loads = taken.pulled
+    stretch, loads = taken.record.pulled(taken.rows)
     path = stretch.sum(axis=1)
     for k, curve in zip(taken.axes, loads.T, strict=True):
         smooth = median_filter(curve, 5, mode="nearest")
@@ -263,7 +254,7 @@ def _falls(taken: Recording, rest: int) -> tuple[int, np.ndarray] | None:
 
 def _relaxes(taken: Recording, falling: np.ndarray) -> bool:
     """Whether the stretch stands still in the first rows in which the load falls."""
-    stretch = taken.pulled[0].sum(axis=1)
+    stretch = taken.record.pulled(taken.rows)[0].sum(axis=1)
     after = stretch[falling[0] - 1 : falling[0] + 5]
     half_step = 0.5 * float(np.ptp(stretch)) / stretch.size
     scatter = 4.0 * second_difference_scatter(stretch)
@@ -272,7 +263,7 @@ def _relaxes(taken: Recording, falling: np.ndarray) -> bool:
 
 def _ask_about_level_loads(taken: Recording, cycle: Cycle) -> None:
     """Ask where a load stays while the stretch goes on as far as it rose with before."""
-    stretch, loads = taken.pulled
+    stretch, loads = taken.record.pulled(taken.rows)
     path = np.abs(stretch - stretch[0]).sum(axis=1)
     for k, curve in zip(taken.axes, loads.T, strict=True):
         scatter, span = second_difference_scatter(curve), float(np.ptp(curve))

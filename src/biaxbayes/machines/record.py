@@ -113,11 +113,6 @@ class Recording:
         return self.record.axes_of(self.rows)
 
     @property
-    def pulled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stretch and load (n, directions) in the directions that are pulled."""
-        return self.record.pulled(self.rows)
-
-    @property
     def time_s(self) -> np.ndarray | None:
         """Times; none of a path that was reversed."""
         time = self.record.time_s
@@ -129,9 +124,6 @@ class Recording:
         return self.record.lines[self.rows]
 
 
-# --- lines of a file ------------------------------------------------------------------------------
-
-
 def outside(lines: np.ndarray, wanted: str | None, file: object) -> np.ndarray:
     """A reason for each line outside ``12:480`` or ``2:30,32:61``, empty for the others."""
     if wanted in (None, "all"):
@@ -140,17 +132,14 @@ def outside(lines: np.ndarray, wanted: str | None, file: object) -> np.ndarray:
     for part in str(wanted).split(","):
         first, colon, last = part.strip().partition(":")
         if not (colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
-            raise InputError(
-                f"`rows`: {part.strip()[:40]!r} is not of the form 12:480",
-                remedy="give first and last line of the file, several ranges with commas, or all",
-            )
+            problem = f"`rows`: {part.strip()[:40]!r} is not of the form 12:480"
+            remedy = "give first and last line of the file, several ranges with commas, or all"
+            raise InputError(problem, remedy=remedy)
         inside |= (lines >= int(first)) & (lines <= int(last))
     if inside.sum() < 2:
-        raise InputError(
-            f"`rows` {str(wanted)[:40]} leaves {inside.sum()} rows",
-            file=file,
-            remedy=f"the table is in lines {lines[0]} to {lines[-1]}",
-        )
+        problem = f"`rows` {str(wanted)[:40]} leaves {inside.sum()} rows"
+        remedy = f"the table is in lines {lines[0]} to {lines[-1]}"
+        raise InputError(problem, file=file, remedy=remedy)
     return np.where(inside, "", "not in the rows that were asked for").astype(object)
 
 

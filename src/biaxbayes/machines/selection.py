@@ -1,8 +1,4 @@
-"""The loading paths of a record: protocols, cycles and branches as the user chose them.
-
-Where the record leaves a choice and the user gave none, a :class:`Question` lists the choices.
-Every row that is left out has its reason in the record.
-"""
+"""The loading paths of a record: protocols, cycles and branches, as chosen or asked for."""
 
 from __future__ import annotations
 
@@ -30,7 +26,6 @@ from biaxbayes.tables.question import Question
 from biaxbayes.tables.table import in_lines
 from biaxbayes.text_files import first_few
 
-RATIOS = ("ratio", "load-ratio")
 LEVEL = "level"
 UNFINISHED = 0.95
 """Reach of a last cycle without unloading, over that of the one before, from which it is whole."""
@@ -49,19 +44,13 @@ def select(record: Record, choice: Choice) -> list[Recording]:
     kept = np.concatenate([r.rows for r in taken])
     for cycle in (cycle for cycles in protocols.values() for cycle in cycles):
         mine = np.isin(cycle.rows("both"), kept).any()
-        for rows, side in (
-            (cycle.loading, "loading"),
-            (cycle.hold, "hold at the peak"),
-            (cycle.unloading, "unloading"),
-        ):
+        sides = ("loading", "hold at the peak", "unloading")
+        for rows, side in zip(cycle.parts, sides, strict=True):
             reason = side if mine else "a cycle that was not chosen"
             record.leave_out(np.setdiff1d(rows, kept), reason)
     others = np.setdiff1d(np.arange(record.lines.size), kept)
     record.leave_out(others, "rest or a smaller loop, in no cycle")
     return taken
-
-
-# --- protocols ------------------------------------------------------------------------------------
 
 
 def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
@@ -72,10 +61,8 @@ def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
     cycles = named[""]
     held = [at_level(record.stretch, cycle) for cycle in cycles]
     levels = by_level(record.stretch, held)
-    groups = {
-        kind: by_ratio(curves, cycles)
-        for kind, curves in zip(RATIOS, (record.stretch, record.load), strict=True)
-    }
+    groups = {kind: by_ratio(curves, cycles) for kind, curves in (
+        ("ratio", record.stretch), ("load-ratio", record.load))}  # fmt: skip
     proposed = groups
     if by == LEVEL or (len(levels) > 1 and "both" not in levels):
         groups, proposed = groups | {LEVEL: levels}, {LEVEL: levels}
@@ -83,11 +70,9 @@ def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
         gives = {f"protocols_by={kind}": _in_groups(group) for kind, group in proposed.items()}
         if LEVEL not in groups:  # a level alone is no test
             gives["protocols_by=none"] = "all are cycles of one protocol"
-        at_levels = f" at {len(levels)} levels" * (LEVEL in groups)
-        problem = (
-            f"holds {len(cycles)} cycles of {len(groups['ratio'])} stretch ratios{at_levels}, "
-        )
-        problem += "and nothing says what separates its protocols"
+        problem = f"holds {len(cycles)} cycles of {len(groups['ratio'])} stretch ratios"
+        problem += f" at {len(levels)} levels" * (LEVEL in groups)
+        problem += ", and nothing says what separates its protocols"
         raise Question(problem, {**gives, "protocols_by=COLUMN": ""}, file=record.path)
     if by not in groups or len(groups[by]) == 1:
         return named
@@ -104,14 +89,9 @@ def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
 
 def _in_groups(groups: Mapping[str, Sequence[int]]) -> str:
     """Cycles by ratio, for a question."""
-    listed = [
-        f"{name}: cycle{'s' * (len(g) > 1)} {' '.join(str(n + 1) for n in g)}"
-        for name, g in groups.items()
-    ]
+    numbers = {name: " ".join(str(n + 1) for n in group) for name, group in groups.items()}
+    listed = [f"{name}: cycle{'s' * (' ' in text)} {text}" for name, text in numbers.items()]
     return first_few(listed, SHOWN, "; ")
-
-
-# --- cycles and branches --------------------------------------------------------------------------
 
 
 def _chosen(
@@ -119,50 +99,36 @@ def _chosen(
 ) -> dict[str, Sequence[int]]:
     """Indices of the chosen cycles of each protocol."""
     which = choice.cycles
-    if which in (None, "last"):
-        for name, cycles in protocols.items():
-            _ask_about_unfinished(record, name, cycles)
+    for name, cycles in protocols.items() if which in (None, "last") else ():
+        if len(cycles) < 2 or cycles[-1].unloading.size or cycles[-1].hold.size >= LEAST_ROWS:
+            continue
+        reach = [np.abs(peak_change(record.stretch, c.loading)).max() for c in cycles[-2:]]
+        if reach[1] < UNFINISHED * reach[0]:  # it ends on its rise
+            gives = {f"cycles={c.label}": record.shown(c.loading) for c in cycles[-2:]}
+            problem = f"the record ends on the rise of cycle {cycles[-1].label}"
+            problem += f"{f' of {name}' if name else ''}, at {reach[1] / reach[0]:.0%} of the "
+            raise Question(f"{problem}stretch of the one before", gives, file=record.path)
     several = {name: cycles for name, cycles in protocols.items() if len(cycles) > 1}
     if which is None and several:
         numbers = [f"{name}: {len(c)}".removeprefix(": ") for name, c in several.items()]
-        last = [
-            f"{name}: {record.shown(cycles[-1].loading)}".removeprefix(": ")
-            for name, cycles in protocols.items()
-        ]
+        peaks = {name: record.shown(cycles[-1].loading) for name, cycles in protocols.items()}
+        last = [f"{name}: {shown}".removeprefix(": ") for name, shown in peaks.items()]
         labels = [[cycle.label for cycle in cycles] for cycles in protocols.values()]
         of_all = [c for c in next(iter(several.values())) if all(c.label in k for k in labels)]
         time, begins = record.time_s, [c.loading[0] for k in several.values() for c in k[1:]]
         back = [record.lines[at] for at in begins if time is not None and time[at] < time[at - 1]]
         of = "line" if len(back) == 1 else "lines"
         cut = f", cut where the time steps back in {of} {in_lines(back)}" if back else ""
-        raise Question(
-            f"holds several cycles ({first_few(numbers, SHOWN)}){cut}",
-            {
-                "cycles=last": first_few(last, 3, "; "),
-                "cycles=all": "each cycle a protocol",
-                **{f"cycles={c.label}": record.shown(c.loading) for c in of_all[:SHOWN]},
-            },
-            file=record.path,
-        )
+        gives = {"cycles=last": first_few(last, 3, "; "), "cycles=all": "each cycle a protocol"}
+        gives |= {f"cycles={c.label}": record.shown(c.loading) for c in of_all[:SHOWN]}
+        problem = f"holds several cycles ({first_few(numbers, SHOWN)}){cut}"
+        raise Question(problem, gives, file=record.path)
     if choice.repeats == "cycles" and not several:
         which = "last"  # the number is that among several files
     return {
         name: _numbers(which, [cycle.label for cycle in cycles], name, record.path)
         for name, cycles in protocols.items()
     }
-
-
-def _ask_about_unfinished(record: Record, name: str, cycles: Sequence[Cycle]) -> None:
-    """Ask where the last cycle ends on its rise, before the peak of the one before."""
-    if len(cycles) < 2 or cycles[-1].unloading.size or cycles[-1].hold.size >= LEAST_ROWS:
-        return
-    reach = [np.abs(peak_change(record.stretch, c.loading)).max() for c in cycles[-2:]]
-    if reach[1] < UNFINISHED * reach[0]:
-        gives = {f"cycles={c.label}": record.shown(c.loading) for c in cycles[-2:]}
-        of = f" of {name}" if name else ""
-        problem = f"the record ends on the rise of cycle {cycles[-1].label}{of}, at "
-        problem += f"{reach[1] / reach[0]:.0%} of the stretch of the one before"
-        raise Question(problem, gives, file=record.path)
 
 
 def _numbers(which: str | int | None, labels: Sequence[str], of: str, file: Path) -> Sequence[int]:
@@ -205,15 +171,11 @@ def _recording(
         taken = followed_by_load(taken, cycle, choice)
     if number == 0 or several:
         return taken
-    axes = taken.axes
-    names = "".join("xy"[k] for k in axes)
+    axes, names = taken.axes, "".join("xy"[k] for k in taken.axes)
     curves = record.stretch[:, axes], record.load[:, axes]
     text, settled = settling(*curves, names, cycles[number - 1].loading, cycle.loading)
     text = f"{name}: {text}" if name else text
     return replace(taken, notes=(text,)) if settled else replace(taken, assumptions=(text,))
-
-
-# --- recordings of several files, sheets or sets --------------------------------------------------
 
 
 def without_repeats(recordings: Sequence[Recording], choice: Choice) -> list[Recording]:

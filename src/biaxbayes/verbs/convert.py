@@ -15,8 +15,13 @@ import click
 from biaxbayes.errors import InputError
 from biaxbayes.experiments import EXPERIMENTS
 from biaxbayes.machines.choice import FORMATS, Choice
-from biaxbayes.machines.outcome import Conversion, OpenQuestions
-from biaxbayes.machines.recipe import read_recipe, recipe_text, refuse_other_content
+from biaxbayes.machines.outcome import (
+    Conversion,
+    OpenQuestions,
+    read_recipe,
+    recipe_text,
+    refuse_other_content,
+)
 from biaxbayes.options import takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
