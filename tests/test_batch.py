@@ -13,12 +13,12 @@ from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import Prior
-from biaxbayes.parallel import InThisProcess, Processes
+from biaxbayes.parallel import Processes
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import DEFAULT_OPTIONS, read_study
 from biaxbayes.studies.study_result import SpecimenOutcome
-from biaxbayes.tasks import Outcome
+from biaxbayes.tasks import Executor, Outcome
 from biaxbayes.verbs import batch as batch_module
 from biaxbayes.verbs.batch import SpecimenTask, run_study, sample_specimen
 from commands import refused, run
@@ -149,7 +149,7 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
     first = replace(study, specimens=study.specimens[:1])
     arguments = []
 
-    class Stopped(InThisProcess):
+    class Stopped(Executor):
         """Asked to stop while its task is under way."""
 
         def run(self, function, tasks, *, stop=lambda: False):
@@ -172,7 +172,7 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
     assert ours.read_bytes() == whole.read_bytes()
 
 
-class Replaced(InThisProcess):
+class Replaced(Executor):
     """What becomes of each task is given."""
 
     def __init__(self, outcome):

@@ -13,7 +13,7 @@ from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import Settings
 from biaxbayes.specimens.virtual_specimen import virtual_inflation
-from biaxbayes.verbs.check import specimen_contents
+from biaxbayes.verbs.check import Checked
 
 MATERIAL = GOH(15.0, 40.0, 4.0, 40.0, 0.15)
 VALUES = {"C1": 15.0, "k1": 40.0, "k2": 4.0, "alpha": 40.0, "kappa": 0.15}
@@ -63,7 +63,7 @@ def test_a_force_acts_on_the_section_that_its_kind_of_test_states(monkeypatch, i
     read = forward.load(VALUES | {"k1": 0.0}, p.stretch)[0, :, 0]
     around = p.stretch_x
     np.testing.assert_allclose(read, 30.0 * SECTION * (around - around**-2), rtol=1e-9, atol=1e-12)
-    section = specimen_contents(made)["section_x_mm2"]
+    section = Checked(made, ()).record()["section_x_mm2"]
     assert section == (None if in_weights else pytest.approx(1e3 * SECTION))
 
 

@@ -14,12 +14,13 @@ import shared
 from biaxbayes import cluster as dask_cluster
 from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.parallel import InThisProcess, Processes, executor_for
+from biaxbayes.parallel import Processes, executor_for
+from biaxbayes.tasks import Executor
 
 
 def test_every_task_is_done_once_and_in_several_processes():
     numbers = list(range(8))
-    for executor in (InThisProcess(), Processes(2)):
+    for executor in (Executor(), Processes(2)):
         result = {o.index: o.value for o in executor.run(tasks.square, numbers)}
         assert result == {n: n * n for n in numbers}
     with Processes(2) as executor:

@@ -18,7 +18,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.errors import Interrupted, RunError
-from biaxbayes.progress_bar import StoppedAtOnce, graceful_stop, with_progress
+from biaxbayes.progress_bar import graceful_stop, with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.checkpoint import NAME, PREVIOUS
 from biaxbayes.runs.folder import PROVENANCE
@@ -207,13 +207,13 @@ def test_a_second_signal_stops_at_once_without_damage(expected, halfway, capsys,
 
 def test_a_signal_that_compiled_code_hides_is_still_a_signal():
     hidden = SystemError("_numba_unpickle returned a result with an exception set")
-    hidden.__cause__ = StoppedAtOnce(signal.SIGTERM)
+    hidden.__cause__ = KeyboardInterrupt(signal.SIGTERM)
 
     @with_progress
     def verb():
         raise SystemError("CPUDispatcher returned a result with an exception set") from hidden
 
-    with pytest.raises(StoppedAtOnce) as stopped, graceful_stop():
+    with pytest.raises(KeyboardInterrupt) as stopped, graceful_stop():
         verb()
     assert stopped.value.args == (signal.SIGTERM,)
     with pytest.raises(KeyboardInterrupt):

@@ -51,26 +51,22 @@ _OTHER_NAMES = {"law": "material"}
 __all__ = ["__version__", *_EXPORTS]
 
 
-def _version() -> str:
-    """The version that is installed; packages are looked through for it on first use."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("biaxbayes")
-    except PackageNotFoundError:  # running from a source tree that was never installed
-        return "0+unknown"
-
-
 __version__: str
 
 
 def __getattr__(name: str) -> Any:
+    value: Any
     if name == "__version__":
-        globals()[name] = _version()
-        return globals()[name]
-    if name not in _EXPORTS:
+        from importlib import metadata
+
+        try:
+            value = metadata.version("biaxbayes")
+        except metadata.PackageNotFoundError:  # a source tree that was never installed
+            value = "0+unknown"
+    elif name in _EXPORTS:
+        value = getattr(import_module(_EXPORTS[name]), _OTHER_NAMES.get(name, name))
+    else:
         raise AttributeError(f"module 'biaxbayes' has no attribute {name!r}")
-    value = getattr(import_module(_EXPORTS[name]), _OTHER_NAMES.get(name, name))
     globals()[name] = value
     return value
 

@@ -148,10 +148,7 @@ def _outcome(arguments: list[str] | None) -> int:
             raise
         return _ended(f"{os_error_text(error)}; check space and permissions", 2)
     except MemoryError:
-        return _ended(
-            "not enough memory; give a smaller --max-rows, or ask for fewer draws",
-            2,
-        )
+        return _ended("not enough memory; give a smaller --max-rows, or ask for fewer draws", 2)
     except Exception as error:
         return _internal(error)
     return outcome if isinstance(outcome, int) else 0

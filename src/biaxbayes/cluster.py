@@ -32,23 +32,39 @@ class Cluster(Executor):
 
     def __init__(self, address: str) -> None:
         if importlib.util.find_spec("distributed") is None:
-            raise InputError(
-                "`scheduler` needs the package distributed, which is not installed",
-                remedy="pip install 'biaxbayes[cluster]'",
-            )
+            problem = "`scheduler` needs the package distributed, which is not installed"
+            raise InputError(problem, remedy="pip install 'biaxbayes[cluster]'")
         self.address = address
         self._client: Client | None = None
 
     def __enter__(self) -> Self:
-        client = self._connected()
+        from distributed import Client, Security
+        from distributed.comm import get_address_host_port, normalize_address
+
+        try:
+            # Refused before there is a client: one that fails half-way is closed by the garbage
+            # collector, which waits for ever where it does so while the next client starts.
+            address = normalize_address(self.address)
+            get_address_host_port(address)
+            certificates = Security().get_connection_args("client").get("ssl_context")
+            if address.startswith("tls://") and certificates is None:
+                raise ValueError("Dask's configuration names no TLS certificates")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # slightly different versions of Dask
+                # not the default client, so that writing files here does not use the cluster
+                client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            reason = type(error).__name__ if isinstance(error, OSError) else str(error)
+            there = f"`scheduler` {self.address[:80]}: no Dask scheduler answers there"
+            remedy = "start one with 'dask scheduler' and give the address that it prints"
+            raise InputError(f"{there} ({reason})", remedy=remedy) from None
         try:
             client.wait_for_workers(1, timeout=WORKER_SECONDS)
         except TimeoutError:
             client.close()
-            raise InputError(
-                f"`scheduler` {self.address}: the cluster has no workers",
-                remedy=f"start some with 'dask worker {self.address} --nthreads 1'",
-            ) from None
+            problem = f"`scheduler` {self.address}: the cluster has no workers"
+            remedy = f"start some with 'dask worker {self.address} --nthreads 1'"
+            raise InputError(problem, remedy=remedy) from None
         self._client = client
         return self
 
@@ -88,45 +104,20 @@ class Cluster(Executor):
             if not done:
                 time.sleep(POLL_SECONDS)
 
-    def _connected(self) -> Client:
-        from distributed import Client, Security
-        from distributed.comm import get_address_host_port, normalize_address
-
-        try:
-            # Refused before there is a client: one that fails half-way is closed by the garbage
-            # collector, which waits for ever where it does so while the next client starts.
-            address = normalize_address(self.address)
-            get_address_host_port(address)
-            certificates = Security().get_connection_args("client").get("ssl_context")
-            if address.startswith("tls://") and certificates is None:
-                raise ValueError("Dask's configuration names no TLS certificates")
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # slightly different versions of Dask
-                # not the default client, so that writing files here does not use the cluster
-                return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            reason = type(error).__name__ if isinstance(error, OSError) else str(error)
-            raise InputError(
-                f"`scheduler` {self.address[:80]}: no Dask scheduler answers there ({reason})",
-                remedy="start one with 'dask scheduler' and give the address that it prints",
-            ) from None
-
     def _outcome(self, index: int, future: Any) -> Outcome:
         from distributed import CancelledError, KilledWorker
 
         try:
             value, error = pickle.loads(future.result())
         except (ModuleNotFoundError, AttributeError):
-            raise InputError(
-                "a worker of the cluster has no biaxbayes of this version",
-                remedy=f"install biaxbayes {biaxbayes.__version__} for all workers",
-            ) from None
+            problem = "a worker of the cluster has no biaxbayes of this version"
+            remedy = f"install biaxbayes {biaxbayes.__version__} for all workers"
+            raise InputError(problem, remedy=remedy) from None
         except KilledWorker:
             return Outcome(index, None, "the workers that had it died (out of memory, or killed)")
         except (CancelledError, OSError):
-            raise RunError(
-                f"{self.address}: lost the connection to the scheduler, or the task"
-            ) from None
+            problem = f"{self.address}: lost the connection to the scheduler, or the task"
+            raise RunError(problem) from None
         if error is not None:
             raise error
         return Outcome(index, value)

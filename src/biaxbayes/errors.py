@@ -38,10 +38,7 @@ class InputError(BiaxbayesError):
         column: str | None = None,
         remedy: str | None = None,
     ) -> None:
-        self.problem = problem
-        self.file = file
-        self.row = row
-        self.column = column
+        self.problem, self.file, self.row, self.column = problem, file, row, column
         self.remedy = remedy
         where = [] if file is None else [str(file)]
         if row is not None:

@@ -1,9 +1,7 @@
 """Every option that a user can set, defined once: name, default, range or choices, help text.
 
-An option is a field of a frozen dataclass, made by :func:`option`; the dataclass checks its
-values. The command line, the keyword arguments of the Python functions, the ``[options]`` of study
-files and the provenance of a run are derived from it. Options of a single command are defined in
-its file in :mod:`biaxbayes.verbs`.
+An option is a field of a frozen dataclass, which checks it; command line, keyword arguments, the
+``[options]`` of study files and provenance come from it. Those of one command are in its file.
 """
 
 from __future__ import annotations
@@ -73,10 +71,15 @@ class Option(NamedTuple):
         return bool(self.minimum <= number <= self.maximum) and abs(number) != math.inf
 
 
-def option(default: Any, help: str = "", **more: Any) -> Any:
-    """Field of a table with its default and what :class:`Option` holds."""
+def option(default: Any, help: str = "", between: Any = (), inside: Any = (), **more: Any) -> Any:
+    """Field of a table with its default and what :class:`Option` holds.
+
+    The range of a number is ``between`` two ends, or ``inside`` them where it excludes them.
+    """
     if isinstance(default, bool | int | float):
         more.setdefault("kind", type(default))
+    if ends := between or inside:
+        more |= {"minimum": ends[0], "maximum": ends[1], "open_ends": bool(inside)}
     return field(default=default, metadata={"option": Option(help, **more)})
 
 
@@ -151,6 +154,7 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
         own = inspect.signature(verb)
         parameters = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
         names = {p.name for p in parameters} | set(without)
+        kind = inspect.Parameter.KEYWORD_ONLY
         entries = ""
         for table in tables:
             described = options_of(table)
@@ -160,9 +164,7 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
                 names.add(f.name)
                 default = getattr(table, f.name, None)
                 parameters.append(
-                    inspect.Parameter(
-                        f.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=f.type
-                    )
+                    inspect.Parameter(f.name, kind, default=default, annotation=f.type)
                 )
                 option = described.get(f.name) or Option(f.metadata.get("help", ""))
                 choices = ", ".join(map(repr, option.choices))
@@ -293,8 +295,7 @@ class Settings(Options):
     toe: float = option(
         0.2,
         "Sd of the prior of the law's relative error near the mounted state, where tissue is soft.",
-        minimum=0.0,
-        maximum=2.0,
+        between=(0.0, 2.0),
     )
     mounting_stretch: str = option(
         "shared",
@@ -304,16 +305,12 @@ class Settings(Options):
     mounting_sd: float = option(
         0.1,
         "Scale of the prior of the mounting stretches, a Student t about 1.",
-        minimum=0.0,
-        maximum=10.0,
-        open_ends=True,
+        inside=(0.0, 10.0),
     )
     piece_sd: float = option(
         0.1,
         "Scale (of its log) of a further piece's stiffness over that of the first, a Student t.",
-        minimum=0.0,
-        maximum=3.0,
-        open_ends=True,
+        inside=(0.0, 3.0),
     )
     max_rows: int = 0
     """Largest number of rows per protocol; longer ones are averaged down to it. 0 keeps all."""
@@ -397,11 +394,8 @@ class ModelOptions(Settings):
             text = str(value) if isinstance(value, str | numbers.Integral) else ""
             digits = text.lstrip("0")  # empty for zero
             if isinstance(value, bool) or not digits.isdecimal() or len(digits) > 15:
-                raise InputError(
-                    f"{where}max_rows must be a number of rows, {ALL_ROWS} or {AUTOMATIC}",
-                    file=file,
-                    remedy=f"{ALL_ROWS} keeps all rows",
-                )
+                problem = f"{where}max_rows must be a number of rows, {ALL_ROWS} or {AUTOMATIC}"
+                raise InputError(problem, file=file, remedy=f"{ALL_ROWS} keeps all rows")
 
 
 @dataclass(frozen=True)
@@ -421,7 +415,7 @@ MODEL_OPTIONS = options_of(Settings)
 class FitOptions(Options):
     """Least-squares fits."""
 
-    starts: int = option(8, minimum=1, maximum=512)
+    starts: int = option(8, between=(1, 512))
     seed: int = option(0, minimum=0)
     fixed: Mapping[str, float] | None = field(
         default=None, metadata={"help": "Values of fixed parameters, in their own units."}
@@ -453,10 +447,10 @@ WORKERS_HELP = "Processors to use [all, at most 4]."
 class SamplingPlan(Options):
     """Amount of sampling, and number of processors; draws do not depend on ``workers``."""
 
-    seed: int = option(1, SEED_HELP, minimum=0, maximum=MAX_INT64)
-    ess: float = option(2000.0, ESS_HELP, minimum=50, maximum=MAX_COUNT)
+    seed: int = option(1, SEED_HELP, between=(0, MAX_INT64))
+    ess: float = option(2000.0, ESS_HELP, between=(50, MAX_COUNT))
     max_steps: int = option(
-        20_000, "Largest number of steps per ensemble.", minimum=128, maximum=MAX_COUNT
+        20_000, "Largest number of steps per ensemble.", between=(128, MAX_COUNT)
     )
     workers: int | None = option(None, WORKERS_HELP, kind=int, minimum=1)
 
@@ -470,8 +464,8 @@ class SamplingPlan(Options):
 class PopulationOptions(SamplingPlan):
     """A hierarchical posterior over specimens."""
 
-    ess: float = option(1000.0, ESS_HELP, minimum=50, maximum=MAX_COUNT)
-    max_steps: int = option(6000, "Largest number of steps.", minimum=128, maximum=MAX_COUNT)
+    ess: float = option(1000.0, ESS_HELP, between=(50, MAX_COUNT))
+    max_steps: int = option(6000, "Largest number of steps.", between=(128, MAX_COUNT))
 
     pool_mounting: bool = option(False, "Pool the mounting stretches, too.")
     spread: str = option(
@@ -497,7 +491,7 @@ class CalibrationPlan(Options):
         choices=("prior", "posterior"),
         flag="from",
     )
-    seed: int = option(1, minimum=0, maximum=MAX_INT64)
+    seed: int = option(1, between=(0, MAX_INT64))
     ess: float = option(
         600.0,
         "Effective draws of each replication, at least 200: true values are ranked among 127.",
@@ -512,9 +506,9 @@ class LawsPlan(Options):
     laws: Sequence[str] | str | None = option(
         None, "Laws, separated by commas  [all]", metavar="NAME,NAME"
     )
-    seed: int = option(1, SEED_HELP, minimum=0, maximum=MAX_INT64)
-    ess: float = option(500.0, "Effective draws of each posterior.", minimum=50, maximum=MAX_COUNT)
-    max_steps: int = option(20_000, "When to give up.", minimum=128, maximum=MAX_COUNT)
+    seed: int = option(1, SEED_HELP, between=(0, MAX_INT64))
+    ess: float = option(500.0, "Effective draws of each posterior.", between=(50, MAX_COUNT))
+    max_steps: int = option(20_000, "When to give up.", between=(128, MAX_COUNT))
 
 
 # --- what is computed from a posterior -----------------------------------------------------------
@@ -528,28 +522,14 @@ class DesignOptions(Options):
         (), "A further stretch ratio to try, as 1:0.75. Repeatable.", metavar="X:Y", flag="ratio"
     )
     further: float = option(
-        1.25,
-        "Range of the extended protocol, relative to the tested range.",
-        minimum=1.0,
-        maximum=3.0,
+        1.25, "Range of the extended protocol, relative to the tested range.", between=(1.0, 3.0)
     )
     alpha_sd_deg: float = option(
-        5.0,
-        "Sd of the fibre angle from histology (degrees).",
-        minimum=0.0,
-        maximum=1e3,
-        open_ends=True,
-        flag="alpha-sd",
+        5.0, "Sd of the fibre angle from histology (degrees).", inside=(0.0, 1e3), flag="alpha-sd"
     )
-    kappa_sd: float = option(
-        0.03, "Sd of kappa from histology.", minimum=0.0, maximum=1e3, open_ends=True
-    )
+    kappa_sd: float = option(0.03, "Sd of kappa from histology.", inside=(0.0, 1e3))
     image_sd: float = option(
-        0.005,
-        "Sd of a mounting stretch measured by imaging.",
-        minimum=0.0,
-        maximum=1e3,
-        open_ends=True,
+        0.005, "Sd of a mounting stretch measured by imaging.", inside=(0.0, 1e3)
     )
     rank_by: str = option(
         "parameters",
@@ -561,9 +541,7 @@ class DesignOptions(Options):
 class PredictionOptions(Options):
     """Bands of stress on a path, or of the inflation of a tube."""
 
-    points: int = option(61, minimum=2, maximum=100_000)
+    points: int = option(61, between=(2, 100_000))
     """Number of states on a straight path."""
-    probability: float = option(
-        CONTENT, "Content of the bands.", minimum=0.0, maximum=1.0, open_ends=True
-    )
+    probability: float = option(CONTENT, "Content of the bands.", inside=(0.0, 1.0))
     seed: int = option(0, minimum=0)

@@ -42,34 +42,18 @@ def executor_for(
     """Executor for processes or Dask; `isolated`: also a single worker is a process of its own."""
     if scheduler is not None:
         if workers is not None:
-            raise InputError(
-                "give either `workers` or `scheduler`",
-                remedy="the workers of a cluster are started with it",
-            )
+            remedy = "the workers of a cluster are started with it"
+            raise InputError("give either `workers` or `scheduler`", remedy=remedy)
         return Cluster(scheduler)
     may_start = not multiprocessing.current_process().daemon
     count = (DEFAULT_WORKERS if may_start else 1) if workers is None else workers
     if count < 1:
         raise InputError("`workers` must be at least 1")
     if count > 1 and not may_start:
-        raise InputError(
-            "a worker of multiprocessing.Pool (a daemonic process) cannot start processes",
-            remedy="give workers=1, or use concurrent.futures.ProcessPoolExecutor around it",
-        )
-    return Processes(count) if may_start and (count > 1 or isolated) else InThisProcess()
-
-
-class InThisProcess(Executor):
-    """One task after the other, here."""
-
-    def run(
-        self, function: Work, tasks: Sequence[Any], *, stop: Stop = no_stop
-    ) -> Iterator[Outcome]:
-        """Run the tasks one after the other; see :meth:`Executor.run`."""
-        for index, task in enumerate(tasks):
-            if stop():
-                return
-            yield Outcome(index, with_one_blas_thread(function, task))
+        problem = "a worker of multiprocessing.Pool (a daemonic process) cannot start processes"
+        remedy = "give workers=1, or use concurrent.futures.ProcessPoolExecutor around it"
+        raise InputError(problem, remedy=remedy)
+    return Processes(count) if may_start and (count > 1 or isolated) else Executor()
 
 
 class Processes(Executor):
@@ -104,8 +88,9 @@ class Processes(Executor):
                         # The next attempt gets a new process, as an earlier task may be the cause.
                         self._idle.pop().end()
                     worker = self._idle.pop() if self._idle else _Worker()
+                    task = tasks[waiting[0]]
                     try:
-                        future = worker.submit(function, tasks[waiting[0]])
+                        future = worker.pool.submit(with_one_blas_thread, function, task)
                     except BrokenProcessPool:  # it died while idle
                         worker.remove()
                         continue
@@ -135,15 +120,12 @@ class _Worker:
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, initializer=_end_with_parent)
+        self.pool = ProcessPoolExecutor(1, context, initializer=_end_with_parent)
         chosen = multiprocessing.get_start_method(allow_none=True)
         with _signals_blocked():
-            self._pid = self._pool.submit(os.getpid)
+            self._pid = self.pool.submit(os.getpid)
         # Spawning fixes Python's default method; a caller that chooses one would get an error.
         multiprocessing.set_start_method(chosen, force=True)
-
-    def submit(self, function: Work, task: Any) -> Future[Any]:
-        return self._pool.submit(with_one_blas_thread, function, task)
 
     def end(self) -> bool:
         """Kill the process; False if it never started."""
@@ -151,7 +133,7 @@ class _Worker:
         if started:
             with contextlib.suppress(OSError):
                 os.kill(self._pid.result(), getattr(signal, "SIGKILL", signal.SIGTERM))
-        self._pool.shutdown(cancel_futures=True)
+        self.pool.shutdown(cancel_futures=True)
         return started
 
     def remove(self) -> None:

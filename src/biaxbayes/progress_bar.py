@@ -96,11 +96,8 @@ def notebook_line() -> Iterator[OnProgress]:
         line.update({"text/plain": ""}, raw=True)
 
 
-SECONDS_PER_MINUTE = 60.0
-
-
 @contextlib.contextmanager
-def minute_lines(every: float = SECONDS_PER_MINUTE) -> Iterator[OnProgress]:
+def minute_lines(every: float = 60.0) -> Iterator[OnProgress]:
     """Print notes at once and the progress each minute, by a thread: also during long steps."""
     latest, pace = "starting", Pace()
     begin, done = time.monotonic(), threading.Event()
@@ -112,7 +109,7 @@ def minute_lines(every: float = SECONDS_PER_MINUTE) -> Iterator[OnProgress]:
 
     def repeat() -> None:
         while not done.wait(every):
-            spent = f"{(time.monotonic() - begin) / SECONDS_PER_MINUTE:.0f} min spent"
+            spent = f"{(time.monotonic() - begin) / 60.0:.0f} min spent"
             print(f"biaxbayes: {latest}; {spent}", file=sys.stderr, flush=True)
 
     thread = threading.Thread(target=repeat, daemon=True)
@@ -167,10 +164,6 @@ def with_progress(verb: Verb) -> Verb:
 STOP_SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
-class StoppedAtOnce(KeyboardInterrupt):
-    """A second signal; its number is the argument."""
-
-
 @contextlib.contextmanager
 def _plain_interruption() -> Iterator[None]:
     """Raise a KeyboardInterrupt that compiled code wrapped in a SystemError."""
@@ -199,7 +192,7 @@ def graceful_stop() -> Iterator[Callable[[], int]]:
     def handle(number: int, frame: FrameType | None) -> None:
         nonlocal signal_number
         if signal_number:
-            raise StoppedAtOnce(number)
+            raise KeyboardInterrupt(number)
         signal_number = number
         with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
             os.write(2, b"stopping after this block; press Ctrl-C again to stop at once\n")

@@ -6,7 +6,6 @@ import contextlib
 import os
 import threading
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -36,16 +35,18 @@ def no_stop() -> bool:
     return False
 
 
-class Executor(ABC):
-    """Applies a function to tasks; in a ``with`` block its workers stay between runs."""
+class Executor:
+    """Applies a function to tasks: here, one after the other.
+
+    Others have workers, which in a ``with`` block stay between runs.
+    """
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: object) -> None:  # noqa: B027  without workers nothing ends
-        pass
+    def __exit__(self, *error: object) -> None:
+        pass  # without workers nothing ends
 
-    @abstractmethod
     def run(
         self, function: Work, tasks: Sequence[Any], *, stop: Stop = no_stop
     ) -> Iterator[Outcome]:
@@ -53,6 +54,10 @@ class Executor(ABC):
 
         Once ``stop()`` is true, nothing further starts, and running tasks are still yielded.
         """
+        for index, task in enumerate(tasks):
+            if stop():
+                return
+            yield Outcome(index, with_one_blas_thread(function, task))
 
 
 process_lock = threading.RLock()

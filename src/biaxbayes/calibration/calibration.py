@@ -31,7 +31,6 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import CalibrationPlan, ModelOptions, Settings
-from biaxbayes.parallel import InThisProcess
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tasks import Executor, Stop, no_stop
@@ -182,10 +181,10 @@ def run_replications(
 ) -> Iterator[tuple[int, list[dict[str, Any]]]]:
     """Yield index and rows of replications as they finish; RunError if workers keep dying."""
     left, work = list(indices), partial(replicate, calibration)
-    chosen = executor or InThisProcess()
-    if not isinstance(chosen, InThisProcess) and left:
+    chosen = executor or Executor()
+    if type(chosen) is not Executor and left:
         # The first runs here and fills the cache of compiled code for the workers.
-        for outcome in InThisProcess().run(work, left[:1], stop=stop):
+        for outcome in Executor().run(work, left[:1], stop=stop):
             yield left[0], outcome.value
             left = left[1:]
     for outcome in chosen.run(work, left, stop=stop):

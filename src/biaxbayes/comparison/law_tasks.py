@@ -24,7 +24,6 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.options import LawsPlan
-from biaxbayes.parallel import InThisProcess
 from biaxbayes.progress_bar import OnProgress, Progress
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.stored_data import DamagedArchive, pack_record, read_record
@@ -79,7 +78,7 @@ def sample_parts(
             show()
 
         # in this process nobody asks for a stop while a task is running
-        here = isinstance(executor, InThisProcess)
+        here = type(executor) is Executor
         work = [(tasks[i], partial(tell_here, told[i]) if here else told[i]) for i in missing]
         for outcome in executor.run(_sample, work, stop=show_and_stop):
             index = missing[outcome.index]

@@ -1,7 +1,6 @@
 """``biaxbayes batch``: sample many specimens and compare them.
 
-A task holds everything that its worker needs; the run folders lie in the study folder, which every
-worker must see.
+A task holds all that its worker needs; every worker must see the study folder, with the runs.
 """
 
 from __future__ import annotations
@@ -33,32 +32,17 @@ from biaxbayes.errors import (
 )
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
-from biaxbayes.parallel import InThisProcess, executor_for
+from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.study_page import closing_message, write_study
 from biaxbayes.runs.folder import PROVENANCE, RUNS, STUDY, claim_folder
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.convergence import STATES
 from biaxbayes.stored_data import read_object
+from biaxbayes.studies import study_file, study_result
 from biaxbayes.studies.record import record_runs, recorded_runs
-from biaxbayes.studies.study_file import (
-    LoadedSpecimen,
-    Study,
-    load_specimens,
-    read_study,
-    study_of_files,
-)
-from biaxbayes.studies.study_result import (
-    FAILED,
-    INTERRUPTED,
-    SpecimenOutcome,
-    StudyResult,
-    common_stretches,
-    rows_at_stretches,
-    rows_of_run,
-    rows_without_run,
-    study_table,
-)
+from biaxbayes.studies.study_file import LoadedSpecimen, Study
+from biaxbayes.studies.study_result import FAILED, INTERRUPTED, SpecimenOutcome, StudyResult
 from biaxbayes.tasks import Executor
 from biaxbayes.text_files import cache_problem, os_error_text
 from biaxbayes.verbs import options as opt
@@ -101,12 +85,12 @@ def batch(
     if isinstance(study, str | Path):
         if options:
             raise InputError("options of a study belong in its file", file=study)
-        chosen = read_study(Path(study))
+        chosen = study_file.read_study(Path(study))
     else:
         own = ("seed", "ess", "max_steps", "anyway")
         numbers = {k: options.pop(k) for k in own if k in options}
         model = ModelOptions.from_values(options).keywords()
-        chosen = study_of_files([Path(p) for p in study], model, **numbers)
+        chosen = study_file.study_of_files([Path(p) for p in study], model, **numbers)
     executor = executor_for(workers, scheduler, isolated=True)
     return run_study(chosen, Path(out), executor, progress=progress, stop=stop)
 
@@ -136,7 +120,7 @@ def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
                 problem = f"{socket.gethostname()} does not see the study folder"
                 return SpecimenOutcome(INTERRUPTED, problem)
             run = open_run(task.folder) if task.finished else _sample(task, notes)
-            rows, largest = rows_of_run(run), math.nan
+            rows, largest = study_result.rows_of_run(run), math.nan
             if run.state != "unusable":
                 largest = largest_equibiaxial(run.draws, run.specimen)
             return SpecimenOutcome(rows[0]["state"], rows[0]["reason"], rows, notes, largest)
@@ -157,7 +141,8 @@ def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
 def _failed_outcome(
     reason: str, notes: Sequence[str] = (), law: str = DEFAULT_LAW
 ) -> SpecimenOutcome:
-    return SpecimenOutcome(FAILED, reason, rows_without_run(FAILED, reason, law), list(notes))
+    rows = study_result.rows_without_run(FAILED, reason, law)
+    return SpecimenOutcome(FAILED, reason, rows, list(notes))
 
 
 def _sample(task: SpecimenTask, notes: list[str]) -> Run:
@@ -180,14 +165,15 @@ def _sample(task: SpecimenTask, notes: list[str]) -> Run:
         anyway=listing.anyway,
     )
     job = replace(job, source=listing.file.name)
+    run = partial(job.run, overwrite=True, progress=note, stop=stop)
     with first_alone():
         if stop():  # while another process was compiling
             raise Interrupted("stopped before it began")
         try:
-            folder = job.run(resume=True, overwrite=True, progress=note, stop=stop)
+            folder = run(resume=True)
         except CannotResume as error:
             notes.append(f"sampled again from the start: {error}")
-            folder = job.run(resume=False, overwrite=True, progress=note, stop=stop)
+            folder = run(resume=False)
     return open_run(folder)
 
 
@@ -196,7 +182,7 @@ def rows_of_stretches(folder: Path, stretches: Sequence[float]) -> tuple[list[di
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            return rows_at_stretches(open_run(folder), stretches), ""
+            return study_result.rows_at_stretches(open_run(folder), stretches), ""
         except BiaxbayesError as error:
             return [], str(error)
 
@@ -216,7 +202,7 @@ def run_study(
     stop: Stop = no_stop,
 ) -> StudyResult:
     """Sample what is missing, compare the groups, and write every file."""
-    executor = executor or InThisProcess()
+    executor = executor or Executor()
     with claim_folder(folder, STUDY, own={RUNS}), executor:
         runs = folder.absolute() / RUNS
         runs.mkdir(exist_ok=True)
@@ -227,28 +213,23 @@ def run_study(
         running.touch()
         try:
             progress(Progress("reading specimens"))
-            entries = load_specimens(study)
+            entries = study_file.load_specimens(study)
             outcomes = _sample_all(study, entries, folder, running, executor, progress, stop)
-            notes = _differing_axes(entries)
+            notes = []
+            for axis in "xy":
+                named = {getattr(e.specimen, f"axis_{axis}") for e in entries if e.specimen}
+                if len(known := sorted(str(name) for name in named if name)) > 1:
+                    words = ", ".join(known)
+                    notes.append(f"axis {axis} is not the same direction everywhere: {words}")
             progress(Progress("stresses at common stretches"))
             notes += _add_common_stretches(entries, outcomes, runs, executor)
-            table = study_table(entries, outcomes)
+            table = study_result.study_table(entries, outcomes)
             progress(Progress("writing"))
             result = StudyResult(study.name, folder.absolute(), table, notes)
             write_study(result)
         finally:
             running.unlink(missing_ok=True)
     return result
-
-
-def _differing_axes(entries: list[LoadedSpecimen]) -> list[str]:
-    """Notes on axes that are not the same direction of the tissue in all specimens."""
-    out = []
-    for axis in "xy":
-        named = {getattr(e.specimen, f"axis_{axis}") for e in entries if e.specimen}
-        if len(known := sorted(str(name) for name in named if name)) > 1:
-            out.append(f"axis {axis} is not the same direction everywhere: {', '.join(known)}")
-    return out
 
 
 def _add_common_stretches(
@@ -259,14 +240,14 @@ def _add_common_stretches(
 ) -> list[str]:
     """Add the rows at stretches that every converged specimen reached; why where they lack."""
     known = {e.slug: e for e in entries if outcomes[e.slug].state == "converged"}
-    stretches = common_stretches([outcomes[slug].largest_stretch for slug in known])
+    stretches = study_result.common_stretches([outcomes[slug].largest_stretch for slug in known])
     if not stretches:
         return []
     slugs, notes = list(known), []
     at_stretches = partial(rows_of_stretches, stretches=tuple(stretches))
     for outcome in executor.run(at_stretches, [runs / slug for slug in slugs]):
         slug = slugs[outcome.index]
-        rows, failure = ([], outcome.failure) if outcome.failure else outcome.value
+        rows, failure = outcome.value or ([], outcome.failure)
         if failure:
             notes.append(f"{known[slug].listing.label}: no stresses: {failure}")
         outcomes[slug] = replace(outcomes[slug], rows=[*outcomes[slug].rows, *rows])
@@ -286,20 +267,17 @@ def _sample_all(
     runs = folder.absolute() / RUNS
     outcomes = {e.slug: _failed_outcome(e.problem) for e in entries if e.specimen is None}
     recorded = recorded_runs(folder)
-    finished = {
-        e.slug: e.fingerprint
-        for e in entries
-        if e.specimen
-        and recorded.get(e.slug) == e.fingerprint
-        and "biaxbayes" in read_object(runs / e.slug / PROVENANCE)
-    }
+    finished = {}
+    for e in entries:
+        unchanged = e.specimen and recorded.get(e.slug) == e.fingerprint
+        if unchanged and "biaxbayes" in read_object(runs / e.slug / PROVENANCE):
+            finished[e.slug] = e.fingerprint
     record_runs(study, folder, finished)
     more = f", {len(finished)} of them finished before" if finished else ""
     progress(Progress(f"sampling {len(entries)} specimens{more}"))
 
     def stopped() -> int:
-        signal = stop()
-        if signal:
+        if signal := stop():
             running.unlink(missing_ok=True)
         return signal
 
@@ -314,9 +292,8 @@ def _sample_all(
         result = _failed_outcome(outcome.failure) if outcome.failure else outcome.value
         if result.state == INTERRUPTED:
             if not stopped():
-                raise RunError(
-                    f"{result.reason} {folder.absolute()}; put it where all workers see it"
-                )
+                place = folder.absolute()
+                raise RunError(f"{result.reason} {place}; put it where all workers see it")
             continue
         outcomes[entry.slug] = result
         for note in result.notes:
@@ -355,14 +332,7 @@ STUDY_FILE_ENTRIES = {
 @opt.options(SamplingPlan, "ess", "max_steps")
 @opt.anyway_option
 @opt.quiet_option
-def command(
-    sources: tuple[Path, ...],
-    workers: int | None,
-    scheduler: str | None,
-    out: Path | None,
-    quiet: bool,
-    **given: Any,
-) -> int:
+def command(sources: tuple[Path, ...], out: Path | None, quiet: bool, **given: Any) -> int:
     r"""Sample many specimens: those of a study file, or the CSV files given.
 
     Writes a study folder: study.csv with a row for each specimen and quantity, summaries across
@@ -378,34 +348,26 @@ def command(
     biaxbayes batch *.csv --out aortas --noise independent
     """
     study: Any = sources
+    executor = {name: given.pop(name) for name in ("workers", "scheduler")}
     mounting_force = given.pop("mounting_force")
     studies = [path for path in sources if path.suffix.lower() == ".toml"]
     if studies:
         study = studies[0]
         if len(sources) > 1:
-            raise InputError(
-                "a study file cannot be combined with other files",
-                file=study,
-                remedy="list all specimens in it",
-            )
+            problem = "a study file cannot be combined with other files"
+            raise InputError(problem, file=study, remedy="list all specimens in it")
         for name, key in STUDY_FILE_ENTRIES.items():
-            opt.refuse_options(
-                (name,),
-                "{} is for CSV files",
-                file=study,
-                remedy=f"write it in the study file, under {key.format(name)}",
-            )
+            remedy = f"write it in the study file, under {key.format(name)}"
+            opt.refuse_options((name,), "{} is for CSV files", file=study, remedy=remedy)
         given = {}
     elif mounting_force is not None:
-        raise InputError(
-            "`mounting_force` belongs to one specimen",
-            remedy="give mounting_force for each specimen in a study file",
-        )
+        remedy = "give mounting_force for each specimen in a study file"
+        raise InputError("`mounting_force` belongs to one specimen", remedy=remedy)
     else:
         given = opt.with_priors(**given)
     folder = out or Path(f"{sources[0].stem}-study" if len(sources) == 1 else "study")
     with opt.progress_and_stop(quiet) as work:
-        result = batch(study, out=folder, workers=workers, scheduler=scheduler, **work, **given)
+        result = batch(study, out=folder, **executor, **work, **given)
     if not quiet:
         click.echo(closing_message(result))
     for label, reason in result.failures.items():

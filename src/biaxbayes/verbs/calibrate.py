@@ -33,7 +33,7 @@ from biaxbayes.figures.simulations import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.priors import prior_value
 from biaxbayes.options import CalibrationPlan, InferringOptions, takes_options
-from biaxbayes.parallel import InThisProcess, executor_for
+from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.report_table import Column, Table
 from biaxbayes.runs.folder import claim_folder, refuse_other_work
@@ -91,7 +91,7 @@ def run_calibration(
         if missing:
             progress(Progress("compiling (once; cached for later runs)"))
         saved, done = time.monotonic(), replications - len(missing)
-        executor = executor or InThisProcess()
+        executor = executor or Executor()
         for i, made in run_replications(calibration, missing, executor=executor, stop=stop):
             rows[i] = made
             done += 1
@@ -219,11 +219,10 @@ def closing_message(folder: Path, outcome: CalibrationResult) -> str:
         Column("parameter", "Parameter"),
         Column("uniformity_p", "Uniform p", format=".3f", number=True),
         Column("inside_band", "In band", number=True),
-        *(
-            Column(f"coverage_{level}", f"{level} % interval holds", format=".1f %", number=True)
-            for level in (50, 80, 90, 95)
-        ),
     ]
+    for level in (50, 80, 90, 95):
+        holds = f"{level} % interval holds"
+        columns.append(Column(f"coverage_{level}", holds, format=".1f %", number=True))
     lines = Table(columns, outcome.table).lines()
     others = ", ".join(f"{v} {k}" for k, v in outcome.states.items() if k != "converged")
     lines.append(f"{total} replications, {others or 'all converged'}")

@@ -23,6 +23,14 @@ from biaxbayes.text_files import aligned, refuse_foreign
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
 from biaxbayes.verbs.options import argument, file_option, flag, json_option
 
+GRIPS_NOT_STATED = (
+    "the header does not state the grips, so the loads are taken as those of a uniform test; five "
+    "hooks per edge carry about a tenth less. Add 'grips: hooks 5' and 'grip_inset_mm: 1.5', or "
+    "'grips: none'"
+)
+PLAIN_KEYS = ("layer", "axis_x", "axis_y", "geometry", "edge_x_mm", "edge_y_mm", "thickness_mm")
+FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis in "xy")
+
 
 @dataclass(frozen=True)
 class Checked:
@@ -44,8 +52,47 @@ class Checked:
 
     def record(self) -> dict[str, Any]:
         """Contents as plain values, as ``biaxbayes check --json`` prints them."""
+        specimen = self.specimen
+        readings, sds = specimen.mounting_readings(shared=False)
+        axes = specimen.experiment.axes
+        area = specimen.experiment.area(specimen.header, specimen.loads)
+        sections = {k: float(area[k] / N_PER_KPA_MM2) for k in axes} if area is not None else {}
+
+        def span(stretch: np.ndarray) -> list[float] | None:
+            return None if np.isnan(stretch).any() else [float(stretch.min()), float(stretch.max())]
+
         return {
-            **specimen_contents(self.specimen),
+            "specimen": specimen.name,
+            "test": specimen.test,
+            **{key: getattr(specimen, key) for key in PLAIN_KEYS},
+            **{f"section_{a}_mm2": sections.get(k) for k, a in enumerate("xy")},
+            "loads": specimen.loads,
+            "unit": specimen.unit,
+            "reference": specimen.reference or REFERENCES[0],
+            "load_noise": specimen.noise_sd,
+            "load_noise_stated": specimen.load_noise is not None,
+            "tared": specimen.is_tared,
+            "metadata": dict(specimen.metadata),
+            "notes": list(specimen.notes),
+            "protocols": [
+                {
+                    "name": p.name,
+                    "rows": p.rows,
+                    "rest_rows": p.rest_rows,
+                    "stretch_x": span(p.stretch_x),
+                    "stretch_y": span(p.stretch_y),
+                    "largest_load_x": float(load[:, 0].max()) if 0 in axes else None,
+                    "largest_load_y": float(load[:, 1].max()) if 1 in axes else None,
+                    **{
+                        key: float(value) if p.rest_rows and "xy".index(key[-1]) in axes else None
+                        for key, value in zip(FORCE_KEYS, (*reading, *sd), strict=True)
+                    },
+                    "reference_x": p.reference[0],
+                    "reference_y": p.reference[1],
+                }
+                for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True)
+                for load in [specimen.load(p)]
+            ],
             "findings": [asdict(finding) for finding in self.findings],
         }
 
@@ -93,26 +140,22 @@ def check(
     if data.needs_grip_correction:
         from biaxbayes.grips.hooks import describe_hooks, stated_hooks
 
-        width = 2.0 * stated_hooks(data).radius_mm
         words = (
             f"sample and fit correct the loads for {describe_hooks(data)}, each of which moves a "
-            f"patch {width:.3g} mm wide; stretches from "
+            f"patch {2.0 * stated_hooks(data).radius_mm:.3g} mm wide; stretches from "
             f"{data.metadata.get('stretch_from', 'markers')}"
         )
         findings.append(Finding("grips", "note", words))
     if fit:
-        from biaxbayes.fitting.fit_quality import (
-            misfit_finding,
-            quick_fit,
-            swapped_columns,
-        )
+        from biaxbayes.fitting.fit_quality import misfit_finding, quick_fit, swapped_columns
         from biaxbayes.fitting.law_fits import quick_better_law
 
         best = quick_fit(data)
-        swapped = swapped_columns(data, best.residuals, best=best)
-        findings += [misfit_finding(data, best), *([swapped] if swapped else [])]
-        better = quick_better_law(data)
-        findings += [Finding("other-law", "note", better)] if better else []
+        findings.append(misfit_finding(data, best))
+        if swapped := swapped_columns(data, best.residuals, best=best):
+            findings.append(swapped)
+        if better := quick_better_law(data):
+            findings.append(Finding("other-law", "note", better))
     if figure is not None or sketch is not None:
         from biaxbayes.figures.mounting import sketch_figure
         from biaxbayes.figures.specimen import specimen_figure
@@ -125,67 +168,11 @@ def check(
         save_figure(specimen_figure(data), Path(figure))
     if sketch is not None:
         if not data.has_hooks:
-            raise InputError(
-                "`sketch` draws hooks, and the header states none",
-                file=data.name,
-                remedy="add lines such as '# grips: hooks 5' and '# grip_inset_mm: 1.5'",
-            )
+            problem = "`sketch` draws hooks, and the header states none"
+            remedy = "add lines such as '# grips: hooks 5' and '# grip_inset_mm: 1.5'"
+            raise InputError(problem, file=data.name, remedy=remedy)
         save_figure(sketch_figure(data), Path(sketch))
     return Checked(data, sorted_findings(findings))
-
-
-GRIPS_NOT_STATED = (
-    "the header does not state the grips, so the loads are taken as those of a uniform test; five "
-    "hooks per edge carry about a tenth less. Add 'grips: hooks 5' and 'grip_inset_mm: 1.5', or "
-    "'grips: none'"
-)
-PLAIN_KEYS = ("layer", "axis_x", "axis_y", "geometry", "edge_x_mm", "edge_y_mm", "thickness_mm")
-FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis in "xy")
-
-
-def specimen_contents(specimen: Specimen) -> dict[str, Any]:
-    """Contents of a specimen as plain values."""
-    readings, sds = specimen.mounting_readings(shared=False)
-    axes = specimen.experiment.axes
-    area = specimen.experiment.area(specimen.header, specimen.loads)
-    sections = {k: float(area[k] / N_PER_KPA_MM2) for k in axes} if area is not None else {}
-
-    def span(stretch: np.ndarray) -> list[float] | None:
-        return None if np.isnan(stretch).any() else [float(stretch.min()), float(stretch.max())]
-
-    return {
-        "specimen": specimen.name,
-        "test": specimen.test,
-        **{key: getattr(specimen, key) for key in PLAIN_KEYS},
-        **{f"section_{a}_mm2": sections.get(k) for k, a in enumerate("xy")},
-        "loads": specimen.loads,
-        "unit": specimen.unit,
-        "reference": specimen.reference or REFERENCES[0],
-        "load_noise": specimen.noise_sd,
-        "load_noise_stated": specimen.load_noise is not None,
-        "tared": specimen.is_tared,
-        "metadata": dict(specimen.metadata),
-        "notes": list(specimen.notes),
-        "protocols": [
-            {
-                "name": p.name,
-                "rows": p.rows,
-                "rest_rows": p.rest_rows,
-                "stretch_x": span(p.stretch_x),
-                "stretch_y": span(p.stretch_y),
-                "largest_load_x": float(load[:, 0].max()) if 0 in axes else None,
-                "largest_load_y": float(load[:, 1].max()) if 1 in axes else None,
-                **{
-                    key: float(value) if p.rest_rows and "xy".index(key[-1]) in axes else None
-                    for key, value in zip(FORCE_KEYS, (*reading, *sd), strict=True)
-                },
-                "reference_x": p.reference[0],
-                "reference_y": p.reference[1],
-            }
-            for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True)
-            for load in [specimen.load(p)]
-        ],
-    }
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -224,12 +211,10 @@ def command(
         click.echo(json.dumps(result.record(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
         _print_result(result)
-        if figure is not None:
-            click.echo(f"figure: {figure}")
-        if sketch is not None:
-            click.echo(f"sketch: {sketch}")
-        if not no_picture:
-            click.echo(f"picture: {_picture(result.specimen, specimen)}")
+        picture = None if no_picture else _picture(result.specimen, specimen)
+        for what, where in {"figure": figure, "sketch": sketch, "picture": picture}.items():
+            if where is not None:
+                click.echo(f"{what}: {where}")
     refused = any(finding.severity == "error" for finding in result.findings)
     return InputError.exit_code if refused else 0
 
@@ -270,14 +255,11 @@ def _print_result(result: Checked) -> None:
         "load noise": f"{specimen.noise_sd:.3g} {specimen.unit}, {origin}",
     }
     click.echo(f"specimen {specimen.name}{f', {specimen.layer}' if specimen.layer else ''}")
-    for name, text in facts.items():
-        if text:
-            click.echo(f"  {name:10s} {text}")
-    for key, value in specimen.metadata.items():
-        click.echo(f"  {key}: {value}")
-    click.echo("")
+    lines = [f"  {name:10s} {text}" for name, text in facts.items() if text]
+    lines += [f"  {key}: {value}" for key, value in specimen.metadata.items()]
+    click.echo("\n".join([*lines, ""]))
     force = f"mounting force x, y ({about['unit']})"
-    lines = [["protocol", "rows", "at rest", "stretch x", "stretch y", force]]
+    table = [["protocol", "rows", "at rest", "stretch x", "stretch y", force]]
     for p in about["protocols"]:
         spans = [p[f"stretch_{k}"] for k in "xy"]
         ranges = ["{:.4f}-{:.4f}".format(*span) if span else "free" for span in spans]
@@ -289,8 +271,8 @@ def _print_result(result: Checked) -> None:
                 else "free"
                 for k in "xy"
             )
-        lines.append([p["name"], str(p["rows"]), str(p["rest_rows"]), *ranges, forces])
-    click.echo(textwrap.indent("\n".join(aligned(lines)), "  ") + "\n")
+        table.append([p["name"], str(p["rows"]), str(p["rest_rows"]), *ranges, forces])
+    click.echo(textwrap.indent("\n".join(aligned(table)), "  ") + "\n")
     wrapped = textwrap.TextWrapper(96, subsequent_indent="    ", break_long_words=False)
     for finding in findings:
         click.echo(wrapped.fill(str(finding)))

@@ -63,39 +63,28 @@ def compare(
     if len(runs) < 2:
         raise InputError("a comparison needs at least two runs")
     if labels is not None and (len(labels) != len(runs) or not all(labels)):
-        raise InputError(
-            f"{len(labels)} `labels` for {len(runs)} runs", remedy="give one label for each run"
-        )
+        problem = f"{len(labels)} `labels` for {len(runs)} runs"
+        raise InputError(problem, remedy="give one label for each run")
+    options |= {"mounting_force": mounting_force, "anyway": anyway, "overwrite": overwrite}
     opened = []
     for source in runs:
-        if inputs.is_run(source):
-            run = source
-        elif out is None:
-            raise InputError(
-                "a specimen that is sampled needs a folder for its run", remedy="give it with `out`"
-            )
-        else:
-            stem = source.name if isinstance(source, Specimen) else Path(source).stem  # type: ignore
-            run = sample(
-                source,  # type: ignore[arg-type]
-                out=Path(out) / f"{stem}-posterior",
-                mounting_force=mounting_force,
-                anyway=anyway,
-                overwrite=overwrite,
-                progress=progress,
-                stop=stop,
-                **options,
-            )
-        opened.append(inputs.usable_run(run, anyway=anyway))  # type: ignore[arg-type]
+        run: Any = source
+        if not inputs.is_run(source):
+            if out is None:
+                problem = "a specimen that is sampled needs a folder for its run"
+                raise InputError(problem, remedy="give it with `out`")
+            stem = run.name if isinstance(run, Specimen) else Path(run).stem
+            folder = Path(out) / f"{stem}-posterior"
+            run = sample(run, out=folder, progress=progress, stop=stop, **options)
+        opened.append(inputs.usable_run(run, anyway=anyway))
     names = labels or run_labels([r.specimen for r in opened], [r.path.name for r in opened])
-    # Draws used in spite of their state still get no verdict.
-    states = ["tentative" if r.state == "unusable" else r.state for r in opened]
-    result = lay_out(
-        [
-            ComparedRun(name, run.posterior(), run.draws, state, run.result.reported)
-            for name, run, state in zip(names, opened, states, strict=True)
-        ]
-    )
+    compared = []
+    for name, run in zip(names, opened, strict=True):
+        # Draws used in spite of their state still get no verdict.
+        state = "tentative" if run.state == "unusable" else run.state
+        posterior = run.posterior()
+        compared.append(ComparedRun(name, posterior, run.draws, state, run.result.reported))
+    result = lay_out(compared)
     if out is not None:
         write_comparison(result, Path(out))
     return result

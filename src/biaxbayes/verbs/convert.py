@@ -87,21 +87,38 @@ def convert(
     from biaxbayes.machines.conversion import convert as conversion
 
     found: dict[str, Any] = {}
-    own = {f.name for f in fields(Choice)}
-    of_header = {*HEADER_OPTIONS, *METADATA_KEYS} - own
+    known_keys = (*HEADER_OPTIONS, *METADATA_KEYS)
+    of_header = set(known_keys) - {f.name for f in fields(Choice)}
     keys = {name: options.pop(name) for name in [*options] if name in of_header}
     header = {**(header or {}), **keys}
     if recipe is not None:
         answers, lab, found = read_recipe(Path(recipe))
         options, header = answers | options, lab | header
-    choice = _choice(choice, options)
+    if choice is None:
+        if "machine" not in options:
+            known = " or ".join(FORMATS)
+            raise InputError("no machine is given", remedy=f"give `machine`: {known}")
+        for name in {"columns", "sets", "sheets"} & options.keys():
+            texts = options[name]
+            options[name] = (texts,) if isinstance(texts, str) else tuple(texts)
+        choice = Choice.from_values(options)
+    elif options:
+        problem = f"{next(iter(options))} cannot be combined with a Choice"
+        raise InputError(problem, remedy="give one")
     files = [Path(path) for path in ([raw] if isinstance(raw, str | Path) else raw)]
     for path in files:
         if files.count(path) > 1:
             raise InputError("is given twice", file=path, remedy="name each file once")
     if out is not None:
         _check_new(files, Path(out), overwrite)
-    values = _checked_header(header)
+    values = {}
+    for key, value in header.items():
+        if key not in known_keys:
+            _, hint = likely_name(str(key), known_keys)
+            remedy = f"{hint}known keys are {', '.join(dict.fromkeys(known_keys))}"
+            raise InputError(f"unknown header key {str(key)[:60]!r}", remedy=remedy)
+        if value is not None and str(value).strip():
+            values[key] = checked_value(key, value)
     result = conversion(files, choice, header=values, protocol_names=list(protocol_names))
     if len(files) > 1 and not (choice.specimen or "specimen" in values):
         result = replace(result, specimen=replace(result.specimen, name=common_stem(files)))
@@ -117,23 +134,6 @@ def common_stem(files: Sequence[Path]) -> str:
     return "".join(column[0] for column in same).rstrip("-_. ") or files[0].stem
 
 
-def _choice(choice: Choice | None, options: Mapping[str, Any]) -> Choice:
-    """The choice itself, or one of its fields as keywords."""
-    if choice is not None:
-        if options:
-            problem = f"{next(iter(options))} cannot be combined with a Choice"
-            raise InputError(problem, remedy="give one")
-        return choice
-    if "machine" not in options:
-        raise InputError("no machine is given", remedy="give `machine`: " + " or ".join(FORMATS))
-    several: dict[str, Any] = {
-        name: (options[name],) if isinstance(options[name], str) else tuple(options[name])
-        for name in ("columns", "sets", "sheets")
-        if name in options
-    }
-    return Choice.from_values({**options, **several})
-
-
 def _check_new(files: Sequence[Path], out: Path, overwrite: bool) -> None:
     """Refuse to overwrite an export, or unless asked a specimen file and what is beside it."""
     for path in files:
@@ -145,22 +145,6 @@ def _check_new(files: Sequence[Path], out: Path, overwrite: bool) -> None:
 
 def _beside(out: Path) -> list[Path]:
     return [out.with_name(out.stem + end) for end in BESIDE]
-
-
-def _checked_header(header: Mapping[str, float | str]) -> dict[str, float | str]:
-    """Values of known header keys."""
-    known_keys = (*HEADER_OPTIONS, *METADATA_KEYS)
-    values = {}
-    for key, value in header.items():
-        if key not in known_keys:
-            _, hint = likely_name(str(key), known_keys)
-            raise InputError(
-                f"unknown header key {str(key)[:60]!r}",
-                remedy=f"{hint}known keys are {', '.join(dict.fromkeys(known_keys))}",
-            )
-        if value is not None and str(value).strip():
-            values[key] = checked_value(key, value)
-    return values
 
 
 def _written(result: Conversion, out: Path) -> Conversion:
@@ -228,12 +212,7 @@ def _header_option(key: str) -> opt.Decorator:
 @opt.flag("overwrite", "Replace files of the same names.")
 @opt.together(*map(_header_option, HEADER_OPTIONS))
 def command(
-    raw: tuple[Path, ...],
-    out: Path,
-    overwrite: bool,
-    protocol_names: str | None,
-    recipe: Path | None,
-    **given: Any,
+    raw: tuple[Path, ...], out: Path, overwrite: bool, protocol_names: str | None, **given: Any
 ) -> None:
     r"""Convert machine exports to one specimen file, each RAW (or set, or sheet) a protocol of it.
 
@@ -251,15 +230,11 @@ def command(
     """
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     values = {key: given.pop(key.lower()) for key in HEADER_OPTIONS}
+    header = {key: text for key, text in values.items() if text is not None}
+    answers = {name: value for name, value in given.items() if opt.was_given(name)}
     _check_new(raw, out, overwrite)
     try:
-        result = convert(
-            raw,
-            header={key: text for key, text in values.items() if text is not None},
-            protocol_names=names,
-            recipe=recipe,
-            **{name: value for name, value in given.items() if opt.was_given(name)},
-        )
+        result = convert(raw, header=header, protocol_names=names, **answers)
     except OpenQuestions as asked:
         _print_questions(asked)
         count = len(asked.questions)
@@ -268,7 +243,7 @@ def command(
         raise InputError(text, file=asked.file, remedy=remedy) from None
     _print_conversion(result)
     _written(result, out)
-    for path, what in zip((out, *_beside(out)), ("specimen", "picture", "recipe"), strict=True):
+    for what, path in zip(("specimen", "picture", "recipe"), (out, *_beside(out)), strict=True):
         click.echo(f"{what}: {path}")
     click.echo(f"next: biaxbayes check {out}")
 
@@ -295,14 +270,12 @@ def _print_conversion(conversion: Conversion) -> None:
     specimen = conversion.specimen
     rows = sum(p.rows for p in specimen.protocols)
     click.echo(f"{specimen.name}: {rows} rows in {plural(len(specimen.protocols), 'protocol')}")
-    for line in conversion.account.split("\n"):
-        click.echo(f"  {line}")
+    click.echo("  " + conversion.account.replace("\n", "\n  "))
     readings, sds = specimen.mounting_readings(shared=False)
     for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
         if p.rest_rows:
-            read = ", ".join(
-                f"{'xy'[k]} {reading[k]:.4g} +- {sd[k]:.2g}" for k in specimen.experiment.axes
-            )
+            axes = specimen.experiment.axes
+            read = ", ".join(f"{'xy'[k]} {reading[k]:.4g} +- {sd[k]:.2g}" for k in axes)
             click.echo(f"  {p.name}: mounting force {read} {specimen.unit}")
     if "geometry" not in conversion.header and specimen.experiment.is_mounted:
         click.echo("  geometry not stated: the stresses are taken to refer to the unloaded state")

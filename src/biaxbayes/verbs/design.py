@@ -82,9 +82,8 @@ def command(run: Path, out: Path | None, **given: Any) -> int:
 
 def print_design(result: Design) -> None:
     """Print a row per candidate, cautions, and what to measure next."""
-    table = result.table
-    click.echo(f"{table.label}; nats: {GLOSSARY['nats']}\n")
-    click.echo("\n".join(table.lines()))
+    click.echo(f"{result.table.label}; nats: {GLOSSARY['nats']}\n")
+    click.echo("\n".join(result.table.lines()))
     for name, words in result.cautions().items():
         click.echo(f"caution: {name} {words}")
     for name in result.skipped:

@@ -13,14 +13,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
 from biaxbayes.reports.text import plural
 from biaxbayes.text_files import as_path
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
-from biaxbayes.verbs.options import (
-    argument,
-    file_option,
-    open_usable_run,
-    options,
-    unconverged_option,
-)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -90,29 +84,18 @@ def export(
         The manifest: one row per card.
     """
     from biaxbayes.cards.export import export_cards, export_population_cards
+    from biaxbayes.prediction import nearest_law
     from biaxbayes.prediction.draws import chosen_draws
-    from biaxbayes.prediction.nearest_law import (
-        TO_READINGS,
-        TO_TISSUE,
-        drawn_distances,
-        median_nearest_law,
-        nearest_laws,
-    )
     from biaxbayes.runs.run import Run
 
     if to not in CARD_PROGRAMS:
-        raise InputError(
-            f"unknown program {str(to)[:40]!r}", remedy=f"one of {', '.join(CARD_PROGRAMS)}"
-        )
+        problem = f"unknown program {str(to)[:40]!r}"
+        raise InputError(problem, remedy=f"one of {', '.join(CARD_PROGRAMS)}")
     chosen = CardOptions.from_values(options)
     if chosen.draws is not None and chosen.at is not None:
         raise InputError("`draws` and `at` exclude each other", remedy="give one of them")
-    how: dict[str, Any] = {
-        "program": to,
-        "units": chosen.units,
-        "bulk_ratio": chosen.bulk_ratio,
-        "overwrite": chosen.overwrite,
-    }
+    how: dict[str, Any] = {n: getattr(chosen, n) for n in ("units", "bulk_ratio", "overwrite")}
+    how["program"] = to
     which: dict[str, Any] = {"count": chosen.draws, "seed": chosen.seed}
     if population is not None:
         if chosen.at is not None or isinstance(run, Run):
@@ -126,20 +109,20 @@ def export(
     if chosen.parameters == "drawn":
         rows, origin = chosen_draws(*data, at=at, **which)
         cards = opened.draws.iloc[rows]
-        cards = cards.assign(**{TO_READINGS: drawn_distances(posterior, cards)})
+        distances = nearest_law.drawn_distances(posterior, cards)
+        cards = cards.assign(**{nearest_law.TO_READINGS: distances})
     elif chosen.draws is None and at == DRAW_AT[0]:
-        cards, middle = median_nearest_law(posterior, opened.draws)
+        cards, middle = nearest_law.median_nearest_law(posterior, opened.draws)
         rows, origin = [middle], f"{NEAREST} tissue with the median curves"
     else:
         rows, origin = chosen_draws(*data, at=at, **which)
         origin = f"{NEAREST} tissue of a {origin}"
-        cards = nearest_laws(posterior, opened.draws.iloc[rows])
+        cards = nearest_law.nearest_laws(posterior, opened.draws.iloc[rows])
     table = opened.draws.copy()
-    table[[TO_TISSUE, TO_READINGS]] = np.nan
+    table[[nearest_law.TO_TISSUE, nearest_law.TO_READINGS]] = np.nan
     table.loc[cards.index, list(cards)] = cards
-    data = (table, opened.specimen, opened.law)
     folder = _folder(opened.path, to, chosen.units, out)
-    return export_cards(*data, rows, folder, origin=origin, **how)
+    return export_cards(table, *data[1:], rows, folder, origin=origin, **how)
 
 
 def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
@@ -152,7 +135,7 @@ def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
 
 
 @click.command("export")
-@argument("run")
+@opt.argument("run")
 @click.option(
     "--to",
     type=click.Choice(CARD_PROGRAMS),
@@ -164,10 +147,10 @@ def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
     metavar="GROUP",
     help="RUN is a population's folder: cards of new specimens of the group, and the mean curve.",
 )
-@options(CardOptions, "draws", "at", "parameters", "units", "bulk_ratio", "seed")
-@file_option("out", "Folder  [default: in the run]", "DIR")
-@options(CardOptions, "overwrite")
-@unconverged_option
+@opt.options(CardOptions, "draws", "at", "parameters", "units", "bulk_ratio", "seed")
+@opt.file_option("out", "Folder  [default: in the run]", "DIR")
+@opt.options(CardOptions, "overwrite")
+@opt.unconverged_option
 def command(run: Path, out: Path | None, **given: Any) -> None:
     r"""Material cards of posterior draws.
 
@@ -180,7 +163,7 @@ def command(run: Path, out: Path | None, **given: Any) -> None:
 
     opened: Any = run
     if given["population"] is None:
-        opened = open_usable_run(run, anyway=given["anyway"])
+        opened = opt.open_usable_run(run, anyway=given["anyway"])
     folder = _folder(run, given["to"], given["units"], out)
     manifest = export(opened, out=folder, **given)
     click.echo(f"{plural(len(manifest), 'card')}; {folder / MANIFEST} maps cards to draws")

@@ -69,13 +69,11 @@ def fit(
     if method == ALL_FITS:
         del chosen["initial"]
     data = correct_for_hooks(open_specimen(specimen, mounting_force), **chosen)
-    if method == ALL_FITS:
-        results = fit_by_all(data, **chosen)
-    else:
-        results = [fit_by(data, method, **chosen)]
+    several = method == ALL_FITS
+    results = fit_by_all(data, **chosen) if several else [fit_by(data, method, **chosen)]
     if out is not None:
         _write_fits(data, results, out)
-    return results if method == ALL_FITS else results[0]
+    return results if several else results[0]
 
 
 @takes_options(FitOptions, without=("initial",))
@@ -91,8 +89,8 @@ def fit_all(
     **options
         As in :class:`~biaxbayes.options.FitOptions`, without ``initial``.
     """
-    fits = fit(specimen, ALL_FITS, mounting_force=mounting_force, out=out, **options)
-    return fits if isinstance(fits, list) else [fits]
+    fits: Any = fit(specimen, ALL_FITS, mounting_force=mounting_force, out=out, **options)
+    return list(fits)
 
 
 def correct_for_hooks(specimen: Specimen, **options: Any) -> Specimen:
@@ -122,10 +120,9 @@ def _write_fits(
     rows = []
     for result in fits:
         row = _by_state(specimen, _record(specimen, result, truth))
-        at_bound = row.pop("at_bound")
-        assert isinstance(at_bound, list)
+        at_bound = " ".join(row.pop("at_bound"))
         does = FIT_DESCRIPTIONS[result.method] if specimen.experiment.is_mounted else ""
-        rows.append({**row, "at_bound": " ".join(at_bound), "what_it_does": does})
+        rows.append({**row, "at_bound": at_bound, "what_it_does": does})
     write_csv(target / "fits.csv", pd.DataFrame(rows), digits=8)
     save_pictures(fits_figure(specimen, fits), target, "fits")
 
@@ -232,8 +229,7 @@ def command(
         )
     if poor:
         click.echo(f"warning: {poor}", err=True)
-    missed = [result.method for result in fits if not result.converged]
-    if missed:
+    if missed := [result.method for result in fits if not result.converged]:
         click.echo(f"not converged: {', '.join(missed)}", err=True)
     return opt.NOT_CONVERGED if missed else 0
 
@@ -249,7 +245,10 @@ FIT_ROWS = (
     ("RMSE", "kPa", "rmse_kPa", "{:.4g}"),
     ("MAE", "kPa", "mae_kPa", "{:.4g}"),
     ("iterations", "", "iterations", "{:d}"),
+    ("stiffness", "", "stiffness", "{:.4f}"),  # of several pieces
+    ("parameter error", "", "parameter_error", "{:.4g}"),  # where the truth is known
 )
+"""Label, unit, key of the record and format."""
 
 
 def _print_fits(
@@ -287,23 +286,12 @@ def _table(
 ) -> list[str]:
     """Lines with a column for each fit."""
     lines = [["", *(result.method for result in fits)]]
-    # label, unit, key of the record and format
-    rows = [
-        (
-            p.name,
-            p.unit.replace("1", ""),
-            p.label,
-            "{:.4g}" if p.logarithmic else FORMAT_BY_UNIT[p.unit],
-        )
-        for p in fits[0].material.law.parameters
-    ]
-    rows += FIT_ROWS
-    if specimen.further:
-        rows.append(("stiffness", "", "stiffness", "{:.4f}"))
-    if truth is not None:
-        rows.append(("parameter error", "", "parameter_error", "{:.4g}"))
+    rows = []
+    for p in fits[0].material.law.parameters:
+        form = "{:.4g}" if p.logarithmic else FORMAT_BY_UNIT[p.unit]
+        rows.append((p.name, p.unit.replace("1", ""), p.label, form))
     records = [_by_state(specimen, _record(specimen, result, truth)) for result in fits]
-    for label, unit, key, form in rows:
+    for label, unit, key, form in (*rows, *FIT_ROWS):
         for name in dict.fromkeys(n for r in records for n in r if n.partition(" ")[0] == key):
             cells = []
             for result, record in zip(fits, records, strict=True):

@@ -40,10 +40,8 @@ def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None =
             raise InputError("give at least one specimen")
         first, *others = (open_specimen(piece) for piece in specimen)
         if mounting_force is not None and others:
-            raise InputError(
-                "`mounting_force` cannot be given for several pieces",
-                remedy="state it in each file",
-            )
+            problem = "`mounting_force` cannot be given for several pieces"
+            raise InputError(problem, remedy="state it in each file")
         first = first if mounting_force is None else open_specimen(specimen[0], mounting_force)
         return first.with_pieces(others)
     file: object
@@ -59,11 +57,9 @@ def open_specimen(specimen: PiecesLike, mounting_force: Sequence[float] | None =
 def refuse_other_tests(specimen: Specimen, verb: str) -> None:
     """Refuse another test where a verb is for planar biaxial tests alone."""
     if not specimen.experiment.is_biaxial:
-        raise InputError(
-            f"`{verb}` is for planar biaxial tests, and this is a {specimen.test}",
-            file=specimen.name,
-            remedy="give a square, alone or as the first of several pieces",
-        )
+        problem = f"`{verb}` is for planar biaxial tests, and this is a {specimen.test}"
+        remedy = "give a square, alone or as the first of several pieces"
+        raise InputError(problem, file=specimen.name, remedy=remedy)
 
 
 def as_run(run: RunLike) -> Run:
@@ -138,6 +134,5 @@ def check_new(path: Path, overwrite: bool) -> None:
     if path.is_dir():
         raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
     if path.exists() and not overwrite:
-        raise InputError(
-            "exists already", file=path, remedy="choose another name, or add `overwrite=True`"
-        )
+        remedy = "choose another name, or add `overwrite=True`"
+        raise InputError("exists already", file=path, remedy=remedy)

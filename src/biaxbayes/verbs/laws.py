@@ -18,7 +18,6 @@ from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import claim_folder, refuse_other_work
 from biaxbayes.runs.provenance import specimen_digest
-from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.stored_data import json_text
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs import inputs
@@ -34,9 +33,8 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
     parts = named.split(",") if isinstance(named, str) else list(named or ())
     names = [name.strip() for name in parts if name.strip()]
     if named is not None and not names:
-        raise InputError(
-            "`laws` names no law", remedy=f"laws are {', '.join(LAWS)}; leave it out for all"
-        )
+        remedy = f"laws are {', '.join(LAWS)}; leave it out for all"
+        raise InputError("`laws` names no law", remedy=remedy)
     for name in names:
         law_named(name)
     return tuple(name for name in LAWS if not names or name in names)
@@ -80,9 +78,8 @@ def compare_laws(
     plan, others = LawsPlan.split(options)
     for name in SINGLE_LAW_OPTIONS:
         if others.get(name):
-            raise InputError(
-                f"`{name}` cannot be given for several laws", remedy="sample one law with it"
-            )
+            problem = f"`{name}` cannot be given for several laws"
+            raise InputError(problem, remedy="sample one law with it")
     model = ModelOptions.from_values(others).keywords()
     common = {k: v for k, v in model.items() if k not in SINGLE_LAW_OPTIONS}
     laws = chosen_laws(plan.laws)
@@ -90,51 +87,32 @@ def compare_laws(
     inputs.refuse_other_tests(specimen, "laws")
     executor = executor_for(workers, scheduler)
     if common["mounting_stretch"] == "per-protocol":
-        raise InputError(
-            "a protocol with its own mounted state cannot be predicted from the others",
-            remedy="leave out `mounting_stretch=per-protocol`",
-        )
+        problem = "a protocol with its own mounted state cannot be predicted from the others"
+        raise InputError(problem, remedy="leave out `mounting_stretch=per-protocol`")
     if len(laws) < 2:
-        raise InputError(
-            f"{', '.join(laws)} alone cannot be compared",
-            remedy="name at least two laws, or sample one with `law`",
-        )
+        remedy = "name at least two laws, or sample one with `law`"
+        raise InputError(f"{', '.join(laws)} alone cannot be compared", remedy=remedy)
     tasks = law_tasks(laws, specimen, common, plan)
     if out is None:
         predictions = sample_parts(tasks, None, executor, progress, stop)
         return weigh_laws(specimen, predictions, laws)
     folder = Path(out)
+    identity = {
+        "specimen_sha256": specimen_digest(specimen),
+        "options": {k: str(v) for k, v in common.items()},
+        "laws": list(laws),
+        **{name: getattr(plan, name) for name in ("seed", "ess", "max_steps")},
+        "biaxbayes": biaxbayes.__version__,
+    }
     with claim_folder(folder, RECORD):
-        _record(folder, specimen, common, laws, plan, resume=resume)
+        refuse_other_work(folder, RECORD, identity, resume=resume)
+        record = {"specimen": specimen.name, "identity": identity}
+        atomic_write_text(folder / RECORD, json_text(record))
         predictions = sample_parts(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
         result = weigh_laws(specimen, predictions, laws)
         write_law_comparison(result, folder)
     return result
-
-
-def _record(
-    folder: Path,
-    specimen: Specimen,
-    options: dict[str, Any],
-    laws: Sequence[str],
-    plan: LawsPlan,
-    *,
-    resume: bool,
-) -> None:
-    """Record what the folder compares; refuse one that holds another comparison."""
-    identity = {
-        "specimen_sha256": specimen_digest(specimen),
-        "options": {k: str(v) for k, v in options.items()},
-        "laws": list(laws),
-        "seed": plan.seed,
-        "ess": plan.ess,
-        "max_steps": plan.max_steps,
-        "biaxbayes": biaxbayes.__version__,
-    }
-    refuse_other_work(folder, RECORD, identity, resume=resume)
-    record = {"specimen": specimen.name, "identity": identity}
-    atomic_write_text(folder / RECORD, json_text(record))
 
 
 # --- the command ---------------------------------------------------------------------------------

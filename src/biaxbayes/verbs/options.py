@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from biaxbayes.errors import InputError, NotConverged
-from biaxbayes.options import WORKERS_HELP, ModelOptions, Option, Options, options_of
+from biaxbayes.options import WORKERS_HELP, ModelOptions, Options, options_of
 from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
@@ -63,29 +63,22 @@ def together(*decorators: Decorator) -> Decorator:
 
 def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
     """Options of a table (default all); `changes` by option go to ``click.option``."""
-    described = options_of(table)
-    return together(
-        *(
-            _option(name, described[name], getattr(table, name), changes.get(name, {}))
-            for name in names or described
-        )
-    )
-
-
-def _option(name: str, option: Option, default: Any, changes: dict[str, Any]) -> Decorator:
-    settings: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
-    if option.kind is bool:
-        settings |= {"is_flag": True, "default": default}
-        return click.option(f"--{option.flag}", name, **(settings | changes))
-    if option.choices:
-        settings["type"] = click.Choice(option.choices)
-    elif option.kind is not None:
-        settings["type"] = option.kind
-    if default is not None:
-        # A count is shown as a user would write it: 2000, not 2000.0.
-        whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
-        settings |= {"default": int(default) if whole else default, "show_default": True}
-    return click.option(f"--{option.flag}", name, **(settings | changes))
+    described, made = options_of(table), []
+    for name in names or described:
+        option, default = described[name], getattr(table, name)
+        settings: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
+        if option.choices:
+            settings["type"] = click.Choice(option.choices)
+        elif option.kind is bool:
+            settings |= {"is_flag": True, "default": default}
+        elif option.kind is not None:
+            settings["type"] = option.kind
+        if default is not None and option.kind is not bool:
+            # A count is shown as a user would write it: 2000, not 2000.0.
+            whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
+            settings |= {"default": int(default) if whole else default, "show_default": True}
+        made.append(click.option(f"--{option.flag}", name, **settings | changes.get(name, {})))
+    return together(*made)
 
 
 # --- further arguments and options ------------------------------------------------
@@ -103,11 +96,10 @@ def file_option(flag: str, help_text: str, metavar: str | None = None, **more: A
     return click.option(*names, type=kind, metavar=metavar, help=help_text, **more)
 
 
-def choice_option(flag: str, choices: Any, help_text: str = "", **more: Any) -> Decorator:
+def choice_option(name: str, flag: str, choices: Iterable[str], help_text: str = "") -> Decorator:
     """An option that takes one of several values, by default the first."""
-    names = [f"--{flag}", more.pop("name", flag)]
-    more = {"default": next(iter(choices)), "show_default": True, **more}
-    return click.option(*names, type=click.Choice(list(choices)), help=help_text or None, **more)
+    how: dict[str, Any] = {"type": click.Choice(list(choices)), "help": help_text or None}
+    return click.option(f"--{flag}", name, default=next(iter(choices)), show_default=True, **how)
 
 
 def flag(name: str, help_text: str) -> Decorator:
@@ -146,6 +138,11 @@ executor_options = together(
 
 
 MODEL = tuple(options_of(ModelOptions))
+
+
+def parameters_option(help_text: str) -> Decorator:
+    """``--parameter NAME``, repeatable."""
+    return click.option("--parameter", "parameters", multiple=True, metavar="NAME", help=help_text)
 
 
 def fix_option(help_text: str) -> Decorator:
@@ -188,8 +185,8 @@ def with_priors(
     material_law = law_named(law, fibre_switch=others.get("fibre_switch", False))
     chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors, material_law))
     if known := named_priors().get(str(priors)):
-        text = f"{priors}: {known['tissue']}; {known['stated']} ({known['source']}). Assumed: "
-        click.echo(f"priors of {text}{known['assumed']}", err=True)
+        text = f"{known['tissue']}; {known['stated']} ({known['source']})"
+        click.echo(f"priors of {priors}: {text}. Assumed: {known['assumed']}", err=True)
     for name, value in chosen.items():
         if isinstance(value, float):
             _warn_of_radians(name, value)

@@ -11,18 +11,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from biaxbayes.errors import InputError
+from biaxbayes.figures import style as look
 from biaxbayes.figures.bands import bands_figure
 from biaxbayes.figures.corner import corner_figure
 from biaxbayes.figures.identifiability import identifiability_figure
 from biaxbayes.figures.mounting import mounting_figure
 from biaxbayes.figures.profile import profile_figure
-from biaxbayes.figures.style import (
-    PAGE_MM,
-    SIDE_BY_SIDE_MM,
-    picture_suffix,
-    print_style,
-    save_figure,
-)
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.options import FIGURE_FORMATS, PLOTS, Option, for_users
@@ -71,12 +65,11 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
         case "profile":
             posterior = run.posterior()
             names = how.pop("names", ()) or [n for n in posterior.law.names if n in posterior.free]
-            if how["width_mm"] < SIDE_BY_SIDE_MM and len(names) > MAX_PROFILES_IN_COLUMN:
-                raise InputError(
-                    f"{len(names)} profiles do not fit one column of a page",
-                    remedy=f"name up to {MAX_PROFILES_IN_COLUMN} with `parameters`, or choose "
-                    "`width_mm=180`",
-                )
+            most = MAX_PROFILES_IN_COLUMN
+            if how["width_mm"] < look.SIDE_BY_SIDE_MM and len(names) > most:
+                problem = f"{len(names)} profiles do not fit one column of a page"
+                remedy = f"name up to {most} with `parameters`, or choose `width_mm=180`"
+                raise InputError(problem, remedy=remedy)
             return profile_figure(profiles(posterior, names), **how)
     raise InputError(f"unknown figure {str(kind)[:40]!r}", remedy=f"one of {', '.join(PLOTS)}")
 
@@ -91,7 +84,7 @@ def plot(
     *,
     out: PathLike | None = None,
     suffix: str | None = None,
-    width_mm: float = PAGE_MM,
+    width_mm: float = look.PAGE_MM,
     style: Any = None,
     truth: Any = None,
     compare: Any = None,
@@ -124,28 +117,19 @@ def plot(
     given = {"truth": truth, "compare": compare, "parameters": tuple(parameters) or None}
     for name, figures in PLOT_TAKES.items():
         if given[name] is not None and figure not in figures:
-            raise InputError(
-                f"`{name}` does not go with `figure={figure}`",
-                remedy=f"it goes with {' and '.join(figures)}",
-            )
+            problem = f"`{name}` does not go with `figure={figure}`"
+            raise InputError(problem, remedy=f"it goes with {' and '.join(figures)}")
     if not WIDTH.allows(width_mm):
         raise InputError(f"`width_mm` must be {WIDTH.allowed}")
     target = None if out is None else picture_file(out, suffix)
     how: dict[str, Any] = {"width_mm": width_mm}
-    with process_lock, print_style(as_style(style)):
+    with process_lock, look.print_style(as_style(style)):
         opened = as_run(run) if anyway or figure in FIGURES_OF_UNCONVERGED_RUNS else usable_run(run)
         files = opened.provenance.get("files") or {}
-        if (
-            target is not None
-            and target.name in files
-            and target.resolve().parent == opened.path.resolve()
-        ):
-            raise InputError(
-                "is a figure of the run itself",
-                file=target,
-                remedy="choose another name with `out`",
-            )
         if target is not None:
+            if target.name in files and target.resolve().parent == opened.path.resolve():
+                remedy = "choose another name with `out`"
+                raise InputError("is a figure of the run itself", file=target, remedy=remedy)
             refuse_foreign(target)
         if len(parameters):
             key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
@@ -165,7 +149,7 @@ def plot(
             how["reported"] = [opened.result.reported, other.result.reported]
         drawn = run_figure(opened, figure, **how)
         if target is not None:
-            save_figure(drawn, target)
+            look.save_figure(drawn, target)
         return drawn
 
 
@@ -174,11 +158,9 @@ def picture_file(out: PathLike, suffix: str | None = None) -> Path:
     path = as_path(out, "out")
     if not path.suffix:
         return path.with_name(f"{path.name}.{suffix or FIGURE_FORMATS[0]}")
-    if suffix not in (None, picture_suffix(path)):
-        raise InputError(
-            f"`suffix={suffix}` does not go with the file name {path.name!r}",
-            remedy="leave one of them out",
-        )
+    if suffix not in (None, look.picture_suffix(path)):
+        problem = f"`suffix={suffix}` does not go with the file name {path.name!r}"
+        raise InputError(problem, remedy="leave one of them out")
     return path
 
 
@@ -187,32 +169,23 @@ def picture_file(out: PathLike, suffix: str | None = None) -> Path:
 
 @click.command("plot")
 @opt.argument("run")
-@opt.choice_option("figure", PLOTS)
-@opt.choice_option(
-    "format",
-    FIGURE_FORMATS,
-    "Kind of file  [default: that of --out, else pdf]",
-    name="suffix",
-    default=None,
-    show_default=False,
+@opt.choice_option("figure", "figure", PLOTS)
+@click.option(
+    "--format",
+    "suffix",
+    type=click.Choice(FIGURE_FORMATS),
+    help="Kind of file  [default: that of --out, else pdf]",
 )
 @click.option(
     "--width-mm",
-    type=float,
-    default=PAGE_MM,
+    default=look.PAGE_MM,
     show_default=True,
     help="Width in print: 85 is a column, 180 a page.",
 )
 @opt.file_option("style", "A matplotlib style (.mplstyle) for fonts and colours.", "FILE")
 @opt.file_option("truth", "Known values to draw: corner, bands and mounting.", "JSON")
 @opt.file_option("compare", "Another run to draw over this one: corner.", "RUN")
-@click.option(
-    "--parameter",
-    "parameters",
-    multiple=True,
-    metavar="NAME",
-    help="What to show, repeatable: corner, profile and trace.",
-)
+@opt.parameters_option("What to show, repeatable: corner, profile and trace.")
 @opt.file_option(
     "out", "The file to write  [default: in the run folder, named by figure and width]", "FILE"
 )

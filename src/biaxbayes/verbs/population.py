@@ -16,6 +16,7 @@ import biaxbayes
 from biaxbayes.errors import InputError, Interrupted, printable
 from biaxbayes.options import PopulationOptions, takes_options
 from biaxbayes.parameters import MATERIAL
+from biaxbayes.populations import tables
 from biaxbayes.populations.archive import archive
 from biaxbayes.populations.grouping import group_sources, open_sources
 from biaxbayes.populations.model import (
@@ -29,34 +30,10 @@ from biaxbayes.populations.population_result import Population, PopulationResult
 from biaxbayes.populations.reweighting import MAX_K
 from biaxbayes.populations.sampler import PopulationCheckpoint, PopulationPlan
 from biaxbayes.populations.specimens import Source, check_stretches, pooled_names
-from biaxbayes.populations.tables import (
-    bands_table,
-    contradictions,
-    contrasts_table,
-    differences_from_study,
-    equibiaxial_records,
-    groups_table,
-    specimens_table,
-)
 from biaxbayes.progress_bar import Progress, with_progress
-from biaxbayes.reports.population_page import (
-    BANDS,
-    FIGURE_TEXTS,
-    LATEX,
-    PAGE,
-    TABLES,
-    closing_message,
-    population_latex,
-    population_page,
-)
+from biaxbayes.reports import population_page as page
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.folder import (
-    POPULATION,
-    lock_folder,
-    manifest,
-    refuse_finished,
-    staged,
-)
+from biaxbayes.runs.folder import POPULATION, lock_folder, manifest, refuse_finished, staged
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.stored_data import json_text, json_values
 from biaxbayes.studies.record import StudyRun, members_of_study
@@ -107,30 +84,20 @@ def population(
         As in :class:`~biaxbayes.options.PopulationOptions`.
     """
     chosen = PopulationOptions.from_values(options)
-    population_priors = (
-        PopulationPriors() if priors is None else PopulationPriors.read(Path(priors))
-    )
-    refuse_finished(Path(out), POPULATION, resume=resume, overwrite=overwrite)
+    own_priors = None if priors is None else PopulationPriors.read(Path(priors))
+    replacing: dict[str, Any] = {"resume": resume, "overwrite": overwrite}
+    work: dict[str, Any] = {"progress": progress, "stop": stop}
+    refuse_finished(Path(out), POPULATION, **replacing)
     source = Path(study)
     if not source.is_dir():
         folder = Path(runs) if runs is not None else Path(f"{source.stem}-study")
-        executor: dict[str, Any] = {"workers": chosen.workers, "scheduler": scheduler}
-        batch(source, out=folder, progress=progress, stop=stop, **executor)
+        batch(source, out=folder, workers=chosen.workers, scheduler=scheduler, **work)
         source = folder
     elif runs is not None:
         raise InputError("`runs` can be given only with a study file", file=source)
     name, members = members_of_study(source)
     return sample_population(
-        name,
-        members,
-        Path(out),
-        chosen,
-        population_priors,
-        anyway=anyway,
-        resume=resume,
-        overwrite=overwrite,
-        progress=progress,
-        stop=stop,
+        name, members, Path(out), chosen, own_priors, anyway=anyway, **replacing, **work
     )
 
 
@@ -152,10 +119,8 @@ def sample_population(
     progress(Progress("reading runs"))
     sources, left_out = open_sources(members, anyway=anyway)
     grouping, notes = group_sources(members, sources)
-    names = pooled_names(sources)
-    values = priors.apply_to(
-        pooled_values(sources[0].posterior.law, names, mounting=options.pool_mounting)
-    )
+    law, names = sources[0].posterior.law, pooled_names(sources)
+    values = priors.apply_to(pooled_values(law, names, mounting=options.pool_mounting))
     plan = PopulationPlan(**options.keywords())
     identity = _identity(sources, grouping, values, plan, options, priors)
     with lock_folder(folder, POPULATION, resume=resume, overwrite=overwrite):
@@ -167,12 +132,9 @@ def sample_population(
         for source in sources:
             check_stretches(source, values)
         layout = make_layout(grouping, values, options, priors)
+        model = (sources, grouping, values, layout, plan)
         sampled = draw_sources(
-            sources,
-            grouping,
-            values,
-            layout,
-            plan,
+            *model,
             state=stored,
             on_step=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
             progress=progress,
@@ -237,15 +199,16 @@ def write_population(
     folder: Path, result: Population, identity: dict[str, Any]
 ) -> PopulationResult:
     """Write the files of a population, its record last."""
-    specimens, contrasts = specimens_table(result), contrasts_table(result)
-    notes = [*contradictions(specimens), *differences_from_study(result, contrasts)]
-    result = replace(result, notes=[*result.notes, *notes])
-    tables = {"groups": groups_table(result), "specimens": specimens, "contrasts": contrasts}
-    for key, table in tables.items():
-        write_csv(folder / TABLES[key][0], table, digits=8)
+    specimens, contrasts = tables.specimens_table(result), tables.contrasts_table(result)
+    notes = tables.contradictions(specimens)
+    notes = [*result.notes, *notes, *tables.differences_from_study(result, contrasts)]
+    result = replace(result, notes=notes)
+    made = {"groups": tables.groups_table(result), "specimens": specimens, "contrasts": contrasts}
+    for key, table in made.items():
+        write_csv(folder / page.TABLES[key][0], table, digits=8)
     atomic_write_bytes(folder / "population.nc", archive(result))
     if result.state != "unusable":
-        draw_figures(folder, result, tables)
+        draw_figures(folder, result, made)
     convergence, labels = result.sampled.convergence, result.grouping.labels
     record = {
         "biaxbayes": biaxbayes.__version__,
@@ -271,26 +234,19 @@ def write_population(
             for v in result.values
         },
         "left_out": result.left_out,
-        "notes": result.notes,
+        "notes": notes,
         "identity": identity,
     }
-    atomic_write_text(folder / LATEX, population_latex(tables, record))
-    atomic_write_text(folder / PAGE, population_page(folder, tables, record))
-    record |= {name: json_values(table) for name, table in tables.items()}
+    atomic_write_text(folder / page.LATEX, page.population_latex(made, record))
+    atomic_write_text(folder / page.PAGE, page.population_page(folder, made, record))
+    record |= {name: json_values(table) for name, table in made.items()}
     record["files"] = manifest(folder)
     atomic_write_text(folder / POPULATION, json_text(record))
-    return PopulationResult(
-        result.name,
-        folder,
-        result.state,
-        result.reason,
-        **tables,
-        notes=result.notes,
-        left_out=result.left_out,
-    )
+    more: dict[str, Any] = {**made, "notes": notes, "left_out": result.left_out}
+    return PopulationResult(result.name, folder, result.state, result.reason, **more)
 
 
-def draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFrame]) -> None:
+def draw_figures(folder: Path, result: Population, made: dict[str, pd.DataFrame]) -> None:
     """Draw forest, pairs and stress bands."""
     from biaxbayes.figures.groups import band_figure, forest_figure, pairs_figure
     from biaxbayes.figures.style import save_pictures
@@ -298,14 +254,14 @@ def draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFram
     specimen = result.sources[0].run.specimen
     parameters = [v.parameter for v in result.values]
     materials = [p for p in parameters if p.kind == MATERIAL]
-    bands = bands_table(result)
-    write_csv(folder / f"{BANDS}.csv", bands, digits=8)
+    bands, records = tables.bands_table(result), tables.equibiaxial_records(result)
+    write_csv(folder / f"{page.BANDS}.csv", bands, digits=8)
     drawn = (
-        forest_figure(tables["specimens"], tables["groups"], parameters),
-        pairs_figure(result.new_specimens(), tables["specimens"], materials),
-        band_figure(bands, equibiaxial_records(result), directions=specimen.directions),
+        forest_figure(made["specimens"], made["groups"], parameters),
+        pairs_figure(result.new_specimens(), made["specimens"], materials),
+        band_figure(bands, records, directions=specimen.directions),
     )
-    for stem, figure in zip(FIGURE_TEXTS, drawn, strict=True):
+    for stem, figure in zip(page.FIGURE_TEXTS, drawn, strict=True):
         save_pictures(figure, folder, stem)
 
 
@@ -348,7 +304,7 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     for label, reason in result.left_out.items():
         click.echo(f"biaxbayes: left out: {printable(label)}: {printable(reason)}", err=True)
     if not quiet:
-        click.echo(closing_message(result))
+        click.echo(page.closing_message(result))
     elif result.state != "converged":
         click.echo(f"biaxbayes: {result.reason}", err=True)
     return 0 if result.state == "converged" else opt.NOT_CONVERGED

@@ -37,7 +37,7 @@ class BandOptions(PredictionOptions):
     """Bands and their figure; ``style`` is a matplotlib style file, or its settings."""
 
     suffix: str = option("pdf", choices=FIGURE_FORMATS, flag="format")
-    width_mm: float = option(85.0, minimum=50.0, maximum=400.0)
+    width_mm: float = option(85.0, between=(50.0, 400.0))
     style: Any = option(  # noqa: RUF009  an option, which is a field
         None, "A matplotlib style file.", metavar="FILE", read=inputs.as_style
     )
@@ -58,9 +58,7 @@ class PathOptions(BandOptions):
     )
     strip: str | None = option(None, "A strip, with free sides.", choices=("x", "y"))
     relative_to: str = option(
-        "mounted",
-        "The state that stretches are relative to.",
-        choices=("mounted", "unloaded"),
+        "mounted", "The state that stretches are relative to.", choices=("mounted", "unloaded")
     )
     protocol: str | None = option(None, "Whose mounted state, if each has its own.", metavar="NAME")
     stress: str = option(
@@ -97,9 +95,8 @@ def predict(
 
     chosen = PathOptions.from_values(options)
     if path is not None and (chosen.stretch is not None or chosen.ratio is not None):
-        raise InputError(
-            "`path` already gives the whole path", remedy="leave `stretch` and `ratio` out"
-        )
+        remedy = "leave `stretch` and `ratio` out"
+        raise InputError("`path` already gives the whole path", remedy=remedy)
     if chosen.strip is not None and chosen.ratio is not None:
         raise InputError("`ratio` does not go with `strip`", remedy="leave it out")
     if path is None and chosen.stretch is None:
@@ -108,10 +105,8 @@ def predict(
     specimen = with_free_sides(opened.draws, opened.specimen, opened.law)
     names = [p.name for p in specimen.protocols]
     if chosen.protocol is not None and chosen.protocol not in names:
-        raise InputError(
-            f"unknown protocol {str(chosen.protocol)[:60]!r}",
-            remedy=f"the run has {', '.join(names)}",
-        )
+        problem = f"unknown protocol {str(chosen.protocol)[:60]!r}"
+        raise InputError(problem, remedy=f"the run has {', '.join(names)}")
     if path is None:
         states = _straight_path(opened, specimen, chosen)
     elif isinstance(path, str | Path):
@@ -119,31 +114,22 @@ def predict(
     else:
         states = inputs.as_numbers(path, "path")
     where = {name: getattr(chosen, name) for name in ("relative_to", "protocol", "stress")}
+    how = {"strip": chosen.strip, "probability": chosen.probability, **where}
     posterior = opened.posterior()
-    table = predict_stress(
-        posterior,
-        opened.draws,
-        states,
-        **where,
-        strip=chosen.strip,
-        probability=chosen.probability,
-    )
+    table = predict_stress(posterior, opened.draws, states, **how)
     if out is not None:
         states = table[["stretch_x", "stretch_y"]].to_numpy()
         measured = measured_stress(posterior, opened.draws, states, **where)
-        look = {"directions": specimen.directions, "measured": measured}
-        look["relative_to"] = chosen.relative_to
-        _write(inputs.make_folder(out) / "prediction", table, chosen, stress_figure, **look)
+        look = {"directions": specimen.directions, "relative_to": chosen.relative_to}
+        stem = inputs.make_folder(out) / "prediction"
+        _write(stem, table, chosen, stress_figure, measured=measured, **look)
     return table
 
 
 def _about_total(run: Run) -> str:
     """What stretches from the unloaded state rest on; nothing where no mounting was inferred."""
-    known = [
-        f"{r.name} ({r.interval})"
-        for r in run.result.reported
-        if run.quantities[r.name].parameter.kind == STRETCH
-    ]
+    reported = {r.name: f"{r.name} ({r.interval})" for r in run.result.reported}
+    known = [w for n, w in reported.items() if run.quantities[n].parameter.kind == STRETCH]
     if not known:
         return ""
     return (
@@ -158,18 +144,18 @@ def _straight_path(run: Run, specimen: Specimen, chosen: PathOptions) -> np.ndar
 
     stretch: Any = chosen.stretch
     if np.ndim(stretch) > 0:
-        raise InputError(
-            "`stretch` must be a number, the largest stretch of a straight path",
-            remedy="for other paths give `path`, an array of two columns (x, y)",
-        )
+        problem = "`stretch` must be a number, the largest stretch of a straight path"
+        remedy = "for other paths give `path`, an array of two columns (x, y)"
+        raise InputError(problem, remedy=remedy)
+    is_number = isinstance(stretch, int | float)
     if stretch == TESTED:
         tested = prediction_range(run.draws, specimen, chosen.protocol, chosen.relative_to)
         stretch = float(tested.high.max())
-    elif not isinstance(stretch, int | float) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
+    elif not is_number or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
         remedy = STRETCH_REMEDY
-        if isinstance(stretch, int | float) and 0.0 < stretch < 0.5:
+        if is_number and 0.0 < stretch < 0.5:
             remedy = f"for a strain of {stretch:g} write {1.0 + stretch:g}"
-        shown = f"{stretch:g}" if isinstance(stretch, int | float) else str(stretch)[:40]
+        shown = f"{stretch:g}" if is_number else str(stretch)[:40]
         raise InputError(f"`stretch` {shown} is not a possible largest stretch", remedy=remedy)
     return stretch_path(stretch, ratio=chosen.ratio or (1.0, 1.0), points=chosen.points)
 
@@ -183,8 +169,8 @@ def _write(
     with print_style(chosen.style):
         figure = draw(table, probability=chosen.probability, width_mm=chosen.width_mm, **look)
         drawn = figure_bytes(figure, chosen.suffix)
-    contents = {".csv": csv_text(table).encode("utf-8"), f".{chosen.suffix}": drawn}
-    atomic_write_all({stem.with_suffix(suffix): content for suffix, content in contents.items()})
+    csv = csv_text(table).encode("utf-8")
+    atomic_write_all({stem.with_suffix(".csv"): csv, stem.with_suffix(f".{chosen.suffix}"): drawn})
 
 
 # --- inflation of a tube -------------------------------------------------------------------------
@@ -237,10 +223,8 @@ def inflate(
     if chosen.radius_mm is None or chosen.wall_mm is None:
         raise InputError("a tube needs `radius_mm` and `wall_mm`", remedy="unloaded, in mm")
     if pressure_kPa is not None and circumferential_stretch is not None:
-        raise InputError(
-            "`pressure_kPa` and `circumferential_stretch` exclude each other",
-            remedy="give one of them",
-        )
+        problem = "`pressure_kPa` and `circumferential_stretch` exclude each other"
+        raise InputError(problem, remedy="give one of them")
     opened = inputs.usable_run(run, anyway=anyway)
     tube = ThinTube(chosen.radius_mm, chosen.wall_mm, chosen.axial_stretch, chosen.around)
     data = (opened.posterior(), opened.draws, tube)
@@ -248,9 +232,9 @@ def inflate(
         states = inputs.as_numbers(circumferential_stretch, "circumferential_stretch")
         table = predict_pressure(*data, states, probability=chosen.probability)
     else:
-        pressure = np.linspace(0.0, 16.0, chosen.points) if pressure_kPa is None else pressure_kPa
-        pressure = inputs.as_numbers(pressure, "pressure_kPa")
-        table = predict_diameter(*data, pressure, probability=chosen.probability, seed=chosen.seed)
+        states = np.linspace(0.0, 16.0, chosen.points) if pressure_kPa is None else pressure_kPa
+        states = inputs.as_numbers(states, "pressure_kPa")
+        table = predict_diameter(*data, states, probability=chosen.probability, seed=chosen.seed)
     if out is not None:
         _write(inputs.make_folder(out) / "inflation", table, chosen, inflation_figure)
     return table
@@ -307,14 +291,12 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     """
     from biaxbayes.prediction.stress import INSIDE
 
-    inflated = given.pop("inflate")
-    relation = "with" if inflated else "without"
-    opt.refuse_options(
-        PATH_OPTION_NAMES if inflated else TUBE_OPTION_NAMES,
-        f"{{}} does not go {relation} `inflate`",
-    )
-    own = {f.name for f in fields(TubeOptions if inflated else PathOptions)}
-    own |= {*OF_TUBE} if inflated else {"path"}
+    if inflated := given.pop("inflate"):
+        opt.refuse_options(PATH_OPTION_NAMES, "{} does not go with `inflate`")
+        own = {*OF_TUBE, *(f.name for f in fields(TubeOptions))}
+    else:
+        opt.refuse_options(TUBE_OPTION_NAMES, "{} does not go without `inflate`")
+        own = {"path", *(f.name for f in fields(PathOptions))}
     chosen = {n: v for n, v in given.items() if v is not None and n in own}
     opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
@@ -342,8 +324,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     )
     if inflated or given["relative_to"] == "unloaded":
         click.echo(_about_total(opened), nl=False)
-    outside = int((table["extrapolation"] != INSIDE).sum())
-    if outside:
+    if outside := int((table["extrapolation"] != INSIDE).sum()):
         click.echo(
             f"note: {outside} of {len(table)} rows are extrapolations, marked in the table and "
             "dashed in the figure: their bands depend on the model alone"

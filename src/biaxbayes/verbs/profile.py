@@ -69,8 +69,7 @@ def profile(
     from biaxbayes.profiles.profile import profiles
 
     if inputs.is_run(source):
-        given = [*["mounting_force"] * (mounting_force is not None), *options]
-        if given:
+        if given := [*["mounting_force"] * (mounting_force is not None), *options]:
             problem = f"`{given[0][:60]}` does not go with a run, which has its own"
             raise InputError(problem, remedy="give the specimen's CSV instead")
         posterior = inputs.as_run(source).posterior()  # type: ignore[arg-type]
@@ -98,22 +97,13 @@ def interval_table(profiles: Sequence[Profile]) -> pd.DataFrame:
     """One row per profile: interval, open ends, kind."""
     from pandas import DataFrame
 
-    return DataFrame(
-        [
-            {
-                "parameter": p.parameter,
-                "unit": p.unit,
-                "estimate": p.estimate,
-                "low_90": p.low,
-                "high_90": p.high,
-                "open_low": p.open_low,
-                "open_high": p.open_high,
-                "kind": p.kind,
-                "in_words": p.in_words(),
-            }
-            for p in profiles
-        ]
-    )
+    ends = ["low_90", "high_90", "open_low", "open_high"]
+    rows = [
+        (p.parameter, p.unit, p.estimate, p.low, p.high, p.open_low, p.open_high, p.kind)
+        for p in profiles
+    ]
+    table = DataFrame(rows, columns=["parameter", "unit", "estimate", *ends, "kind"])
+    return table.assign(in_words=[p.in_words() for p in profiles])
 
 
 def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> None:
@@ -133,12 +123,8 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
         "kinds": "structural: flat; practical: open on a side; finite: crossed on both sides (an "
         "angle of 0 or 90 degrees is a mirror and counts as closed)",
     }
-    tables = []
-    for profile in profiles:
-        table = profile.table.copy()
-        table.insert(0, "profiled", profile.parameter)
-        tables.append(table)
-    curves = concat(tables, ignore_index=True)
+    curves = concat({p.parameter: p.table for p in profiles}, names=["profiled"])
+    curves = curves.reset_index("profiled")
     write_csv(folder / "profile.csv", curves, digits=8)
     write_csv(folder / "profile-intervals.csv", interval_table(profiles), digits=TABLE_DIGITS)
     atomic_write_text(folder / "profile-provenance.json", json_text(record))
@@ -160,12 +146,8 @@ def profiles_as_json(profiles: Sequence[Profile]) -> str:
 
 @click.command("profile")
 @opt.argument("source", metavar="SPECIMEN|RUN")
-@click.option(
-    "--parameter",
-    "parameters",
-    multiple=True,
-    metavar="NAME",
-    help="C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; repeatable [the first five].",
+@opt.parameters_option(
+    "C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; repeatable [the first five]."
 )
 @opt.options(ProfileOptions, "law", "mounting", "noise", "mounting_stretch")
 @opt.fix_option("Fix a parameter; repeatable.")
@@ -194,6 +176,5 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
     if as_json:
         click.echo(profiles_as_json(result))
         return
-    for curve in result:
-        click.echo(curve.in_words())
+    click.echo("\n".join(curve.in_words() for curve in result))
     click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")

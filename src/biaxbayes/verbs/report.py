@@ -9,8 +9,8 @@ import click
 from biaxbayes.errors import InputError
 from biaxbayes.options import REPORTS, for_users
 from biaxbayes.text_files import as_path, atomic_write_text, refuse_foreign
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, as_run
-from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
 
 
 @for_users
@@ -48,12 +48,10 @@ def report_text(run: RunLike, kind: str = "html") -> str:
 
 
 @click.command("report")
-@argument("run")
-@choice_option("format", REPORTS, "A page, or the table as LaTeX.", name="kind")
-@file_option(
-    "out",
-    "The file to write; - prints  [default: report.html or report.tex in RUN]",
-    "FILE",
+@opt.argument("run")
+@opt.choice_option("kind", "format", REPORTS, "A page, or the table as LaTeX.")
+@opt.file_option(
+    "out", "The file to write; - prints  [default: report.html or report.tex in RUN]", "FILE"
 )
 def command(run: Path, kind: str, out: Path | None) -> int:
     r"""Report RUN: one self-contained HTML page, or the table for a paper.
@@ -69,4 +67,4 @@ def command(run: Path, kind: str, out: Path | None) -> int:
         click.echo(report_text(opened, kind), nl=False)
     else:
         click.echo(str(report(opened, kind, out=out)))
-    return 0 if opened.state == "converged" else NOT_CONVERGED
+    return 0 if opened.state == "converged" else opt.NOT_CONVERGED

@@ -15,26 +15,13 @@ import click
 
 from biaxbayes.errors import InputError, Interrupted, TaredSpecimen
 from biaxbayes.fitting.fit_quality import swapped_columns
-from biaxbayes.fitting.fit_result import FitResult
-from biaxbayes.grips.correction import (
-    GripCorrection,
-    correct_for_grips,
-    grip_findings,
-    grip_record,
-    mark_grip_corrected,
-    refuse_other_law,
-)
+from biaxbayes.grips import correction as grips
 from biaxbayes.grips.hooks import stated_hooks
 from biaxbayes.laws import law_named
+from biaxbayes.model import prior_checks
 from biaxbayes.model.draw import as_sampled, draw_posterior
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import fitted
-from biaxbayes.model.prior_checks import (
-    bracket_findings,
-    prior_findings,
-    radian_findings,
-    unused_prior_findings,
-)
 from biaxbayes.options import (
     INDEPENDENT,
     INFERRING_MODES,
@@ -47,13 +34,7 @@ from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import draw_table, write_archive
-from biaxbayes.runs.folder import (
-    PROVENANCE,
-    lock_folder,
-    manifest,
-    piece_files,
-    staged,
-)
+from biaxbayes.runs.folder import PROVENANCE, lock_folder, manifest, piece_files, staged
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise
 from biaxbayes.sampling.sampler import Draws, Plan
@@ -85,7 +66,7 @@ class SampleJob:
     options: dict[str, Any]
     plan: Plan
     findings: tuple[Finding, ...] = ()
-    correction: GripCorrection | None = None
+    correction: grips.GripCorrection | None = None
 
     @classmethod
     def prepare(
@@ -121,19 +102,16 @@ class SampleJob:
             findings = (*findings, Finding("few-protocols", "warning", text))
         specimen, options = _resolve_mounting(specimen, options, file)
         if specimen.needs_grip_correction:
-            refuse_other_law(law.name, file)
+            grips.refuse_other_law(law.name, file)
             stated_hooks(specimen)
-        hooked = [piece.name for piece in specimen.further if piece.needs_grip_correction]
-        if hooked:
-            raise InputError(
-                "the loads of a further piece are not corrected for its hooks",
-                file=hooked[0],
-                remedy="sample it alone, and give specimen.csv of that run, which is corrected",
-            )
+        if hooked := [p.name for p in specimen.further if p.needs_grip_correction]:
+            problem = "the loads of a further piece are not corrected for its hooks"
+            remedy = "sample it alone, and give specimen.csv of that run, which is corrected"
+            raise InputError(problem, file=hooked[0], remedy=remedy)
         # refuses options before a folder is made
-        posterior = Posterior(mark_grip_corrected(specimen), **options)
+        posterior = Posterior(grips.mark_grip_corrected(specimen), **options)
         plan = Plan(**amount.keywords())
-        folder = Path(f"{stem}-posterior") if out is None or out == "" else Path(out)
+        folder = Path(out or f"{stem}-posterior")
         return cls(specimen, posterior, source, folder, options, plan, findings)
 
     def run(
@@ -151,21 +129,15 @@ class SampleJob:
             progress(Progress("fitting"))
             _show(self.findings, progress)
             fit_start = time.perf_counter()
-            job = self
-            if self.specimen.needs_grip_correction:
-                job = self._correct_for_grips(progress)
+            job = self._corrected_for_grips(progress)
             posterior = fitted(job.posterior, self.plan.seed)
-            swapped = swapped_columns(
-                posterior.specimen,
-                posterior.fit.residuals,
-                law=posterior.settings.law,
-                fibre_switch=posterior.settings.fibre_switch,
-            )
+            law = {n: getattr(posterior.settings, n) for n in ("law", "fibre_switch")}
+            swapped = swapped_columns(posterior.specimen, posterior.fit.residuals, **law)
             findings = [
                 *([swapped] if swapped else []),
-                *unused_prior_findings(posterior),
-                *radian_findings(posterior),
-                *prior_findings(posterior),
+                *prior_checks.unused_prior_findings(posterior),
+                *prior_checks.radian_findings(posterior),
+                *prior_checks.prior_findings(posterior),
             ]
             _show(findings, progress)
             fit_seconds = time.perf_counter() - fit_start
@@ -173,7 +145,7 @@ class SampleJob:
             posterior = as_sampled(posterior, draws.target.constants)
             names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
             stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
-            bracket = bracket_findings(stretches)
+            bracket = prior_checks.bracket_findings(stretches)
             _show(bracket, progress, "sampling")
             progress(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - start
@@ -215,18 +187,18 @@ class SampleJob:
             draws.seconds["fit"] += fit_seconds
         return draws
 
-    def _correct_for_grips(self, progress: OnProgress) -> SampleJob:
-        """The same job with loads corrected to those of a uniform test."""
+    def _corrected_for_grips(self, progress: OnProgress) -> SampleJob:
+        """The job with loads corrected to those of a uniform test, where they need it."""
+        if not self.specimen.needs_grip_correction:
+            return self
         progress(Progress("correcting for the grips"))
-
-        def fit_specimen(specimen: Specimen) -> FitResult:
-            posterior = Posterior(specimen, **self.options)
-            return posterior.least_squares(self.plan.seed)
-
-        correction = correct_for_grips(self.specimen, fit_specimen)
-        posterior = Posterior(correction.specimen, **self.options)
-        own: dict[str, Any] = {"specimen": correction.specimen, "correction": correction}
-        return replace(self, posterior=posterior, **own)
+        correction = grips.correct_for_grips(
+            self.specimen,
+            lambda data: Posterior(data, **self.options).least_squares(self.plan.seed),
+        )
+        specimen = correction.specimen
+        posterior = Posterior(specimen, **self.options)
+        return replace(self, specimen=specimen, posterior=posterior, correction=correction)
 
     def _write_files(
         self,
@@ -251,8 +223,8 @@ class SampleJob:
         if self.correction is not None:
             sd_log_ratio = self.correction.sd_log_ratio(draws.quantities, posterior.forward)
             ratios = self.correction.table(sd_log_ratio)
-            findings = (*findings, *grip_findings(self.correction, ratios))
-            record["grips"] = grip_record(self.correction, ratios)
+            findings = (*findings, *grips.grip_findings(self.correction, ratios))
+            record["grips"] = grips.grip_record(self.correction, ratios)
             write_csv(folder / "grips.csv", ratios, digits=8)
             save_pictures(grips_figure(specimen, ratios), folder, "grips")
         record["findings"] = [asdict(finding) for finding in findings]
@@ -264,20 +236,15 @@ class SampleJob:
             "sampling_seed": self.plan.seed,
         }
         write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
-        summary = summarise(
-            draws.quantities,
-            posterior.parameter_names,
-            posterior.quantities,
-            draws.convergence,
-        )
+        parameters, known = posterior.parameter_names, posterior.quantities
+        summary = summarise(draws.quantities, parameters, known, draws.convergence)
         atomic_write_text(folder / "fit.json", json_text([posterior.fit.record()]))
         write_csv(folder / "summary.csv", summary, digits=8)
         table = draw_table(draws.quantities)
         run = Run(folder, record).with_draws(table)
         verdicts = identify_run(posterior, table, status)
-        result = run_result(
-            verdicts, posterior, table, summary, record["convergence"], run.findings
-        )
+        convergence = record["convergence"]
+        result = run_result(verdicts, posterior, table, summary, convergence, run.findings)
         write_result(result, folder)
         write_figures(folder, posterior, draws, table, verdicts, result)
         record["seconds"]["total"] = round(time.perf_counter() - start, 3)
@@ -412,9 +379,9 @@ def sample(
         something else.
     """
     amount, model = SamplingPlan.split(options)
-    checked: dict[str, Any] = {"mounting_force": mounting_force, "anyway": anyway}
+    how: dict[str, Any] = {"options": model, "amount": amount, "mounting_force": mounting_force}
     with process_lock:
-        job = SampleJob.prepare(specimen, out=out, options=model, amount=amount, **checked)
+        job = SampleJob.prepare(specimen, out=out, anyway=anyway, **how)
         return open_run(job.run(resume=resume, overwrite=overwrite, progress=progress, stop=stop))
 
 

@@ -23,13 +23,13 @@ from biaxbayes.specimens.keys import GEOMETRIES, NO_GRIPS, checked_value
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.truth import Truth, truth_file, write_truth
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import as_numbers, check_new
-from biaxbayes.verbs.options import RATIO, file_option, flag, named_number, options, pair
 
 DEFAULT_HOOKS = 5
 LOWEST, HIGHEST = 0.5, 3.0
 """Range of stretches."""
-STRETCHES: dict[str, Any] = {"kind": float, "minimum": LOWEST, "maximum": HIGHEST}
+STRETCHES: dict[str, Any] = {"kind": float, "between": (LOWEST, HIGHEST)}
 
 
 @dataclass(frozen=True)
@@ -57,18 +57,12 @@ class SimulateOptions(Options):
         metavar="X:Y",
         flag="ratio",
     )
-    increments: int = option(100, minimum=1, maximum=100_000)
+    increments: int = option(100, between=(1, 100_000))
     edge: tuple[float, float] = option(
         (20.0, 20.0), "Unloaded edge, 20 or 20x15 (x, y)  [default: 20]", metavar="MM"
     )
     thickness: float | None = option(
-        None,
-        "Unloaded thickness  [default: 1]",
-        kind=float,
-        minimum=0.0,
-        maximum=1e3,
-        open_ends=True,
-        metavar="MM",
+        None, "Unloaded thickness  [default: 1]", kind=float, inside=(0.0, 1e3), metavar="MM"
     )
     header: Mapping[str, float] | None = option(
         None,
@@ -99,8 +93,7 @@ class SimulateOptions(Options):
         None,
         "Finite elements with N hooks per edge (default 5).",
         kind=int,
-        minimum=1,
-        maximum=50,
+        between=(1, 50),
         metavar="[N]",
     )
     seed: int = option(0, minimum=0)
@@ -144,29 +137,19 @@ def simulate(
 def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
     """Specimen and truth of the test."""
     from biaxbayes.fem.sheet_tester import Hooks
-    from biaxbayes.specimens.virtual_specimen import (
-        Dimensions,
-        Machine,
-        virtual_inflation,
-        virtual_specimen,
-    )
+    from biaxbayes.specimens import virtual_specimen as virtual
 
     material, published = _material(test)
     _check_options(test, material)
     thickness = test.thickness or published.thickness_mm or 1.0
-    common: dict[str, Any] = {
-        "name": name,
-        "source": published.source,
-        "increments": test.increments,
-        "seed": test.seed,
-    }
+    common: dict[str, Any] = {n: getattr(test, n) for n in ("test", "increments", "seed")}
+    common |= {"name": name, "source": published.source}
     keys: dict[str, Any] = {}
     try:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
             if not EXPERIMENTS[test.test].is_mounted:
-                specimen, truth = virtual_inflation(
+                specimen, truth = virtual.virtual_inflation(
                     material,
-                    test.test,
                     thickness_mm=thickness,
                     header={k: float(checked_value(k, v)) for k, v in (test.header or {}).items()},
                     largest_stretch=test.total_stretch or 1.0,
@@ -176,39 +159,30 @@ def _simulate(test: SimulateOptions, name: str) -> tuple[Specimen, Truth]:
                     **common,
                 )
             else:
-                edge = as_numbers(test.edge, "edge", 2)
+                edge_x, edge_y = as_numbers(test.edge, "edge", 2).tolist()
                 hooks = Hooks(count=test.hooks) if test.hooks else None
-                specimen, truth = virtual_specimen(
+                of_machine = ("noise_N", "misfit", "loads", "geometry")
+                specimen, truth = virtual.virtual_specimen(
                     material,
                     **_path(test, published),
-                    dimensions=Dimensions(float(edge[0]), float(edge[1]), thickness),
-                    machine=Machine(
-                        noise_N=test.noise_N,
-                        misfit=test.misfit,
-                        loads=test.loads,
-                        geometry=test.geometry,
-                    ),
-                    test=test.test,
+                    dimensions=virtual.Dimensions(edge_x, edge_y, thickness),
+                    machine=virtual.Machine(**{n: getattr(test, n) for n in of_machine}),
                     hooks=hooks,
                     **common,
                 )
                 keys = {"grips": NO_GRIPS} if EXPERIMENTS[test.test].is_biaxial else {}
                 if hooks is not None:
-                    keys = {
-                        "grips": f"hooks {hooks.count}",
-                        "grip_inset_mm": hooks.inset_mm,
-                        "grip_width_mm": 2.0 * hooks.radius_mm,
-                    }
+                    keys = {"grips": f"hooks {hooks.count}", "grip_inset_mm": hooks.inset_mm}
+                    keys["grip_width_mm"] = 2.0 * hooks.radius_mm
     except ValueError as error:
         raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
     specimen = replace(specimen, metadata={**specimen.metadata, **keys})
     try:
         check_round_trip(specimen, name)
     except InputError as error:
-        raise InputError(
-            f"this test gives a record that cannot be used: {error.problem}",
-            remedy="choose another stretch, ratio or material",
-        ) from None
+        problem = f"this test gives a record that cannot be used: {error.problem}"
+        remedy = "choose another stretch, ratio or material"
+        raise InputError(problem, remedy=remedy) from None
     return specimen, truth
 
 
@@ -237,10 +211,8 @@ def _check_options(test: SimulateOptions, material: MaterialResponse) -> None:
             problem = f"a {test.test} test needs its largest stretch"
             raise InputError(problem, remedy="give `total_stretch`")
     if test.hooks and not (kind.is_biaxial and isinstance(material, GOH)):
-        raise InputError(
-            "tests on `hooks` are simulated for squares of the law goh alone",
-            remedy="leave `hooks` out, or give such a test and material",
-        )
+        problem = "tests on `hooks` are simulated for squares of the law goh alone"
+        raise InputError(problem, remedy="leave `hooks` out, or give such a test and material")
 
 
 def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
@@ -250,10 +222,8 @@ def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
     elif isinstance(test.material, str) and test.material in MATERIALS:
         published = MATERIALS[test.material]
     else:
-        raise InputError(
-            f"unknown material {str(test.material)[:60]!r}",
-            remedy=f"make one by biaxbayes.law(...), or name one of {', '.join(MATERIALS)}",
-        )
+        remedy = f"make one by biaxbayes.law(...), or name one of {', '.join(MATERIALS)}"
+        raise InputError(f"unknown material {str(test.material)[:60]!r}", remedy=remedy)
     material = published.material
     if test.fibre_switch and isinstance(material, GOH):
         material = replace(material, fibre_switch=True)
@@ -266,10 +236,8 @@ def _material(test: SimulateOptions) -> tuple[Any, PublishedMaterial]:
 def _path(test: SimulateOptions, published: PublishedMaterial) -> dict[str, Any]:
     """Mounting stretch, largest stretch and ratios, from the options or as published."""
     if test.prestretch is None and published.mounting_stretch == (1.0, 1.0):
-        raise InputError(
-            "no mounting stretch is published with this material",
-            remedy="give `prestretch` X Y (1 1 for none)",
-        )
+        problem = "no mounting stretch is published with this material"
+        raise InputError(problem, remedy="give `prestretch` X Y (1 1 for none)")
     given = published.mounting_stretch if test.prestretch is None else test.prestretch
     mounting = _stretches(given, "prestretch", 2)
     total, measured = test.total_stretch, test.measured_stretch
@@ -293,10 +261,8 @@ def _stretches(given: Any, name: str, count: int | None = None) -> list[float]:
     stretches: list[float] = as_numbers(given, name, count).ravel().tolist()
     for value in stretches:
         if not LOWEST <= value <= HIGHEST:
-            raise InputError(
-                f"`{name}` of {value:g} is out of range",
-                remedy="stretches are ratios near 1, such as 1.02",
-            )
+            remedy = "stretches are ratios near 1, such as 1.02"
+            raise InputError(f"`{name}` of {value:g} is out of range", remedy=remedy)
     return stretches
 
 
@@ -304,7 +270,7 @@ def _stretches(given: Any, name: str, count: int | None = None) -> list[float]:
 
 
 @click.command("simulate")
-@options(SimulateOptions, "material")
+@opt.options(SimulateOptions, "material")
 @click.option(
     "--goh",
     nargs=5,
@@ -318,24 +284,23 @@ def _stretches(given: Any, name: str, count: int | None = None) -> list[float]:
     metavar="NAME=VALUE,...",
     help="All parameters of --law, as c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2.",
 )
-@options(
+@opt.options(
     SimulateOptions,
     *(name for name in options_of(SimulateOptions) if name != "material"),
     prestretch={"nargs": 2, "type": float},
-    ratios={"multiple": True, "type": RATIO, "show_default": False},
+    ratios={"multiple": True, "type": opt.RATIO, "show_default": False},
     axial_stretches={"multiple": True, "type": float, "show_default": False},
-    edge={"type": pair("x", "20 or 20x15", single=True), "show_default": False},
+    edge={"type": opt.pair("x", "20 or 20x15", single=True), "show_default": False},
     header={"multiple": True, "type": str, "show_default": False},
     noise_kPa={"show_default": False},
     noise_N={"show_default": False},
     misfit={"show_default": False},
     hooks={"is_flag": False, "flag_value": DEFAULT_HOOKS},
 )
-@file_option("out", "CSV to write  [required]", "FILE")
-@flag("overwrite", "Replace files of the same name.")
+@opt.file_option("out", "CSV to write  [required]", "FILE")
+@opt.flag("overwrite", "Replace files of the same name.")
 def command(
     out: Path | None,
-    overwrite: bool,
     material: str | None,
     goh: tuple[float, float, float, float, float] | None,
     law: str | None,
@@ -358,32 +323,26 @@ def command(
     """
     if material == "list":
         for name, published in MATERIALS.items():
-            m = published.material
-            click.echo(
-                f"{name:18s} {m.C1_kPa:6g} {m.k1_kPa:6g} {m.k2:6g} {m.alpha_deg:6g} {m.kappa:6g}"
-                f"  {published.source}"
-            )
+            numbers = " ".join(f"{value:6g}" for value in published.material.values)
+            click.echo(f"{name:18s} {numbers}  {published.source}")
         return
     if out is None:
         raise InputError("--out is missing", remedy="give --out FILE")
     chosen: Any = material
     if sum(x is not None for x in (material, goh, law or values)) != 1:
-        raise InputError(
-            "give one of --material NAME and --goh C1 k1 k2 ALPHA KAPPA, or --law with --values",
-            remedy="'--material list' prints the names",
-        )
+        ways = "--material NAME and --goh C1 k1 k2 ALPHA KAPPA, or --law with --values"
+        raise InputError(f"give one of {ways}", remedy="'--material list' prints the names")
     if goh:
         try:
             chosen = GOH(*goh)
         except ValueError as error:
-            raise InputError(
-                f"--goh: {error}", remedy="C1 and k1 in kPa, alpha in degrees"
-            ) from None
+            remedy = "C1 and k1 in kPa, alpha in degrees"
+            raise InputError(f"--goh: {error}", remedy=remedy) from None
     elif law or values:
         chosen = _given_material(law, values)
-    header = dict(named_number(text, "--header", "KEY=8") for text in test["header"])
+    header = dict(opt.named_number(text, "--header", "KEY=8") for text in test["header"])
     test["header"] = header or None
-    specimen, truth = simulate(out, overwrite=overwrite, material=chosen, **test)
+    specimen, truth = simulate(out, material=chosen, **test)
     rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
     paths = plural(len(specimen.protocols), "protocol")
     click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
@@ -404,7 +363,7 @@ def _given_material(law: str | None, values: str | None) -> Any:
         raise InputError(f"--law {law} needs --values", remedy=f"give --values {example}")
     numbers: dict[str, float] = {}
     for text in values.split(","):
-        name, value = named_number(text, "--values", example)
+        name, value = opt.named_number(text, "--values", example)
         if name in numbers:
             raise InputError(f"--values: {name[:40]} is given twice", remedy="give it once")
         numbers[name] = value
