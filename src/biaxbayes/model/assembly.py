@@ -1,19 +1,13 @@
 """From a specimen and settings to the arrays of the compiled density, and back from its draws.
 
-A slot is one number of the density, sampled, fixed or tied. In their order:
-
-- the parameters of the law
-- of each piece the noise sd, the factors of measured dimensions, the offsets of the load cell, and
-  its stiffness relative to that of the first piece
-- of each mounted state the two forces or stretches
-
 Natural values are in the units of the parameter table. Slots of positive parameters hold logs,
-those of angles radians.
+those of angles radians; their order is that of :mod:`.density`.
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -82,11 +76,6 @@ class Assembly:
         return self.pieces[0].settings.material_law
 
     @property
-    def mounts(self) -> tuple[str, ...]:
-        """Label of each mounted state of all pieces."""
-        return self.quantities.states
-
-    @property
     def bounds(self) -> np.ndarray:
         """Bounds of the coordinates, shape (d, 2); infinite where there is none."""
         limits = self.law.sampling_bounds(self.problem.transform)
@@ -120,7 +109,8 @@ def assemble(
     # (parameter, state or piece)
     of_slot: list[tuple[Parameter, str]] = [(p, "") for p in law.parameters]
     of_slot += [(p, piece.labels.label) for piece in pieces for p in OF_PIECE]
-    of_slot += [(p, state) for state in quantities.states for p in STRETCHES]
+    stretches = [p for p in MOUNTING_PARAMETERS if p.kind == STRETCH]
+    of_slot += [(p, state) for state in quantities.states for p in stretches]
     slots = tuple(name_of(p.name, label) for p, label in of_slot)
     first = len(law.names) + PIECE_SLOTS * len(pieces)
     fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
@@ -176,9 +166,8 @@ def assemble(
     return Assembly(problem, pieces, slots, tuple(free), priors, quantities)
 
 
-STRETCHES = MOUNTING_PARAMETERS[:2]
-
-
+SIZES = {"edge_sd_mm": ("edge_x", "edge_y"), "thickness_sd_mm": ("thickness",)}
+"""Dimensions whose errors a header states, by its keys."""
 _MODES = {
     "noisy": MODE_FORCE,
     "exact": MODE_FORCE,
@@ -197,33 +186,28 @@ def check_settings(specimen: Specimen, settings: Settings) -> None:
             remedy="use `mounting=free`",
         )
     for piece in specimen.pieces:
-        _check_piece(piece, settings)
-
-
-def _check_piece(specimen: Specimen, settings: Settings) -> None:
-    """Refuse settings that do not suit a piece."""
-    is_mounted = specimen.experiment.is_mounted
-    if settings.reads_force and is_mounted and not settings.has_misfit:
-        _, sd = specimen.mounting_readings(shared=settings.shared)
-        if np.any(sd[:, list(specimen.experiment.axes)] <= 0.0):
+        is_mounted = piece.experiment.is_mounted
+        if settings.reads_force and is_mounted and not settings.has_misfit:
+            _, sd = piece.mounting_readings(shared=settings.shared)
+            if np.any(sd[:, list(piece.experiment.axes)] <= 0.0):
+                raise InputError(
+                    f"`mounting={settings.mounting}` needs an error of the mounting force, and the "
+                    "file has no load noise",
+                    file=piece.name,
+                    remedy="use `mounting=exact`, or state load_noise_N (or load_noise_kPa)",
+                )
+        away = [p.name for p in piece.protocols if p.rest_rows == 0]
+        if away and is_mounted and not settings.shared:
             raise InputError(
-                f"`mounting={settings.mounting}` needs an error of the mounting force, and the "
-                "file has no load noise",
-                file=specimen.name,
-                remedy="use `mounting=exact`, or state load_noise_N (or load_noise_kPa)",
+                f"protocol {away[0][:40]!r} does not start at the mounted state, so it has no "
+                "mounting stretch of its own",
+                file=piece.name,
+                remedy="use `mounting_stretch=shared`",
             )
-    away = [p.name for p in specimen.protocols if p.rest_rows == 0]
-    if away and is_mounted and not settings.shared:
-        raise InputError(
-            f"protocol {away[0][:40]!r} does not start at the mounted state, so it has no mounting "
-            "stretch of its own",
-            file=specimen.name,
-            remedy="use `mounting_stretch=shared`",
-        )
-    for key in ("edge_sd_mm", "thickness_sd_mm"):
-        sizes = ("thickness_mm",) if key.startswith("thick") else ("edge_x_mm", "edge_y_mm")
-        if key in specimen.metadata and any(getattr(specimen, k) is None for k in sizes):
-            raise InputError(f"{key} is given without {' and '.join(sizes)}", file=specimen.name)
+        for key, sizes in SIZES.items():
+            keys = [f"{size}_mm" for size in sizes]
+            if key in piece.metadata and any(getattr(piece, k) is None for k in keys):
+                raise InputError(f"{key} is given without {' and '.join(keys)}", file=piece.name)
 
 
 def _per_unit(parameter: Parameter) -> float:
@@ -250,39 +234,24 @@ def _priors(
                 named = zip(mounting_names("stretch", state), of_states.values(), strict=True)
                 free = {q.name for q in quantities.of_kind(STRETCH)}
                 out.update((name, prior) for name, prior in named if name in free)
-        of_dimensions = _dimension_priors(piece.specimen)
-        out.update((name_of(name, label), prior) for name, prior in of_dimensions.items())
+        header = piece.specimen.metadata
+        for key, sizes in SIZES.items():
+            for size in sizes if key in header else ():
+                sd = float(header[key]) / getattr(piece.specimen, f"{size}_mm")
+                out[name_of(size, label)] = Prior("normal", 1.0, sd, low=0.0)
+        offset = header.get(f"load_offset_sd_{piece.specimen.unit}")
+        if offset is not None:
+            for k in piece.specimen.experiment.axes:
+                out[name_of(f"load_offset_{'xy'[k]}", label)] = Prior("normal", 0.0, float(offset))
         if label:
             out[name_of(STIFFNESS.name, label)] = Prior("logstudent", 1.0, settings.piece_sd)
     return out
 
 
-def _dimension_priors(specimen: Specimen) -> dict[str, Prior]:
-    """Priors of the dimensions and offsets of a piece whose errors the header states."""
-    out: dict[str, Prior] = {}
-    header = specimen.metadata
-    if "edge_sd_mm" in header:
-        for axis in "xy":
-            edge = float(getattr(specimen, f"edge_{axis}_mm"))
-            out[f"edge_{axis}"] = Prior("normal", 1.0, float(header["edge_sd_mm"]) / edge, low=0.0)
-    if "thickness_sd_mm" in header:
-        assert specimen.thickness_mm is not None
-        sd = float(header["thickness_sd_mm"]) / specimen.thickness_mm
-        out["thickness"] = Prior("normal", 1.0, sd, low=0.0)
-    offset = header.get(f"load_offset_sd_{specimen.unit}")
-    if offset is not None:
-        for k in specimen.experiment.axes:
-            out[f"load_offset_{'xy'[k]}"] = Prior("normal", 0.0, float(offset))
-    return out
-
-
 def peak_stress(specimen: Specimen) -> float:
     """Largest stress of all pieces in kPa, a scale of stiffnesses."""
-    peaks = []
-    for piece in specimen.pieces:
-        for p in piece.protocols:
-            peaks.append(np.abs(piece.stresses(p)).max())
-    return float(max(peaks))
+    stresses = [piece.stresses(p) for piece in specimen.pieces for p in piece.protocols]
+    return float(max(np.abs(values).max() for values in stresses))
 
 
 def _references(
@@ -310,48 +279,39 @@ def _above_one(stretch: tuple[float, float]) -> tuple[float, float, float]:
 
 def _arrays(pieces: tuple[Piece, ...], settings: Settings, size: int) -> dict[str, Any]:
     """The arrays of the kernel that hold tests and readings of all pieces."""
-    by_protocol: dict[str, list[Any]] = {"start": [0], "mount": [], "solved": []}
-    by_state: dict[str, list[Any]] = {"mounting_mode": [], "piece": [], "free_side": []}
-    points: dict[str, list[np.ndarray]] = {"stretch": [], "weight": [], "reading_of": []}
-    measured: list[np.ndarray] = []
-    offset_of, mounting_reading = [], []
+    parts = defaultdict[str, list[np.ndarray]](list)
+    states = shift = 0  # mounted states and readings of the pieces before
     for i, piece in enumerate(pieces):
         experiment, rows, readings = piece.specimen.experiment, piece.rows, piece.readings
-        side, shift = experiment.free_side, sum(len(part) for part in measured)
-        of_point = experiment.points(rows.stretch)
-        weight = of_point.weight * readings.share[of_point.row, None, None]
+        side, of_point = experiment.free_side, experiment.points(rows.stretch)
+        protocols, own = len(rows.names), len(piece.labels.states)
         unmeasured = side is not None and bool(np.isnan(of_point.stretch[:, side]).any())
-        states = len(by_state["piece"])
-        for p in range(len(rows.names)):
-            count = int((rows.protocol[of_point.row] == p).sum())
-            by_protocol["start"].append(by_protocol["start"][-1] + count)
-            by_protocol["mount"].append(states + rows.state_of_protocol[p])
-            by_protocol["solved"].append(unmeasured)
         mode = _MODES[settings.mounting] if experiment.is_mounted else MODE_UNSTRETCHED
-        for _ in piece.labels.states:
-            by_state["mounting_mode"].append(mode)
-            by_state["piece"].append(i)
-            by_state["free_side"].append(-1 if side is None else side)
-        points["stretch"].append(known(of_point.stretch))
-        points["weight"].append(weight)
-        index = readings.index[of_point.row]
-        points["reading_of"].append(np.where(index < 0, -1, index + shift))
-        index = np.full((len(piece.labels.states), 2), -1)
+        index, of_mounting = readings.index[of_point.row], np.full((own, 2), -1)
         if piece.reads_force:
-            index = np.where(readings.mounting_index < 0, -1, readings.mounting_index + shift)
-        mounting_reading.append(index)
-        measured.append(piece.measured)
-        offset_of.append(size + PIECE_SLOTS * i + OFFSET_X + readings.axis)
-    integers = {name: np.array(v, dtype=np.int64) for name, v in by_state.items()}
-    return {
-        **{name: np.array(v) for name, v in by_protocol.items()},
-        **integers,
-        **{name: np.concatenate(v) for name, v in points.items()},
+            of_mounting = readings.mounting_index
+        of_piece = {
+            "points": np.bincount(rows.protocol[of_point.row], minlength=protocols),
+            "mount": states + np.asarray(rows.state_of_protocol),
+            "solved": np.full(protocols, unmeasured),
+            "mounting_mode": np.full(own, mode),
+            "piece": np.full(own, i),
+            "free_side": np.full(own, -1 if side is None else side),
+            "stretch": known(of_point.stretch),
+            "weight": of_point.weight * readings.share[of_point.row, None, None],
+            "reading_of": np.where(index < 0, -1, index + shift),
+            "mounting_reading": np.where(of_mounting < 0, -1, of_mounting + shift),
+            "measured": piece.measured,
+            "offset_of": size + PIECE_SLOTS * i + OFFSET_X + readings.axis,
+        }
+        for name, values in of_piece.items():
+            parts[name].append(values)
+        states, shift = states + own, shift + len(piece.measured)
+    arrays = {name: np.concatenate(values) for name, values in parts.items()}
+    arrays["start"] = np.cumsum([0, *arrays.pop("points")])
+    return arrays | {
         "mounted_dimensions": np.array([p.specimen.geometry == "mounted" for p in pieces]),
         "area": np.array([p.specimen.area for p in pieces]),
-        "mounting_reading": np.concatenate(mounting_reading),
-        "measured": np.concatenate(measured),
-        "offset_of": np.concatenate(offset_of),
     }
 
 
@@ -363,16 +323,14 @@ def natural_values(assembly: Assembly, values: np.ndarray, u: np.ndarray) -> dic
     problem = assembly.problem
     out = {name: values[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
     first = problem.size + PIECE_SLOTS * len(assembly.pieces)
-    for m, state in enumerate(assembly.mounts):
+    for m, state in enumerate(assembly.quantities.states):
         piece = assembly.pieces[problem.piece[m]]
         if problem.mounting_mode[m] == MODE_UNSTRETCHED:
             continue
         forces = piece.forward.mounting_load(out, state)
-        for k, name in enumerate(mounting_names("force", state)):
+        for k in piece.labels.axes:
+            name, i = mounting_names("force", state)[k], problem.slot[first + 2 * m + k]
             # sampled, or read from the file: not computed from the mounting stretch
-            i = problem.slot[first + 2 * m + k]
-            if k not in piece.labels.axes:
-                continue
             if problem.mounting_mode[m] != MODE_FORCE:
                 out[name] = forces[:, k]
             elif i >= 0:

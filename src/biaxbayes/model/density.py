@@ -1,12 +1,11 @@
 """Prior, mounted state and model loads of many walkers in one compiled call.
 
 A walker's coordinates are spread over *slots*, one entry per parameter, whether sampled, fixed or
-tied to another: the parameters of the law first, then the noise sd and measured dimensions, then
-two per mounted state. They are turned into material and mounted state, and the readings less the
-model's loads are the residuals that a likelihood takes (:mod:`biaxbayes.model.misfit`,
-:mod:`biaxbayes.model.readings`). The stress is that of the law (:mod:`biaxbayes.laws.materials`),
-the mounted state and the load law those of :mod:`biaxbayes.mechanics.mounting`; one kernel is
-compiled for each law. In NumPy :mod:`biaxbayes.forward` does the same.
+tied to another: the parameters of the law; of each piece the noise sd, factors of measured
+dimensions, offsets of the load cell and its stiffness relative to the first piece; of each mounted
+state two forces or stretches. The readings less the model's loads are the residuals that a
+likelihood takes. One kernel is compiled for each law. In NumPy :mod:`biaxbayes.forward` does the
+same.
 """
 
 from __future__ import annotations
@@ -33,8 +32,6 @@ from biaxbayes.mechanics.mounting import (
 from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, STUDENT, UNIFORM
 from biaxbayes.parameters import OF_PIECE
 
-# Slots after those of the law: noise sd, dimensions and stiffness of each piece, then two per
-# mounted state.
 PIECE_SLOTS = len(OF_PIECE)
 NOISE, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y, STIFFNESS = range(PIECE_SLOTS)
 

@@ -99,9 +99,8 @@ def find_start(
     starts = np.vstack([posterior.coordinates(base)[0], _extra_starts(posterior, base, rng)])
     # The mounting force is measured, so its spread is not widened.
     scale_is_sd = np.array([q.parameter.kind == FORCE for q in posterior.sampled])
-    target = posterior.target()
+    target, widths = posterior.target(), _start_widths(posterior)
     try:
-        widths = _start_widths(posterior)
         start = search(target, starts, widths, rng, population, scale_is_sd=scale_is_sd)
     except NotConverged:
         raise NotConverged("no region of positive density around the deterministic fit") from None
@@ -139,15 +138,13 @@ def _rescaled(posterior: Posterior, start: Start) -> tuple[Posterior, Start]:
     # Weights are ratios of densities in the same coordinates: they carry over.
     inside = np.isfinite(start.log_weight)
     points, weights = start.points[inside], start.log_weight[inside]
-    label = start.proposal.nearest_part(points)
-    rescaled = posterior.replaced(
-        sampling_constants=replace(posterior.sampling_constants, isotropy_scale=isotropy_scale)
-    )
+    constants = replace(posterior.sampling_constants, isotropy_scale=isotropy_scale)
+    rescaled = posterior.replaced(sampling_constants=constants)
     with np.errstate(divide="ignore"):
         u = rescaled.coordinates(posterior.natural(points))
     regular = np.isfinite(u).all(axis=1)  # kappa = 0 to the last digit lies at infinity
-    u, weights, label = u[regular], weights[regular], label[regular]
-    label = np.unique(label, return_inverse=True)[1]
+    u, weights = u[regular], weights[regular]
+    label = np.unique(start.proposal.nearest_part(points)[regular], return_inverse=True)[1]
     picked = resample_clusters(weights, label, half, rng)
     with one_blas_thread():
         proposal = fit_mixture_proposal(
@@ -164,13 +161,11 @@ def _extra_starts(
     posterior: Posterior, base: dict[str, float], rng: np.random.Generator
 ) -> np.ndarray:
     """Sampling coordinates of materials that fit in other ways than the best fit, (n, d)."""
-    law = posterior.law
+    law, starts = posterior.law, []
     setup = FitSetup.from_settings(posterior.specimen, posterior.settings)
     if not setup.free.size:
         return np.empty((0, posterior.dimension))
-    materials, stretches = setup.starting_points(EXTRA_STARTS, rng)
-    starts = []
-    for material, lm in zip(materials, stretches, strict=True):
+    for material, lm in zip(*setup.starting_points(EXTRA_STARTS, rng), strict=True):
         inner = law.clip_inside(law.from_fit_coordinates(material))
         start = base | dict(zip(law.names, inner, strict=True))
         for q in posterior.sampled:
@@ -188,12 +183,10 @@ def _start_widths(posterior: Posterior) -> np.ndarray:
     widths = posterior.law.sampling_widths(posterior.coordinate_constants)
     out = []
     for q in posterior.sampled:
-        p = q.parameter
+        p, prior = q.parameter, posterior.priors.get(q.name)
         if p.kind == FORCE:
             out.append(mounting[q.name])
-        elif p.kind in (DIMENSION, PIECE):
-            prior = posterior.priors[q.name]
-            assert isinstance(prior, Prior)
+        elif p.kind in (DIMENSION, PIECE) and isinstance(prior, Prior):
             out.append(0.5 * prior.scale)
         else:
             out.append(widths.get(p.name, p.width))

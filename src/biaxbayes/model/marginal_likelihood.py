@@ -36,22 +36,26 @@ def marginal_likelihood(posterior: Posterior, draws: Draws, *, seed: int = 0) ->
     if problem:
         raise ValueError(problem)
     value, error = log_integral(draws.target.log_prob, draws.chain, draws.proposal, seed=seed)
-    return MarginalLikelihood(
-        value - log_prior_mass(posterior), error, _mounting_reading(posterior)
-    )
+    of_reading, offset = None, any(name.startswith("load_offset") for name in posterior.free)
+    if posterior.settings.mounting == "ignored" and not offset:
+        reading, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
+        if (sd > 0.0).all():
+            # lm = 1 carries no force: ln N(f0 | 0, s0)
+            log = -0.5 * (reading / sd) ** 2 - np.log(sd) - 0.5 * np.log(2.0 * np.pi)
+            of_reading = float(log.sum())
+    return MarginalLikelihood(value - log_prior_mass(posterior), error, of_reading)
 
 
 def log_prior_mass(posterior: Posterior) -> float:
     """Log prior probability of the law's condition on several parameters, to about 0.003."""
     law, priors = posterior.law, posterior.priors
     joint = {name: priors[name] for name in law.joint_parameters}
-    distributions = {name: p for name, p in joint.items() if isinstance(p, Prior)}
-    if not distributions:
+    if not any(isinstance(p, Prior) for p in joint.values()):
         return 0.0
-    levels = np.random.default_rng(0).random((len(distributions), 2**18))
-    values: dict[str, Any] = {n: p for n, p in joint.items() if not isinstance(p, Prior | Tie)}
-    for (name, prior), level in zip(distributions.items(), levels, strict=True):
-        values[name] = prior.ppf(level)
+    rng, values = np.random.default_rng(0), dict[str, Any](joint)
+    for name, prior in joint.items():
+        if isinstance(prior, Prior):
+            values[name] = prior.ppf(rng.random(2**18))
     for name, tie in joint.items():
         if isinstance(tie, Tie):
             values[name] = tie.factor * values[tie.other]
@@ -80,14 +84,3 @@ def _reason_without(posterior: Posterior) -> str:
     if posterior.settings.max_rows:
         return "averaged rows have no marginal likelihood (--max-rows none has one)"
     return ""
-
-
-def _mounting_reading(posterior: Posterior) -> float | None:
-    offset = any(name.startswith("load_offset") for name in posterior.free)
-    if posterior.settings.mounting != "ignored" or offset:
-        return None
-    reading, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
-    if not (sd > 0.0).all():
-        return None
-    # lm = 1 carries no force: ln N(f0 | 0, s0)
-    return float((-0.5 * (reading / sd) ** 2 - np.log(sd) - 0.5 * np.log(2.0 * np.pi)).sum())

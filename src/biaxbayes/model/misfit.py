@@ -45,8 +45,7 @@ F' M^-1 F = W g W', and P = M^-1 F W,
     (M + t^2 F F')^-1 = M^-1 - P t^2 / (1 + t^2 g) P'
     ln |M + t^2 F F'| = ln |M| + sum_j ln(1 + t^2 g_j)
 
-A sampler sums only the terms with weight: see
-:meth:`SmoothMisfit.with_weight`.
+A sampler sums only the terms with weight: see :meth:`SmoothMisfit.with_weight`.
 """
 
 from __future__ import annotations
@@ -125,6 +124,16 @@ class CurvePoints:
         """Some of the points."""
         return CurvePoints(*(values[index] for values in vars(self).values()))
 
+    def averaged(self, group: np.ndarray, share: np.ndarray) -> CurvePoints:
+        """Points averaged by their shares in groups (n,), each of one curve."""
+        of_group = np.unique(group, return_index=True)[1]
+        path, plane_x, plane_y, load, peak = (
+            np.bincount(group, share * values)
+            for values in (self.path, *self.plane.T, self.load, self.peak)
+        )
+        protocol, axis = self.protocol[of_group], self.axis[of_group]
+        return CurvePoints(protocol, axis, path, np.stack([plane_x, plane_y], axis=1), load, peak)
+
     @classmethod
     def joined(cls, parts: Sequence[CurvePoints]) -> CurvePoints:
         """The points of several curves, one behind the other."""
@@ -194,10 +203,6 @@ class Terms(NamedTuple):
     friction: np.ndarray
     log_weight: np.ndarray  # of the prior; the weights of all terms add up to one
 
-    def take(self, index: np.ndarray) -> Terms:
-        """Some of the terms."""
-        return Terms._make(values[index] for values in self)
-
     @classmethod
     def every(cls, protocols: int, toe: float) -> Terms:
         """All terms; ``toe`` is the sd of the prior of the toe's amplitude."""
@@ -249,29 +254,19 @@ class Quadratics(NamedTuple):
     level: np.ndarray  # of each term
 
 
-class Added(NamedTuple):
-    """What F F' of several variances adds to a covariance M."""
+def _added(
+    of_root: np.ndarray, solved: np.ndarray, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Add variance t^2 (terms,) times F F' to M by Woodbury's identity.
 
-    columns: np.ndarray  # P
-    g: np.ndarray  # (m, 1)
-    shrinkage: np.ndarray  # t^2 / (1 + t^2 g), (m, terms)
-    log_det: np.ndarray  # (terms,)
-
-
-def _added(of_root: np.ndarray, solved: np.ndarray, variance: np.ndarray) -> Added:
-    """Add variance (terms,) times F F' to M by Woodbury's identity.
-
-    ``of_root`` are the products F'B with the basis, ``solved`` is M^-1 F in that basis.
+    ``of_root`` are the products F'B with the basis, ``solved`` is M^-1 F in that basis. Returns P,
+    g (m, 1), t^2 / (1 + t^2 g) (m, terms), and what is added to ln |M| (terms,).
     """
     g, rotation = np.linalg.eigh(of_root @ solved)
     used = g * variance.max(initial=0.0) > LEAST_EIGENVALUE
-    size = variance * g[used, None]
-    return Added(
-        solved @ rotation[:, used],
-        g[used, None],
-        variance / (1.0 + size),
-        np.log1p(size).sum(axis=0),
-    )
+    g, size = g[used, None], variance * g[used, None]
+    shrinkage = variance / (1.0 + size)
+    return solved @ rotation[:, used], g, shrinkage, np.log1p(size).sum(axis=0)
 
 
 # --- the likelihood ------------------------------------------------------------------------------
@@ -299,7 +294,7 @@ class SmoothMisfit:
     def terms(self) -> Terms:
         """The terms that are summed."""
         every = Terms.every(self.protocols, self.toe)
-        return every if self.chosen is None else every.take(self.chosen)
+        return every if self.chosen is None else Terms._make(v[self.chosen] for v in every)
 
     def covariance(self, a: CurvePoints, b: CurvePoints, share: np.ndarray) -> np.ndarray:
         """a^2 D K_h D + t^2 V G V between the points a and b, averaged by a share of each term."""
@@ -324,10 +319,8 @@ class SmoothMisfit:
         toe = TOE_SHAPE.matrix(self.points, self.points)
         toe *= np.outer(self.points.toe_scale, self.points.toe_scale)
         roots = []
-        for size, covariance in (
-            (self.terms.friction, self.points.friction_covariance(self.points)),
-            (self.terms.toe, toe),
-        ):
+        friction = self.points.friction_covariance(self.points)
+        for size, covariance in ((self.terms.friction, friction), (self.terms.toe, toe)):
             values, vectors = np.linalg.eigh(over_noise @ covariance @ over_noise.T)
             used = values * size.max() ** 2 > LEAST_EIGENVALUE
             roots.append(vectors[:, used] * np.sqrt(values[used]))
@@ -340,8 +333,8 @@ class SmoothMisfit:
             bases.append(np.hstack([vectors[:, used], *roots]))
             eigenvalues = np.zeros(bases[-1].shape[1])  # none of friction and toe
             eigenvalues[: used.sum()] = values[used]
-            friction = slice(used.sum(), used.sum() + roots[0].shape[1])
-            by_structure.append(self._levels(own, eigenvalues, bases[-1], friction))
+            of_friction = slice(used.sum(), used.sum() + roots[0].shape[1])
+            by_structure.append(self._levels(own, eigenvalues, bases[-1], of_friction))
         levels = [level for of_structure in by_structure for level in of_structure]
         return Quadratics(
             bases,
@@ -368,22 +361,16 @@ class SmoothMisfit:
             # M^-1 F = (F - U s U'F) / c^2
             solved = (unit - shrinkage[:, None] * gram) / c**2
             added = [_added(gram[friction], solved[:, friction], terms.friction[at] ** 2)]
-            motion, g = added[0].columns, added[0].g
+            motion, g, *_ = added[0]
             for u in np.unique(terms.friction[at]):
                 taken = motion @ ((motion.T @ gram[:, toe]) * (u**2 / (1.0 + u**2 * g)))
                 variance = (terms.friction[at] == u) * terms.toe[at] ** 2
                 added.append(_added(gram[toe], solved[:, toe] - taken, variance))
+            columns, _, of_terms, log_dets = zip(*added, strict=True)
             log_det = 2.0 * len(basis) * np.log(c) - np.log1p(-shrinkage).sum()
-            log_det += 2.0 * np.log(self.noise_sd).sum() + sum(part.log_det for part in added)
-            levels.append(
-                Level(
-                    c,
-                    shrinkage,
-                    np.hstack([part.columns for part in added]),
-                    np.vstack([part.shrinkage for part in added]),
-                    terms.log_weight[at] - 0.5 * log_det - len(basis) * HALF_LOG_2PI,
-                )
-            )
+            log_det += 2.0 * np.log(self.noise_sd).sum() + sum(log_dets)
+            constant = terms.log_weight[at] - 0.5 * log_det - len(basis) * HALF_LOG_2PI
+            levels.append(Level(c, shrinkage, np.hstack(columns), np.vstack(of_terms), constant))
         return levels
 
     def log_weights(self, residual: np.ndarray) -> np.ndarray:
@@ -427,9 +414,10 @@ class SmoothMisfit:
     @property
     def coarse(self) -> SmoothMisfit:
         """A sum over a part of the steps, with which a search may find where the mass is."""
-        every, steps = self.terms, []
-        for values, stride in zip(every[:5], (4, 3, 2, 2, 1), strict=True):
-            steps.append(np.isin(values, np.unique(values)[::stride]))
+        steps = [
+            np.isin(values, np.unique(values)[::stride])
+            for values, stride in zip(self.terms[:5], (4, 3, 2, 2, 1), strict=True)
+        ]
         return replace(self, chosen=np.flatnonzero(np.all(steps, axis=0)))
 
     # --- the misfit given the readings -----------------------------------------------------------
@@ -441,12 +429,7 @@ class SmoothMisfit:
         return np.asarray(np.minimum(chosen, cumulative.shape[1] - 1))
 
     def given(
-        self,
-        residual: np.ndarray,
-        chosen: np.ndarray,
-        at: CurvePoints,
-        *,
-        friction: bool = False,
+        self, residual: np.ndarray, chosen: np.ndarray, at: CurvePoints, friction: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd of the misfit at points, (draws, points), given the residuals of draws.
 

@@ -1,4 +1,4 @@
-"""A piece of the tissue as a likelihood sees it: its rows, its readings, its forward model."""
+"""A piece of the tissue as a likelihood sees it: its rows, readings, forward model and errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.forward import ForwardModel
-from biaxbayes.model.readings import IndependentErrors, ReadingVector
+from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
+from biaxbayes.model.readings import LEAST_NOISE, SHARED_NOISE, ReadingVector, TestedPaths
+from biaxbayes.normal_errors import HALF_LOG_2PI
 from biaxbayes.options import Settings
 from biaxbayes.parameters import PieceLabels
 from biaxbayes.specimens.rows import MeasuredRows
@@ -77,11 +79,6 @@ class Piece:
         return sd.ravel() if self.reads_force else np.empty(0)
 
     @cached_property
-    def independent_errors(self) -> IndependentErrors:
-        """Independent errors of the readings."""
-        return IndependentErrors(self.readings, self.mounting_sd)
-
-    @cached_property
     def measured(self) -> np.ndarray:
         """All readings, (n,)."""
         out = self.readings.means(self.rows.load)
@@ -103,3 +100,49 @@ class Piece:
             read = index >= 0
             model[:, index[read]] = load[:, read]
         return np.asarray(self.measured - model)
+
+    def independent_log_likelihood(self, residual: np.ndarray, noise_sd: np.ndarray) -> np.ndarray:
+        """Log likelihood of residuals (draws, n) with independent errors of sds w (draws,).
+
+        The errors of a tube's axial force are in proportion to those of the pressure, as the
+        largest readings are. The mounting readings have the load cell's own sd.
+        """
+        readings, count = self.readings, self.readings.mounting_count
+        w = noise_sd[:, None] * readings.scale[count:]
+        # k readings of mean square scatter about their mean: k [ln N(mean) - scatter / (2 w^2)]
+        square = residual[:, count:] ** 2 + readings.scatter[count:]
+        curves = -0.5 * square / w**2 - np.log(w) - HALF_LOG_2PI
+        z = residual[:, :count] / self.mounting_sd
+        mounting = -0.5 * z**2 - np.log(self.mounting_sd) - HALF_LOG_2PI
+        # a sum row by row, which does not depend on the number of draws as a product does
+        return np.asarray((curves * readings.weight[count:]).sum(axis=1) + mounting.sum(axis=1))
+
+    def smooth_misfit(self, paths: TestedPaths, chosen: np.ndarray | None) -> SmoothMisfit:
+        """The smooth misfit of the law, of the ``chosen`` terms or of all."""
+        rows, readings, axes = self.rows, self.readings, self.specimen.experiment.axes
+        n, count = len(readings.weight), readings.mounting_count
+        parts, observed, first = [], [], count
+        for i, state in enumerate(rows.state_of_protocol):
+            at = rows.protocol == i
+            index = readings.index[at][:, axes]
+            own = np.unique(index)
+            curve, start = (
+                points.take(np.flatnonzero(np.isin(points.axis, axes)))
+                for points in (paths.tested(i, rows.stretch[at]), paths.start(i))
+            )
+            share = np.repeat(readings.share[at], len(axes))
+            parts += [start, curve.averaged(index.ravel() - first, share)]
+            of_start = np.zeros((n, len(axes)))
+            if count:
+                pooled = int((rows.state_of_protocol == state).sum())
+                of_start[readings.mounting_index[state, axes], range(len(axes))] = 1.0 / pooled
+            observed += [of_start, np.eye(n)[:, own]]
+            first += len(own)
+        least = LEAST_NOISE * self.specimen.peak_loads
+        noise = np.maximum(self.specimen.noise_sds, least)
+        sd = noise[readings.axis] * np.maximum(1.0 / np.sqrt(readings.weight), SHARED_NOISE)
+        floor = np.maximum(SHARED_NOISE * noise, least)
+        sd[:count] = np.maximum(self.mounting_sd, floor[readings.axis[:count]])
+        points = CurvePoints.joined(parts)
+        toe, protocols = self.settings.toe, len(rows.names)
+        return SmoothMisfit(points, np.hstack(observed), sd, toe, protocols, chosen)

@@ -1,8 +1,7 @@
 """The joint posterior of the material parameters, the mounted state and the errors.
 
-Evaluation has no side effects, and the constructor runs no fit. A smooth misfit of the law is
-relative to the loads of the least-squares fit, which runs on first use where none is given;
-:func:`.preparation.prepare` chooses the constants of the sampling coordinates by it as well.
+The constructor runs no fit: the least-squares fit, whose loads a smooth misfit is relative to, runs
+on first use where none is given.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ from biaxbayes.model.assembly import (
 from biaxbayes.model.density import PIECE_SLOTS, REASONS, Evaluation, Problem
 from biaxbayes.model.misfit import SmoothMisfit
 from biaxbayes.model.piece import Piece
-from biaxbayes.model.priors import Prior, Tie, parse_priors, prior_value
-from biaxbayes.model.readings import ReadingVector, TestedPaths, smooth_misfit
+from biaxbayes.model.priors import BOTH, Prior, Tie, parse_priors, prior_value
+from biaxbayes.model.readings import ReadingVector, TestedPaths
 from biaxbayes.options import ModelOptions, Settings, takes_options
 from biaxbayes.parameters import STIFFNESS, Quantities, Quantity, mounting_names, name_of
 from biaxbayes.sampling.target import Target
@@ -189,7 +188,7 @@ class Posterior:
     @property
     def mounts(self) -> tuple[str, ...]:
         """Label of each mounted state of all pieces; that of the first is empty when shared."""
-        return self.assembly.mounts
+        return self.quantities.states
 
     @property
     def priors(self) -> dict[str, Prior | float | Tie]:
@@ -231,8 +230,8 @@ class Posterior:
     @cached_property
     def _fitted(self) -> dict[str, Any]:
         """Natural values of the fit whose loads a smooth misfit is relative to."""
-        law, fit = self.law, self.misfit_fit
-        fitted: dict[str, Any] = dict(zip(law.names, fit.material.values, strict=True))
+        fit = self.misfit_fit
+        fitted: dict[str, Any] = dict(zip(self.law.names, fit.material.values, strict=True))
         if self.settings.infers_mounting:
             for state, stretch in zip(self.mounts, fit.mounting_stretch, strict=True):
                 fitted |= dict(zip(mounting_names("stretch", state), stretch, strict=True))
@@ -250,8 +249,8 @@ class Posterior:
         """The smooth misfit of the law in each piece, independent of one another."""
         terms: list[Any] = list(self.terms or ()) or [None] * len(self.pieces)
         return tuple(
-            smooth_misfit(paths, p.rows, p.readings, p.mounting_sd, self.settings.toe, chosen)
-            for paths, p, chosen in zip(self.paths_of_pieces, self.pieces, terms, strict=True)
+            piece.smooth_misfit(paths, chosen)
+            for piece, paths, chosen in zip(self.pieces, self.paths_of_pieces, terms, strict=True)
         )
 
     @property
@@ -276,7 +275,7 @@ class Posterior:
             if self.settings.has_misfit:
                 out += self.misfits[i].log_likelihood(own)
             else:
-                out += piece.independent_errors.log_likelihood(own, noise_sd[:, i])
+                out += piece.independent_log_likelihood(own, noise_sd[:, i])
         return out
 
     def residuals(self, values: Any, piece: int | None = None) -> np.ndarray:
@@ -364,12 +363,8 @@ class Posterior:
         for name, slot_name in zip(self.free, self.assembly.free, strict=True):
             if name not in parameters:
                 raise InputError(f"log_density needs {name}", remedy=f"give {', '.join(self.free)}")
-            columns.append(
-                to_slot(
-                    self.quantities[slot_name].parameter,
-                    np.asarray(parameters[name], dtype=float),
-                )
-            )
+            values = np.asarray(parameters[name], dtype=float)
+            columns.append(to_slot(self.quantities[slot_name].parameter, values))
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
         problem = self.natural_assembly.problem
@@ -420,8 +415,8 @@ def _prior_objects(priors: Mapping[str, Any], law: Law) -> dict[str, Prior | flo
     others = {}
     for name, value in priors.items():
         if isinstance(value, Prior):
-            names = mounting_names("stretch") if name == "mounting_stretch" else (name,)
-            out.update(dict.fromkeys(names, value))
+            names = mounting_names("stretch") if name == BOTH else (name,)
+            out |= dict.fromkeys(names, value)
         else:
             others[name] = prior_value(value) if isinstance(value, Tie) else value
     return out | parse_priors(others, law=law)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,7 +59,14 @@ def with_sampling_constants(
     if isotropy_scale is None:
         law = posterior.law
         isotropy_scale = law.isotropy_scale(dict(zip(law.names, fit.material.values, strict=True)))
-    constants = SamplingConstants(isotropy_scale, _reference_stretch(posterior, fit))
+    reference: tuple[float, float] | None = None
+    if posterior.settings.infers_mounting:  # the largest total stretches
+        lm = np.clip(np.max(fit.mounting_stretch, axis=0), 1.0, 1.5)
+        pieces = posterior.specimen.pieces
+        tops = [p.known_stretch.max(axis=0) for piece in pieces for p in piece.protocols]
+        x, y = np.max(tops, axis=0) * lm
+        reference = x, y
+    constants = SamplingConstants(isotropy_scale, reference)
     return posterior.replaced(sampling_constants=constants, fit=fit)
 
 
@@ -71,29 +77,18 @@ def with_coarse_terms(posterior: Posterior) -> Posterior:
     return posterior.replaced(terms=[misfit.coarse.chosen for misfit in posterior.misfits])
 
 
-def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, float] | None:
-    """Largest total stretches of a specimen, at the fitted mounting stretch."""
-    if not posterior.settings.infers_mounting:
-        return None
-    lm = np.clip(np.max(fit.mounting_stretch, axis=0), 1.0, 1.5)
-    pieces = posterior.specimen.pieces
-    tops = [p.known_stretch.max(axis=0) for piece in pieces for p in piece.protocols]
-    x, y = np.max(tops, axis=0) * lm
-    return x, y
-
-
 # --- natural parameters to start from ------------------------------------------------------------
 
 
 def start_parameters(posterior: Posterior) -> dict[str, float]:
     """Natural parameters of the least-squares fit, moved off the bounds of their ranges."""
     fit, law = posterior.fit, posterior.law
-    out: dict[str, float] = {
-        **dict(zip(law.names, law.clip_inside(fit.material.values), strict=True)),
-    }
-    for residuals, piece in zip(_by_piece(fit.residuals, posterior), posterior.pieces, strict=True):
-        rms, label = root_mean_square(residuals), piece.labels.label
-        out[name_of(NOISE_SD.name, label)] = max(rms, 2.0 * piece.specimen.load_resolution)
+    out: dict[str, float] = dict(zip(law.names, law.clip_inside(fit.material.values), strict=True))
+    residuals = iter(fit.residuals)  # of all protocols, piece by piece
+    for piece in posterior.pieces:
+        rms = root_mean_square([next(residuals) for _ in piece.specimen.protocols])
+        noise_sd = name_of(NOISE_SD.name, piece.labels.label)
+        out[noise_sd] = max(rms, 2.0 * piece.specimen.load_resolution)
     for piece, stiffness in zip(posterior.pieces, fit.stiffness, strict=True):
         out[name_of(STIFFNESS.name, piece.labels.label)] = float(stiffness)
     for q in posterior.sampled:
@@ -104,15 +99,6 @@ def start_parameters(posterior: Posterior) -> dict[str, float]:
         elif p.kind == DIMENSION:
             out[q.name] = 0.0 if p.unit_symbol("N") else 1.0
     return inside_priors(posterior, out)
-
-
-def _by_piece(
-    residuals: Sequence[np.ndarray], posterior: Posterior
-) -> Iterator[Sequence[np.ndarray]]:
-    """Residuals of protocols, piece by piece."""
-    rest = iter(residuals)
-    for piece in posterior.pieces:
-        yield [next(rest) for _ in piece.specimen.protocols]
 
 
 def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[str, float]:
@@ -130,27 +116,22 @@ def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[st
 
 def user_priors(posterior: Posterior) -> dict[str, Prior]:
     """Priors given by the user, for the law and the mounting stretches."""
-    chosen = posterior.settings.priors
-    given = {name: prior for name, prior in chosen.items() if isinstance(prior, Prior)}
-    measured = [n for n in mounting_names("stretch") if n in posterior.specimen.metadata]
-    defaults = {name: posterior.priors.get(name) for name in measured if name not in chosen}
-    return given | {name: p for name, p in defaults.items() if isinstance(p, Prior)}
+    chosen, header = posterior.settings.priors, posterior.specimen.metadata
+    measured = [n for n in mounting_names("stretch") if n in header and n not in chosen]
+    given = {**chosen, **{name: posterior.priors.get(name) for name in measured}}
+    return {name: prior for name, prior in given.items() if isinstance(prior, Prior)}
 
 
 def mode(posterior: Posterior) -> dict[str, np.ndarray]:
     """Natural values, of shape (1,), at the mode of the posterior near its least-squares fit."""
     base = start_parameters(posterior)
-    starts = [base]
-    centres = {name: prior.ppf(np.array(0.5)) for name, prior in user_priors(posterior).items()}
-    near = {name: float(value) for name, value in centres.items() if name in base}
-    starts += [inside_priors(posterior, base | near)] if near else []
+    given = user_priors(posterior)
+    near = {n: float(prior.ppf(np.array(0.5))) for n, prior in given.items() if n in base}
+    starts = [base, inside_priors(posterior, base | near)] if near else [base]
     points = np.vstack([posterior.coordinates(s) for s in starts])
-    scale = np.ones(posterior.dimension)
-    for i, q in enumerate(posterior.sampled):
-        if q.parameter.kind == FORCE:
-            scale[i] = mounting_force_width(posterior)[q.name]
-        elif q.parameter.kind == STRETCH:
-            scale[i] = 0.02
+    known = mounting_force_width(posterior)
+    known |= {q.name: 0.02 for q in posterior.sampled if q.parameter.kind == STRETCH}
+    scale = np.array([known.get(name, 1.0) for name in posterior.free])
     modes = find_modes(posterior.log_prob, points, scale, posterior.bounds)
     return posterior.natural(modes[0].location if modes else points[0])
 

@@ -10,22 +10,16 @@ import numpy as np
 from biaxbayes.errors import two_digits
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import (
-    mode,
-    start_parameters,
-    user_priors,
-    with_coarse_terms,
-)
-from biaxbayes.model.priors import Prior, prior_text
-from biaxbayes.parameters import DEGREE, NOISE_SD, name_of
+from biaxbayes.model.preparation import mode, start_parameters, user_priors, with_coarse_terms
+from biaxbayes.model.priors import prior_text
+from biaxbayes.parameters import DEGREE, NOISE_SD, mounting_names, name_of
 from biaxbayes.specimens.check import Finding
 
 NEAR_LIMIT = 0.05
 """Draws within this fraction of a limit of the mounting stretch count as lying at it."""
 MAX_SHARE_AT_LIMIT = 0.001
-FAR_SDS = 3.0
-"""Standard deviations of a prior beyond which the fit lies far from it."""
-TAIL_PROBABILITY = 0.5 * math.erfc(FAR_SDS / math.sqrt(2.0))
+TAIL_PROBABILITY = 0.5 * math.erfc(3.0 / math.sqrt(2.0))
+"""Of three standard deviations of a prior, beyond which the fit lies far from it."""
 MAX_LOSS = 6.0
 """Loss of log likelihood beyond which a prior contradicts the data: 3.5 standard deviations."""
 
@@ -55,13 +49,11 @@ def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
 def radian_findings(posterior: Posterior) -> list[Finding]:
     """Priors of angles that look as if they were given in radians."""
     findings = []
-    parameters = {p.name: p for p in posterior.law.parameters}
+    angles = {p.name for p in posterior.law.parameters if p.unit == DEGREE}
     for name, prior in user_priors(posterior).items():
-        if name not in parameters or parameters[name].unit != DEGREE:
-            continue
         uniform = prior.family in ("uniform", "loguniform")
         centre = prior.high if uniform else prior.location
-        if not 0.0 < centre <= math.pi / 2.0:
+        if name not in angles or not 0.0 < centre <= math.pi / 2.0:
             continue
         first, second = (prior.low, prior.high) if uniform else (prior.location, prior.scale)
         first_deg = math.degrees(first)
@@ -108,10 +100,9 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     specimen = posterior.specimen
     fit = posterior.fit
     fitted = dict(zip(posterior.law.names, fit.material.values, strict=True))
-    own = len(posterior.pieces[0].labels.states)
-    for axis in (0, 1):
-        of_states = fit.mounting_stretch[:own, axis]
-        fitted[f"mounting_stretch_{'xy'[axis]}"] = float(np.mean(of_states))
+    own = fit.mounting_stretch[: len(posterior.pieces[0].labels.states)]
+    for axis, name in enumerate(mounting_names("stretch")):
+        fitted[name] = float(np.mean(own[:, axis]))
     residual, at_mode = posterior.residuals(posterior.paths.fitted), mode(posterior)
     start = start_parameters(posterior)
     labels = [piece.labels.label for piece in posterior.pieces]
@@ -119,30 +110,24 @@ def prior_conflicts(posterior: Posterior) -> dict[str, str]:
     at_fit = float(posterior.log_likelihood(residual, noise_sd)[0])
     if not at_fit - float(at_mode["log_likelihood"][0]) > MAX_LOSS:
         return {}
-    best, missed = (_rms(posterior, r) for r in (residual, posterior.residuals(at_mode, 0)))
-    noise = specimen.noise_sd
-    beside = ""
+    readings = posterior.readings
+    best, missed = (
+        float(np.sqrt(np.mean((own[0] / readings.scale)[readings.mounting_count :] ** 2)))
+        for own in (residual[:, posterior.of_piece(0)], posterior.residuals(at_mode, 0))
+    )
+    noise, beside = specimen.noise_sd, ""
     if noise > 0.0:
         beside = (
             f", {two_digits(missed / noise)} times the load noise of {noise:.2g} {specimen.unit}"
         )
     units = {q.parameter.name: q.unit for q in posterior.quantities.values()}
-    return {
-        name: f"the prior of {name}, {prior_text(prior, units[name])}, contradicts the data, which "
-        f"alone give {fitted[name]:.4g}: under this prior the model misses the loads by "
-        f"{two_digits(missed)} {specimen.unit} rms instead of {two_digits(best)}{beside}"
-        for name, prior in priors.items()
-        if name in fitted and is_far(prior, fitted[name])
-    }
-
-
-def _rms(posterior: Posterior, residual: np.ndarray) -> float:
-    """Root mean square of the residuals (1, n) of the first piece after the mounted state."""
-    scaled = residual[0, posterior.of_piece(0)] / posterior.readings.scale
-    return float(np.sqrt(np.mean(scaled[posterior.readings.mounting_count :] ** 2)))
-
-
-def is_far(prior: Prior, value: float) -> bool:
-    """Whether a value lies beyond three standard deviations of a prior."""
-    level = float(prior.cdf(np.array(value)))
-    return min(level, 1.0 - level) < TAIL_PROBABILITY
+    out = {}
+    for name, prior in priors.items():
+        level = float(prior.cdf(np.array(fitted[name]))) if name in fitted else 0.5
+        if min(level, 1.0 - level) < TAIL_PROBABILITY:
+            out[name] = (
+                f"the prior of {name}, {prior_text(prior, units[name])}, contradicts the data, "
+                f"which alone give {fitted[name]:.4g}: under this prior the model misses the loads "
+                f"by {two_digits(missed)} {specimen.unit} rms instead of {two_digits(best)}{beside}"
+            )
+    return out

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,13 +26,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.options import Settings
-from biaxbayes.parameters import (
-    MOUNTING_PARAMETERS,
-    NOISE_SD,
-    STRETCH,
-    Parameter,
-    mounting_names,
-)
+from biaxbayes.parameters import MOUNTING_PARAMETERS, NOISE_SD, STRETCH, Parameter, mounting_names
 from biaxbayes.text_files import read_text
 
 if TYPE_CHECKING:
@@ -96,9 +90,7 @@ class Prior:
 
     def within(self, low: float, high: float) -> Prior:
         """The same prior cut to a range."""
-        return Prior(
-            self.family, self.location, self.scale, max(self.low, low), min(self.high, high)
-        )
+        return replace(self, low=max(self.low, low), high=min(self.high, high))
 
     @property
     def _logs(self) -> bool:
@@ -108,10 +100,8 @@ class Prior:
         """Location, scale, low and high on the scale on which the density is normal or uniform."""
         if not self._logs:
             return self.location, self.scale, self.low, self.high
-        low = math.log(self.low) if self.low > 0 else -math.inf
-        high = math.log(self.high) if self.high < math.inf else math.inf
         location = 0.0 if self._uniform else math.log(self.location)
-        return location, self.scale, low, high
+        return location, self.scale, *_logs_of_range(self.low, self.high)
 
     @property
     def _uniform(self) -> bool:
@@ -198,22 +188,22 @@ class Prior:
             # density at the centre: 1 / sqrt(2 pi), of the t distribution 2 / (pi sqrt(3))
             top = 2.0 / (math.pi * math.sqrt(3.0)) if self._student else 1.0 / math.sqrt(math.tau)
             log_norm = math.log(top / scale) - math.log(mass)
-        if not same_scale:
-            low = math.log(low) if low > 0 else -math.inf
-            high = math.log(high) if 0 < high < math.inf else math.inf
-        if self._student:
-            return STUDENT, [location, scale, low, high, log_norm]
-        kinds = (UNIFORM, UNIFORM_NATURAL) if self._uniform else (NORMAL, NORMAL_NATURAL)
-        return kinds[0 if same_scale else 1], [location, scale, low, high, log_norm]
+        row = [location, scale, low, high, log_norm]
+        if same_scale:
+            return (UNIFORM if self._uniform else STUDENT if self._student else NORMAL), row
+        row[2:4] = _logs_of_range(low, high)
+        return (UNIFORM_NATURAL if self._uniform else NORMAL_NATURAL), row
 
     def as_table(self) -> dict[str, object]:
         """The TOML table that reads back to this prior (infinite limits left out)."""
-        table: dict[str, object] = {"distribution": self.family}
-        if not self._uniform:
-            first, second = FAMILIES[self.family]
-            table |= {first: self.location, second: self.scale}
-        values = asdict(self)
-        return table | {k: values[k] for k in ("low", "high") if math.isfinite(values[k])}
+        numbers = {k: getattr(self, name) for k, name in _attributes(self.family).items()}
+        finite = {k: v for k, v in numbers.items() if math.isfinite(v)}
+        return {"distribution": self.family, **finite}
+
+
+def _logs_of_range(low: float, high: float) -> tuple[float, float]:
+    """Logs of both ends; ValueError if no positive number lies between."""
+    return math.log(low) if low > 0 else -math.inf, math.log(high)
 
 
 class DrawnPrior:
@@ -232,6 +222,12 @@ class DrawnPrior:
     def ppf(self, probability: np.ndarray) -> np.ndarray:
         """Natural values at cumulative probabilities."""
         return np.interp(probability, self._levels, self._values)
+
+
+def _attributes(family: str) -> dict[str, str]:
+    """The numbers of a distribution in a priors file, and their attributes of a prior."""
+    pairs = zip(FAMILIES[family], ("location", "scale"), strict=True)
+    return dict(pairs) | {"low": "low", "high": "high"}
 
 
 @dataclass(frozen=True)
@@ -299,14 +295,6 @@ def read_priors(path: Path, law: Law | None = None) -> dict[str, Prior | float |
     return parse_priors(table, path, law)
 
 
-def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
-    """The law (the default one if none is given) and the parameters of a priors file, by name."""
-    law = law or law_named(DEFAULT_LAW)
-    stretches = (p for p in MOUNTING_PARAMETERS if p.kind == STRETCH)
-    known = {p.name: p for p in (*law.parameters, NOISE_SD)}
-    return law, known | {BOTH: MOUNTING_PARAMETERS[0]} | {p.name: p for p in stretches}
-
-
 def prior_value(prior: Prior | float | Tie) -> Any:
     """A prior as in a priors file: a table, the text of a tie, or a number."""
     if isinstance(prior, Prior):
@@ -341,9 +329,7 @@ def prior_text(prior: Any, unit: str = "") -> str:
     numbers = {k: v for k, v in value.items() if isinstance(v, int | float)}
     if shape in ("uniform", "loguniform") and {"low", "high"} <= set(numbers):
         return f"{shape} from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
-    natural = {"median", "mean", "centre", "scale", "low", "high"} | (
-        {"sd"} if "mean" in numbers else set()
-    )
+    natural = {"median", "mean", "sd", "centre", "scale", "low", "high"}
     parts = [
         f"{PRIOR_NUMBERS.get(k, k)} {v:.4g}{unit if k in natural else ''}"
         for k, v in numbers.items()
@@ -356,7 +342,10 @@ def parse_priors(
     table: Mapping[str, object], path: object = None, law: Law | None = None
 ) -> dict[str, Prior | float | Tie]:
     """Priors from a parsed table; see the module's docstring for the format."""
-    law, known = _known(law)
+    law = law or law_named(DEFAULT_LAW)
+    stretches = [p for p in MOUNTING_PARAMETERS if p.kind == STRETCH]
+    known = {p.name: p for p in (*law.parameters, NOISE_SD)}
+    known |= {BOTH: stretches[0]} | {p.name: p for p in stretches}
     out: dict[str, Prior | float | Tie] = {}
     for key, value in table.items():
         name = law.known_name(str(key))
@@ -366,9 +355,16 @@ def parse_priors(
                 file=path,
                 remedy=f"parameters are {', '.join(known)}",
             )
-        parsed = _parse(known[name], name, value, path, law)
-        names = mounting_names("stretch") if name == BOTH else (name,)
-        for known_name in names:
+        parsed: Prior | float | Tie
+        if isinstance(value, str):
+            parsed = _parse_tie(name, value, path, law)
+        elif isinstance(value, dict):
+            parsed = _parse_distribution(known[name], name, value, path)
+        elif isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
+        else:
+            parsed = check_fixed(name, _number(value), path, law)
+        for known_name in mounting_names("stretch") if name == BOTH else (name,):
             if known_name in out:
                 raise InputError(f"{known_name} is given twice", file=path)
             out[known_name] = parsed
@@ -383,21 +379,9 @@ def parse_priors(
     return out
 
 
-def _parse(
-    parameter: Parameter, name: str, value: object, path: object, law: Law
-) -> Prior | float | Tie:
-    if isinstance(value, str):
-        return _parse_tie(name, value, path, law)
-    if isinstance(value, dict):
-        return _parse_distribution(parameter, name, value, path)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
-    return check_fixed(name, _number(value), path, law)
-
-
 def check_fixed(name: str, value: float, path: object = None, law: Law | None = None) -> float:
     """A fixed value, checked against the physical range of its parameter."""
-    law, _ = _known(law)
+    law = law or law_named(DEFAULT_LAW)
     fixable = {p.name: p for p in (*law.parameters, NOISE_SD)}
     if name not in fixable:
         raise InputError(
@@ -455,30 +439,25 @@ def _parse_distribution(
             remedy=f"use one of {', '.join(FAMILIES)}",
         )
     first, second = FAMILIES[family]
+    attributes = _attributes(family)
     values: dict[str, float] = {}
     for key, value in table.items():
         if key == "distribution":
             continue
-        if key not in {first, second, "low", "high"}:
+        if key not in attributes:
             raise InputError(
                 f"{name}: a {family} prior has no {key[:40]!r}",
                 file=path,
                 remedy=f"it has {first} and {second}, and optionally low and high",
             )
-        values[key] = _number(value)
-        if not math.isfinite(values[key]):
+        values[attributes[key]] = _number(value)
+        if not math.isfinite(values[attributes[key]]):
             raise InputError(f"{name}: {key} must be a finite number", file=path)
     for key in (first, second):
-        if key not in values:
+        if attributes[key] not in values:
             raise InputError(f"{name}: the {family} prior lacks {key}", file=path)
     try:
-        prior = Prior(
-            family,
-            values.get(first, 0.0) if first != "low" else 0.0,
-            values.get(second, 1.0) if second != "high" else 1.0,
-            values.get("low", -math.inf),
-            values.get("high", math.inf),
-        )
+        prior = Prior(family, **values)
         if parameter.bounded:
             prior = prior.within(*parameter.range)
         positive = parameter.logarithmic or parameter.kind == STRETCH

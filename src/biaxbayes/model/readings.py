@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.forward import ForwardModel
-from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
-from biaxbayes.normal_errors import HALF_LOG_2PI
+from biaxbayes.model.misfit import CurvePoints
 from biaxbayes.specimens.rows import MeasuredRows
 from biaxbayes.specimens.specimen import Specimen
 
@@ -89,34 +88,6 @@ class ReadingVector:
         return out
 
 
-# --- independent errors --------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class IndependentErrors:
-    """Likelihood of readings with independent normal errors of one sd w, which is sampled.
-
-    The errors of a tube's axial force are in proportion to those of the pressure, as the largest
-    readings are. The mounting readings have the load cell's own sd.
-    """
-
-    readings: ReadingVector
-    mounting_sd: np.ndarray  # (mounting readings,)
-
-    def log_likelihood(self, residual: np.ndarray, noise_sd: np.ndarray) -> np.ndarray:
-        """Log likelihood of residuals (draws, n) at noise sds (draws,)."""
-        count = self.readings.mounting_count
-        weight = self.readings.weight[count:]
-        w = noise_sd[:, None] * self.readings.scale[count:]
-        # k readings of mean square scatter about their mean: k [ln N(mean) - scatter / (2 w^2)]
-        square = residual[:, count:] ** 2 + self.readings.scatter[count:]
-        curves = -0.5 * square / w**2 - np.log(w) - HALF_LOG_2PI
-        z = residual[:, :count] / self.mounting_sd
-        mounting = -0.5 * z**2 - np.log(self.mounting_sd) - HALF_LOG_2PI
-        # a sum row by row, which does not depend on the number of draws as a product does
-        return np.asarray((curves * weight).sum(axis=1) + mounting.sum(axis=1))
-
-
 # --- places of readings on the paths of the test -------------------------------------------------
 
 SAME_PATH = 0.03
@@ -134,21 +105,18 @@ class TestedPaths:
     @cached_property
     def span(self) -> np.ndarray:
         """Largest log stretch in x and y."""
-        logs = [np.abs(np.log(known(p.stretch))).max(axis=0) for p in self.specimen.protocols]
+        logs = [np.abs(np.log(p.known_stretch)).max(axis=0) for p in self.specimen.protocols]
         return np.maximum(np.max(logs, axis=0), 1e-6)
 
     @cached_property
     def reach(self) -> np.ndarray:
         """Largest distance from the mounted state of each protocol, (protocols,)."""
-        far = [
-            np.max(np.linalg.norm(known(p.stretch) - 1.0, axis=1)) for p in self.specimen.protocols
-        ]
-        return np.maximum(far, 1e-6)
+        stretches = [p.known_stretch for p in self.specimen.protocols]
+        return np.maximum([np.linalg.norm(s - 1.0, axis=1).max() for s in stretches], 1e-6)
 
     def load(self, stretch: np.ndarray, protocol: int | None) -> np.ndarray:
         """Loads of the fit at measured stretches, (m, 2)."""
-        names = [p.name for p in self.specimen.protocols]
-        name = names[0 if protocol is None else protocol]
+        name = self.specimen.protocols[protocol or 0].name
         return np.asarray(self.forward.load(self.fitted, stretch, name)[0])
 
     def start(self, protocol: int) -> CurvePoints:
@@ -185,10 +153,8 @@ class TestedPaths:
     @cached_property
     def peaks(self) -> np.ndarray:
         """Largest load of the fit in x and y of each protocol, (protocols, 2)."""
-        out = []
-        for i, p in enumerate(self.specimen.protocols):
-            out.append(np.abs(self.load(p.stretch, i)).max(axis=0))
-        return np.array(out)
+        tested = [p.stretch for p in self.specimen.protocols]
+        return np.array([np.abs(self.load(s, i)).max(axis=0) for i, s in enumerate(tested)])
 
     def _protocol_along(self, stretch: np.ndarray) -> int | None:
         """The protocol that a path of measured stretches runs along; None if there is none."""
@@ -207,60 +173,3 @@ class TestedPaths:
 def known(stretch: np.ndarray) -> np.ndarray:
     """Stretches with 1 in place of those across a strip that were not measured."""
     return np.nan_to_num(stretch, nan=1.0)
-
-
-def smooth_misfit(
-    paths: TestedPaths,
-    rows: MeasuredRows,
-    readings: ReadingVector,
-    mounting_sd: np.ndarray,
-    toe: float,
-    chosen: np.ndarray | None = None,
-) -> SmoothMisfit:
-    """The smooth misfit of a piece; the noise ``mounting_sd`` is (mounting readings,)."""
-    n, specimen, axes = len(readings.weight), paths.specimen, paths.specimen.experiment.axes
-    parts, observed, first = [], np.zeros((n, 0)), readings.mounting_count
-    for i in range(len(rows.names)):
-        at = rows.protocol == i
-        index = readings.index[at][:, axes]
-        own = np.unique(index)
-        curve, start = (
-            points.take(np.flatnonzero(np.isin(points.axis, axes)))
-            for points in (paths.tested(i, rows.stretch[at]), paths.start(i))
-        )
-        share = np.repeat(readings.share[at], len(axes))
-        averaged = _averaged(curve, index.ravel() - first, share)
-        parts += [start, averaged]
-        of_start = np.zeros((n, len(axes)))
-        if readings.mounting_count:
-            state = rows.state_of_protocol[i]
-            pooled = int((rows.state_of_protocol == state).sum())
-            of_start[readings.mounting_index[state, axes], range(len(axes))] = 1.0 / pooled
-        of_rows = np.zeros((n, len(own)))
-        of_rows[own, np.arange(len(own))] = 1.0
-        observed = np.hstack([observed, of_start, of_rows])
-        first += len(own)
-    least = LEAST_NOISE * specimen.peak_loads
-    noise = np.maximum(specimen.noise_sds, least)
-    sd = noise[readings.axis] * np.maximum(1.0 / np.sqrt(readings.weight), SHARED_NOISE)
-    axis = readings.axis[: readings.mounting_count]
-    floor = np.maximum(SHARED_NOISE * noise, least)
-    sd[: readings.mounting_count] = np.maximum(mounting_sd, floor[axis])
-    return SmoothMisfit(CurvePoints.joined(parts), observed, sd, toe, len(rows.names), chosen)
-
-
-def _averaged(points: CurvePoints, group: np.ndarray, share: np.ndarray) -> CurvePoints:
-    """Points averaged in groups."""
-    size = int(group.max()) + 1
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return np.bincount(group, share * values, minlength=size)
-
-    return CurvePoints(
-        np.rint(mean(points.protocol)).astype(int),
-        np.rint(mean(points.axis)).astype(int),
-        mean(points.path),
-        np.stack([mean(column) for column in points.plane.T], axis=1),
-        mean(points.load),
-        mean(points.peak),
-    )

@@ -73,10 +73,35 @@ def warm_up(
     """
     ensembles.proposal = proposal
     ensembles.set_share(0.7)
-    rounds, points, log_prob = _rounds(ensembles, cluster_points, progress)
-    acceptance, excess = ensembles.acceptance, LOW_EXCESS
-    if not _fits(ensembles, points, log_prob, overdispersed):
-        acceptance, excess = _final_fits(ensembles, points, overdispersed, cluster_points, progress)
+    best, stalled, rounds = -1.0, 0, 0
+    histories: list[tuple[np.ndarray, np.ndarray]] = []  # points, log densities
+    for rounds in range(1, MAX_ROUNDS + 1):
+        points, log_prob = _steps(ensembles, ROUND_STEPS, ROUND_STEPS // 4)
+        histories.append((points, log_prob))
+        acceptance, excess = ensembles.acceptance, LOW_EXCESS
+        progress(f"adapting, acceptance {acceptance:.2f}")
+        stalled = 0 if acceptance > best + MIN_ACCEPTANCE_RISE else stalled + 1
+        best = max(best, acceptance)
+        if rounds >= ROUNDS_OF_FIT and (acceptance > GOOD_ACCEPTANCE or stalled >= 2):
+            break
+        if acceptance < GOOD_ACCEPTANCE:
+            _adapt(ensembles, points, cluster_points, COMPONENTS_OF_ROUNDS)
+    points, log_prob = map(np.concatenate, zip(*histories[-ROUNDS_OF_FIT:], strict=True))
+    if acceptance < ENOUGH_ACCEPTANCE or not _fits(ensembles, points, log_prob, overdispersed):
+        components = COMPONENTS
+        for steps, limit in CHECKS:
+            count = min(len(overdispersed), len(points) // 4)
+            chosen = ensembles.rng.choice(len(overdispersed), count, replace=False)
+            history = np.concatenate([points, overdispersed[chosen]])
+            _adapt(ensembles, history, cluster_points, components)
+            points, log_prob = _steps(ensembles, steps)
+            log_weight = log_prob - ensembles.proposal.log_density(points)
+            acceptance = ensembles.acceptance
+            excess = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
+            if excess < limit:
+                break
+            progress(f"adapting further, acceptance {acceptance:.2f}")
+            components = MORE_COMPONENTS
     message = ""
     share = 1.0 - DE_SHARES[int(np.searchsorted((LOW_EXCESS, HIGH_EXCESS), excess))]
     if acceptance < POOR_ACCEPTANCE:
@@ -90,83 +115,29 @@ def warm_up(
     return WarmUp(rounds, acceptance, message)
 
 
-def _rounds(
-    ensembles: Ensembles, cluster_points: np.ndarray, progress: Callable[[str], None]
-) -> tuple[int, np.ndarray, np.ndarray]:
-    """Rounds of steps and fits; their number, and the newest points with their log densities."""
-    best, stalled, rounds = -1.0, 0, 0
-    points: list[np.ndarray] = []
-    log_probs: list[np.ndarray] = []
-    for rounds in range(1, MAX_ROUNDS + 1):
-        ensembles.reset_counts()
-        chain, log_prob = ensembles.run(ROUND_STEPS)
-        acceptance = ensembles.acceptance
-        progress(f"adapting, acceptance {acceptance:.2f}")
-        points.append(chain[:, ROUND_STEPS // 4 :].reshape(-1, chain.shape[-1]))
-        log_probs.append(log_prob[:, ROUND_STEPS // 4 :].ravel())
-        stalled = 0 if acceptance > best + MIN_ACCEPTANCE_RISE else stalled + 1
-        best = max(best, acceptance)
-        if rounds >= ROUNDS_OF_FIT and (acceptance > GOOD_ACCEPTANCE or stalled >= 2):
-            break
-        if acceptance < GOOD_ACCEPTANCE:
-            _adapt(ensembles, points[-1], cluster_points, COMPONENTS_OF_ROUNDS)
-    newest = slice(-ROUNDS_OF_FIT, None)
-    return rounds, np.concatenate(points[newest]), np.concatenate(log_probs[newest])
+def _steps(ensembles: Ensembles, steps: int, left_out: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, d) of all ensembles in steps whose acceptance is counted, and log densities."""
+    ensembles.reset_counts()
+    chain, log_prob = ensembles.run(steps)
+    return chain[:, left_out:].reshape(-1, chain.shape[-1]), log_prob[:, left_out:].ravel()
 
 
 def _fits(
     ensembles: Ensembles, points: np.ndarray, log_prob: np.ndarray, overdispersed: np.ndarray
 ) -> bool:
     """Test that no walker would be stuck for long, at the points or the `overdispersed` ones."""
-    assert ensembles.proposal is not None
-    if ensembles.acceptance < ENOUGH_ACCEPTANCE:
-        return False
-    log_weight = log_prob - ensembles.proposal.log_density(points)
-    in_tails = ensembles.members[0].log_density(overdispersed) - ensembles.proposal.log_density(
-        overdispersed
-    )
+    proposal = ensembles.proposal
+    log_weight = log_prob - proposal.log_density(points)
+    in_tails = ensembles.members[0].log_density(overdispersed) - proposal.log_density(overdispersed)
     highest = np.max([log_weight.max(), in_tails.max()])  # NaN if any is: no fit
     return bool(highest - np.median(log_weight) < ENOUGH_EXCESS)
 
 
-def _final_fits(
-    ensembles: Ensembles,
-    points: np.ndarray,
-    overdispersed: np.ndarray,
-    cluster_points: np.ndarray,
-    progress: Callable[[str], None],
-) -> tuple[float, float]:
-    """Fit the frozen proposal, again while its excess is large; its acceptance and excess."""
-    components = COMPONENTS
-    acceptance = excess = 0.0
-    for steps, limit in CHECKS:
-        count = min(len(overdispersed), len(points) // 4)
-        chosen = ensembles.rng.choice(len(overdispersed), count, replace=False)
-        history = np.concatenate([points, overdispersed[chosen]])
-        _adapt(ensembles, history, cluster_points, components)
-        ensembles.reset_counts()
-        chain, log_prob = ensembles.run(steps)
-        points = chain.reshape(-1, chain.shape[-1])
-        assert ensembles.proposal is not None
-        log_weight = log_prob.ravel() - ensembles.proposal.log_density(points)
-        acceptance = ensembles.acceptance
-        excess = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
-        if excess < limit:
-            break
-        progress(f"adapting further, acceptance {acceptance:.2f}")
-        components = MORE_COMPONENTS
-    return acceptance, excess
-
-
 def _adapt(
-    ensembles: Ensembles,
-    history: np.ndarray,
-    cluster_points: np.ndarray,
-    components: int,
+    ensembles: Ensembles, history: np.ndarray, cluster_points: np.ndarray, components: int
 ) -> None:
     """Fit the proposal to points; a part to those of each cluster, where there are several."""
     label = None
-    assert ensembles.proposal is not None
     if len(ensembles.proposal.parts) > 1:
         history = np.concatenate([history, cluster_points])
         by_part = ensembles.proposal.log_densities(history)

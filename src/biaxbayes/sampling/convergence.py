@@ -113,48 +113,31 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
         for name, draws in quantities.items()
         if np.ptp(draws) > 1e-12 * max(abs(float(draws.flat[0])), 1e-300)
     }
-    bulk, tail, tau = [], [], []
-    steps = 0
-    for draws in moving.values():
-        steps = draws.shape[1]
-        size = effective_sample_size(draws, method="bulk")
-        bulk.append(size)
-        tail.append(effective_sample_size(draws, method="tail", prob=(0.05, 0.95)))
-        tau.append(draws.size / size if size > 0.0 else float("inf"))
-    names, rhat = list(moving), np.array([split_rhat(draws) for draws in moving.values()])
-    ess_bulk, ess_tail = np.array(bulk), np.array(tail)
-    state, reason = _state(names, ess_bulk, ess_tail, rhat, np.array(tau), steps, target_ess)
-    stuck = longest_stuck(np.stack(list(moving.values()), axis=-1)) if names else 0
-    if state == "converged" and stuck > MAX_STUCK * steps:
-        state, reason = "tentative", f"a walker was stuck for {stuck} of {steps} steps"
-    return Convergence(tuple(names), ess_bulk, ess_tail, rhat, np.array(tau), steps, state, reason)
-
-
-def _state(
-    names: list[str],
-    bulk: np.ndarray,
-    tail: np.ndarray,
-    rhat: np.ndarray,
-    tau: np.ndarray,
-    steps: int,
-    target: float,
-) -> tuple[str, str]:
-    if not names:
-        return "unusable", "no walker moved"
+    if not moving:
+        return unassessed("no walker moved")
+    names, draws = tuple(moving), np.stack(list(moving.values()))
+    steps = draws.shape[2]
+    bulk = np.array([effective_sample_size(d, method="bulk") for d in draws])
+    tail = np.array([effective_sample_size(d, method="tail", prob=(0.05, 0.95)) for d in draws])
+    with np.errstate(divide="ignore"):
+        tau = draws[0].size / bulk
+    rhat = np.array([split_rhat(d) for d in draws])
     ess = np.minimum(bulk, tail)
     worst, slow, least = int(np.argmax(rhat)), int(np.argmax(tau)), int(np.argmin(ess))
-    short = steps < MIN_STEPS_PER_TAU * tau[slow]
-    if rhat[worst] < RHAT_LIMIT and ess[least] >= target and not short:
-        return "converged", ""
+    stuck = longest_stuck(np.moveaxis(draws, 0, -1))
+    reason, good = "", rhat[worst] < TENTATIVE_RHAT and ess[least] >= TENTATIVE_ESS
+    good = good and steps >= TENTATIVE_STEPS_PER_TAU * tau[slow]
     if not rhat[worst] < RHAT_LIMIT:
         reason = f"R-hat of {names[worst]} is {rhat[worst]:.3f} (limit {RHAT_LIMIT})"
-    elif short:
+    elif not steps >= MIN_STEPS_PER_TAU * tau[slow]:
         reason = (
             f"the chains are only {steps / tau[slow]:.0f} autocorrelation times of {names[slow]} "
             f"long (limit {MIN_STEPS_PER_TAU:.0f})"
         )
-    else:
-        reason = f"the effective sample size of {names[least]} is {ess[least]:.0f} of {target:.0f}"
-    good = rhat[worst] < TENTATIVE_RHAT and ess[least] >= TENTATIVE_ESS
-    good = good and steps >= TENTATIVE_STEPS_PER_TAU * tau[slow]
-    return ("tentative" if good else "unusable"), reason
+    elif not ess[least] >= target_ess:
+        least_ess = f"{ess[least]:.0f} of {target_ess:.0f}"
+        reason = f"the effective sample size of {names[least]} is {least_ess}"
+    elif stuck > MAX_STUCK * steps:
+        reason, good = f"a walker was stuck for {stuck} of {steps} steps", True
+    state = "converged" if not reason else "tentative" if good else "unusable"
+    return Convergence(names, bulk, tail, rhat, tau, steps, state, reason)

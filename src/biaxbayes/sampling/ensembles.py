@@ -1,7 +1,6 @@
-"""Independent ensembles of walkers on one density.
+"""Independent ensembles of walkers on one density, each with random numbers of its own.
 
-Each ensemble has its own random numbers, so that the draws do not depend on how many threads
-advance the ensembles. Compiled densities release the interpreter's lock while they are evaluated.
+So the draws do not depend on how many threads advance the ensembles.
 """
 
 from __future__ import annotations
@@ -123,8 +122,7 @@ class Ensembles:
         with one_blas_thread(), ThreadPoolExecutor(self.workers) as pool:
             futures = [pool.submit(member.run, steps) for member in self.members]
             try:
-                first = wait(futures, return_when=FIRST_EXCEPTION).done
-                for future in first:
+                for future in wait(futures, return_when=FIRST_EXCEPTION).done:
                     future.result()
                 runs = [future.result() for future in futures]
             except BaseException:  # an error of one, or a signal: the others end at their next step
@@ -140,9 +138,11 @@ class Ensembles:
         return sum(m.independence.accepted for m in self.members) / tried if tried else 0.0
 
     @property
-    def proposal(self) -> MixtureProposal | None:
-        """The proposal shared by all ensembles."""
-        return self.members[0].independence.proposal
+    def proposal(self) -> MixtureProposal:
+        """The proposal shared by all ensembles, once there is one."""
+        proposal = self.members[0].independence.proposal
+        assert proposal is not None
+        return proposal
 
     @proposal.setter
     def proposal(self, proposal: MixtureProposal) -> None:
@@ -158,15 +158,13 @@ class Ensembles:
         """Freeze the proposal and start counting its acceptance."""
         for member in self.members:
             member.independence.freeze()
-            member.independence.reset_counts()
+        self.reset_counts()
 
     def adapt(self, history: np.ndarray, **options: Any) -> None:
         """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
-        lead = self.members[0].independence
         with one_blas_thread():
-            lead.adapt(history, **options)
-        assert lead.proposal is not None
-        self.proposal = lead.proposal
+            self.members[0].independence.adapt(history, **options)
+        self.proposal = self.proposal  # that of the first, for all
 
     def reset_counts(self) -> None:
         """Start counting acceptance afresh."""

@@ -1,12 +1,5 @@
-"""An adapted independence move for emcee.
+"""An independence move for emcee, whose proposal is fitted to the walkers' own history.
 
-    move = AdaptedIndependenceMove(rng=numpy.random.default_rng(1))
-    sampler = emcee.EnsembleSampler(
-        walkers, d, log_density, moves=[(move, 0.8), (emcee.moves.DEMove(), 0.2)]
-    )
-    ... warm up, move.adapt(history), ..., move.freeze(), sample
-
-The proposal is a heavy-tailed mixture behind a transport map, fitted to the walkers' own history.
 It does not depend on the walker's position, so that a good fit gives nearly independent draws. The
 acceptance ratio is the exact Metropolis-Hastings one,
 
@@ -31,55 +24,29 @@ class AdaptedIndependenceMove(emcee.moves.Move):
 
     ``sweeps`` proposals are tried for each walker in one step: evaluated together, accepted or
     rejected in turn. Proposals are folded at ``bounds`` (d, 2); the move is exact without them.
-    ``components`` limits the mixture.
     """
 
     def __init__(
-        self,
-        rng: np.random.Generator | None = None,
-        *,
-        sweeps: int = 4,
-        components: int = 8,
-        bounds: np.ndarray | None = None,
-        proposal: MixtureProposal | None = None,
+        self, rng: np.random.Generator, *, sweeps: int = 4, bounds: np.ndarray | None = None
     ) -> None:
         super().__init__()
-        if sweeps < 1:
-            raise ValueError("a step needs at least one sweep")
-        self.rng = np.random.default_rng() if rng is None else rng
-        self.sweeps = sweeps
-        self.components = components
-        self.bounds = bounds
-        self.proposal = proposal
+        self.rng, self.sweeps, self.bounds = rng, sweeps, bounds
+        self.proposal: MixtureProposal | None = None
         self.frozen = False
         self.reset_counts()
 
     def reset_counts(self) -> None:
         """Start counting acceptance afresh."""
-        self.tried = 0
-        self.accepted = 0
-
-    @property
-    def acceptance(self) -> float:
-        """Fraction of proposals accepted since :meth:`reset_counts`; 0 when none were tried."""
-        return self.accepted / self.tried if self.tried else 0.0
+        self.tried = self.accepted = 0
 
     def adapt(
-        self,
-        history: np.ndarray,
-        *,
-        components: int | None = None,
-        label: np.ndarray | None = None,
+        self, history: np.ndarray, *, components: int = 8, label: np.ndarray | None = None
     ) -> None:
         """Fit the proposal to a history (n, d) of walkers; RuntimeError after :meth:`freeze`."""
         if self.frozen:
             raise RuntimeError("the proposal is frozen: its draws are already in use")
         self.proposal = fit_mixture_proposal(
-            history,
-            self.rng,
-            bounds=self.bounds,
-            components=components or self.components,
-            label=label,
+            history, self.rng, bounds=self.bounds, components=components, label=label
         )
 
     def freeze(self) -> None:
@@ -94,13 +61,17 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         proposals = self.proposal.sample(self.rng, self.sweeps * walkers)
         log_prob, blobs = model.compute_log_prob_fn(proposals)
         log_q = self.proposal.log_density(np.concatenate([state.coords, proposals]))
-        chosen, accepted = _accept(
-            state.log_prob,
-            log_q[:walkers],
-            np.asarray(log_prob).reshape(self.sweeps, walkers),
-            log_q[walkers:].reshape(self.sweeps, walkers),
-            np.log(self.rng.random((self.sweeps, walkers))),
-        )
+        # ln pi - ln q, the importance weight of the point that a walker is at, and of proposals; a
+        # point that the proposal cannot return from is refused
+        weight = state.log_prob - log_q[:walkers]
+        weights = np.full(self.sweeps * walkers, -np.inf)
+        np.subtract(log_prob, log_q[walkers:], out=weights, where=log_q[walkers:] > -np.inf)
+        log_u = np.log(self.rng.random((self.sweeps, walkers)))
+        chosen = np.full(walkers, -1)  # the last accepted sweep
+        for s, candidate in enumerate(weights.reshape(self.sweeps, walkers)):
+            yes = log_u[s] < candidate - weight
+            weight[yes], chosen[yes] = candidate[yes], s
+            self.accepted += int(yes.sum())
         moved = chosen >= 0
         index = chosen[moved] * walkers + np.flatnonzero(moved)
         state.coords[moved] = proposals[index]
@@ -108,27 +79,4 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         if blobs is not None and state.blobs is not None:
             state.blobs[moved] = blobs[index]
         self.tried += self.sweeps * walkers
-        self.accepted += accepted
         return state, moved
-
-
-def _accept(
-    log_prob: np.ndarray,
-    log_q: np.ndarray,
-    proposed_prob: np.ndarray,
-    proposed_q: np.ndarray,
-    log_u: np.ndarray,
-) -> tuple[np.ndarray, int]:
-    """The last accepted sweep of each walker, -1 if none; and the number accepted."""
-    chosen = np.full(log_prob.shape, -1)
-    accepted = 0
-    # ln pi(x) - ln q(x), the importance weight of the point that a walker is at
-    weight = log_prob - log_q
-    for s in range(len(proposed_q)):
-        # a point that the proposal cannot return from is refused
-        candidate = np.full(log_prob.shape, -np.inf)
-        np.subtract(proposed_prob[s], proposed_q[s], out=candidate, where=proposed_q[s] > -np.inf)
-        yes = log_u[s] < candidate - weight
-        weight[yes], chosen[yes] = candidate[yes], s
-        accepted += int(yes.sum())
-    return chosen, accepted

@@ -53,14 +53,6 @@ class StudentMixture:
         z *= np.sqrt(DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, size))[:, None]
         return self.means[component] + np.einsum("nab,nb->na", self.factors[component], z)
 
-    def with_component(self, weight: float, mean: np.ndarray, factor: np.ndarray) -> StudentMixture:
-        """The mixture with one more component, which takes its weight from all others."""
-        return StudentMixture(
-            np.append(self.weights * (1.0 - weight), weight),
-            np.vstack([self.means, mean]),
-            np.concatenate([self.factors, factor[None]]),
-        )
-
 
 def squared_distances(x: np.ndarray, means: np.ndarray, inverses: np.ndarray) -> np.ndarray:
     """|L_k^-1 (x - m_k)|^2 of points (n, d) from every component; shape (n, K)."""

@@ -1,8 +1,6 @@
 """Separate modes of a density, and Laplace's approximation at each.
 
-A sampler that starts from one mode can miss another without any diagnostic noticing: walkers that
-agree with one another agree around the same mode. So a search starts from every mode that climbs
-from very different points lead to.
+No diagnostic notices a mode that all walkers miss: climbs start from very different points.
 """
 
 from __future__ import annotations
@@ -42,8 +40,7 @@ def local_mode(
     conditional sds. Also returns a square root (d, d) of the covariance of the local Gaussian
     approximation, its widths limited to ``scale``: beyond it a direction counts as not determined.
     """
-    low = np.where(np.isfinite(bounds[:, 0]), bounds[:, 0] + BOUND_MARGIN, -np.inf)
-    high = np.where(np.isfinite(bounds[:, 1]), bounds[:, 1] - BOUND_MARGIN, np.inf)
+    low, high = bounds[:, 0] + BOUND_MARGIN, bounds[:, 1] - BOUND_MARGIN
     x = np.clip(start, low, high)
     value = float(log_density(x[None])[0])
     over = 0.02 * scale
@@ -95,10 +92,8 @@ def _differences(
     gradient = (plus - minus) / (2.0 * step)
     hessian = np.diag((plus - 2.0 * value + minus) / step**2)
     # f(+,+) + f(-,-) - f(+i) - f(-i) - f(+j) - f(-j) + 2 f = 2 h_i h_j H_ij
-    cross = (both - plus[i] - minus[i] - plus[j] - minus[j] + 2.0 * value) / (
-        2.0 * step[i] * step[j]
-    )
-    hessian[i, j] = hessian[j, i] = cross
+    cross = both - plus[i] - minus[i] - plus[j] - minus[j] + 2.0 * value
+    hessian[i, j] = hessian[j, i] = cross / (2.0 * step[i] * step[j])
     return gradient, hessian
 
 
@@ -120,10 +115,7 @@ class Mode:
 
 
 def find_modes(
-    log_density: LogDensity,
-    starts: np.ndarray,
-    scale: np.ndarray,
-    bounds: np.ndarray,
+    log_density: LogDensity, starts: np.ndarray, scale: np.ndarray, bounds: np.ndarray
 ) -> list[Mode]:
     """Climb from every start (n, d); the different modes that matter, the heaviest first."""
     # A start on a bound has its density, if any, next to it.
@@ -140,9 +132,8 @@ def find_modes(
     for mode in modes:
         lost_mass = modes[0].log_mass - mode.log_mass
         lost_height = max(m.height for m in modes) - mode.height
-        if min(lost_mass, lost_height) < NEGLIGIBLE_LOG_MASS and not any(
-            _same(mode, m) for m in distinct
-        ):
+        matters = min(lost_mass, lost_height) < NEGLIGIBLE_LOG_MASS
+        if matters and not any(_same(mode, m) for m in distinct):
             distinct.append(mode)
     return distinct[:MAX_MODES]
 

@@ -1,15 +1,10 @@
 """Population Monte Carlo: thousands of points that locate a density and its extent.
 
 A population is drawn from a proposal, weighted by density over proposal, and the next proposal is
-fitted to it (Cappe et al., J. Comput. Graph. Stat. 13 (2004) 907). Thousands of points at once
-cost a compiled density a few milliseconds; walkers would need hundreds of steps to come as far.
-The first proposal has a Student t around every mode (:mod:`.modes`).
-
-A *cluster* is a group of modes with no deep valley between them (:func:`.modes.mode_clusters`). A
-single transport map fitted to separate clusters tends to lose one. So each cluster has its own
-*part* of the proposal, a mixture of *components*, fitted to the points at which that part is the
-densest. All parts get equally many points, so that clusters of little mass are not fitted from too
-few points and then underestimated.
+fitted to it (Cappe et al., J. Comput. Graph. Stat. 13 (2004) 907). A single transport map fitted
+to separate clusters of modes tends to lose one: each has its own *part* of the proposal, fitted to
+the points at which that part is the densest. All parts get equally many points, so that clusters
+of little mass are not fitted from too few points and then underestimated.
 """
 
 from __future__ import annotations
@@ -22,7 +17,7 @@ from scipy.special import logsumexp
 from biaxbayes.errors import NotConverged
 from biaxbayes.sampling.modes import Mode, find_modes, mode_clusters
 from biaxbayes.sampling.proposal import MixtureProposal, first_proposal, fit_mixture_proposal
-from biaxbayes.sampling.target import LogDensity, Target
+from biaxbayes.sampling.target import Target
 from biaxbayes.tasks import one_blas_thread
 
 POPULATION = 4096
@@ -44,22 +39,12 @@ CLUSTER_POINTS = 600
 
 @dataclass(frozen=True)
 class Start:
-    """Result of a search, from which walkers start.
+    """Result of a search, from which walkers start."""
 
-    Attributes
-    ----------
-    proposal : MixtureProposal
-        A proposal that fits the density, with a part for each cluster of modes.
-    points, log_weight : ndarray, shapes (n, d) and (n,)
-        A population with log importance weights, -inf where the density is zero.
-    rng : numpy.random.Generator
-        The generator of the search, which the warm-up continues with.
-    """
-
-    proposal: MixtureProposal
-    points: np.ndarray
-    log_weight: np.ndarray
-    rng: np.random.Generator
+    proposal: MixtureProposal  # that fits the density, with a part for each cluster of modes
+    points: np.ndarray  # (n, d), a population
+    log_weight: np.ndarray  # (n,), log importance weights; -inf where the density is zero
+    rng: np.random.Generator  # of the search, which the warm-up continues with
 
 
 def search(
@@ -96,49 +81,38 @@ def search(
         If no point of positive density is drawn.
     """
     centre, bounds = starts[0], target.bounds
-    modes = find_modes(target.log_prob, starts, scale, bounds) or [
-        Mode(centre, np.diag(scale), 0.0)
-    ]
+    modes = find_modes(target.log_prob, starts, scale, bounds)
+    modes = modes or [Mode(centre, np.diag(scale), 0.0)]
     if scale_is_sd is None:
         scale_is_sd = np.zeros(len(scale), dtype=bool)
     wide = [np.diag(scale * np.where(scale_is_sd, 1.0, width)) for width in SEARCH_WIDTHS]
     clusters = mode_clusters(target.log_prob, modes)
     parts = []
     for cluster in clusters:
-        means = [m.location for m in cluster for _ in range(2)] + [
-            cluster[0].location,
-            centre,
-            centre,
-        ]
+        means = [m.location for m in cluster for _ in range(2)]
+        means += [cluster[0].location, centre, centre]
         factors = [width * m.factor for m in cluster for width in (1.0, 2.0)] + wide
         mix = [weight / len(cluster) for _ in cluster for weight in (0.4, 0.3)] + [0.1] * 3
         parts.append(first_proposal(np.array(means), factors, np.array(mix), bounds))
     weights = np.array([len(cluster) for cluster in clusters]) / len(modes)
-    first = MixtureProposal(weights, tuple(parts))
-    return Start(*adapt_proposal(target.log_prob, first, bounds, rng, population), rng)
+    return _adapted(target, MixtureProposal(weights, tuple(parts)), rng, population)
 
 
-def adapt_proposal(
-    log_density: LogDensity,
-    proposal: MixtureProposal,
-    bounds: np.ndarray,
-    rng: np.random.Generator,
-    population: int = POPULATION,
-    components: int = SEARCH_COMPONENTS,
-) -> tuple[MixtureProposal, np.ndarray, np.ndarray]:
-    """Adapt a first proposal to a density; the proposal, its last points and log weights.
+def _adapted(
+    target: Target, proposal: MixtureProposal, rng: np.random.Generator, population: int
+) -> Start:
+    """Adapt a first proposal to a density; NotConverged if no point has a positive density.
 
     The first one is much wider than the density, so the weights are tempered: raised to the
     largest power that keeps a fraction of the population effective, separately in each part. All
     parts get equally many points. A mode that no point of a generation comes near is lost;
     :mod:`.modes` looks for them beforehand. A part is dropped when its total weight is negligible
-    and no single point dominates. ``components`` is the largest number of components per part.
-    Raises NotConverged if no point has a positive density.
+    and no single point dominates.
     """
     best_fraction, stalled = 0.0, 0
     for _ in range(MAX_GENERATIONS):
         u = proposal.sample(rng, population * min(len(proposal.parts), MAX_POPULATIONS))
-        log_prob = log_density(u)
+        log_prob = target.log_prob(u)
         inside = np.isfinite(log_prob)
         log_weight = np.full(len(u), -np.inf)
         log_weight[inside] = log_prob[inside] - proposal.log_density(u[inside])
@@ -152,16 +126,15 @@ def adapt_proposal(
             best_fraction = max(fraction, best_fraction)
             if fraction > TARGET_FRACTION or stalled >= 2:
                 break
-        tempered = np.where(
-            inside, np.array(powers)[label] * np.where(inside, log_weight, 0.0), -np.inf
-        )
+        tempered = np.full(len(u), -np.inf)
+        tempered[inside] = np.array(powers)[label[inside]] * log_weight[inside]
         chosen = resample_clusters(tempered, label, len(u) // 2, rng)
-        max_components = components * (int(np.max(label)) + 1)
+        components = SEARCH_COMPONENTS * len(powers)
         with one_blas_thread():
             proposal = fit_mixture_proposal(
-                u[chosen], rng, bounds=bounds, components=max_components, label=label[chosen]
+                u[chosen], rng, bounds=target.bounds, components=components, label=label[chosen]
             )
-    return proposal, u, log_weight
+    return Start(proposal, u, log_weight, rng)
 
 
 def _cluster_labels(proposal: MixtureProposal, u: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
@@ -233,8 +206,7 @@ def draw_cluster_points(start: Start) -> np.ndarray:
 
 def dispersed_starts(start: Start, *, ensembles: int, walkers: int) -> list[np.ndarray]:
     """Starts (walkers, d) of independent ensembles, spread as :func:`draw_tempered_points`."""
-    starts = []
-    tempered = _tempered_log_weight(start)
+    starts, tempered = [], _tempered_log_weight(start)
     for _ in range(ensembles):
         # Without replacement (Gumbel keys), so that the walkers are distinct.
         keys = tempered + start.rng.gumbel(size=tempered.size)

@@ -1,19 +1,14 @@
 """The proposal of the independence move: weighted sum of transported mixtures.
 
-A :class:`TransportedMixture` is a mixture of Student t distributions in the reference coordinates
-of a triangular :class:`.transport_map.TransportMap`. Where a coordinate is bounded the mixture is
-folded: a draw beyond the bound is reflected back, and the density adds up the images. Fitted to
-points mirrored at their bound, the mixture is smooth across it, and no proposal is wasted on the
-far side.
-
-A :class:`MixtureProposal` is a weighted sum of them, one for each cluster of modes of a density
-that no single map makes Gaussian.
+Where a coordinate is bounded a mixture is folded: a draw beyond the bound is reflected back, and
+the density adds up the images. Fitted to points mirrored at their bound, the mixture is smooth
+across it, and no proposal is wasted on the far side.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 
 import numpy as np
@@ -31,7 +26,7 @@ BROAD_WEIGHT, BROAD_SCALE = 0.1, 2.0
 
 @dataclass(frozen=True)
 class TransportedMixture:
-    """A frozen proposal density in d dimensions."""
+    """A mixture of Student t distributions in the reference coordinates of a transport map."""
 
     transport: TransportMap
     mixture: StudentMixture  # in the reference coordinates
@@ -62,19 +57,6 @@ class TransportedMixture:
                 mirrored = bounded[np.isfinite(mirrors)]
                 image[:, mirrored] = 2.0 * np.array(mirrors)[np.isfinite(mirrors)] - r[:, mirrored]
                 yield image
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Arrays for a checkpoint, by name."""
-        mixture = {k: getattr(self.mixture, k) for k in ("weights", "means", "factors")}
-        return vars(self.transport) | mixture | {"bounds": self.bounds}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> TransportedMixture:
-        """Inverse of :meth:`arrays`."""
-        names = ("order", "centre", "scale", "coefficients", "widths")
-        transport = TransportMap(*(arrays[k] for k in names))
-        mixture = StudentMixture(arrays["weights"], arrays["means"], arrays["factors"])
-        return cls(transport, mixture, arrays["bounds"])
 
 
 def first_proposal(
@@ -110,14 +92,18 @@ def fit_transported_mixture(
     r = np.where(flip, 2.0 * nearer - r, r)
     covariance = np.cov(r.T).reshape(len(limits), -1) + 1e-9 * np.eye(len(limits))
     broad = BROAD_SCALE * np.linalg.cholesky(covariance)
-    mixture = fit_mixture(r, rng, components=components)
-    mixture = mixture.with_component(BROAD_WEIGHT, r.mean(axis=0), broad)
+    fitted = fit_mixture(r, rng, components=components)
+    mixture = StudentMixture(
+        np.append(fitted.weights * (1.0 - BROAD_WEIGHT), BROAD_WEIGHT),
+        np.vstack([fitted.means, r.mean(axis=0)]),
+        np.concatenate([fitted.factors, broad[None]]),
+    )
     return TransportedMixture(transport, mixture, limits)
 
 
 @dataclass(frozen=True)
 class MixtureProposal:
-    """A mixture of transported mixtures; the proposal density of the sampler."""
+    """The proposal of the sampler, with a part for each cluster of modes: no one map suits all."""
 
     weights: np.ndarray
     parts: tuple[TransportedMixture, ...]
@@ -146,7 +132,9 @@ class MixtureProposal:
         """Arrays for a checkpoint, by name."""
         out = {"shares": self.weights}
         for k, part in enumerate(self.parts):
-            out |= {f"{k}_{name}": values for name, values in part.arrays().items()}
+            of_part = {**vars(part.transport), **vars(part.mixture), "bounds": part.bounds}
+            del of_part["inverses"]  # computed from the factors
+            out |= {f"{k}_{name}": values for name, values in of_part.items()}
         return out
 
     @classmethod
@@ -154,9 +142,10 @@ class MixtureProposal:
         """Inverse of :meth:`arrays`."""
         parts = []
         for k in range(len(arrays["shares"])):
-            prefix = f"{k}_"
-            own = {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
-            parts.append(TransportedMixture.from_arrays(own))
+            own = {n.removeprefix(f"{k}_"): v for n, v in arrays.items() if n.startswith(f"{k}_")}
+            transport = TransportMap(*(own[f.name] for f in fields(TransportMap)))
+            mixture = StudentMixture(own["weights"], own["means"], own["factors"])
+            parts.append(TransportedMixture(transport, mixture, own["bounds"]))
         return cls(arrays["shares"], tuple(parts))
 
 
@@ -172,11 +161,9 @@ def fit_mixture_proposal(
     if label is None:
         label = np.zeros(len(points), dtype=np.int64)
     weights = np.bincount(label) / len(points)
-    components_per_part = max(1, components // len(weights))
-    fits = [
-        fit_transported_mixture(
-            points[label == k], rng, bounds=bounds, components=components_per_part
-        )
+    most = max(1, components // len(weights))
+    parts = [
+        fit_transported_mixture(points[label == k], rng, bounds=bounds, components=most)
         for k in range(len(weights))
     ]
-    return MixtureProposal(weights, tuple(fits))
+    return MixtureProposal(weights, tuple(parts))

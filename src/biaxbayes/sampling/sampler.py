@@ -1,8 +1,7 @@
-"""Sample until converged: warm-up, blocks of steps, assessments of convergence.
+"""Warm-up, then blocks of steps until the draws have converged.
 
-Warm-up, then blocks of steps until the effective sample size of the worst quantity is on
-target and the ensembles agree. Every decision depends on the draws alone, never on the clock, so
-that a seed determines every byte, however often the run is interrupted.
+Every decision depends on the draws alone, never on the clock, so that a seed determines every
+byte, however often the run is interrupted.
 """
 
 from __future__ import annotations
@@ -16,13 +15,7 @@ import numpy as np
 
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
-from biaxbayes.sampling.convergence import (
-    MAX_STUCK,
-    Convergence,
-    assess,
-    longest_stuck,
-    unassessed,
-)
+from biaxbayes.sampling.convergence import MAX_STUCK, Convergence, assess, longest_stuck, unassessed
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
@@ -79,14 +72,11 @@ class Plan:
 
     def search_rng(self) -> np.random.Generator:
         """Random numbers of the search, continued by the warm-up."""
-        return np.random.default_rng(self._seeds()[0])
+        return np.random.default_rng(np.random.SeedSequence(self.seed).spawn(2)[0])
 
     def ensemble_seed(self) -> np.random.SeedSequence:
         """Seed of the ensembles."""
-        return self._seeds()[1]
-
-    def _seeds(self) -> list[np.random.SeedSequence]:
-        return np.random.SeedSequence(self.seed).spawn(2)
+        return np.random.SeedSequence(self.seed).spawn(2)[1]
 
 
 @dataclass
@@ -252,7 +242,6 @@ def start_ensembles(
         draw_cluster_points(start),
         progress=lambda text: progress(Progress(f"warming up: {text}")),
     )
-    assert ensembles.proposal is not None
     return ensembles, Checkpoint(
         constants=target.constants,
         proposal=ensembles.proposal,

@@ -135,10 +135,8 @@ def _heteroscedastic(
         left = (target - means @ row) * np.exp(-s)
         # ln |left| of a Gaussian scatters by 1.1 whatever its width; its mean follows ln width.
         spread = np.log(np.abs(left) + 1e-3 * left.std() + 1e-300) + s
-        # the log width is free up to a constant
-        slopes = _regression(terms, spread - spread.mean(), WIDTH_RIDGE_PENALTY, np.ones(len(s)))[
-            1:
-        ]
+        spread -= spread.mean()  # the log width is free up to a constant
+        slopes = _regression(terms, spread, WIDTH_RIDGE_PENALTY, np.ones(len(s)))[1:]
         s = np.clip(logs @ slopes, -MAX_LOG_WIDTH, MAX_LOG_WIDTH)
     return row, slopes
 
