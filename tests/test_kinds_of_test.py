@@ -8,7 +8,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.experiments import EXPERIMENTS, Experiment
 from biaxbayes.experiments.experiment import Column, Loads, Points
 from biaxbayes.experiments.tube import Tube
-from biaxbayes.figures.record import protocols_figure
+from biaxbayes.figures.specimen import protocols_figure
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import Settings

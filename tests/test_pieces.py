@@ -10,7 +10,7 @@ import biaxbayes
 import quick_posteriors
 from biaxbayes import GOH, Specimen, read_specimen, write_specimen
 from biaxbayes.calibration.simulated_specimen import draw_truth, protocol_prior, simulate_specimen
-from biaxbayes.derived.piece_stiffness import piece_stiffnesses
+from biaxbayes.derived.known import piece_stiffnesses
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import FitSetup
 from biaxbayes.fitting.residuals import BalancedMounting

@@ -26,7 +26,7 @@ from biaxbayes.prediction.stress import (
     BEYOND,
     INSIDE,
     OFF_PATH,
-    covered_stretches,
+    CoveredStretches,
     measured_stress,
     predict_stress,
     stretch_path,
@@ -175,7 +175,7 @@ def test_a_ratio_leads_with_its_larger_share():
 
 def test_extrapolation_is_marked_row_by_row():
     sample = specimen(((1.0, 1.0), (1.0, 0.5)))
-    region = covered_stretches(sample)
+    region = CoveredStretches(sample)
     states = [(1.1, 1.1), (1.15, 1.1), (1.2, 1.2), (1.21, 1.2), (0.99, 1.0), (1.02, 1.18)]
     wanted = [INSIDE, INSIDE, INSIDE, BEYOND, BELOW, OFF_PATH]
     assert list(region.extrapolation(*np.transpose(states))) == wanted
@@ -183,7 +183,7 @@ def test_extrapolation_is_marked_row_by_row():
 
 
 def test_a_single_protocol_is_a_line_not_an_area():
-    region = covered_stretches(specimen())
+    region = CoveredStretches(specimen())
     assert len(region.hull) == 2
     assert list(region.extrapolation([1.1, 1.1], [1.1, 1.0])) == [INSIDE, OFF_PATH]
 

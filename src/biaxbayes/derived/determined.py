@@ -1,7 +1,6 @@
 """Quantities that the data determine: structure tensor, stiffness, stress and energy.
 
-These can be narrow although parameters are strongly correlated: the same curves mean the same
-stress. Stresses are those of the tissue, the law and its misfit; the others are the law's.
+They can be narrow although parameters are strongly correlated: the same curves, the same stress.
 """
 
 from __future__ import annotations
@@ -43,10 +42,7 @@ class Derived:
 
 
 def derived_quantities(
-    draws: pd.DataFrame,
-    law: Law,
-    stress_at: Sequence[float],
-    stiffness_at: Sequence[float] = (),
+    draws: pd.DataFrame, law: Law, stress_at: Sequence[float], stiffness_at: Sequence[float]
 ) -> list[Derived]:
     """The structure tensor of every draw, stresses and stiffnesses.
 
@@ -80,13 +76,12 @@ def thin_draws(draws: pd.DataFrame, max_draws: int = MAX_DERIVED_DRAWS) -> pd.Da
 
 def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
     """Largest total stretch that the test reached in both directions, at the median mounting."""
-    # a strip is stretched along itself
     largest = [
-        float((p.stretch * np.median(protocol_mounting(draws, p), axis=0)).max(axis=0)[k])
+        (p.stretch * np.median(protocol_mounting(draws, p), axis=0)).max(axis=0)
         for p in specimen.protocols
-        for k in specimen.experiment.axes
     ]
-    return float(np.reshape(largest, (len(specimen.protocols), -1)).max(axis=0).min())
+    # a strip is stretched along itself
+    return float(np.max(largest, axis=0)[list(specimen.experiment.axes)].min())
 
 
 # --- the table: determined.csv ------------------------------------------------------------------
@@ -115,7 +110,8 @@ def determined(
     Columns quantity, unit, stretch_x, stretch_y (NaN where there is none), median, low, high and
     relative_width, the interval over the median's magnitude. Stretches are total, but for
     quantities "at the measured stretch", half-way and at the end of every protocol and relative to
-    its mounted state. Nominal stresses are forces over the section of the unloaded specimen.
+    its mounted state. Stresses are those of the tissue, the law and its misfit, the others the
+    law's. Nominal stresses are forces over the section of the unloaded specimen.
     Quantities at total stretches rest on the law between the unloaded and the mounted state; their
     intervals hold what is not known of the mounting stretch.
 
@@ -134,8 +130,21 @@ def determined(
             x_and_y = np.round(_half_way_and_end(protocol, side) * lm, 3)
             states += [(float(x), float(y)) for x, y in x_and_y]
         states = list(dict.fromkeys(states))
+    few, law, nowhere = thin_draws(draws), posterior.law, (np.nan, np.nan)
     with np.errstate(over="ignore", invalid="ignore"):
-        rows = list(_rows(posterior, thin_draws(draws), states, axes))
+        material = law.material(few)
+        described = law.derived_quantities(material)
+        rows = [_row(name, "", nowhere, v[:, 0]) for name, v in described.items()]
+        small = material.cauchy_by_log_stretch(1.0, 1.0)
+        for name, i, j in TANGENTS:
+            values = small[i, j, :, 0]
+            rows.append(_row(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), values))
+        if states:
+            rows += _total_rows(posterior, few, states, axes)
+            tiled = [np.tile(state, (len(few), 1)) for state in states]
+            largest = law.largest_exponents(material.constants, tiled)
+            for formula, values in zip(law.formulas, largest, strict=True):
+                rows.append(_row(f"exponent {formula}", "", nowhere, values))
         if stretches is None and specimen.physiological:
             body = [specimen.physiological]
             rows += _total_rows(posterior, draws, body, (0, 1), AT_PHYSIOLOGICAL)
@@ -162,47 +171,22 @@ def _row(
     unit: str,
     stretches: tuple[float, float],
     values: np.ndarray,
-    sd: np.ndarray | None = None,
+    sd: np.ndarray | float = 0.0,
 ) -> dict[str, object]:
     """A row of the table, of values of the draws with the sd of the tissue about each."""
     values = np.nan_to_num(values, nan=np.inf)[:, None]  # what overflows is large
-    spread = np.zeros(1) if sd is None else np.broadcast_to(sd[:, None], values.shape)
+    spread = np.broadcast_to(np.reshape(sd, (-1, 1)), values.shape)
     if np.any(spread):
         finite = np.isfinite(values[:, 0])
         values, spread = values[finite], spread[finite]
     low, median, high = percentiles(values, spread, list(QUANTILES.values()))[:, 0]
-    return {
-        "quantity": name,
-        "unit": unit,
-        "stretch_x": stretches[0],
-        "stretch_y": stretches[1],
+    head = {"quantity": name, "unit": unit, "stretch_x": stretches[0], "stretch_y": stretches[1]}
+    return head | {
         "median": float(median),
         "low": float(low),
         "high": float(high),
         "relative_width": float((high - low) / max(abs(median), 1e-300)),
     }
-
-
-def _rows(
-    posterior: Posterior,
-    draws: pd.DataFrame,
-    states: list[tuple[float, float]],
-    axes: Sequence[int],
-) -> Iterator[dict[str, object]]:
-    """Quantities of the law, and those at total stretches; stresses in the directions of axes."""
-    law, material = posterior.law, posterior.law.material(draws)
-    nowhere = (np.nan, np.nan)
-    for name, values in law.derived_quantities(material).items():
-        yield _row(name, "", nowhere, values[:, 0])
-    small = material.cauchy_by_log_stretch(1.0, 1.0)
-    for name, i, j in TANGENTS:
-        yield _row(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0])
-    if states:
-        yield from _total_rows(posterior, draws, states, axes)
-        stretches = [np.tile(state, (len(draws), 1)) for state in states]
-        largest = law.largest_exponents(material.constants, stretches)
-        for formula, values in zip(law.formulas, largest, strict=True):
-            yield _row(f"exponent {formula}", "", nowhere, values)
 
 
 def _total_rows(
@@ -255,11 +239,9 @@ def _measured_rows(
         return
     tissue, material = Tissue(posterior, draws), posterior.law.material(draws)
     for i, protocol in enumerate(specimen.protocols):
-        ending = (
-            AT_MEASURED_STRETCH
-            if len(specimen.protocols) == 1
-            else f"{AT_MEASURED_STRETCH} of {protocol.name}"
-        )
+        ending = AT_MEASURED_STRETCH
+        if len(specimen.protocols) > 1:
+            ending += f" of {protocol.name}"
         states = np.round(_half_way_and_end(protocol, specimen.experiment.free_side), 4)
         lm = protocol_mounting(draws, protocol)
         # P = f / A0
@@ -271,18 +253,12 @@ def _measured_rows(
         nominal = (tissue.law(states, protocol.name) + misfit) / section
         sd = np.broadcast_to(loads.sd, nominal.shape) / section
         for j, (x, y) in enumerate(states):
+            state = (float(x), float(y))
             for axis in specimen.experiment.axes:
-                name = "xy"[axis]
-                yield _row(
-                    f"nominal stress {name}{ending}",
-                    "kPa",
-                    (float(x), float(y)),
-                    nominal[:, j, axis],
-                    sd[:, j, axis],
-                )
+                name, values = f"nominal stress {'xy'[axis]}{ending}", nominal[:, j, axis]
+                yield _row(name, "kPa", state, values, sd[:, j, axis])
             if not specimen.experiment.is_biaxial:
                 continue  # of a strip the side is free
-            state = (float(x), float(y))
             tangent = material.cauchy_by_log_stretch(x * lm[:, :1], y * lm[:, 1:])
             for name, k, m in TANGENTS[:2]:
                 yield _row(f"tangent stiffness {name}{ending}", "kPa", state, tangent[k, m, :, 0])

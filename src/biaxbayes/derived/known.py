@@ -1,13 +1,13 @@
-"""What is known of the tissue: stresses, tangent stiffnesses and their ratio at states of the test.
-
-They are known far better than single parameters, so a reader sees them first.
-"""
+"""What is known best of the tissue, stresses and stiffnesses, and how stiff its pieces are."""
 
 from __future__ import annotations
 
 import pandas as pd
 
 from biaxbayes.derived.determined import AT_MEASURED_STRETCH, AT_PHYSIOLOGICAL, RATIO
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.parameters import STIFFNESS, name_of
+from biaxbayes.prediction.percentiles import quantiles
 from biaxbayes.report_table import DASH, Column, Table, interval_texts
 
 QUANTITIES = {
@@ -80,3 +80,22 @@ def _cell(name: str, column: pd.DataFrame) -> str:
     values = column.loc[[name], ["median", "low", "high"]].to_numpy(dtype=float)[0]
     median, low, high = interval_texts(values[0], values[1], values[2], log=name == RATIO)
     return f"{median} ({low} to {high})"
+
+
+def piece_stiffnesses(posterior: Posterior, draws: pd.DataFrame) -> tuple[list[str], list[str]]:
+    """A sentence on each further piece: those as stiff as the first, and those that differ."""
+    alike, different = [], []
+    first, *further = posterior.specimen.pieces
+    for piece in further:
+        low, median, high = quantiles(draws[name_of(STIFFNESS.name, piece.name)])
+        middle, *ends = interval_texts(median, low, high, STIFFNESS)
+        many = f"{middle} ({' to '.join(ends)})"
+        text = f"piece {piece.name} is {many} times as stiff as {first.name}"
+        if low <= 1.0 <= high:
+            alike.append(text)
+            continue
+        different.append(
+            f"{text}: it differs. The other intervals allow for a stiffness of its own, not for "
+            "another fibre angle or layer: check its width and thickness and where it was cut"
+        )
+    return alike, different

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -12,49 +10,40 @@ from matplotlib.figure import Figure
 from biaxbayes.comparison.compare import Comparison
 from biaxbayes.comparison.law_weights import MIXTURE, LawComparison
 from biaxbayes.derived.determined import STRESS
+from biaxbayes.figures import style
 from biaxbayes.figures.identifiability import VERDICT_COLOURS
 from biaxbayes.figures.panels import draw_cells, row_panels, set_panel
 from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, plain, quantity
-from biaxbayes.figures.style import (
-    PAGE_MM,
-    add_note,
-    blank_figure,
-    colour,
-    limit_ticks,
-    print_style,
-)
-from biaxbayes.identifiability.verdict import COMBINATION
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.percentiles import tails
 
 # --- runs: the matrix of verdicts and the forest of intervals ------------------------------------
 
-SHORT = {COMBINATION: "in combination"}
 CELL_MM, FOREST_ROW_MM = 9.5, 4.2
 FOREST_NOTE = (
     "filled: identified or bounded in that run; open: not, so differences are not of the tissue"
 )
 
 
-@print_style()
+@style.print_style()
 def matrix_figure(comparison: Comparison) -> Figure:
     """Verdict and reported interval of every parameter of every run."""
     runs = [{row.name: row for row in reported} for reported in comparison.reported]
     quantities = _judged(comparison)
     names = [name for name in quantities if any(name in run for run in runs)]
     cells = [[run.get(name) for name in names] for run in runs]
-    figure = blank_figure(PAGE_MM, 15.0 + CELL_MM * len(runs))
+    figure = style.blank_figure(style.PAGE_MM, 15.0 + CELL_MM * len(runs))
     draw_cells(
         figure.subplots(),
         [
-            [f"{SHORT.get(r.verdict, r.verdict)}\n{r.interval}" if r else "" for r in rows]
+            [f"{r.verdict.removeprefix('only ')}\n{r.interval}" if r else "" for r in rows]
             for rows in cells
         ],
         [[VERDICT_COLOURS[r.verdict] if r else "white" for r in rows] for rows in cells],
         rows=[plain(label, 20) for label in comparison.labels],
         columns=[axis_text(quantities[name]).label for name in names],
     )
-    add_note(figure, "below the verdict: reported 90 % interval or 95 % bound")
+    style.add_note(figure, "below the verdict: reported 90 % interval or 95 % bound")
     return figure
 
 
@@ -64,30 +53,10 @@ def _judged(comparison: Comparison) -> dict[str, Quantity]:
     return {q.name: q for q in judged if not q.state}
 
 
-@print_style()
+@style.print_style()
 def forest_figure(comparison: Comparison) -> Figure:
     """Draw medians with 50 and 90 % intervals of every run; open symbols are not identified."""
-    rows = _forest_rows(comparison)
-    labels = [plain(label, 16) for label in comparison.labels]
-    tall = FOREST_ROW_MM * len(labels) + 1.0
-    figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, FOREST_NOTE)
-    for ax, (text, draws, identified) in zip(axes, rows, strict=True):
-        for i, values in draws.items():
-            hue = colour(i)
-            if np.ptp(values) > 0.0:
-                ax.plot(np.quantile(values, tails(0.9)), [i, i], color=hue, linewidth=0.9)
-                ax.plot(np.quantile(values, tails(0.5)), [i, i], color=hue, linewidth=2.2)
-            face = hue if identified[i] else "white"
-            ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
-        set_panel(ax, axis_span(text, *draws.values()), text.label, len(labels))
-    return figure
-
-
-def _forest_rows(
-    comparison: Comparison,
-) -> list[tuple[AxisText, dict[int, np.ndarray], list[bool]]]:
-    """Quantity, draws by run, and whether each identifies it; stresses at the largest stretch."""
-    rows = []
+    rows: list[tuple[AxisText, dict[int, np.ndarray], list[bool]]] = []
     for name, known in _judged(comparison).items():
         of_runs = [m.draws for m in comparison.members]
         draws = {i: run[name].to_numpy(float) for i, run in enumerate(of_runs) if name in run}
@@ -96,13 +65,26 @@ def _forest_rows(
             rows.append((axis_text(known), draws, identified))
     by_key = [{q.key: q for q in derived} for derived in comparison.derived]
     for key, first in by_key[0].items():
+        # of stresses those at the largest stretch
         at_end = first.kind != STRESS or first.stretch == comparison.stretches[-1]
         if at_end and all(key in of_run for of_run in by_key):  # else of one law alone
             at = "" if first.stretch is None else f" at {first.stretch:.4g}"
             draws = {i: of_run[key].values for i, of_run in enumerate(by_key)}
             identified = [d[key] for d in comparison.identified]
             rows.append((quantity(first.name + at), draws, identified))
-    return rows
+    labels = [plain(label, 16) for label in comparison.labels]
+    tall = FOREST_ROW_MM * len(labels) + 1.0
+    figure, axes = row_panels(len(rows), tall, range(len(labels)), labels, FOREST_NOTE)
+    for ax, (text, draws, identified) in zip(axes, rows, strict=True):
+        for i, values in draws.items():
+            hue = style.colour(i)
+            if np.ptp(values) > 0.0:
+                ax.plot(np.quantile(values, tails(0.9)), [i, i], color=hue, linewidth=0.9)
+                ax.plot(np.quantile(values, tails(0.5)), [i, i], color=hue, linewidth=2.2)
+            face = hue if identified[i] else "white"
+            ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
+        set_panel(ax, axis_span(text, *draws.values()), text.label, len(labels))
+    return figure
 
 
 # --- laws: misfit and prediction, mounting stretches ---------------------------------------------
@@ -128,19 +110,18 @@ def _label_laws(ax: Axes, rows: pd.DataFrame, positions: np.ndarray) -> None:
     ax.tick_params(axis="y", length=0)
 
 
-@print_style()
+@style.print_style()
 def law_misfit_figure(compared: LawComparison) -> Figure:
     """Misfit of the record beside that of left-out parts, and the weights."""
     rows, positions = _weighted_rows(compared)
     laws = rows["law"] != MIXTURE
-    blue = colour(0)
-    figure = blank_figure(PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
+    blue = style.colour(0)
+    figure = style.blank_figure(style.PAGE_MM, HEAD_MM + 6.0 + LAW_ROW_MM * (len(rows) + 0.4))
     misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
     fit, left_out = rows["rms_kPa"], rows["left_out_rms_kPa"]
-    look: dict[str, Any] = {"ms": 4.0, "mec": blue}
     misfit.hlines(positions, fit, left_out, color="0.75", linewidth=0.8)
-    misfit.plot(fit, positions, "o", mfc="white", label="of the fit to all", **look)
-    misfit.plot(left_out, positions, "o", mfc=blue, label="of parts left out", **look)
+    misfit.plot(fit, positions, "o", ms=4.0, mec=blue, mfc="white", label="of the fit to all")
+    misfit.plot(left_out, positions, "o", ms=4.0, mec=blue, mfc=blue, label="of parts left out")
     misfit.set_xlim(left=0.0)
     misfit.set_xlabel("rms misfit (kPa)")
     _label_laws(misfit, rows, positions)
@@ -151,12 +132,12 @@ def law_misfit_figure(compared: LawComparison) -> Figure:
     weights.set_xlim(0.0, 1.0)
     weights.set_xlabel("weight, and range with a part dropped")
     for ax in (misfit, weights):
-        limit_ticks(ax.xaxis)
+        style.limit_ticks(ax.xaxis)
     figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
-@print_style()
+@style.print_style()
 def law_mounting_figure(compared: LawComparison) -> Figure | None:
     """Draw the mounting stretches by law; None if none is inferred."""
     rows, positions = _weighted_rows(compared)
@@ -164,17 +145,17 @@ def law_mounting_figure(compared: LawComparison) -> Figure | None:
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
-    figure = blank_figure(PAGE_MM, HEAD_MM + LAW_ROW_MM * (len(rows) + 0.4))
+    figure = style.blank_figure(style.PAGE_MM, HEAD_MM + LAW_ROW_MM * (len(rows) + 0.4))
     panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
     for ax, name in zip(panels, names, strict=True):
         low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
         # a law that hardly predicts is drawn lightly
-        hues = np.where(rows["weight"] >= 0.05, colour(0), "0.65")
+        hues = np.where(rows["weight"] >= 0.05, style.colour(0), "0.65")
         ax.hlines(positions, low, high, color=hues, linewidth=1.6)
         for position, m, hue in zip(positions, median, hues, strict=True):
             ax.plot(m, position, "o", ms=3.5, color=hue)
         ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
         ax.set_xlabel(quantity(name).label)
-        limit_ticks(ax.xaxis)
+        style.limit_ticks(ax.xaxis)
     _label_laws(panels[0], rows, positions)
     return figure

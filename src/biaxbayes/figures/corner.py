@@ -1,7 +1,6 @@
 """The joint posterior of every pair of quantities and the density of each, of one or more runs.
 
-The corner package draws the regions of a density of ours: draws in cells, smoothed by a kernel
-whose width suits each pair and run, wider where few draws lie. Ranges end at physical limits.
+The corner package draws the regions of a density of ours. Ranges end at physical limits.
 """
 
 from __future__ import annotations
@@ -23,17 +22,8 @@ from scipy.ndimage import gaussian_filter
 
 from biaxbayes.errors import InputError
 from biaxbayes.evenly import evenly_chosen
+from biaxbayes.figures import style
 from biaxbayes.figures.quantities import MEAN, AxisText, axis_span, corner_columns, plain
-from biaxbayes.figures.style import (
-    DASHES,
-    MM,
-    PAGE_MM,
-    SIDE_BY_SIDE_MM,
-    blank_figure,
-    colour,
-    limit_ticks,
-    print_style,
-)
 from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
@@ -46,21 +36,19 @@ MAX_PANEL_MM, MIN_PANEL_MM, TURNED_MM = 46.0, 8.0, 20.0
 """Largest height and smallest width of a panel; width below which tick labels are turned."""
 MARGIN_MM, LEGEND_LINE_MM = 16.0, 3.4
 """Space for the labels; height of a line of the legend."""
-OVERLAY = "filled 50 %, outline 90 % of the draws"
 
 
 @dataclass(frozen=True)
 class CornerAxis:
-    """A quantity of the figure: its axis, and the draws (None: not varied) and axis by run."""
+    """A quantity of the figure: its axis, and by run the draws with theirs (None: not varied)."""
 
     name: str
     quantity: AxisText
     axis: Span
-    draws: list[np.ndarray | None]
-    own: list[Span | None]
+    runs: list[tuple[np.ndarray, Span] | None]
 
 
-@print_style()
+@style.print_style()
 def corner_figure(
     draws: pd.DataFrame,
     *,
@@ -68,7 +56,7 @@ def corner_figure(
     compare: pd.DataFrame | None = None,
     names: tuple[str, str] = ("this run", "compared"),
     parameters: Sequence[str] | None = None,
-    width_mm: float = PAGE_MM,
+    width_mm: float = style.PAGE_MM,
     known: Quantities | None = None,
     law: str = "",
     reported: Sequence[Sequence[Reported]] = (),
@@ -84,7 +72,7 @@ def corner_figure(
         for run in runs
     ]
     columns = _columns(runs, parameters, include=[truth, *fixed], known=known)
-    columns = [c for c in columns if c.draws[0] is not None]
+    columns = [c for c in columns if c.runs[0]]
     if not columns:
         raise InputError("no parameter of this run varies, so there is nothing to draw")
     figure, grid = _panels(columns, width_mm)
@@ -93,7 +81,7 @@ def corner_figure(
     rows = [{row.name: row for row in of_run} for of_run in (*reported, (), ())]
     texts = [_draw_marginal(grid[i, i], column, fixed, rows) for i, column in enumerate(columns)]
     _set_axes(grid, columns, width_mm)
-    line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": DASHES}
+    line: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": style.DASHES}
     known_truth = {i: truth[c.name] for i, c in enumerate(columns) if c.name in truth}
     for i, value in known_truth.items():
         for ax in grid[i:, i]:
@@ -111,38 +99,38 @@ def corner_figure(
     if known_truth:
         handles.append(Line2D([], [], label="truth", **line))
     if compare is not None:
-        handles.insert(0, Patch(color=colour(0), label=plain(names[0], 20)))
+        handles.insert(0, Patch(color=style.colour(0), label=plain(names[0], 20)))
         outline = f"{plain(names[1], 20)} (90 %)"
-        handles.append(Patch(fc="none", ec=colour(1), label=outline))
+        handles.append(Patch(fc="none", ec=style.colour(1), label=outline))
         handles += [Line2D([], [], alpha=0.0, label=row[1]) for row in texts]
     _add_legend(figure, handles, title, 1 if compare is None else 2)
     return figure
 
 
-@print_style()
+@style.print_style()
 def overlay_figure(
     runs: Sequence[pd.DataFrame],
     labels: Sequence[str],
     *,
     points: Sequence[Mapping[str, np.ndarray]] = (),
-    title: str = OVERLAY,
+    title: str = "filled 50 %, outline 90 % of the draws",
     known: Quantities | None = None,
 ) -> Figure:
     """Draw the posteriors of several runs: 50 % filled, 90 % outlined; `points` over the pairs."""
     columns = _columns(runs, known=known, include=points)
     if not columns:
         raise InputError("no parameter of these runs varies, so there is nothing to draw")
-    figure, grid = _panels(columns, PAGE_MM)
+    figure, grid = _panels(columns, style.PAGE_MM)
     handles = []
     for run, label in enumerate(labels):
-        hue = colour(run)
+        hue = style.colour(run)
         _draw_pairs(grid, columns, run, filled=None)
         for ax, column in zip(grid.diagonal(), columns, strict=True):
-            values, axis = column.draws[run], column.own[run]
-            if values is None or axis is None:
+            drawn = column.runs[run]
+            if drawn is None:
                 continue
             # Every density has the same height, since widths are compared.
-            x, density = curve(values, axis)
+            x, density = curve(*drawn)
             ax.plot(x, density / density.max(), color=hue, linewidth=0.9)
             ax.fill_between(x, density / density.max(), color=hue, alpha=REGION_OPACITY, lw=0.0)
             ax.set_ylim(0.0, 1.08)
@@ -152,7 +140,7 @@ def overlay_figure(
         handles.append(
             Patch(fc=(hue, REGION_OPACITY), ec=hue, linewidth=0.9, label=plain(label, 24))
         )
-    _set_axes(grid, columns, PAGE_MM)
+    _set_axes(grid, columns, style.PAGE_MM)
     _add_legend(figure, handles, title)
     return figure
 
@@ -180,8 +168,8 @@ def _columns(
             float(v) for given in include if name in given for v in np.ravel(given[name])
         )
         axis = axis_span(q, *(d for d in draws if d is not None), include=values)
-        own = [None if d is None else span(d, limits=q.limits, log=axis.log) for d in draws]
-        result.append(CornerAxis(name, q, axis, draws, own))
+        own = [None if d is None else (d, span(d, limits=q.limits, log=axis.log)) for d in draws]
+        result.append(CornerAxis(name, q, axis, own))
     return result
 
 
@@ -193,11 +181,11 @@ def _panels(columns: list[CornerAxis], width_mm: float) -> tuple[Figure, np.ndar
             f"{count} quantities do not fit a width of {width_mm:g} mm",
             remedy="name fewer with `parameters`, or choose `width_mm=180`",
         )
-    figure = blank_figure(width_mm, min(width_mm, count * MAX_PANEL_MM + MARGIN_MM))
-    figure.get_layout_engine().set(w_pad=0.9 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
+    figure = style.blank_figure(width_mm, min(width_mm, count * MAX_PANEL_MM + MARGIN_MM))
+    figure.get_layout_engine().set(w_pad=0.9 * style.MM, h_pad=0.5 * style.MM)  # type: ignore[union-attr,call-arg]
     grid_spec = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
-    unit_separator = " (" if width_mm >= SIDE_BY_SIDE_MM else "\n("
+    unit_separator = " (" if width_mm >= style.SIDE_BY_SIDE_MM else "\n("
     labels = [column.quantity.label.replace(" (", unit_separator) for column in columns]
     for i, j in np.argwhere(np.tri(count)).tolist():
         grid[i, j] = ax = figure.add_subplot(grid_spec[i, j])
@@ -223,7 +211,7 @@ def _set_axes(grid: np.ndarray, columns: list[CornerAxis], width_mm: float) -> N
             name, span_of = axis.axis_name, column.axis
             ax.set(**{f"{name}scale": "log" if span_of.log else "linear"})
             ax.set(**{f"{name}lim": (span_of.low, span_of.high)})
-            limit_ticks(axis, 2)
+            style.limit_ticks(axis, 2)
             ticks = [t for t in axis.get_majorticklocs() if span_of.low <= t <= span_of.high]
             if narrow or len(ticks) > 2:
                 axis.set_ticks(sorted({ticks[0], ticks[-1]}))  # a log axis may have but one
@@ -235,11 +223,9 @@ def _draw_pairs(
 ) -> None:
     """Regions of a run in the panels of the pairs that it varies."""
     for i, j in np.argwhere(np.tri(len(columns), k=-1)):
-        pair = [columns[k].draws[run] for k in (j, i)]
-        axes = [columns[k].own[run] for k in (j, i)]
-        if not any(draws is None for draws in pair):
-            hue = colour(run)
-            draw_regions(grid[i, j], pair, axes, hue, filled=filled)  # type: ignore[arg-type]
+        x, y = columns[j].runs[run], columns[i].runs[run]
+        if x and y:
+            draw_regions(grid[i, j], (x[0], y[0]), (x[1], y[1]), style.colour(run), filled=filled)
 
 
 def _draw_marginal(
@@ -251,16 +237,16 @@ def _draw_marginal(
     """Draw the densities, the interval of the first run shaded; return the texts by run."""
     texts = []
     top, label = 0.0, column.quantity.label
-    for run, (values, axis) in enumerate(zip(column.draws, column.own, strict=True)):
-        hue = colour(run)
-        if values is None or axis is None:
+    for run, drawn in enumerate(column.runs):
+        hue = style.colour(run)
+        if drawn is None:
             value = fixed[run].get(column.name)
             if value is not None:
                 ax.axvline(value, color=hue, linewidth=0.9)
             texts.append("" if value is None else f"{label}  {value:.4g} (fixed)")
             continue
-        x, density = curve(values, axis)
-        median, low, high = np.quantile(values, [0.5, *tails(CONTENT)])
+        x, density = curve(*drawn)
+        median, low, high = np.quantile(drawn[0], [0.5, *tails(CONTENT)])
         density = density / trapezoid(density, column.axis.forward(x))
         ax.plot(x, density, color=hue, linewidth=0.9)
         top = max(top, float(density.max()))
@@ -283,13 +269,13 @@ def _draw_marginal(
 def _add_legend(figure: Figure, handles: list[Any], title: str, columns: int = 1) -> None:
     """A legend in the free upper right corner, or above the panels of a small figure."""
     how: dict[str, Any] = {"title": title, "alignment": "left", "labelspacing": 0.3}
-    if len(figure.axes) > 1 and figure.get_figwidth() >= SIDE_BY_SIDE_MM * MM:
+    if len(figure.axes) > 1 and figure.get_figwidth() >= style.SIDE_BY_SIDE_MM * style.MM:
         legend = figure.legend(handles=handles, loc="upper right", ncols=columns, **how)
         legend.set_in_layout(False)
     else:
         figure.legend(handles=handles, loc="outside upper left", **how)
         lines = len(handles) + title.count("\n") + 1
-        figure.set_figheight(figure.get_figheight() + lines * LEGEND_LINE_MM * MM)
+        figure.set_figheight(figure.get_figheight() + lines * LEGEND_LINE_MM * style.MM)
 
 
 # --- the joint posterior of two quantities as regions of given content ---------------------------
@@ -313,7 +299,10 @@ VISIBLE = 20_000
 def draw_regions(
     ax: Axes, pair: Sequence[np.ndarray], axes: Sequence[Span], hue: str, *, filled: bool | None
 ) -> None:
-    """Draw a joint posterior: shaded (True), the 90 % outline (False), or 50 % in it (None)."""
+    """Draw a joint posterior: shaded (True), the 90 % outline (False), or 50 % in it (None).
+
+    Its density is that of draws in cells, smoothed by a kernel whose width suits the pair and run.
+    """
     import corner  # imports ArviZ, which takes a second or two
 
     shown = evenly_chosen(len(pair[0]), VISIBLE)

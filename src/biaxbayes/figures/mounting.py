@@ -17,21 +17,9 @@ from scipy.stats import norm
 
 from biaxbayes.errors import InputError
 from biaxbayes.fem.sheet_tester import GAUGE
+from biaxbayes.figures import style
 from biaxbayes.figures.corner import CONTENTS, draw_regions
 from biaxbayes.figures.quantities import plain, quantity
-from biaxbayes.figures.style import (
-    BAND_OPACITY,
-    COLUMN_MM,
-    FINER_UNIT,
-    PAGE_MM,
-    REFERENCE,
-    SIDE_BY_SIDE_MM,
-    blank_figure,
-    colour,
-    limit_ticks,
-    print_style,
-    small_text,
-)
 from biaxbayes.grips.hooks import edges_mm, stated_hooks
 from biaxbayes.identifiability.bounded_density import span
 from biaxbayes.options import CONTENT
@@ -46,13 +34,13 @@ from biaxbayes.specimens.specimen import Specimen
 MAX_DRAWN_PROTOCOLS, HEIGHT_MM = 6, 55.0
 
 
-@print_style()
+@style.print_style()
 def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
     """Sketch the sheet and its hooks; draw the hook load over the uniform one, with two sd."""
     names = ratios["protocol"].drop_duplicates().to_list()[:MAX_DRAWN_PROTOCOLS]
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
-    figure = blank_figure(PAGE_MM, HEIGHT_MM * rows)
+    figure = style.blank_figure(style.PAGE_MM, HEIGHT_MM * rows)
     widths = (1.0, 0.75 + columns)
     ((left, right),) = figure.subfigures(1, 2, squeeze=False, width_ratios=widths)
     _draw_sketch(left.subplots(), specimen)
@@ -62,14 +50,14 @@ def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
     for ax, name in zip(axes.flat, names, strict=False):
         table = ratios[ratios["protocol"] == name]
         for axis, line in (("x", "-"), ("y", "--")):
-            hue, stretch = colour(axis), table[f"stretch_{axis}"]
+            hue, stretch = style.colour(axis), table[f"stretch_{axis}"]
             ratio = table[f"force_ratio_{axis}"]
             two_sd = 2.0 * ratio * table[f"sd_log_force_ratio_{axis}"]
             ax.plot(stretch, ratio, line, color=hue, label=axis)
             band = ratio - two_sd, ratio + two_sd
-            ax.fill_between(stretch, *band, color=hue, alpha=BAND_OPACITY["credible"], lw=0)
+            ax.fill_between(stretch, *band, color=hue, alpha=style.BAND_OPACITY["credible"], lw=0)
         ax.set_xlabel("stretch")
-        limit_ticks(ax.xaxis, 4)
+        style.limit_ticks(ax.xaxis, 4)
         if len(names) > 1:
             ax.set_title(plain(str(name), 30))
     axes[0, 0].set_ylabel("force on hooks /\nforce of a uniform test")
@@ -77,11 +65,11 @@ def grips_figure(specimen: Specimen, ratios: pd.DataFrame) -> Figure:
     return figure
 
 
-@print_style()
+@style.print_style()
 def sketch_figure(specimen: Specimen) -> Figure:
     """Sketch of the unloaded sheet, its hooks and the markers, to scale."""
     a, b = edges_mm(specimen)
-    figure = blank_figure(COLUMN_MM, COLUMN_MM * max(b / a, 0.5))
+    figure = style.blank_figure(style.COLUMN_MM, style.COLUMN_MM * max(b / a, 0.5))
     ax = figure.subplots()
     _draw_sketch(ax, specimen)
     ax.set_anchor("N")
@@ -100,7 +88,7 @@ def _draw_sketch(ax: Axes, specimen: Specimen) -> None:
                 position = (side * (across / 2.0 - hooks.inset_mm), float(offset))
                 centre = position if axis == "x" else position[::-1]
                 label = f"hooks in {axis}" if side > 0.0 and offset == offsets[0] else None
-                look: dict[str, Any] = {"color": colour(axis), "alpha": 0.6, "lw": 0}
+                look: dict[str, Any] = {"color": style.colour(axis), "alpha": 0.6, "lw": 0}
                 ax.add_patch(Circle(centre, hooks.radius_mm, label=label, **look))
     if specimen.metadata.get("stretch_from", "markers") == "markers":
         x, y = 0.5 * GAUGE * a, 0.5 * GAUGE * b
@@ -128,13 +116,13 @@ class DrawnState(NamedTuple):
     true_force: list[float]
 
 
-@print_style()
+@style.print_style()
 def mounting_figure(
     specimen: Specimen,
     draws: pd.DataFrame,
     *,
     truth: Mapping[str, float] | None = None,
-    width_mm: float = PAGE_MM,
+    width_mm: float = style.PAGE_MM,
 ) -> Figure:
     """Draw the mounting stretches, and the posterior of the mounting force with its reading."""
     if not specimen.experiment.is_biaxial:
@@ -149,12 +137,12 @@ def mounting_figure(
         )
     states = _states(specimen, draws, dict(truth or {}))
     bars = 2 * len(states) * ROW_MM
-    if width_mm >= SIDE_BY_SIDE_MM:
-        figure = blank_figure(width_mm, max(0.4 * width_mm, bars + 17.0))
+    if width_mm >= style.SIDE_BY_SIDE_MM:
+        figure = style.blank_figure(width_mm, max(0.4 * width_mm, bars + 17.0))
         left, right = figure.subplots(1, 2, width_ratios=(0.42, 0.58))
     else:
         side = width_mm - 22.0
-        figure = blank_figure(width_mm, side + bars + 34.0)
+        figure = style.blank_figure(width_mm, side + bars + 34.0)
         left, right = figure.subplots(2, 1, height_ratios=(side, bars))
     _draw_stretches(left, states)
     _draw_forces(right, states, specimen.unit)
@@ -169,22 +157,15 @@ def _states(
     rows = {"": 0} | {p.name: i for i, p in enumerate(specimen.protocols)}
     states = []
     for i, label in enumerate(labels):
-        stretch, force = (list(mounting_names(kind, label)) for kind in ("stretch", "force"))
-        of_all = [*mounting_names("stretch"), *mounting_names("force")]
-        own = zip([*stretch, *force], of_all, strict=True)
-        true = [truth.get(name, truth.get(common, np.nan)) for name, common in own]
-        states.append(
-            DrawnState(
-                plain(label, 16),
-                colour(i),
-                draws[stretch].to_numpy(dtype=float),
-                draws[force].to_numpy(dtype=float),
-                readings[rows[label]],
-                sds[rows[label]],
-                true[:2],
-                true[2:],
-            )
-        )
+        values, true = [], []
+        for kind in ("stretch", "force"):
+            names = mounting_names(kind, label)
+            values.append(draws[list(names)].to_numpy(dtype=float))
+            own = zip(names, mounting_names(kind), strict=True)
+            true.append([truth.get(name, truth.get(common, np.nan)) for name, common in own])
+        reading, sd = readings[rows[label]], sds[rows[label]]
+        look = plain(label, 16), style.colour(i)
+        states.append(DrawnState(*look, values[0], values[1], reading, sd, true[0], true[1]))
     return states
 
 
@@ -206,19 +187,19 @@ def _draw_stretches(ax: Axes, states: list[DrawnState]) -> None:
             ax.plot(*median, marker=".", ms=4.0, color=state.colour)
     for value in true_values:
         ax.plot(*value, marker="x", ms=5.0, color="black", linestyle="none")
-    ax.axvline(1.0, **REFERENCE)
-    ax.axhline(1.0, **REFERENCE)
+    ax.axvline(1.0, **style.REFERENCE)
+    ax.axhline(1.0, **style.REFERENCE)
     ax.set(
         xlim=(axes[0].low, axes[0].high),
         ylim=(axes[1].low, axes[1].high),
         xlabel=f"mounting stretch {quantity('mounting_stretch_x').symbol}",
         ylabel=f"mounting stretch {quantity('mounting_stretch_y').symbol}",
     )
-    limit_ticks(ax.xaxis, 5)
-    limit_ticks(ax.yaxis, 5)
+    for axis in (ax.xaxis, ax.yaxis):
+        style.limit_ticks(axis, 5)
     contents = ", ".join(f"{100 * c:g}" for c in (CONTENTS if single else (0.9,)))
     title = f"regions: {contents} %" + (r";  $\times$ truth" if true_values else "")
-    ax.set_title(title, loc="right", **small_text(color="0.3"))
+    ax.set_title(title, loc="right", **style.small_text(color="0.3"))
 
 
 def _draw_forces(ax: Axes, states: list[DrawnState], unit: str) -> None:
@@ -230,10 +211,10 @@ def _draw_forces(ax: Axes, states: list[DrawnState], unit: str) -> None:
     # half the interval of a normally distributed reading: z sd
     half = norm.ppf(high_tail) * np.array([s.reading_sd[k] for s, k in rows])
     small = max(np.abs(quantiles).max(), half.max()) < 0.5
-    scale, shown_unit = (1000.0, FINER_UNIT[unit]) if small else (1.0, unit)
+    scale, shown_unit = (1000.0, style.FINER_UNIT[unit]) if small else (1.0, unit)
     names = []
     for row, (state, k) in enumerate(rows):
-        hue = state.colour if len(states) > 1 else colour("xy"[k])
+        hue = state.colour if len(states) > 1 else style.colour("xy"[k])
         low, median, high = scale * quantiles[row]
         width = scale * half[row]
         ax.plot([-width, width], [row + 0.17] * 2, color="0.45", linewidth=1.0)
@@ -249,9 +230,9 @@ def _draw_forces(ax: Axes, states: list[DrawnState], unit: str) -> None:
     ax.set_ylim(len(names) - 0.5, -0.5)
     reach = 1.05 * (float(np.abs(ax.dataLim.intervalx).max()) or 1e-3)
     ax.set_xlim(-reach, reach)
-    limit_ticks(ax.xaxis, 5)
-    ax.axvline(0.0, **REFERENCE)
+    style.limit_ticks(ax.xaxis, 5)
+    ax.axvline(0.0, **style.REFERENCE)
     ax.set_xlabel(f"mounting force less its reading ({shown_unit})")
     content = f"{100 * CONTENT:g} %"
     title = f"grey: reading, {content};  colour: posterior, {content}"
-    ax.set_title(title, loc="right", **small_text(color="0.3"))
+    ax.set_title(title, loc="right", **style.small_text(color="0.3"))

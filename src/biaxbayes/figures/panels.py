@@ -11,16 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from biaxbayes.figures.style import (
-    BAND_OPACITY,
-    PAGE_MM,
-    add_note,
-    blank_figure,
-    colour,
-    limit_ticks,
-    small_text,
-    text_colour,
-)
+from biaxbayes.figures import style
 from biaxbayes.identifiability.bounded_density import Span
 
 PANELS_PER_LINE = 4
@@ -34,7 +25,7 @@ def row_panels(
 ) -> tuple[Figure, list[Axes]]:
     """A figure of equal panels, four per line, with labelled rows and a note at its foot."""
     lines = max(-(-count // PANELS_PER_LINE), 1)
-    figure = blank_figure(PAGE_MM, lines * (tall_mm + 13.0) + 7.0)
+    figure = style.blank_figure(style.PAGE_MM, lines * (tall_mm + 13.0) + 7.0)
     panels = figure.subplots(lines, PANELS_PER_LINE, squeeze=False)
     for ax in panels.flat[count:]:
         ax.remove()
@@ -42,7 +33,7 @@ def row_panels(
         ax.set_yticks(positions, labels)
         ax.tick_params(axis="y", length=0.0, labelleft=ax.get_subplotspec().is_first_col())
         ax.spines["left"].set_visible(False)
-    add_note(figure, note)
+    style.add_note(figure, note)
     return figure, list(panels.flat[:count])
 
 
@@ -50,12 +41,12 @@ def set_panel(ax: Axes, axis: Span, label: str, rows: int) -> None:
     """Range, scale and label of a panel whose rows are counted from the top."""
     ax.set(ylim=(rows - 0.4, -0.6), xscale="log" if axis.log else "linear")
     ax.set(xlim=(axis.low, axis.high), xlabel=label)
-    limit_ticks(ax.xaxis)
+    style.limit_ticks(ax.xaxis)
 
 
 def group_look(k: int) -> tuple[str, str]:
     """Colour and marker of the k-th group, layer or run."""
-    return colour(k), GROUP_MARKERS[k % len(GROUP_MARKERS)]
+    return style.colour(k), GROUP_MARKERS[k % len(GROUP_MARKERS)]
 
 
 def draw_cells(
@@ -70,8 +61,8 @@ def draw_cells(
     image = np.array([[to_rgb(face) for face in row] for row in colours])
     ax.imshow(image, aspect="auto", interpolation="nearest")
     for (i, j), text in np.ndenumerate(np.array(texts, dtype=object)):
-        text_style = small_text(ha="center", va="center", linespacing=1.1)
-        ax.text(j, i, text, color=text_colour(colours[i][j]), **text_style)
+        text_style = style.small_text(ha="center", va="center", linespacing=1.1)
+        ax.text(j, i, text, color=style.text_colour(colours[i][j]), **text_style)
     ax.set_yticks(range(len(rows)), rows)
     ax.set_xticks(range(len(columns)), columns)
     ax.xaxis.tick_top()
@@ -87,7 +78,7 @@ def draw_bands(
 ) -> None:
     """Predictive and credible band of columns of a table, over or beside ``along``."""
     fill = ax.fill_between if upright else ax.fill_betweenx
-    for kind, opacity in BAND_OPACITY.items():
+    for kind, opacity in style.BAND_OPACITY.items():
         low, high = (table[f"{stem}{kind}_{end}"] for end in ("low", "high"))
         fill(along, low, high, color=hue, alpha=opacity, linewidth=0.0)
 
@@ -96,5 +87,5 @@ def band_handles(probability: float, words: str) -> list[Patch]:
     """Entries of a legend for both bands; ``words`` stand behind their kind."""
     return [
         Patch(fc="0.3", alpha=alpha, lw=0.0, label=f"{kind}{words}, {100 * probability:g} %")
-        for kind, alpha in reversed(BAND_OPACITY.items())
+        for kind, alpha in reversed(style.BAND_OPACITY.items())
     ]

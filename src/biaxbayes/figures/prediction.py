@@ -13,20 +13,9 @@ from matplotlib.lines import Line2D
 from scipy.spatial.distance import cdist
 
 from biaxbayes.experiments.tube import MMHG_PER_KPA
+from biaxbayes.figures import style
 from biaxbayes.figures.panels import band_handles, draw_bands
 from biaxbayes.figures.quantities import plain
-from biaxbayes.figures.style import (
-    AXIS_MARKERS,
-    BAND_OPACITY,
-    COLUMN_MM,
-    DASHES,
-    SIDE_BY_SIDE_MM,
-    blank_figure,
-    colour,
-    limit_ticks,
-    print_style,
-    small_text,
-)
 from biaxbayes.options import CONTENT
 from biaxbayes.prediction.stress import INSIDE
 
@@ -37,46 +26,46 @@ GREY = "0.3"
 READINGS: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyle": "none"}
 
 
-@print_style()
+@style.print_style()
 def stress_figure(
     table: pd.DataFrame,
     *,
-    relative_to: str = "unloaded",
-    probability: float = CONTENT,
-    directions: tuple[str, str] = ("x", "y"),
-    measured: pd.DataFrame | None = None,
-    width_mm: float = COLUMN_MM,
+    relative_to: str,
+    probability: float,
+    directions: tuple[str, str],
+    measured: pd.DataFrame,
+    width_mm: float,
 ) -> Figure:
     """Draw stress against stretch with both bands, and below the bands less their median."""
     stress = "cauchy" if any(str(c).startswith("cauchy") for c in table) else "piola"
     axes = [axis for axis in "xy" if f"{stress}_{axis}_kPa_median" in table]  # of a strip one
     along, label, name = _abscissa(table, relative_to)
-    read = measured if measured is not None and len(measured) else None
-    if read is not None:  # the state of the path that is nearest to each reading
+    if len(measured):  # the state of the path that is nearest to each reading
         stretches = ["stretch_x", "stretch_y"]
-        nearest = cdist(read[stretches], table[stretches]).argmin(axis=1)
-    wide = width_mm >= SIDE_BY_SIDE_MM and len(axes) == 2
+        nearest = cdist(measured[stretches], table[stretches]).argmin(axis=1)
+    wide = width_mm >= style.SIDE_BY_SIDE_MM and len(axes) == 2
     heights = [CURVE_MM, *[BAND_STRIP_MM] * (1 if wide else len(axes))]
-    figure = blank_figure(width_mm, sum(heights) + 16.0)
+    figure = style.blank_figure(width_mm, sum(heights) + 16.0)
     grid = figure.add_gridspec(len(heights), 2 if wide else 1, height_ratios=heights)
     first = figure.add_subplot(grid[0, 0])
     second = figure.add_subplot(grid[0, 1], sharex=first, sharey=first) if wide else first
     cells = [grid[1, k] if wide else grid[1 + k, 0] for k in range(len(axes))]
     strips = [figure.add_subplot(cell, sharex=first) for cell in cells]
     for k, (axis, ax, strip) in enumerate(zip(axes, (first, second), strips, strict=False)):
-        stem, tint, name_of = f"{stress}_{axis}_kPa", colour(axis), directions["xy".index(axis)]
+        stem, tint = f"{stress}_{axis}_kPa", style.colour(axis)
+        name_of = directions["xy".index(axis)]
         direction = "" if name_of == axis else f": {plain(name_of, 24)}"
         draw_bands(ax, along, table, f"{stem}_", tint)
         _draw_line(ax, along, table[f"{stem}_median"], table, tint, f"{axis}{direction}")
         draw_bands(strip, along, _less_median(table, stem), f"{stem}_", tint)
         strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
-        if read is not None:
-            at = read[name] if name else 1.0 + nearest
-            ax.plot(at, read[stem], AXIS_MARKERS[axis], color=tint, **READINGS)
-            strip.plot(at, read[f"{stem}_residual"], AXIS_MARKERS[axis], color=tint, **READINGS)
+        if len(measured):
+            at, marker = measured[name] if name else 1.0 + nearest, style.AXIS_MARKERS[axis]
+            ax.plot(at, measured[stem], marker, color=tint, **READINGS)
+            strip.plot(at, measured[f"{stem}_residual"], marker, color=tint, **READINGS)
         if k == 0 or not wide:
-            strip.set_ylabel("less median\n(kPa)", linespacing=1.1, **small_text())
-        limit_ticks(strip.yaxis, 3)
+            strip.set_ylabel("less median\n(kPa)", linespacing=1.1, **style.small_text())
+        style.limit_ticks(strip.yaxis, 3)
         ax.margins(x=0.0)
         ax.tick_params(labelbottom=False, labelleft=k == 0 or not wide)
         lowest = wide or k == len(axes) - 1
@@ -85,7 +74,7 @@ def stress_figure(
             strip.set_xlabel(label)
     first.set_ylabel(f"{STRESS_NAMES[stress]} (kPa)")
     figure.align_ylabels()
-    if read is not None:
+    if len(measured):
         first.plot([], [], marker="o", color=GREY, label="measured", **READINGS)
     _add_legend(first, table, probability)
     if wide:
@@ -105,19 +94,16 @@ def _abscissa(table: pd.DataFrame, relative_to: str) -> tuple[np.ndarray, str, s
     return leading, f"{kind} stretch{direction}", f"stretch_{axis}"
 
 
-@print_style()
+@style.print_style()
 def inflation_figure(
-    table: pd.DataFrame,
-    *,
-    probability: float = CONTENT,
-    width_mm: float = COLUMN_MM,
+    table: pd.DataFrame, *, probability: float = CONTENT, width_mm: float = style.COLUMN_MM
 ) -> Figure:
     """Draw pressure against outer diameter with both bands, and the bands less their median."""
     upright = "pressure_kPa_median" in table
     stem, other = ("pressure_kPa", "outer_diameter_mm")[:: 1 if upright else -1]
     along, median = table[other].to_numpy(), table[f"{stem}_median"]
-    tint = colour(0)
-    figure = blank_figure(width_mm, 0.85 * width_mm)
+    tint = style.colour(0)
+    figure = style.blank_figure(width_mm, 0.85 * width_mm)
     if upright:
         ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
         _draw_line(ax, along, median, table, tint, "median")
@@ -148,7 +134,7 @@ def inflation_figure(
 
 def _less_median(table: pd.DataFrame, stem: str) -> pd.DataFrame:
     """The table with the median of a quantity subtracted from its bands."""
-    names = [f"{stem}_{kind}_{end}" for kind in BAND_OPACITY for end in ("low", "high")]
+    names = [f"{stem}_{kind}_{end}" for kind in style.BAND_OPACITY for end in ("low", "high")]
     return table[names].sub(table[f"{stem}_median"], axis=0)
 
 
@@ -160,7 +146,7 @@ def _draw_line(ax: Axes, x: Any, y: Any, table: pd.DataFrame, tint: str, label: 
     for first, last in pairwise(ends):
         # each segment ends where the next begins, so that the line is whole
         part = slice(first, min(last + 1, tested.size))
-        ax.plot(x[part], y[part], color=tint, linestyle="-" if tested[first] else DASHES)
+        ax.plot(x[part], y[part], color=tint, linestyle="-" if tested[first] else style.DASHES)
     ax.plot([], [], color=tint, label=label)
 
 
@@ -169,5 +155,5 @@ def _add_legend(ax: Axes, table: pd.DataFrame, probability: float) -> None:
     handles: list[Any] = ax.get_legend_handles_labels()[0]
     handles += band_handles(probability, "")
     if (table["extrapolation"] != INSIDE).any():
-        handles.append(Line2D([], [], color=GREY, linestyle=DASHES, label="not tested"))
+        handles.append(Line2D([], [], color=GREY, linestyle=style.DASHES, label="not tested"))
     ax.legend(handles=handles, loc="upper left", borderaxespad=0.2)

@@ -11,42 +11,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
 
-from biaxbayes.figures.quantities import axis_text, plain
-from biaxbayes.figures.style import (
-    PAGE_MM,
-    SIDE_BY_SIDE_MM,
-    blank_figure,
-    colour,
-    limit_ticks,
-    print_style,
-    small_text,
-)
+from biaxbayes.figures import style
+from biaxbayes.figures.quantities import axis_text
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
 from biaxbayes.profiles.profile import Profile
-from biaxbayes.profiles.profile_curve import THRESHOLD
+from biaxbayes.profiles.profile_curve import CEILING, THRESHOLD
 
 ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
-CEILING = THRESHOLD + 2.0
-"""Deviance up to which a curve is drawn."""
 CURVE_STYLES = ((0, "-"), (1, "--"), (2, "-."))
 """Colour and dashes of the curves of a panel."""
 
 
-@print_style()
-def profile_figure(
-    profiles: Sequence[Profile],
-    *,
-    titles: Sequence[str] | None = None,
-    width_mm: float = PAGE_MM,
-) -> Figure:
+@style.print_style()
+def profile_figure(profiles: Sequence[Profile], *, width_mm: float = style.PAGE_MM) -> Figure:
     """Draw a row per profile: deviance with threshold, and the values of the other parameters."""
-    lines = 1 if width_mm >= SIDE_BY_SIDE_MM else 2
+    lines = 1 if width_mm >= style.SIDE_BY_SIDE_MM else 2
     height = HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)
-    figure = blank_figure(width_mm, height)
+    figure = style.blank_figure(width_mm, height)
     panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
-    for i, profile in enumerate(profiles):
-        row, drawn = panels.reshape(-1, 4)[i], _Curves(profile)
+    for profile, row in zip(profiles, panels.reshape(-1, 4), strict=True):
+        drawn = _Curves(profile)
         value = drawn.table["value"]
         drawings = (drawn.deviance, drawn.stiffness, drawn.structure, drawn.mounting)
         for ax, draw in zip(row, drawings, strict=True):
@@ -56,9 +41,7 @@ def profile_figure(
                 ax.set_xscale("log")
             else:
                 ax.margins(x=0.03)
-            limit_ticks(ax.xaxis, 3)
-        if titles is not None:
-            row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
+            style.limit_ticks(ax.xaxis, 3)
     return figure
 
 
@@ -83,7 +66,7 @@ class _Curves:
         return fine, PchipInterpolator(value, y)(fine)
 
     def deviance(self, ax: Axes) -> None:
-        table, blue = self.table, colour(0)
+        table, blue = self.table, style.colour(0)
         low = max(self.profile.low, table["value"].min())
         high = min(self.profile.high, table["value"].max())
         if low < high:
@@ -94,10 +77,10 @@ class _Curves:
         ax.plot(x, root**2, color=blue)
         ax.plot(table["value"], table["deviance"], "o", color=blue, markersize=1.6)
         ax.axhline(THRESHOLD, color="0.35", linewidth=0.8, linestyle=(0, (4, 2)))
-        at, how = ax.get_yaxis_transform(), small_text(ha="center", va="bottom", color="0.35")
+        at, how = ax.get_yaxis_transform(), style.small_text(ha="center", va="bottom", color="0.35")
         ax.text(0.5, THRESHOLD + 0.05, f"{100.0 * CONTENT:g} %", transform=at, **how)
         ax.set_ylim(0.0, CEILING)
-        limit_ticks(ax.yaxis)
+        style.limit_ticks(ax.yaxis)
         ax.set_ylabel(r"$-2\,\Delta\ln L$")
 
     def stiffness(self, ax: Axes) -> None:
@@ -109,12 +92,12 @@ class _Curves:
             ratio = np.maximum(self.table[q.name].to_numpy() / self.best[q.name], 1e-4)
             x, log_ratio = self.smooth(np.log(ratio))
             label = axis_text(q).symbol
-            ax.plot(x, np.exp(log_ratio), color=colour(hue), linestyle=line, label=label)
+            ax.plot(x, np.exp(log_ratio), color=style.colour(hue), linestyle=line, label=label)
         ax.set_yscale("log")
         low, high = ax.get_ylim()
         ax.set_ylim(min(low, 0.5), max(high, 2.0))
         ax.set_ylabel("relative to best")
-        limit_ticks(ax.yaxis)
+        style.limit_ticks(ax.yaxis)
         ax.legend(handlelength=1.8)
 
     def structure(self, ax: Axes) -> None:
@@ -125,12 +108,13 @@ class _Curves:
             side = ax if k == 0 else ax.twinx()
             hue, line = CURVE_STYLES[k]
             values = self.table[q.name]
-            side.plot(*self.smooth(values), color=colour(hue), linestyle=line)
-            side.set_ylabel(axis_text(q).label, color=colour(hue) if len(shown) > 1 else "black")
+            tint = style.colour(hue)
+            side.plot(*self.smooth(values), color=tint, linestyle=line)
+            side.set_ylabel(axis_text(q).label, color=tint if len(shown) > 1 else "black")
             min_pad = 1.0 if q.parameter.unit == DEGREE else 0.005
             pad, top = max(0.08 * float(np.ptp(values)), min_pad), q.parameter.high
             side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))
-            limit_ticks(side.yaxis)
+            style.limit_ticks(side.yaxis)
             side.spines["right"].set_visible(k == 1)
 
     def mounting(self, ax: Axes) -> None:
@@ -140,13 +124,13 @@ class _Curves:
             columns = [q.name for q in stretches if q.axis == k and q.name in self.table]
             if columns:
                 curve, axis = self.smooth(self.table[columns].mean(axis=1)), "xy"[k]
-                ax.plot(*curve, color=colour(axis), linestyle=line, label=f"${axis}$")
+                ax.plot(*curve, color=style.colour(axis), linestyle=line, label=f"${axis}$")
         if not ax.lines:
             ax.axhline(1.0, color="0.6", linewidth=0.8)
         low, high = ax.get_ylim()
         middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.004)
         ax.set_ylim(middle - half, middle + half)
-        limit_ticks(ax.yaxis)
+        style.limit_ticks(ax.yaxis)
         ax.set_ylabel("mounting stretch")
         if len(ax.lines) > 1:
             ax.legend(handlelength=1.8)

@@ -38,6 +38,10 @@ class AxisText(NamedTuple):
         """Symbol with unit, for an axis."""
         return f"{self.symbol} ({self.unit})" if self.unit else self.symbol
 
+    def is_log(self, low: float, high: float) -> bool:
+        """True if an axis with values from low to high is logarithmic."""
+        return bool(self.scale and low > 0.0 and high > LOG_AXIS_RATIO * low)
+
 
 def plain(text: object, length: int = 40) -> str:
     """Text from a file, safe to draw: one line, at most ``length`` long, no mathematics."""
@@ -74,8 +78,7 @@ def quantity(name: str, unit: str = "", known: Quantities | None = None) -> Axis
 def axis_span(q: AxisText, *values: np.ndarray, include: tuple[float, ...] = ()) -> Span:
     """Axis that shows the draws of one or more runs; logarithmic where a scale spreads widely."""
     low, high = np.quantile(np.concatenate(values), [0.005, 0.995])
-    log = bool(q.scale and low > 0.0 and high > LOG_AXIS_RATIO * low)
-    return span(*values, limits=q.limits, log=log, include=include)
+    return span(*values, limits=q.limits, log=q.is_log(low, high), include=include)
 
 
 def corner_columns(

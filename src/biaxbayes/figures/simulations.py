@@ -11,19 +11,19 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from biaxbayes.calibration.ranks import count_band, rank_counts, uniformity_p_value
+from biaxbayes.figures import style
 from biaxbayes.figures.panels import PANELS_PER_LINE, draw_cells
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, colour, print_style
 from biaxbayes.optimal_design.design import Design
 
 
-@print_style()
+@style.print_style()
 def rank_figure(ranks: pd.DataFrame, draws: int) -> Figure:
     """Draw the empirical distribution of the ranks less the uniform one, a panel per quantity."""
     groups = list(ranks.groupby("parameter", sort=False))
     rows = -(-len(groups) // PANELS_PER_LINE)
     z = np.arange(1, draws + 1) / (draws + 1)
-    figure = blank_figure(PAGE_MM, 36.0 * rows + 12.0)
+    figure = style.blank_figure(style.PAGE_MM, 36.0 * rows + 12.0)
     axes = figure.subplots(rows, PANELS_PER_LINE, sharex=True, sharey=True, squeeze=False)
     for ax in axes.flat[len(groups) :]:
         ax.remove()
@@ -35,7 +35,7 @@ def rank_figure(ranks: pd.DataFrame, draws: int) -> Figure:
         outside = bool(np.any((difference < low - 1e-12) | (difference > high + 1e-12)))
         ax.fill_between(z, low, high, color="0.85", linewidth=0.0, step="mid")
         ax.axhline(0.0, color="0.5", linewidth=0.5)
-        ax.step(z, difference, where="mid", color=colour("y" if outside else "x"))
+        ax.step(z, difference, where="mid", color=style.colour("y" if outside else "x"))
         ax.set_xlim(0.0, 1.0)
         ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
         ax.tick_params(labelbottom=True)
@@ -54,7 +54,7 @@ CAUTION = "\N{DOUBLE DAGGER}"
 """Marks candidates that come with a caution."""
 
 
-@print_style()
+@style.print_style()
 def design_figure(design: Design) -> Figure:
     """Expected reduction of every quantity's standard deviation, and the information gain."""
     cautions, expected = design.cautions(), design.expected
@@ -65,8 +65,8 @@ def design_figure(design: Design) -> Figure:
     faces = colormaps["Blues"](np.clip(reduction / DARKEST_REDUCTION, 0.0, 1.0) / 1.35)
     notes = ["expected reduction of the sd, per cent at least; below a symbol: total stretch"]
     for name, words in cautions.items():
-        notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(PAGE_MM / LETTER_MM))
-    figure = blank_figure(PAGE_MM, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
+        notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(style.PAGE_MM / LETTER_MM))
+    figure = style.blank_figure(style.PAGE_MM, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
     cells, bars = figure.subplots(1, 2, width_ratios=(0.78, 0.22), sharey=True)
     draw_cells(
         cells,
@@ -75,9 +75,9 @@ def design_figure(design: Design) -> Figure:
         rows=[(f"{CAUTION} " if e.name in cautions else "") + e.name for e in expected],
         columns=[quantity(design.quantities[i]).symbol.replace(" at ", "\n") for i in shown],
     )
-    bars.barh(range(len(expected)), [e.gain for e in expected], height=0.6, color=colour(0))
+    bars.barh(range(len(expected)), [e.gain for e in expected], height=0.6, color=style.colour(0))
     bars.tick_params(axis="y", labelleft=False, which="both", length=0.0)
     bars.set_xlim(left=0.0)
     bars.set_xlabel("information gain (nats)")
-    add_note(figure, "\n".join(notes))
+    style.add_note(figure, "\n".join(notes))
     return figure

@@ -11,17 +11,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import matplotlib as mpl
+from matplotlib import ticker
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.ticker import (
-    LogFormatterMathtext,
-    LogLocator,
-    MaxNLocator,
-    NullLocator,
-    StrMethodFormatter,
-)
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import FIGURE_FORMATS
@@ -41,13 +35,12 @@ BAND_OPACITY = {"predictive": 0.18, "credible": 0.45}
 AXIS_MARKERS = {"x": "o", "y": "s"}
 DASHES = (0, (3, 2))
 FINER_UNIT = {"N": "mN", "kPa": "Pa"}
-PRINT_AND_SCREEN = ("pdf", "png")
-"""Formats of a figure beside its tables."""
 REFERENCE: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "linestyle": ":", "zorder": 0.5}
 """Line of a value to compare with, such as a mounting stretch of one."""
 
-_PAPER = Path(__file__).with_name("paper.mplstyle")
-STYLE: Any = mpl.rc_params_from_file(_PAPER, use_default_template=False)
+STYLE: Any = mpl.rc_params_from_file(
+    Path(__file__).with_name("paper.mplstyle"), use_default_template=False
+)
 """Matplotlib settings of every figure; a style file overrides them one by one."""
 
 # Settings that a style file cannot change: the width in millimetres is fixed, so nothing is
@@ -142,14 +135,15 @@ def limit_ticks(axis: Axis, max_ticks: int = 4) -> None:
     if axis.get_scale() == "log":
         low, high = axis.get_view_interval()
         if high > 100.0 * low:
-            axis.set_major_locator(LogLocator(numticks=max_ticks))
-            axis.set_major_formatter(LogFormatterMathtext())
+            axis.set_major_locator(ticker.LogLocator(numticks=max_ticks))
+            axis.set_major_formatter(ticker.LogFormatterMathtext())
         else:
-            axis.set_major_locator(LogLocator(subs=(1, 3) if high > 10.0 * low else (1, 2, 5)))
-            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            subs = (1, 3) if high > 10.0 * low else (1, 2, 5)
+            axis.set_major_locator(ticker.LogLocator(subs=subs))
+            axis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
     else:
-        axis.set_major_locator(MaxNLocator(max_ticks, steps=(1, 2, 5, 10)))
-    axis.set_minor_locator(NullLocator())
+        axis.set_major_locator(ticker.MaxNLocator(max_ticks, steps=(1, 2, 5, 10)))
+    axis.set_minor_locator(ticker.NullLocator())
 
 
 def small_text(**more: Any) -> dict[str, Any]:
@@ -202,7 +196,7 @@ def save_figure(figure: Figure, path: Path | str) -> None:
 
 def save_pictures(figure: Figure | None, folder: Path, stem: str) -> None:
     """Write a figure for print and for the screen; None removes existing pictures."""
-    for suffix in PRINT_AND_SCREEN:
+    for suffix in ("pdf", "png"):
         path = folder / f"{stem}.{suffix}"
         if figure is None:
             path.unlink(missing_ok=True)

@@ -59,7 +59,7 @@ def bands(
     nearest = laws.loc[draws.index[[row]]]
     model, levels = posterior.pieces[piece], tuple(QUANTILES.values())
     specimen, offset = model.specimen, model.forward.offset(nearest)
-    names = [f"{kind}_{q}" for kind in ("credible", "predictive") for q in QUANTILES]
+    names = [f"{kind}_{q}" for kind in ("credible", "predictive") for q in QUANTILES] + ["law"]
     tables = []
     for i, protocol in enumerate(specimen.as_compared(posterior.settings.mounting).protocols):
         rows = evenly_spaced(protocol.rows, max_rows)
@@ -69,16 +69,15 @@ def bands(
         law = model.forward.load(nearest, stretch, protocol.name) + offset
         quantiles = np.concatenate([*tested.percentiles(levels), law])
         for axis in specimen.experiment.axes:
-            direction = "xy"[axis]
             table = {
                 "protocol": protocol.name,
-                "direction": direction,
+                "direction": "xy"[axis],
                 "row": rows,
                 "stretch": stretch[:, axis],
                 "measured": measured[:, axis] * scale[:, axis],
             }
             loads = quantiles[:, :, axis] * scale[:, axis]
-            tables.append(pd.DataFrame(table | dict(zip([*names, "law"], loads, strict=True))))
+            tables.append(pd.DataFrame(table | dict(zip(names, loads, strict=True))))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -89,27 +88,11 @@ def true_loads(
     settings: Settings | None = None,
     max_rows: int | None = None,
 ) -> np.ndarray:
-    """Loads of a known material and mounted state, at the rows of :func:`bands`.
+    """Loads (rows,) of a known material and mounted state, at the rows of :func:`bands`.
 
-    Parameters
-    ----------
-    truth : mapping of str to float
-        Material parameters and mounting stretches by the names of ``summary.csv``. Of the law of
-        the run, or else of the default one.
-    settings : Settings, optional
-        Those of the run.
-    max_rows : int, optional
-        As in :func:`bands`.
-
-    Returns
-    -------
-    ndarray, shape (rows,)
-        In the unit of the file, without noise.
-
-    Raises
-    ------
-    InputError
-        If the truth lacks a parameter of the law or a mounting stretch.
+    ``truth`` has material parameters, of the law of the run or else of the default one, and
+    mounting stretches by the names of ``summary.csv``; InputError if one is missing. The loads are
+    in the unit of the file, without noise.
     """
     settings = settings or Settings()
     if not set(settings.material_law.names) <= set(truth):

@@ -1,7 +1,6 @@
 """Posterior draws as arrays, and the single draws that stand for them.
 
-A vector of parameter-wise medians is not a material of the posterior: where parameters are
-correlated its curves may lie outside every band. A draw is one.
+The medians of correlated parameters may have curves outside every band; a draw has not.
 """
 
 from __future__ import annotations
@@ -63,11 +62,11 @@ STATES_PER_PROTOCOL = 60  # of each protocol, evenly along the record
 
 def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
     """Total stretches (m, 2) per protocol at the median mounting stretch, one for all draws."""
-    out = []
-    for protocol in specimen.protocols:
-        measured = protocol.stretch[evenly_chosen(protocol.rows, STATES_PER_PROTOCOL)]
-        out.append(measured * np.median(protocol_mounting(draws, protocol), axis=0))
-    return out
+    return [
+        p.stretch[evenly_chosen(p.rows, STATES_PER_PROTOCOL)]
+        * np.median(protocol_mounting(draws, p), axis=0)
+        for p in specimen.protocols
+    ]
 
 
 def median_draw(draws: pd.DataFrame, specimen: Specimen, law: Law) -> int:

@@ -1,12 +1,10 @@
-r"""Inflation of a thin-walled tube at a fixed axial stretch, and its posterior predictions.
+"""Inflation of a thin-walled tube at a fixed axial stretch, and its posterior predictions.
 
-The tube is that of :mod:`biaxbayes.experiments.tube` with one Gauss point: the stresses of the
-middle of the wall stand for all of it, and it is stress free without pressure and force.
+The stresses of the middle of the wall stand for all of it; it is stress free without load.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +27,6 @@ from biaxbayes.prediction.tissue import Tissue
 GRID = 750  # states at which a crossing is looked for, equally spaced in log stretch
 MAX_ROOT_STEPS = 80
 ROOT_TOLERANCE = 1e-13  # of the stretch
-MILLI = 1e3
 
 
 @dataclass(frozen=True)
@@ -95,14 +92,9 @@ class ThinTube:
     ) -> np.ndarray:
         """Pressure (kPa) and axial force on the closed tube (N), (..., 2).
 
-        Parameters
-        ----------
-        material : Material
-            One, or one per draw: its values have shape (n, 1).
-        outer_stretch : array_like, shape (m,) or (n, m)
-            Circumferential stretches of the outer surface.
-        misfit_kPa : array_like, shape (..., 2)
-            Added to the nominal stresses of the wall, around and along.
+        Of one material, or one per draw with values (n, 1), at circumferential stretches (m,) or
+        (n, m) of the outer surface. ``misfit_kPa``, (..., 2) around and along, is added to the
+        nominal stresses of the wall.
         """
         state, weight = self.wall(outer_stretch)
         x, y = np.moveaxis(self.in_test(state), -1, 0)
@@ -119,17 +111,8 @@ def stretch_at_pressure(
 ) -> np.ndarray:
     """Outer circumferential stretch at a pressure: the first state met from the unpressurised one.
 
-    Parameters
-    ----------
-    material : Material
-        One, or one per draw: its values have shape (n, 1).
-    pressure_kPa : array_like, shape (m,)
-    misfit_kPa : array_like, broadcast with (n, m, 2)
-
-    Returns
-    -------
-    ndarray, shape (n, m)
-        NaN where no equilibrium lies inside :data:`BRACKET`.
+    Shape (n, m), NaN where no equilibrium lies inside :data:`BRACKET`, of one material or one per
+    draw, at pressures (m,); ``misfit_kPa`` as in :meth:`ThinTube.loads`, broadcast with (n, m, 2).
     """
     target = np.atleast_1d(np.asarray(pressure_kPa, dtype=float))
     misfit = np.asarray(misfit_kPa, dtype=float)
@@ -243,9 +226,8 @@ def predict_pressure(
         np.sqrt(np.einsum("mik,dmk->dmi", weight**2, np.square(state * spread)))
         for spread in (sd, np.hypot(sd, noise))
     )
-    units = {"pressure_kPa": 1.0, "axial_force_mN": MILLI}
     columns: dict[str, np.ndarray] = {}
-    for i, (name, unit) in enumerate(units.items()):
+    for i, (name, unit) in enumerate((("pressure_kPa", 1.0), ("axial_force_mN", 1000.0))):
         spreads = (unit * of_tissue[..., i], unit * of_reading[..., i])
         columns |= band_columns(name, unit * loads[..., i], *spreads, probability)
     return pd.DataFrame(
@@ -314,19 +296,17 @@ def predict_diameter(
     middle = np.nan_to_num(known_percentiles(law, (0.5,))[0], nan=1.0)
     mean, sd, noise = _wall_misfit(posterior, draws, tube, tube.wall(middle)[0])
     # one number a draw: the misfit is smooth
-    unit = np.random.default_rng(seed).standard_normal((len(draws), 1, 1))
-    model = stretch_at_pressure(material, tube, pressure, mean + sd * unit) if np.any(sd) else law
-    new = stretch_at_pressure(material, tube, pressure, mean + np.hypot(sd, noise) * unit)
+    z = np.random.default_rng(seed).standard_normal((len(draws), 1, 1))
+    model = stretch_at_pressure(material, tube, pressure, mean + sd * z) if np.any(sd) else law
+    new = stretch_at_pressure(material, tube, pressure, mean + np.hypot(sd, noise) * z)
     columns: dict[str, np.ndarray] = {
         "pressure_kPa": pressure,
         "pressure_mmHg": pressure * MMHG_PER_KPA,
     }
-    same: Callable[[np.ndarray], np.ndarray] = np.asarray
-    for name, of in (
-        ("circumferential_stretch", same),
-        ("outer_diameter_mm", tube.outer_diameter_mm),
-    ):
-        values = known_percentiles(of(model), (0.5, *levels)), known_percentiles(of(new), levels)
+    diameter_mm = 2.0 * tube.tube.outer_radius_mm
+    for name, unit in (("circumferential_stretch", 1.0), ("outer_diameter_mm", diameter_mm)):
+        tissue = known_percentiles(unit * model, (0.5, *levels))
+        values = tissue, known_percentiles(unit * new, levels)
         columns |= {f"{name}_{band}": v for band, v in zip(BANDS, np.vstack(values), strict=True)}
     columns["share_without_equilibrium"] = np.isnan(model).mean(axis=0)
     state, _ = tube.wall(columns["circumferential_stretch_median"])

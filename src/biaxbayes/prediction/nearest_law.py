@@ -1,19 +1,19 @@
 """The law nearest to each drawn tissue on the tested paths: what a simulation should use.
 
-A drawn law and its misfit share the curve of the tissue, T = f(theta, lm) + delta, so that the law
-alone need not pass through the readings. With the mounting stretch as drawn, from the drawn theta,
-this finds the parameters of the smallest relative distance
+A drawn law and its misfit (its mean given the readings) share the curve of the tissue, T = f(theta,
+lm) + delta, so that the law alone need not pass through the readings. At the drawn mounting
+stretch lm this finds the parameters of the smallest relative distance
 
     min over theta of  sqrt(mean ((f(theta, lm) - T) / D)^2)      D = sqrt(T^2 + (0.05 peak)^2)
 
-over the tested rows of all pieces, peak the largest |T| of a curve; delta is its mean given the
-readings. The spread of these laws over the draws is the uncertainty that a simulation should carry.
+over the tested rows of all pieces, peak the largest |T| of a curve.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -42,7 +42,7 @@ class _Curve:
     forward: ForwardModel
     stretch: np.ndarray  # (n, 2), measured
     mounting: np.ndarray  # (draws, 2)
-    axes: tuple[int, ...]
+    axes: list[int]
     factor: np.ndarray  # (draws, 1, 2): load of the piece per load of the law at its stated section
     tissue: np.ndarray
     reading: np.ndarray
@@ -55,15 +55,13 @@ class _Curve:
         scale = self.scale[draw]
         residual = (at.load * self.factor[draw] - self.tissue[draw]) / scale
         slope = at.by_fit_coordinate * (self.factor[draw] / scale)[..., None]
-        axes = list(self.axes)
-        return residual[:, axes].ravel(), slope[:, axes].reshape(-1, point.size)
+        return residual[:, self.axes].ravel(), slope[:, self.axes].reshape(-1, point.size)
 
     def to_readings(self, draw: int, point: np.ndarray) -> np.ndarray:
         """Relative residuals of a law to the readings; flat."""
         residual, _ = self.residuals(draw, point)
-        axes = list(self.axes)
         apart = (self.tissue[draw] - self.reading[draw]) / self.scale[draw]
-        return np.asarray(residual + apart[:, axes].ravel())
+        return np.asarray(residual + apart[:, self.axes].ravel())
 
 
 def nearest_laws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
@@ -75,6 +73,7 @@ def nearest_laws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
     law = posterior.law
     free = [i for i, n in enumerate(law.names) if isinstance(posterior.priors[n], Prior)]
     lower, upper = law.lower[free], law.upper[free]
+    how: dict[str, Any] = {"bounds": (lower, upper), "x_scale": "jac", "max_nfev": EVALUATIONS}
     curves = list(_curves(posterior, draws))
     drawn = draws[list(law.names)].to_numpy(dtype=float)
     values, distances = [], []
@@ -96,14 +95,7 @@ def nearest_laws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
 
         inside = np.clip(start[free], lower + 1e-9 * (upper - lower), upper)
         with np.errstate(all="ignore"):
-            found = least_squares(
-                residuals,
-                inside,
-                slopes,
-                bounds=(lower, upper),
-                x_scale="jac",
-                max_nfev=EVALUATIONS,
-            )
+            found = least_squares(residuals, inside, slopes, **how)
             point = point_of(found.x)
             to_readings = np.concatenate([c.to_readings(i, point) for c in curves])
         values.append(law.from_fit_coordinates(point))
@@ -162,7 +154,6 @@ def _curves(posterior: Posterior, draws: pd.DataFrame) -> Iterator[_Curve]:
     for k, piece in enumerate(posterior.pieces):
         tissue = Tissue(posterior, draws, piece=k)
         specimen = piece.specimen.as_compared(posterior.settings.mounting)
-        axes: Sequence[int] = specimen.experiment.axes
         # the section and stiffness of each draw over those that the piece states
         factor = piece.forward.section(draws) / piece.forward.area
         for i, protocol in enumerate(specimen.protocols):
@@ -177,7 +168,7 @@ def _curves(posterior: Posterior, draws: pd.DataFrame) -> Iterator[_Curve]:
                 piece.forward,
                 protocol.stretch[rows],
                 np.broadcast_to(lm, (len(draws), 2)),
-                tuple(axes),
+                list(specimen.experiment.axes),
                 np.broadcast_to(factor, (len(draws), 1, 2)),
                 load,
                 specimen.load(protocol)[rows] - np.broadcast_to(offset, load.shape),

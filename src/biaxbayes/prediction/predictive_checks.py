@@ -56,7 +56,6 @@ def predictive_checks(
         inside = ((below >= BAND_TAILS[0]) & (below <= BAND_TAILS[1])).mean(axis=0)
         residuals = measured - np.median(loads.law, axis=0)
         for axis in specimen.experiment.axes:
-            direction = "xy"[axis]
             residual = residuals[:, axis]
             worst, n = int(np.argmax(np.abs(residual))), len(residual)
             centred = residual - residual.mean()
@@ -69,7 +68,7 @@ def predictive_checks(
             rows.append(
                 {
                     "protocol": posterior.pieces[piece].title(protocol.name),
-                    "direction": direction,
+                    "direction": "xy"[axis],
                     "readings": n,
                     "rms": float(np.sqrt(np.mean(residual**2))),
                     "largest": float(residual[worst]),
@@ -122,8 +121,7 @@ def path_warnings(checks: pd.DataFrame, law: str = DEFAULT_LAW) -> list[str]:
 def checks_in_words(checks: pd.DataFrame) -> list[str]:
     """Sentences on readings that agree with the law within their noise, and on narrow bands."""
     out = []
-    by_noise = checks[checks["agreement"] == "noise"]
-    if len(by_noise) == len(checks):
+    if (checks["agreement"] == "noise").all():
         out.append(
             f"No reading lies further from the median model than {NOISE_SDS:g} times the load "
             "cell's noise."

@@ -1,14 +1,6 @@
-"""Stress that the posterior predicts on any path of stretches, and which paths a test covered.
-
-Two bands, always both. The credible band holds the tissue's own stress: that of the law and its
-misfit, given the readings on a tested path, what the misfit carries to another one elsewhere. The
-predictive band holds a new measurement of it. Each is a percentile range over the draws, row by
-row.
-"""
+"""Stress that the posterior predicts on any path of stretches, and which paths a test covered."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -24,7 +16,7 @@ from biaxbayes.prediction.draws import (
     protocol_mounting,
     with_free_sides,
 )
-from biaxbayes.prediction.percentiles import band_columns, tails
+from biaxbayes.prediction.percentiles import band_columns
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.specimen import Specimen
 
@@ -40,23 +32,33 @@ RELATIVE_TOLERANCE = 0.05  # of the tested range: a path this close beside a tes
 ABSOLUTE_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True)
 class CoveredStretches:
-    """Convex hull of the tested states."""
+    """States that protocols visited; ``mounting_stretch`` is one pair, or (protocols, 2).
 
-    # (m, 2): corners, anticlockwise; one or two when the states lie on a point or a line
-    hull: np.ndarray
-    low: np.ndarray  # (2,), component-wise range
-    high: np.ndarray
-    # distance by which the mounting stretch moved the tested paths: a path that starts at the
-    # unloaded state and runs beside a tested one within it was tested as well as it could be
-    shift: float = 0.0
+    ``low`` and ``high`` (2,) are their range. Within ``slack`` a path counts as one that was
+    tested: one that starts at the unloaded state and runs beside a tested one, as far off as the
+    mounting stretch moved that, was tested as well as it could be.
+    """
 
-    @property
-    def slack(self) -> float:
-        """Distance within which a path counts as one that was tested."""
+    def __init__(
+        self, specimen: Specimen, mounting_stretch: tuple[float, float] | np.ndarray = (1.0, 1.0)
+    ) -> None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        factor = np.broadcast_to(np.asarray(mounting_stretch, float), (len(specimen.protocols), 2))
+        pairs = zip(specimen.protocols, factor, strict=True)
+        state = np.vstack([p.stretch * lm for p, lm in pairs])
+        self.low, self.high = state.min(axis=0), state.max(axis=0)
+        shift = float(np.max(np.linalg.norm(factor - 1.0, axis=1)))
         reach = float((self.high - self.low).max())
-        return RELATIVE_TOLERANCE * reach + self.shift + ABSOLUTE_TOLERANCE
+        self.slack = RELATIVE_TOLERANCE * reach + shift + ABSOLUTE_TOLERANCE
+        # corners (m, 2), anticlockwise; one or two when the states lie on a point or a line
+        self.hull = np.unique(state[np.isfinite(state).all(axis=1)], axis=0)  # by x, then y
+        if len(self.hull) > 2:
+            try:
+                self.hull = self.hull[ConvexHull(self.hull).vertices]
+            except QhullError:
+                self.hull = self.hull[[0, -1]]
 
     def extrapolation(self, stretch_x, stretch_y) -> np.ndarray:
         """Position of states (n,) relative to the tested ones.
@@ -72,29 +74,6 @@ class CoveredStretches:
         # NaN is not a tested state either.
         label[~(state <= self.high + ABSOLUTE_TOLERANCE).all(axis=1)] = BEYOND
         return label.astype(str)
-
-
-def covered_stretches(
-    specimen: Specimen, mounting_stretch: tuple[float, float] | np.ndarray = (1.0, 1.0)
-) -> CoveredStretches:
-    """States that protocols visited; ``mounting_stretch`` is one pair, or (protocols, 2)."""
-    factor = np.broadcast_to(np.asarray(mounting_stretch, float), (len(specimen.protocols), 2))
-    state = np.vstack([p.stretch * lm for p, lm in zip(specimen.protocols, factor, strict=True)])
-    shift = float(np.max(np.linalg.norm(factor - 1.0, axis=1)))
-    return CoveredStretches(_convex_hull(state), state.min(axis=0), state.max(axis=0), shift)
-
-
-def _convex_hull(points: np.ndarray) -> np.ndarray:
-    """Corners of the convex hull, anticlockwise; of points on a line its ends."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    ordered = np.unique(points[np.isfinite(points).all(axis=1)], axis=0)  # by x, then y
-    if len(ordered) < 3:
-        return ordered
-    try:
-        return np.asarray(ordered[ConvexHull(ordered).vertices])
-    except QhullError:
-        return ordered[[0, -1]]
 
 
 def _distance(hull: np.ndarray, points: np.ndarray, *, closed: bool = True) -> np.ndarray:
@@ -144,6 +123,9 @@ def predict_stress(
 ) -> pd.DataFrame:
     """Stress along a path of stretches (m, 2), with credible and predictive bands.
 
+    The credible band holds the tissue's own stress, that of the law and its misfit; the predictive
+    band holds a new measurement of it. Each is a percentile range over the draws, row by row.
+
     ``path`` is ``relative_to`` the mounted state (of a ``protocol``, where each has its own) or the
     unloaded one; ``stress`` is cauchy, or piola with the unloaded state as reference. Of a
     ``strip`` along x or y the side takes the stretch at which it carries no stress, in each draw,
@@ -162,7 +144,6 @@ def predict_stress(
         raise InputError("stretches must be positive numbers")
     if relative_to not in ("unloaded", "mounted") or stress not in ("cauchy", "piola"):
         raise InputError("relative_to is mounted or unloaded, stress is cauchy or piola")
-    tails(probability)
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     forward = posterior.forward
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)
@@ -178,9 +159,8 @@ def predict_stress(
         path[:, side] = np.median(some[..., side] / factor[few, side, None], axis=0)
     # the misfit belongs to the measured stretches; its loads to a nominal stress by the section
     measured = path if relative_to == "mounted" else path / np.median(lm, axis=0)
-    tissue = Tissue(posterior, draws)
     section = forward.unloaded_section(draws, lm[:, None])
-    misfit, misfit_sd, noise_sd = tissue.nominal_misfit(measured, section)
+    misfit, misfit_sd, noise_sd = Tissue(posterior, draws).nominal_misfit(measured, section)
     blocks = []
     rows = max(1, MAX_STRESS_BLOCK // max(len(draws), 1))
     for first in range(0, len(path), rows):
@@ -309,4 +289,4 @@ def prediction_range(
         # Other protocols' states, referred to the mounted state of this one.
         own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
     lms = [np.median(protocol_mounting(draws, p), axis=0) / own for p in specimen.protocols]
-    return covered_stretches(specimen, np.array(lms))
+    return CoveredStretches(specimen, np.array(lms))

@@ -1,9 +1,6 @@
 """Loads of the tissue, draw by draw: those of the law, and its misfit given the readings.
 
-On the path of a protocol the readings there determine the misfit. On another path they inform only
-those structures of the misfit that are functions of both stretches (see
-:mod:`biaxbayes.model.misfit`); the others have their prior there. With independent errors the
-tissue follows the law exactly.
+With independent errors the tissue follows the law exactly.
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.model.misfit import CurvePoints, SmoothMisfit
-from biaxbayes.model.piece import Piece
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import NOISE_SD, name_of
 from biaxbayes.prediction.percentiles import percentiles
@@ -47,22 +43,18 @@ class TissueLoads:
         return over_draws(self.mean, self.sd), over_draws(self.reading, self.reading_sd)
 
 
-@dataclass(frozen=True, eq=False)
 class Tissue:
     """A piece of the tissue by the draws of its posterior (natural values by name)."""
 
-    posterior: Posterior
-    draws: pd.DataFrame
-    seed: int = 0
-    piece: int = 0  # the first, or which of the others
-
-    @property
-    def _model(self) -> Piece:
-        return self.posterior.pieces[self.piece]
+    def __init__(
+        self, posterior: Posterior, draws: pd.DataFrame, seed: int = 0, piece: int = 0
+    ) -> None:
+        self.posterior, self.draws, self.seed, self.piece = posterior, draws, seed, piece
+        self._model = posterior.pieces[piece]
 
     @property
     def _smooth(self) -> SmoothMisfit:
-        return self.posterior.misfits[self.piece]
+        return self.posterior.misfits[self.piece]  # made on first use, from a fit
 
     @cached_property
     def _residual(self) -> np.ndarray:
@@ -72,8 +64,7 @@ class Tissue:
     @cached_property
     def _terms(self) -> np.ndarray:
         """The term of the misfit of each draw."""
-        rng = np.random.default_rng(self.seed)
-        return self._smooth.choose(self._residual, rng)
+        return self._smooth.choose(self._residual, np.random.default_rng(self.seed))
 
     @property
     def noise_sd(self) -> np.ndarray:
@@ -85,11 +76,8 @@ class Tissue:
         noise = self.draws[name].to_numpy(dtype=float)[:, None, None]
         return noise * self._model.specimen.load_scale
 
-    def tested(
-        self, protocol: int, stretch: np.ndarray, rows: np.ndarray | None = None
-    ) -> TissueLoads:
+    def tested(self, protocol: int, stretch: np.ndarray, rows: np.ndarray) -> TissueLoads:
         """Loads at ``rows`` of a protocol's stretches (m, 2), the cell's offset included."""
-        rows = np.arange(len(stretch)) if rows is None else rows
         name = self._model.specimen.protocols[protocol].name
         law = self.law(stretch[rows], name) + self._model.forward.offset(self.draws)
         if not self.posterior.settings.has_misfit:
@@ -108,7 +96,10 @@ class Tissue:
     def misfit(
         self, stretch: np.ndarray, protocol: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and sd (draws, m, 2) of the misfit on a path; ``protocol``: that it runs along."""
+        """Mean and sd (draws, m, 2) of the misfit on a path; ``protocol``: that it runs along.
+
+        On another path the readings inform only the structures that depend on both stretches.
+        """
         if not self.posterior.settings.has_misfit:
             nothing = np.zeros((len(self.draws), len(stretch), 2))
             return nothing, nothing
@@ -129,11 +120,11 @@ class Tissue:
             return mean / section, sd / section, self.noise_sd / section
         # P_k = sum_i (dP_k / dq_i) q_i,  P = s / l, of the mounted section
         by_reading = np.array(units, dtype=float) / stretch
-        spread = [
+        sds, noise = (
             np.sqrt(np.einsum("imk,dmi->dmk", by_reading**2, np.broadcast_to(v, mean.shape) ** 2))
             for v in (sd, self.noise_sd)
-        ]
-        return np.einsum("imk,dmi->dmk", by_reading, mean), spread[0], spread[1]
+        )
+        return np.einsum("imk,dmi->dmk", by_reading, mean), sds, noise
 
     def _misfit(
         self, points: CurvePoints, *, friction: bool = False

@@ -2,9 +2,8 @@
 
     D(theta, lm) = -2 ln L(theta, lm)
 
-L is the likelihood of the posterior, with its misfit averaged out; of independent errors the sd is
-one more unknown. No prior enters. Unknown dimensions and offsets of the load cell have their
-nominal values, since nothing but their priors would hold them.
+L is the likelihood of the posterior, with its misfit averaged out. No prior enters: of independent
+errors the sd is one more unknown, dimensions and offsets of the load cell have nominal values.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.fitting.constrained import FitSetup
-from biaxbayes.model.assembly import Assembly, assemble, natural_values, sampling_coordinates
+from biaxbayes.model.assembly import assemble, natural_values, sampling_coordinates
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
 from biaxbayes.model.priors import Prior
@@ -61,8 +60,15 @@ class ConditionalLikelihood:
     ) -> ConditionalFit:
         """The least deviance with the parameter at a value (None: free), climbing from a start."""
         held = {} if value is None else {self.parameter: value}
-        assembly = self._assembly(held)
-        values = self._inside({**start, **held})
+        law = self.settings.material_law
+        of_law = {n: v for n, v in held.items() if n in law.names}
+        settings = replace(self.settings, priors={**self.settings.priors, **of_law})
+        constants = self.posterior.sampling_constants
+        assembly = assemble(self.specimen, settings, constants, determinant=False)
+        values = {**start, **held}
+        # parameters of the law off the ends of their ranges
+        inner = law.clip_inside([values[name] for name in law.names])
+        values |= zip(law.names, inner, strict=True)
         point = sampling_coordinates(assembly, values)[0] if assembly.free else np.empty(0)
         # a stretch has a coordinate of its own; a parameter of the law is fixed in the assembly
         free = np.array([i for i, name in enumerate(assembly.free) if name not in held], dtype=int)
@@ -73,7 +79,9 @@ class ConditionalLikelihood:
             return self.posterior.evaluate(assembly.problem, points)[1]
 
         if free.size:
-            scale = self._scale(assembly)[free]
+            widths = assembly.law.sampling_widths(assembly.problem.transform)
+            widths = {NOISE_SD.name: 1.0} | widths
+            scale = np.array([widths.get(n, STRETCH_WIDTH) for n in assembly.free])[free]
             # a climb stays off its bounds by so much
             bounds = assembly.bounds[free] + [-BOUND_MARGIN, BOUND_MARGIN]
             point[free] = _climb(log_likelihood, point[free], scale, bounds, least_rise)
@@ -104,24 +112,6 @@ class ConditionalLikelihood:
                 start |= dict(zip(mounting_names("stretch", state), pair, strict=True))
             out.append(start | {NOISE_SD.name: 3.0 * self.posterior.fit.rms})
         return out
-
-    def _assembly(self, held: Mapping[str, float]) -> Assembly:
-        of_law = {n: v for n, v in held.items() if n in self.settings.material_law.names}
-        settings = replace(self.settings, priors={**self.settings.priors, **of_law})
-        constants = self.posterior.sampling_constants
-        return assemble(self.specimen, settings, constants, determinant=False)
-
-    def _inside(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values with the law's parameters off the ends of their ranges."""
-        law = self.settings.material_law
-        inner = law.clip_inside([values[name] for name in law.names])
-        return {**values, **dict(zip(law.names, inner, strict=True))}
-
-    def _scale(self, assembly: Assembly) -> np.ndarray:
-        widths = assembly.law.sampling_widths(assembly.problem.transform)
-        return np.array(
-            [widths.get(n, 1.0 if n == NOISE_SD.name else STRETCH_WIDTH) for n in assembly.free]
-        )
 
 
 def _climb(

@@ -1,14 +1,7 @@
 """Profile likelihood of one parameter: everything else re-optimised along the way.
 
-The curve is D(value) - min D, with the deviance of
-:mod:`biaxbayes.profiles.conditional_fit`; values where it stays below 2.71 (90 % of
-chi-square with one degree of freedom) make the interval. No prior has a part in it. In words:
-
-- ``finite``: the curve crosses the threshold on both sides;
-- ``practical``: it does not on one side or both, so the data leave the parameter open there;
-- ``structural``: it is flat: no amount of this kind of data would determine it.
-
-An angle of 0 or 90 degrees is a mirror: the curve goes on as its own image, and counts as closed.
+The curve is D(value) - min D, with the deviance of :mod:`biaxbayes.profiles.conditional_fit`; where
+it stays below 2.71 (90 % of chi-square with one degree of freedom) is the interval.
 """
 
 from __future__ import annotations
@@ -26,7 +19,7 @@ from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import STRETCH, OfQuantity, Quantities, Quantity, unit_words
 from biaxbayes.profiles.conditional_fit import ConditionalLikelihood
-from biaxbayes.profiles.profile_curve import ProfileCurve, profile_axis
+from biaxbayes.profiles.profile_curve import ProfileCurve, ProfiledParameter
 
 FLAT_DEVIANCE = 0.1
 """A curve that never rises above this is flat: a likelihood ratio of 0.95."""
@@ -46,6 +39,8 @@ class Profile(OfQuantity):
     open_low, open_high : bool
         Whether the curve stays below the threshold all the way.
     kind : {"finite", "practical", "structural"}
+        The curve crosses the threshold on both sides; it does not on one or both, so that the data
+        leave the parameter open there; it is flat: no amount of such data would determine it.
     """
 
     parameter: str
@@ -105,11 +100,38 @@ def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     """Profile of one parameter; see :func:`profiles`."""
     _check(posterior, parameter)
     likelihood = ConditionalLikelihood(posterior, parameter)
-    curve = ProfileCurve(likelihood, profile_axis(posterior.quantities[parameter].parameter))
+    curve = ProfileCurve(likelihood, ProfiledParameter(posterior.quantities[parameter].parameter))
     if not np.isfinite(curve.fits[0].deviance):
         raise NotConverged(f"{posterior.specimen.name}: no material fits this specimen")
     curve.run()
-    return _profile(curve, posterior, parameter)
+    rise = np.array([curve.rise(k) for k in range(len(curve.at))])
+    value = np.array([curve.axis.natural(at) for at in curve.at])
+    ends = []
+    for side in (-1, 1):
+        pair = curve.crossing(side)
+        if pair is None:
+            ends.append((float(value[0 if side < 0 else -1]), True))
+        else:
+            ends.append((curve.axis.natural(curve.interpolated(*pair)), False))
+    (low, open_low), (high, open_high) = ends
+    if curve.axis.parameter.mirror and open_low != open_high:
+        open_low = open_high = False  # at 0 or 90 degrees the curve goes on as its own image
+    flat = open_low and open_high and float(rise.max()) < FLAT_DEVIANCE
+    kind = "structural" if flat else "practical" if open_low or open_high else "finite"
+    fits = pd.DataFrame([f.values for f in curve.fits])
+    names = [n for n in posterior.parameter_names if n in fits]
+    columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
+    return Profile(
+        parameter=parameter,
+        known=posterior.quantities,
+        table=pd.DataFrame(columns).join(fits[names]),
+        estimate=float(value[curve.lowest]),
+        low=low,
+        high=high,
+        open_low=open_low,
+        open_high=open_high,
+        kind=kind,
+    )
 
 
 def _check(posterior: Posterior, parameter: str) -> None:
@@ -128,34 +150,3 @@ def _check(posterior: Posterior, parameter: str) -> None:
             "with an exact mounting force the mounting stretch follows from the material",
             remedy="use `mounting=noisy` to profile it",
         )
-
-
-def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profile:
-    rise = np.array([curve.rise(k) for k in range(len(curve.at))])
-    value = np.array([curve.axis.natural(at) for at in curve.at])
-    ends = []
-    for side in (-1, 1):
-        pair = curve.crossing(side)
-        if pair is None:
-            ends.append((value[0 if side < 0 else -1], True))
-        else:
-            ends.append((curve.axis.natural(curve.interpolated(*pair)), False))
-    (low, open_low), (high, open_high) = ends
-    if curve.axis.parameter.mirror and open_low != open_high:
-        open_low = open_high = False  # the curve goes on as its own image
-    flat = open_low and open_high and float(rise.max()) < FLAT_DEVIANCE
-    kind = "structural" if flat else "practical" if open_low or open_high else "finite"
-    fits = pd.DataFrame([f.values for f in curve.fits])
-    names = [n for n in posterior.parameter_names if n in fits]
-    columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
-    return Profile(
-        parameter=parameter,
-        known=posterior.quantities,
-        table=pd.DataFrame(columns).join(fits[names]),
-        estimate=float(value[curve.lowest]),
-        low=float(low),
-        high=float(high),
-        open_low=bool(open_low),
-        open_high=bool(open_high),
-        kind=kind,
-    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -11,39 +10,35 @@ from scipy.special import gammaincinv
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, Parameter
-from biaxbayes.profiles.conditional_fit import (
-    FIRST_RISE,
-    ConditionalFit,
-    ConditionalLikelihood,
-)
+from biaxbayes.profiles.conditional_fit import FIRST_RISE, ConditionalFit, ConditionalLikelihood
 
 # --- the axis of a profile: which scale, how far, in which steps ---------------------------------
 
 
-MIN_STEP_OF_SCALE = 1e-4
+LOWEST_OF_SCALE = 1e-4
 """Lower end of the axis of a positive scale, which stands for zero (kPa or 1)."""
-STEPS_OF_SCALE = (0.02, MIN_STEP_OF_SCALE, 0.8)
-"""First, smallest and largest step of a positive scale, in logs."""
-STEPS_OF_ANGLE = (0.5, 1e-3, 5.0)
-STEPS_OF_SHARE = (0.004, 1e-5, 0.02)
-STEPS_OF_STRETCH = (0.0005, 1e-6, 0.01)
 
 
-@dataclass(frozen=True)
 class ProfiledParameter:
-    """Scale and range of a profiled parameter."""
+    """Scale, range and steps of a profiled parameter: natural logs, degrees or natural values."""
 
-    parameter: Parameter
-    low: float  # range on the axis: natural logs, degrees or natural values
-    high: float
-    first_step: float
-    least_step: float
-    most_step: float
+    def __init__(self, parameter: Parameter) -> None:
+        self.parameter = parameter
+        if parameter.logarithmic:
+            ends = float(np.log(LOWEST_OF_SCALE)), float(np.log(parameter.largest))
+            steps = 0.02, 1e-4, 0.8
+        elif parameter.bounded:
+            ends = parameter.range
+            steps = (0.5, 1e-3, 5.0) if parameter.unit == DEGREE else (0.004, 1e-5, 0.02)
+        else:
+            ends, steps = BRACKET, (0.0005, 1e-6, 0.01)
+        self.low, self.high = ends
+        self.first_step, self.least_step, self.most_step = steps
 
     def place(self, value: float) -> float:
         """Place on the axis of a natural value."""
         if self.parameter.logarithmic:
-            return float(np.log(max(value, MIN_STEP_OF_SCALE)))
+            return float(np.log(max(value, LOWEST_OF_SCALE)))
         return float(value)
 
     def natural(self, at: float) -> float:
@@ -62,25 +57,13 @@ class ProfiledParameter:
         return np.clip(centre + np.array([-0.05, -0.02, 0.02, 0.05]), self.low, self.high)
 
 
-def profile_axis(parameter: Parameter) -> ProfiledParameter:
-    """The parameter as it is profiled."""
-    if parameter.logarithmic:
-        ends = float(np.log(MIN_STEP_OF_SCALE)), float(np.log(parameter.largest))
-        steps = STEPS_OF_SCALE
-    elif parameter.bounded:
-        ends = parameter.range
-        steps = STEPS_OF_ANGLE if parameter.unit == DEGREE else STEPS_OF_SHARE
-    else:
-        ends, steps = BRACKET, STEPS_OF_STRETCH
-    return ProfiledParameter(parameter, *ends, *steps)
-
-
 # --- the curve -----------------------------------------------------------------------------------
 
 
 THRESHOLD = 2.0 * float(gammaincinv(0.5, CONTENT))
 """Deviance below which a value lies in the interval: chi-squared with one degree of freedom."""
-MAX_EXCESS_DEVIANCE = 2.0  # deviance beyond the threshold at which the continuation ends
+CEILING = THRESHOLD + 2.0
+"""Deviance at which the continuation ends, and up to which a curve is drawn."""
 DEVIANCE_STEP = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MAX_CURVE_STEPS = 80
 SWEEPS = 3
@@ -128,12 +111,11 @@ class ProfileCurve:
             value = self.axis.natural(at)
             starts = [best.values, *self.likelihood.other_starts(value, EXTRA_STARTS)]
             new_fit = self._lowest_from(value, starts)
-            level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
                 here = float(np.interp(at, self.at, [f.deviance for f in self.fits]))
                 lower = new_fit.deviance < here - MIN_LOWER_DEVIANCE
             else:
-                lower = new_fit.deviance < level + THRESHOLD + MAX_EXCESS_DEVIANCE
+                lower = new_fit.deviance < best.deviance + CEILING
             if lower and at not in self.at:
                 self._add(at, new_fit)
                 is_lower = True
@@ -144,7 +126,7 @@ class ProfileCurve:
         for _ in range(MAX_GAP_POINTS):
             gaps = np.diff(self.at)
             low = np.array([min(self.rise(k), self.rise(k + 1)) for k in range(len(gaps))])
-            gaps[low > THRESHOLD + MAX_EXCESS_DEVIANCE] = 0.0
+            gaps[low > CEILING] = 0.0
             level = np.abs(np.diff([f.deviance for f in self.fits])) < DEVIANCE_STEP[0]
             gaps[level] *= LEVEL_GAP_WEIGHT
             k = int(np.argmax(gaps))
@@ -164,7 +146,8 @@ class ProfileCurve:
 
     def fit(self, at: float, *neighbours: int) -> ConditionalFit:
         """The best fit at a place on the axis, from the points given."""
-        fits = (self._best(at, self.fits[k]) for k in neighbours)
+        value = self.axis.natural(at)
+        fits = (self.likelihood.best(value, self.fits[k].values) for k in neighbours)
         return min(fits, key=lambda fit: fit.deviance)
 
     def extend(self, side: int) -> None:
@@ -174,7 +157,7 @@ class ProfileCurve:
             end = 0 if side < 0 else len(self.at) - 1
             low, high = self.axis.low, self.axis.high
             at_end = self.at[end] <= low if side < 0 else self.at[end] >= high
-            if self.rise(end) > THRESHOLD + MAX_EXCESS_DEVIANCE or at_end:
+            if self.rise(end) > CEILING or at_end:
                 return
             at = float(min(max(self.at[end] + side * step, low), high))
             new_fit = self.fit(at, end)
@@ -190,10 +173,6 @@ class ProfileCurve:
             self._add(at, new_fit)
             if change < DEVIANCE_STEP[0]:
                 step = min(1.7 * step, self.axis.most_step)
-
-    def _best(self, at: float, start: ConditionalFit) -> ConditionalFit:
-        """The lowest deviance at a place on the axis, from another fit."""
-        return self.likelihood.best(self.axis.natural(at), start.values)
 
     def _lowest_from(
         self, value: float | None, starts: Sequence[Mapping[str, float]]
@@ -214,7 +193,7 @@ class ProfileCurve:
         better = False
         for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
             for k in order:
-                refit = self._best(self.at[k], self.fits[k - order.step])
+                refit = self.fit(self.at[k], k - order.step)
                 if refit.deviance < self.fits[k].deviance - MIN_IMPROVEMENT:
                     better = True
                 if refit.deviance < self.fits[k].deviance:

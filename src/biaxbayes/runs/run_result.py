@@ -12,8 +12,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.derived.determined import determined
-from biaxbayes.derived.known import known_table
-from biaxbayes.derived.piece_stiffness import piece_stiffnesses
+from biaxbayes.derived.known import known_table, piece_stiffnesses
 from biaxbayes.errors import RunError, listed
 from biaxbayes.fitting.fit_result import POOR_MISFIT, misfit_sentence, root_mean_square
 from biaxbayes.identifiability.identify import Identifiability

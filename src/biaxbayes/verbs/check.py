@@ -221,7 +221,7 @@ def command(
 
 def _picture(specimen: Specimen, file: Path) -> str:
     """Write the picture of all rows beside a specimen file, where that is possible."""
-    from biaxbayes.figures.record import protocols_figure
+    from biaxbayes.figures.specimen import protocols_figure
     from biaxbayes.figures.style import save_figure
 
     path = file.with_name(f"{file.stem}-check.png")

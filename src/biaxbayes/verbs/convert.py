@@ -149,7 +149,7 @@ def _beside(out: Path) -> list[Path]:
 
 def _written(result: Conversion, out: Path) -> Conversion:
     """The conversion as its file reads back, with the file, its picture and its recipe written."""
-    from biaxbayes.figures.record import conversion_figure
+    from biaxbayes.figures.specimen import conversion_figure
     from biaxbayes.figures.style import save_figure
 
     text = specimen_text(result.specimen, result.protocols_as_measured)
