@@ -215,8 +215,8 @@ def test_residual_jacobians_against_differences(geometry, pair, quantity, kind):
     free = np.array([0, 1, 2, 3, 4])
     point = coordinates_of(GOH(3.5, 11.0, 2.5, 42.0, 0.08))
     unknowns = point.copy()
-    common = (data, quantity, point, free, data.peak, np.array(lms), GOH_LAW)
-    sd = np.full((2, 2), 1e-3 * data.peak)
+    common = (data, quantity, point, free, data.peaks[0], np.array(lms), GOH_LAW)
+    sd = np.full((2, 2), 1e-3 * data.peaks[0])
     if kind == "noisy":
         problem = BalancedMounting(*common, reading_sd=sd)
         unknowns = np.concatenate([unknowns, [0.3, -0.2, 0.1, 0.4]])
@@ -242,7 +242,7 @@ def test_descent_is_never_beaten_by_scipy_on_a_noisy_specimen():
             specimen_of(published.material, (1.01, 1.015), measured_stretch=1.15), seed=seed
         )
         data = MeasuredRows.from_specimen(specimen, shared=True, mounting="zeroed")
-        make = (data, "load", np.zeros(5), np.arange(5), data.peak, np.ones((1, 2)), GOH_LAW)
+        make = (data, "load", np.zeros(5), np.arange(5), data.peaks[0], np.ones((1, 2)), GOH_LAW)
         start = np.array([5.0, 5.0, 10.0, 0.4, 0.15])
         ours = descend(LoadResiduals(*make), start, LOWER, UPPER)
         problem = LoadResiduals(*make)

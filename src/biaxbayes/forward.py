@@ -7,16 +7,12 @@ r"""The forward model: from material, mounted state and dimensions to the readin
 
 with the Cauchy stress s at the measured stretch l times the mounting stretch lm, the section A
 (that of the file times factors near one for the errors of its dimensions), the stiffness c of the
-piece over that of the first, and the offset z of the load cell. For a planar biaxial test that is
-f_k = A_k s_k / (l_k lm_k). The compiled density has the same equations, from the same functions.
+piece over that of the first, and the offset z of the load cell. The compiled density has the same
+equations, from the same functions.
 
-*Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``: a dictionary or a
-table of draws. Missing quantities default to lm = 1, factors of one, z = 0.
-Results have the shape (draws, rows, 2), x and y last; a reading that a test does not have is zero.
-
-Least squares use the fit coordinates of the law (:meth:`.Law.to_fit_coordinates`) and need
-derivatives: :meth:`ForwardModel.response` and :meth:`ForwardModel.solve_mounting` take those of one
-material.
+*Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``, lm = 1, factors of
+one and z = 0 where they are missing. Results have the shape (draws, rows, 2); a reading that a test
+does not have is zero. Least squares take one material in fit coordinates, with derivatives.
 """
 
 from __future__ import annotations
@@ -96,8 +92,9 @@ class ForwardModel:
         points = self.experiment.points(np.broadcast_to(stretch, mounting.shape))
         lm, side = mounting[points.row], self.experiment.free_side
         total = points.stretch * lm
-        solved = side is not None and bool(np.isnan(total[:, side]).any())
-        if side is not None and solved:
+        if side is not None and not np.isnan(total[:, side]).any():
+            side = None  # it was measured
+        if side is not None:
             constants = self.law.constants_from_fit(*point)
 
             def cauchy(x: Any, y: Any) -> Any:
@@ -105,8 +102,14 @@ class ForwardModel:
 
             total = with_free_side(cauchy, total, side)
         stress, by_point, by_log = self.law.response(point, total)
-        if side is not None and solved:
-            by_point, by_log = _at_free_side(by_point, by_log, side)
+        if side is not None:
+            # implicit function theorem, with f the free side and k the other direction:
+            # d s_k = (ds_k/dp - ds_k/dl_f (ds_f/dl_f)^-1 ds_f/dp) dp
+            k, of_point, of_log = 1 - side, np.zeros_like(by_point), np.zeros_like(by_log)
+            ratio = by_log[:, k, side] / by_log[:, side, side]
+            of_point[:, k] = by_point[:, k] - ratio[:, None] * by_point[:, side]
+            of_log[:, k, k] = by_log[:, k, k] - ratio * by_log[:, side, k]
+            by_point, by_log = of_point, of_log
         if not self.mounted_dimensions:  # g = A0 / lm
             by_log = by_log - stress[..., None] * np.eye(2)
         section = mounted_section(stiffness * self.area, lm, self.mounted_dimensions)
@@ -200,23 +203,6 @@ class ForwardModel:
     def mounting_load(self, values: Any, protocol: str = "") -> np.ndarray:
         """Loads of the mounted state, (draws, 2)."""
         return self.load(values, np.ones((1, 2)), protocol)[:, 0]
-
-
-def _at_free_side(
-    by_point: np.ndarray, by_log: np.ndarray, side: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the stresses where the stretch of a side follows from its stress of zero.
-
-    By the implicit function theorem, with f the free side and k the other direction:
-
-        d s_k = (ds_k/dp - ds_k/dl_f (ds_f/dl_f)^-1 ds_f/dp) dp
-    """
-    k = 1 - side
-    ratio = by_log[:, k, side] / by_log[:, side, side]
-    of_point, of_log = np.zeros_like(by_point), np.zeros_like(by_log)
-    of_point[:, k] = by_point[:, k] - ratio[:, None] * by_point[:, side]
-    of_log[:, k, k] = by_log[:, k, k] - ratio * by_log[:, side, k]
-    return of_point, of_log
 
 
 def _pair(x: np.ndarray, y: np.ndarray) -> np.ndarray:

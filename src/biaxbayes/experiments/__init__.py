@@ -1,15 +1,11 @@
-"""Kinds of test: one object each, in a file of its own.
+"""Kinds of test: a new one is a file with a subclass of ``Experiment``, and its name here."""
 
-A new kind is a file with a subclass of :class:`.experiment.Experiment`, and its line here.
-"""
-
-from biaxbayes.experiments.biaxial import Biaxial
 from biaxbayes.experiments.bulge import Bulge
 from biaxbayes.experiments.experiment import Experiment
-from biaxbayes.experiments.strip import Strip
+from biaxbayes.experiments.sheet import Sheet, Strip
 from biaxbayes.experiments.tube import Tube
 
-BIAXIAL = Biaxial()
+BIAXIAL = Sheet()
 EXPERIMENTS: dict[str, Experiment] = {
     test.name: test for test in (BIAXIAL, Strip(0), Strip(1), Tube(), Bulge())
 }

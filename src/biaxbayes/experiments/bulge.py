@@ -1,13 +1,10 @@
-r"""A sheet inflated through a circular clamp, read at its pole.
-
-Pressure p, stretches of the pole along x and y (of markers; relative to the unloaded sheet) and the
-radius of curvature there, rho, of the mean curvature. Laplace's law for the membrane of thickness
-T / (lx ly), with equal curvatures in x and y, is
+r"""A sheet inflated through a circular clamp, read at its pole, whatever it does elsewhere.
 
     p rho / (2 T) = (s_x + s_y) / (2 lx ly)      tension over the unloaded thickness T, kPa
 
-whatever the sheet does elsewhere. Curvatures that differ make an error of second order. No height
-is read: the spherical cap of that height is more curved than the pole, see docs/specimen-file.md.
+by Laplace's law for a membrane of thickness T / (lx ly), with the pressure p, the stretches of the
+pole and the radius rho of its mean curvature; curvatures that differ make an error of second order.
+The spherical cap of a height is more curved than the pole, see docs/specimen-file.md.
 """
 
 from __future__ import annotations

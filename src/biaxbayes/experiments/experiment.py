@@ -1,12 +1,9 @@
 r"""What a kind of test has to tell: its file, its geometry, its words.
 
-Every reading is a weighted sum of Cauchy stresses at states of stretch that are known but for the
-mounting stretch,
-
     q_i = sum_p sum_k  w_pik g_k s_k(l_p lm),    i = 1, 2 readings of a row,  k = x, y
 
-with the stress s of the membrane (radial stress zero) at points p of the row, and the section g of
-the mounted piece (:func:`.mounting.mounted_section`).
+with the stress s of the membrane (radial stress zero) at points p of the row, whose stretches l are
+known but for the mounting stretch lm, and the section g of the mounted piece (`mounted_section`).
 """
 
 from __future__ import annotations
@@ -19,17 +16,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
 DIMENSIONS = ("edge_x_mm", "edge_y_mm", "thickness_mm")
 """Header keys of the dimensions of a sheet, arguments of a specimen of the same names."""
-REQUIRED = "required"
-NONE = "none"
 FROM_SCATTER = "from the scatter of the rows"
 OF_FORCES = "required with forces"
 EDGE_MM = (0.01, 10_000.0)
 LOAD_SD = (1e-15, 1e9)
-STRETCH_RANGE = (0.2, 5.0)
-"""Stretches that a test of soft tissue can reach."""
+STRETCH_RANGE = (0.2, 5.0)  # stretches that a test of soft tissue can reach
 
 
 class Column(NamedTuple):
@@ -49,10 +42,9 @@ class Key(NamedTuple):
     """A header key of a specimen file; any text without range and choices."""
 
     meaning: str
-    default: str
+    default: str = "none"
     range: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
-    extra: bool = False  # kept in the metadata
 
 
 class Loads(NamedTuple):
@@ -97,37 +89,27 @@ class Experiment(ABC):
 
     # --- words ---
 
-    name: str
-    """As a specimen file names it (``# test: name``)."""
-    meaning: str
-    """The test, and what is peculiar to its file."""
-    words: str
-    """The test in a sentence or a heading."""
-    curves: tuple[str, str] = ("x", "y")
-    """What a reading is called, in the directions of the tissue."""
+    name: str  # as a specimen file names it (``# test: name``)
+    meaning: str  # the test, and what is peculiar to its file
+    words: str  # in a sentence or a heading
+    curves: tuple[str, str] = ("x", "y")  # what a reading is called
     stretches: tuple[str, str] = ("stretch in x", "stretch in y")
-    drawing: str = ""
-    """What its dimensions are: a title and shapes of an SVG of 300 x 200."""
+    drawing: str = ""  # what its dimensions are: a title and shapes of an SVG of 300 x 200
 
     # --- the file ---
 
-    loads: Mapping[str, Loads]
-    """Loads that a file may hold, by their names (``Specimen.loads``)."""
-    columns: ClassVar[Mapping[str, Column]] = NOTHING
-    """Columns beside stretches, time and protocol."""
-    keys: ClassVar[Mapping[str, Key]] = NOTHING
-    """Header keys that not every kind of test has."""
+    loads: Mapping[str, Loads]  # that a file may hold, by their names (``Specimen.loads``)
+    # beside stretches, time and protocol
+    columns: ClassVar[Mapping[str, Column]] = MappingProxyType({})
+    # that not every kind of test has
+    keys: ClassVar[Mapping[str, Key]] = MappingProxyType({})
 
     # --- the test ---
 
-    axes: tuple[int, ...] = (0, 1)
-    """Directions with a reading."""
-    free_side: int | None = None
-    """The direction whose sides carry no load."""
-    is_mounted: bool = True
-    """Whether stretches are relative to a mounted state, whose stretch is unknown."""
-    is_biaxial: bool = False
-    """Whether it is a planar test pulled in both directions, which some methods are for alone."""
+    axes: tuple[int, ...] = (0, 1)  # directions with a reading
+    free_side: int | None = None  # the direction whose sides carry no load
+    is_mounted: bool = True  # stretches are relative to a mounted state, whose stretch is unknown
+    is_biaxial: bool = False  # a planar test in both directions, which some methods are for alone
 
     def of(self, header: Mapping[str, Any], reads: Sequence[bool]) -> Experiment:
         """The test with dimensions from a header, and the readings (x, y) that were made."""

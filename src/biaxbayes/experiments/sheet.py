@@ -1,11 +1,12 @@
-"""A sheet pulled at its edges from a mounted state: what planar biaxial tests and strips share.
+"""A sheet pulled at its edges from a mounted state: planar biaxial tests, and strips.
 
 q_k = g_k s_k / l_k     in the directions that are pulled
+0 = s_j                 across a strip: the stretch there is the root where it was not measured
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from biaxbayes.experiments.experiment import (
     DIMENSIONS,
     EDGE_MM,
     LOAD_SD,
-    NONE,
     OF_FORCES,
     STRETCH_RANGE,
     Column,
@@ -27,10 +27,9 @@ from biaxbayes.experiments.experiment import (
 from biaxbayes.mechanics.mounting import newtons_per_kPa
 
 ONE_PAIR = "required, or another pair"
-EXACT = "exact"
-ZERO = "no offset"
 SD_MM = (1e-9, 1_000.0)
-STRETCHES_FROM = ("markers", "grips")
+LEAST_WIDTHS = 4.0
+"""Gauge length of a strip over its width below which its clamps hold back more than its ends."""
 HOOK_WIDTH_MM = 2.0
 REFERENCES = ("each protocol", "common")
 """References of measured stretches: the first rows of each protocol, or one state for all."""
@@ -78,60 +77,52 @@ SHEET_KEYS = {
     "mounted_state_y": Key("The same along y", "1", STRETCH_RANGE),
     "edge_x_mm": Key("Edge along x", OF_FORCES, EDGE_MM),
     "edge_y_mm": Key("Edge along y; the force in x acts on edge_y x thickness", OF_FORCES, EDGE_MM),
-    "edge_sd_mm": Key("Standard deviation of the edges", EXACT, SD_MM, extra=True),
-    "thickness_sd_mm": Key("Standard deviation of the thickness", EXACT, SD_MM, extra=True),
+    "edge_sd_mm": Key("Standard deviation of the edges", "exact", SD_MM),
+    "thickness_sd_mm": Key("Standard deviation of the thickness", "exact", SD_MM),
     "load_offset_sd_N": Key(
         "Standard deviation of the zero of the load cells, an unknown of each direction",
-        ZERO,
+        "no offset",
         LOAD_SD,
-        extra=True,
     ),
-    "load_offset_sd_kPa": Key("The same of a stress", ZERO, LOAD_SD, extra=True),
+    "load_offset_sd_kPa": Key("The same of a stress", "no offset", LOAD_SD),
     "mounting_stretch_x": Key(
-        "Mounting stretch along x known from an image, as `1.03 +- 0.01`", "inferred", extra=True
+        "Mounting stretch along x known from an image, as `1.03 +- 0.01`", "inferred"
     ),
-    "mounting_stretch_y": Key("The same along y", "inferred", extra=True),
+    "mounting_stretch_y": Key("The same along y", "inferred"),
     "physiological_stretch_x": Key(
         "Total stretch along x in the body, from the unloaded state: stress and stiffness there "
         "are reported",
-        NONE,
-        STRETCH_RANGE,
-        extra=True,
+        range=STRETCH_RANGE,
     ),
-    "physiological_stretch_y": Key("The same along y", NONE, STRETCH_RANGE, extra=True),
+    "physiological_stretch_y": Key("The same along y", range=STRETCH_RANGE),
     "grips": Key(
         "Hooks per edge, as `hooks 5`: `sample` and `fit` correct the loads for them by finite "
         "elements; `none` for loads of a uniform test",
         "no correction, with a note",
-        extra=True,
     ),
     "grip_inset_mm": Key(
-        "Distance of the hooks from the edge; required with `grips`", NONE, EDGE_MM, extra=True
+        "Distance of the hooks from the edge; required with `grips`", range=EDGE_MM
     ),
     "grip_width_mm": Key(
         "Diameter of the patch of tissue that a hook moves",
         f"{HOOK_WIDTH_MM:g}, less where hooks are closer to each other or to the edge",
         EDGE_MM,
-        extra=True,
     ),
     "grip_spacing_mm": Key(
         "Distance between neighbouring hooks",
         "equal distances from each other and the corners",
         EDGE_MM,
-        extra=True,
     ),
     "stretch_from": Key(
         "Whether stretches are measured between four markers in the centre or between opposite "
         "hooks (`grips`); needs `grips`",
         "markers",
-        choices=STRETCHES_FROM,
-        extra=True,
+        choices=("markers", "grips"),
     ),
     "grip_correction": Key(
         "`applied` in the files that `sample` writes, whose loads are corrected for the grips",
         "loads as measured",
         choices=("applied",),
-        extra=True,
     ),
     "rest_rows": Key(
         "Leading rows at rest: one number for all protocols, or one for each with commas; 0 "
@@ -142,8 +133,12 @@ SHEET_KEYS = {
 
 
 class Sheet(Experiment):
-    """A sheet that is pulled at its edges."""
+    """A square or rectangle pulled along x and y."""
 
+    name = "biaxial"
+    meaning = "a square or rectangle pulled along x and y"
+    words = "a planar biaxial test"
+    is_biaxial = True
     loads = SHEET_LOADS
     columns = SHEET_COLUMNS
     keys = SHEET_KEYS
@@ -176,15 +171,11 @@ M{w + 5} {h + 7}l14 -10"/>
 
     def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:
         """Refuse a missing stretch."""
+        remedy = "measure it, or state '# test: strip x' (or y) for a strip"
         for p in protocols:
-            for k, axis in enumerate("xy"):
+            for k, key in enumerate(("stretch_x", "stretch_y")):
                 if k != self.free_side and np.isnan(p.stretch[0, k]):
-                    raise ReadingError(
-                        "is missing",
-                        argument=f"stretch_{axis}",
-                        protocol=p.name,
-                        remedy="measure it, or state '# test: strip x' (or y) for a strip",
-                    )
+                    raise ReadingError("is missing", argument=key, protocol=p.name, remedy=remedy)
 
     def points(self, stretch: np.ndarray) -> Points:
         """One point a row."""
@@ -214,3 +205,44 @@ M{w + 5} {h + 7}l14 -10"/>
         size = self.size(header)
         stated = f" ({size}; {header['geometry']} dimensions)" if size else ""
         return f"A specimen{stated} was tested on {paths} in {self.words}."
+
+
+class Strip(Sheet):
+    """A strip pulled along one direction, with free long sides."""
+
+    is_biaxial = False
+    free_side: int
+
+    def __init__(self, axis: int) -> None:
+        self.axis, self.axes, self.free_side = axis, (axis,), 1 - axis
+        self.name = f"strip {'xy'[axis]}"
+        self.words = f"uniaxial tension of a strip along {'xy'[axis]} with free sides"
+        self.meaning = "the same along y"
+        if axis == 0:
+            self.meaning = (
+                "a strip pulled along x, whose file has stretch and load of that direction, and "
+                "the other stretch if the width was measured"
+            )
+
+    def needed(self, loads: str) -> tuple[str, ...]:
+        """No section depends on the length of a strip."""
+        return tuple(key for key in super().needed(loads) if key != DIMENSIONS[self.axis])
+
+    def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:
+        """Refuse a load across the strip, too."""
+        super().check(header, protocols)
+        key, remedy = f"load_{'xy'[self.free_side]}", "leave it out, or state '# test: biaxial'"
+        problem = f"a strip carries no load across it, and {key} is not zero"
+        for p in protocols:
+            if p.recorded_load[:, self.free_side].any():
+                raise ReadingError(problem, argument=key, protocol=p.name, remedy=remedy)
+
+    def warnings(self, header: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Clamps hold the width of a strip at its ends; its middle is free only if it is long."""
+        length, width = (header[DIMENSIONS[k]] for k in (self.axis, self.free_side))
+        if length is not None and width is not None and length < LEAST_WIDTHS * width:
+            yield (
+                "short-strip",
+                f"the strip is {length:g} mm long and {width:g} mm wide: clamped strips shorter "
+                f"than {LEAST_WIDTHS:g} widths are not free to contract, and look stiffer",
+            )

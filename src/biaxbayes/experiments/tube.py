@@ -1,17 +1,13 @@
 r"""A pressurised tube: x runs around it, y along it; the radial stress is zero outside.
 
-Stretches are total: those of the outer surface around, relative to the unloaded tube, and along
-it. With the stress-free sector of radii A < B that lacks the angle phi of a circle,
-c = pi / (pi - phi / 2), as long as the unloaded tube, incompressibility gives the inner radius
+Stretches are total: of the outer surface around, relative to the unloaded tube, and along it. With
+the stress-free sector of radii A < B that lacks the angle phi of a circle, c = pi / (pi - phi / 2),
 
     (ro^2 - r^2) lz c = B^2 - R^2         stretch around lt = c r / R
-
-and with the stresses of a membrane, s_t - s_r and s_z - s_r,
-
     p = \int s_t / r dr          pressure, kPa
     f = pi \int (2 s_z - s_t) r dr      force on the closed tube beside that of the pressure, mN
 
-by Gauss points in r. A thin wall is the limit of one point.
+by Gauss points in r, with the stresses of a membrane, s_t - s_r and s_z - s_r.
 """
 
 from __future__ import annotations
@@ -36,15 +32,12 @@ from biaxbayes.experiments.experiment import (
 )
 from biaxbayes.mechanics.mounting import N_PER_KPA_MM2
 
-MMHG_PER_KPA = 1.0 / 0.133322387415
-"""Millimetres of mercury per kPa, as in the table of units."""
+MMHG_PER_KPA = 1.0 / 0.133322387415  # millimetres of mercury per kPa, as in the table of units
 GAUSS_POINTS = 5
 """Points through the wall of a tube: for a wall as thick as its inner radius, pressures of GOH
 materials differ by less than 1e-4 from those of 40 points."""
-STARTS = 400
-"""Radii at which the pressure is computed to find where it is zero."""
-INFLATES = 0.5
-"""Change of a pressure over its largest value, from which a tube is inflated."""
+STARTS = 400  # radii at which the pressure is computed to find where it is zero
+INFLATES = 0.5  # change of a pressure over its largest value, from which a tube is inflated
 OF_TUBES = "required of a tube"
 NO_RESIDUAL_STRESS = "0, no residual stress"
 PRESSURE_COLUMNS = {
@@ -113,32 +106,26 @@ M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200
     }
     keys: ClassVar[Mapping[str, Key]] = {
         "unloaded_outer_diameter_mm": Key(
-            "Outer diameter of a tube without pressure and force", OF_TUBES, EDGE_MM, extra=True
+            "Outer diameter of a tube without pressure and force", OF_TUBES, EDGE_MM
         ),
         "unloaded_length_mm": Key(
             "Length of a tube without pressure and force between the same two marks",
             "required with a column length_mm",
             EDGE_MM,
-            extra=True,
         ),
         "opening_angle_fung_deg": Key(
             "Opening angle of a ring of a tube cut open, between the lines from the middle of its "
             "inner wall to the ends of the inner wall; half the missing sector",
             NO_RESIDUAL_STRESS,
             (0.0, 175.0),
-            extra=True,
         ),
         "missing_sector_deg": Key(
             "Angle that the opened ring lacks of a full circle, at its centre",
             NO_RESIDUAL_STRESS,
             (0.0, 350.0),
-            extra=True,
         ),
         "axial_force_noise_N": Key(
-            "Standard deviation of one reading of the axial force of a tube",
-            FROM_SCATTER,
-            LOAD_SD,
-            extra=True,
+            "Standard deviation of one reading of the axial force of a tube", FROM_SCATTER, LOAD_SD
         ),
     }
     is_mounted = False
@@ -175,29 +162,25 @@ M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200
     def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:
         """Refuse a tube without a lumen."""
         if {"opening_angle_fung_deg", "missing_sector_deg"} <= set(header):
+            problem, key = "the opening angle is given twice", "missing_sector_deg"
             raise ReadingError(
-                "the opening angle is given twice",
-                argument="missing_sector_deg",
-                remedy="keep opening_angle_fung_deg or missing_sector_deg",
+                problem, argument=key, remedy=f"keep opening_angle_fung_deg or {key}"
             )
+        diameter = 2.0 * self.outer_radius_mm
         if not self.sector[0] > 0.0 or not self.thickness_mm < self.outer_radius_mm:
-            raise ReadingError(
-                f"a wall of {self.thickness_mm:g} mm leaves no lumen in an outer diameter of "
-                f"{2.0 * self.outer_radius_mm:g} mm",
-                argument="thickness_mm",
-                remedy="both are those of the unloaded tube, in mm",
-            )
+            problem = f"a wall of {self.thickness_mm:g} mm leaves no lumen in an outer diameter of "
+            remedy = "both are those of the unloaded tube, in mm"
+            raise ReadingError(f"{problem}{diameter:g} mm", argument="thickness_mm", remedy=remedy)
         for p in protocols:
-            for index in np.flatnonzero(np.isnan(self.radii(p.stretch)[0])):
-                raise ReadingError(
-                    f"there is no lumen: at {2.0 * self.outer_radius_mm * p.stretch[index, 0]:.4g} "
-                    f"mm and an axial stretch of {p.stretch[index, 1]:.4g} the wall fills the "
-                    "outer diameter",
-                    argument="stretch_x",
-                    index=int(index),
-                    protocol=p.name,
-                    remedy="check this row, and thickness and diameter of the unloaded tube",
+            for index in np.flatnonzero(np.isnan(self.radii(p.stretch)[0])).tolist():
+                around, along = p.stretch[index]
+                problem = (
+                    f"there is no lumen: at {diameter * around:.4g} mm and an axial stretch of "
+                    f"{along:.4g} the wall fills the outer diameter"
                 )
+                remedy = "check this row, and thickness and diameter of the unloaded tube"
+                place: dict[str, Any] = {"argument": "stretch_x", "index": index}
+                raise ReadingError(problem, **place, protocol=p.name, remedy=remedy)
 
     def pulled(self, load: np.ndarray) -> tuple[int, ...]:
         """Around while it is inflated, along at constant pressure."""
@@ -208,11 +191,10 @@ M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200
     def sector(self) -> tuple[float, float, float]:
         """(A, B, c) of the stress-free sector, of the unloaded wall's thickness and section."""
         c = np.pi / (np.pi - 0.5 * np.deg2rad(self.missing_sector_deg))
-        mid = self.outer_radius_mm - 0.5 * self.thickness_mm
-        # equal sections: (pi / c) (B^2 - A^2) = pi (b^2 - a^2), B - A = b - a
-        mid_sector = c * mid
         half = 0.5 * self.thickness_mm
-        return mid_sector - half, mid_sector + half, float(c)
+        # equal sections: (pi / c) (B^2 - A^2) = pi (b^2 - a^2), B - A = b - a
+        mid = c * (self.outer_radius_mm - half)
+        return mid - half, mid + half, float(c)
 
     def radii(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inner and outer radius (rows,) of the deformed tube, mm; NaN where there is no lumen."""
@@ -248,9 +230,9 @@ M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200
         mid, wall = 0.5 * (inner + outer), outer - inner
         # s_t = p r / h,   s_z = f / (2 pi r h) + s_t / 2
         around = load[:, 0] * mid / wall
-        along = load[:, 1] / (2.0 * np.pi * mid * wall * N_PER_KPA_MM2) + 0.5 * around
-        if not self.reads_force:
-            along = 0.5 * around
+        along = 0.5 * around
+        if self.reads_force:
+            along = load[:, 1] / (2.0 * np.pi * mid * wall * N_PER_KPA_MM2) + along
         return np.column_stack([around, along])
 
     def paths(
@@ -291,8 +273,7 @@ M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200
         residual = f", missing sector {angle:g} degrees" if angle else "; no residual stress"
         read = "pressure and axial force were" if self.reads_force else "the pressure was"
         return (
-            f"A tube (unloaded outer diameter {2.0 * self.outer_radius_mm:g} mm, wall "
-            f"{self.thickness_mm:g} mm{residual}) was pressurised on {paths}: at measured outer "
-            f"diameters and axial stretches {read} read. Stresses were integrated through the "
-            "thick wall."
+            f"A tube (unloaded {self.size(header)}{residual}) was pressurised on {paths}: at "
+            f"measured outer diameters and axial stretches {read} read. Stresses were integrated "
+            "through the thick wall."
         )

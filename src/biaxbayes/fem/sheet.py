@@ -1,26 +1,15 @@
 r"""A square sheet in finite elements, of the GOH membrane under any in-plane deformation.
 
-Plane stress and incompressibility leave the in-plane deformation gradient F (2 x 2) as the only
-unknown: lz = 1 / det F. With shear the two fibre families at +alpha and -alpha no longer share
-one strain, so each keeps its own, and Eq. 5 of Math. Comput. Appl. 2024, 29(4), 55 reads
+Plane stress and incompressibility leave the in-plane deformation gradient F as the only unknown,
+lz = 1 / det F; F[i, J] = dx_i / dX_J has the tensor axes first. With shear the fibre families at
++alpha and -alpha each have their own strain, and Eq. 5 of Math. Comput. Appl. 2024, 29(4), 55 reads
 
     W   = C1 (I1 - 3) + k1 / (2 k2) sum_i (exp(k2 E_i^2) - 1),     I1 = F : F + (det F)^-2
     E_i = H_i : F^T F + kappa (det F)^-2 - 1,     H_i = kappa 1 + (1 - 3 kappa) M_i (x) M_i
 
-with the in-plane part H_i of the structure tensor, its xy terms of opposite sign in the two
-families. Without shear this is :mod:`biaxbayes.laws.goh`.
-
-Arrays of deformation gradients have the two tensor axes first: F[i, J] = dx_i / dX_J.
-
-Mirroring x or y swaps the two fibre families and leaves the material as it is; grips are placed
-symmetrically. So the quarter 0 <= X <= edge_x/2, 0 <= Y <= edge_y/2 with u_x = 0 on X = 0 and
-u_y = 0 on Y = 0 carries every symmetric solution, at a quarter of the unknowns, and no rigid
-motion is left. (A solution that buckles out of the symmetry is excluded.)
-
-Elements are quadrilaterals with biquadratic displacement (serendipity to compare) and 3 x 3
-Gauss points. In plane stress the thickness follows the sheet, so nothing locks and no pressure
-unknown is needed.
-Needs scikit-fem.
+Mirroring x or y swaps the two families, and grips are symmetric: the quarter 0 <= X <= edge_x/2,
+0 <= Y <= edge_y/2 with u_x = 0 on X = 0 and u_y = 0 on Y = 0 carries every symmetric solution.
+Quadrilaterals are biquadratic with 3 x 3 Gauss points; the thickness follows, so nothing locks.
 """
 
 from __future__ import annotations
@@ -98,10 +87,8 @@ class Sheet:
         try:
             import skfem
         except ImportError:
-            raise InputError(
-                "finite elements need scikit-fem, which is not installed",
-                remedy="pip install 'biaxbayes[fe]'",
-            ) from None
+            problem = "finite elements need scikit-fem, which is not installed"
+            raise InputError(problem, remedy="pip install 'biaxbayes[fe]'") from None
         lines = [np.linspace(0.0, length / 2.0, elements // 2 + 1) for length in self.edge]
         mesh = skfem.MeshQuad.init_tensor(*lines)
         if distortion:

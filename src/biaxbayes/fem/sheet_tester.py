@@ -1,22 +1,15 @@
 """A virtual biaxial test in finite elements: how a sheet is gripped, mounted and stretched.
 
-A grip is a set of constraints  w_h . u = d_k:  a weighted displacement in direction k = x or y
-follows the carriage of that direction. The Lagrange multiplier of a constraint is the force the
-grip carries. The tangential displacement is free.
-
-Unknowns are the displacement u, the forces r of the grips and the travel d of the two carriages:
+A grip is a constraint  w_h . u = d_k:  a weighted displacement in direction k = x or y follows the
+carriage of that direction; its Lagrange multiplier is the force. Unknowns are the displacement u,
+the forces r of the grips and the travel d of the two carriages, solved together by Newton's method:
 
     f_int(u) - W r = 0             equilibrium
     W^T u - S d    = 0             every grip follows its carriage
     M u + D d - m  = 0             the markers (M) or the grips (D) reach the wanted stretch
 
-Newton's method with the consistent tangent solves all three together. The stretch is measured as
-a video extensometer does: from four markers at the corners of a central square. With markers as
-control the test is strain-controlled, like the experiments of Section 2.4 of the method paper.
-
-Fibres without a switch soften in compression, and the free corners of a hooked sheet are lightly
-compressed, so the energy need not be convex there: steps are damped until the residual falls
-(line search), and an increment that fails is halved.
+Fibres without a switch soften in compression, and free corners are lightly compressed, so the
+energy need not be convex: steps are damped (line search), and an increment that fails is halved.
 """
 
 from __future__ import annotations
@@ -54,8 +47,8 @@ class Grips:
 class Hooks:
     """Hooks along each edge, pierced through the sheet; along the edge each is free, on a thread.
 
-    A hook moves a round patch of tissue, as a point would carry no force on a fine mesh: the mean
-    displacement over it, weighted with (1 - r^2/R^2)^2, follows the carriage.
+    The mean displacement of a round patch, weighted with (1 - r^2/R^2)^2, follows the carriage: a
+    point would carry no force on a fine mesh.
     """
 
     count: int = 5  # per edge
@@ -92,8 +85,9 @@ class Hooks:
                 f"{self.inset_mm:g} mm inside the edge, do not fit: patches must stay inside the "
                 "edge and apart"
             )
-        columns, directions = [], []
-        for direction, x, y in self.places(sheet):
+        columns = []
+        places = self.places(sheet)
+        for direction, x, y in places:
 
             def weight(X, Y, x=x, y=y):
                 # w = (1 - r^2/R^2)^2 inside the patch
@@ -104,10 +98,8 @@ class Hooks:
             # Unit sum over the tissue in the quarter: the constraint is on the mean. (A patch on
             # the symmetry line is half in the quarter, and its multiplier is half the force.)
             columns.append(column / column.sum())
-            directions.append(direction)
-        return Grips(
-            np.column_stack(columns), np.array(directions), sheet.edge / 2.0 - self.inset_mm
-        )
+        directions = np.array([direction for direction, _, _ in places])
+        return Grips(np.column_stack(columns), directions, sheet.edge / 2.0 - self.inset_mm)
 
 
 # --- mounting, then stretching from the mounted state --------------------------------------------
@@ -196,8 +188,8 @@ class SheetTester:
     ) -> SheetTest:
         """Second step: from the mounted state by a controlled stretch in equal increments."""
         start = self.controlled_stretch(mounted)
-        states = self.walk(mounted, start, start * np.asarray(top, dtype=float), increments)
-        states = (mounted, *states)
+        end = start * np.asarray(top, dtype=float)
+        states = (mounted, *self.walk(mounted, start, end, increments))
         total = np.array([self.stretch(s) for s in states])
         grip = 1.0 + np.array([s.travel for s in states]) / self.grips.distance_mm
         force = np.array([self.force_N(s) for s in states])
@@ -278,13 +270,11 @@ class SheetTester:
         equilibrium, follow, control = residual
         W, S = self.grips.weights, self.grips.carriage
         try:
-            solve = splu(
-                stiffness, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-            ).solve
+            factors = splu(stiffness, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
         except RuntimeError:  # exactly singular
             raise NotConverged("the stiffness of the sheet is singular") from None
         # K du = W dr - equilibrium
-        solution = solve(np.column_stack([W, -equilibrium]))
+        solution = factors.solve(np.column_stack([W, -equilibrium]))
         V, a = solution[:, :-1], solution[:, -1]
         # [W^T V  -S] [dr]     [follow + W^T a]
         # [M V     D] [dd] = - [control + M a ]

@@ -183,7 +183,7 @@ class FitSetup:
             mounting_load[~data.is_mounted] = 0.0
             # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
             measured = (data.load / response.load_per_stress)[data.is_read]
-            residual = measured - response.stress[data.is_read]
+            residual = measured - (response.load / response.load_per_stress)[data.is_read]
             total = float(((measured - measured.mean()) ** 2).sum())
             r2 = 1.0 - float((residual**2).sum()) / total if total > 0.0 else math.nan
             rmse = float(np.sqrt((residual**2).mean()))

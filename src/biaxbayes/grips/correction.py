@@ -1,18 +1,16 @@
 r"""Loads of a homogeneous test from those of a sheet on hooks, by finite elements.
 
-The load of a sheet on hooks is r times that of a homogeneous test at the same central stretch, with
-
     r_k = F_k / (A_k P_k(theta, l lm)),     k = x, y
 
-for the force F of the finite-element sheet on an edge, the unloaded section A and the nominal
-stress P of the material at the total stretch in the centre. r depends on the row, the mounted state
-among them, and a little on the material; scale and thickness cancel. The correction alternates
+with the force F of the finite-element sheet on an edge, the unloaded section A and the nominal
+stress P of the material at the total stretch in the centre. r depends on the row and a little on
+the material; scale and thickness cancel. The correction alternates
 
     f / r  ->  least-squares fit of theta and lm  ->  finite elements  ->  r
 
-until r converges. It is the boundary-condition-corrected fit of Fehervary et al. (2016), with
-the mounting stretch of Vander Linden et al. (2022). Where the stretches are those between
-opposite hooks, the measured stretches are replaced by those in the centre.
+until r converges: the boundary-condition-corrected fit of Fehervary et al. (2016), with the
+mounting stretch of Vander Linden et al. (2022). Stretches between opposite hooks are replaced by
+those in the centre.
 """
 
 from __future__ import annotations
@@ -38,16 +36,13 @@ from biaxbayes.specimens.check import Finding
 from biaxbayes.specimens.protocol import CURVES, Protocol
 from biaxbayes.specimens.specimen import Specimen
 
-ELEMENTS, COARSE_ELEMENTS = 32, 16
-"""Elements along an edge."""
-STATES_PER_PROTOCOL = 24
-"""Finite-element states per protocol, between which r is interpolated along the path."""
+ELEMENTS, COARSE_ELEMENTS = 32, 16  # along an edge
+STATES_PER_PROTOCOL = 24  # of finite elements, between which r is interpolated along the path
 RATIO_TOLERANCE = 1e-4  # largest change of ln r between two rounds
 MAX_ITERATIONS = 25
-MIN_LOAD_FRACTION = 0.03
-"""Fraction of the larger load below which a direction takes the r of its nearest row."""
-SPREAD_DRAWS = 16
-"""Draws of the posterior at which r is computed to see how far it varies."""
+LEAVE_OUT = "leave out the line 'grips'"
+MIN_LOAD_FRACTION = 0.03  # of the larger load; below it a direction takes the r of its nearest row
+SPREAD_DRAWS = 16  # draws of the posterior at which r is computed to see how far it varies
 
 
 class RowRatios(NamedTuple):
@@ -108,11 +103,10 @@ class GripCorrection:
         logs = []
         for i in np.unique(np.linspace(0, size - 1, SPREAD_DRAWS).astype(int)):
             values = {name: float(column[i]) for name, column in columns.items()}
-            C1, k1, k2, alpha, kappa = (values[n] for n in ("C1", "k1", "k2", "alpha", "kappa"))
+            C1, k1, k2, alpha, kappa = (values[p.name] for p in forward.law.parameters)
             material = GOH(C1, k1, k2, alpha, kappa, forward.law.fibre_switch)
-            mounting = [
-                forward.mounting_stretch(values, p.name)[0, 0] for p in self.measured.protocols
-            ]
+            protocols = self.measured.protocols
+            mounting = [forward.mounting_stretch(values, p.name)[0, 0] for p in protocols]
             try:
                 ratios = grip_ratios(self.measured, material, mounting, COARSE_ELEMENTS)
             except BiaxbayesError:
@@ -154,10 +148,8 @@ def correct_for_grips(
             ratios = grip_ratios(specimen, fit.material, mounting, elements)
         corrected = _apply_ratios(specimen, ratios)
         previous = _logs(ratios)
-    raise NotConverged(
-        f"the correction for grips has not converged in {MAX_ITERATIONS} rounds; check the grip "
-        "keys, or leave out the line 'grips'"
-    )
+    problem = f"the correction for grips has not converged in {MAX_ITERATIONS} rounds"
+    raise NotConverged(f"{problem}; check the grip keys, or {LEAVE_OUT}")
 
 
 def mark_grip_corrected(specimen: Specimen) -> Specimen:
@@ -170,11 +162,9 @@ def mark_grip_corrected(specimen: Specimen) -> Specimen:
 def refuse_other_law(law: str, file: object) -> None:
     """Refuse a law that the finite-element sheet does not have."""
     if law != "goh":
-        raise InputError(
-            f"the correction for grips does not know the law {law}",
-            file=file,
-            remedy="choose the law goh, or leave out the line 'grips'",
-        )
+        problem = f"the correction for grips does not know the law {law}"
+        remedy = f"choose the law goh, or {LEAVE_OUT}"
+        raise InputError(problem, file=file, remedy=remedy)
 
 
 def grip_ratios(
@@ -190,16 +180,12 @@ def grip_ratios(
     mounter = SheetTester(material, sheet, grips)
     tester = SheetTester(material, sheet, grips, control=control)
     area = newtons_per_kPa(edges[0], edges[1], thickness_mm=1.0)
+    pairs = zip(specimen.protocols, mounting, strict=True)
     try:
-        return tuple(
-            _protocol_ratios(mounter, tester, area, p, lm)
-            for p, lm in zip(specimen.protocols, mounting, strict=True)
-        )
+        return tuple(_protocol_ratios(mounter, tester, area, p, lm) for p, lm in pairs)
     except NotConverged as error:
-        raise NotConverged(
-            f"correction for grips at {material!r}: {error}; check the grip keys, or leave out the "
-            "line 'grips'"
-        ) from None
+        problem = f"correction for grips at {material!r}: {error}"
+        raise NotConverged(f"{problem}; check the grip keys, or {LEAVE_OUT}") from None
 
 
 def _protocol_ratios(
@@ -226,18 +212,16 @@ def _protocol_ratios(
         raise NotConverged(f"protocol {p.name} has no load in one direction")
     centre = total / total[0] / path[chosen]
     columns = []
-    for k in (0, 1):
-        at = arc[chosen][usable[:, k]]
-        # the nearest ratio outside the usable states
-        columns.append(_interpolated(at, ratio[usable[:, k], k], np.clip(arc[1:], at[0], at[-1])))
-    return RowRatios(np.column_stack(columns), _interpolated(arc[chosen], centre, arc[1:]))
-
-
-def _interpolated(at: np.ndarray, values: np.ndarray, arc: np.ndarray) -> np.ndarray:
-    """Values between finite-element states, by monotone cubics."""
-    if at.size == 1:
-        return np.broadcast_to(values, arc.shape)
-    return np.asarray(PchipInterpolator(at, values)(arc))
+    for use, values in zip(usable.T, ratio.T, strict=True):
+        at = arc[chosen][use]
+        # monotone cubics; the nearest ratio outside the usable states
+        columns.append(
+            PchipInterpolator(at, values[use])(np.clip(arc[1:], at[0], at[-1]))
+            if at.size > 1
+            else np.broadcast_to(values[use], arc[1:].shape)
+        )
+    stretch = PchipInterpolator(arc[chosen], centre)(arc[1:])
+    return RowRatios(np.column_stack(columns), stretch)
 
 
 def _apply_ratios(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen:
@@ -268,40 +252,37 @@ MAX_QUIET_SD, MAX_QUIET_MESH_DIFFERENCE = 0.01, 0.005
 """Sd of ln r over the posterior, and difference between meshes, above which a warning is given."""
 
 
-def grip_findings(correction: GripCorrection, ratios: pd.DataFrame) -> list[Finding]:
-    """Warnings where the ratio is less certain than the loads; arguments of :func:`grip_record`."""
+def grip_record(
+    correction: GripCorrection, ratios: pd.DataFrame
+) -> tuple[dict[str, Any], list[Finding]]:
+    """The correction in the provenance of a run, and warnings where it is less certain than loads.
+
+    ``ratios`` as of :meth:`GripCorrection.table`.
+    """
+    sd = float(ratios.filter(like="sd_log_force_ratio").to_numpy().max())
+    mesh = correction.mesh_difference
     messages = []
-    sd = _largest_sd(ratios)
     if not sd <= MAX_QUIET_SD:
         varies = f"varies by {100 * sd:.2g} % (sd)" if sd > 0.0 else "is not known"
         messages.append(
             f"the correction for the grips {varies} over the posterior, which the intervals "
             "leave out: fix a parameter that is known, or test another stretch ratio"
         )
-    if correction.mesh_difference > MAX_QUIET_MESH_DIFFERENCE:
+    if mesh > MAX_QUIET_MESH_DIFFERENCE:
         messages.append(
-            f"the correction for the grips differs by {100 * correction.mesh_difference:.2g} % "
-            "between two meshes: check grip_width_mm and grip_inset_mm"
+            f"the correction for the grips differs by {100 * mesh:.2g} % between two meshes: check "
+            "grip_width_mm and grip_inset_mm"
         )
-    return [Finding("grips", "warning", message) for message in messages]
-
-
-def _largest_sd(ratios: pd.DataFrame) -> float:
-    return float(ratios.filter(like="sd_log_force_ratio").to_numpy().max())
-
-
-def grip_record(correction: GripCorrection, ratios: pd.DataFrame) -> dict[str, Any]:
-    """The correction in the provenance of a run; ``ratios`` as of :meth:`GripCorrection.table`."""
-    sd = _largest_sd(ratios)
-    return {
+    record = {
         "in_words": correction.sentence,
         "force_ratio_x": correction.range[0].tolist(),
         "force_ratio_y": correction.range[1].tolist(),
         "rounds": correction.rounds,
-        "mesh_difference": correction.mesh_difference,
+        "mesh_difference": mesh,
         "largest_sd_of_log_ratio": sd if np.isfinite(sd) else None,
         "seconds": round(correction.seconds, 3),
         "fit_as_measured": correction.uncorrected.record(),
         "fit_on_coarser_mesh": correction.coarse_fit.record(),
         "fit_corrected": correction.fit.record(),
     }
+    return record, [Finding("grips", "warning", message) for message in messages]

@@ -13,18 +13,15 @@ from biaxbayes.specimens.specimen import Specimen
 
 def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
     """The hooks that a specimen file states, on edges (2,) in mm, else its own."""
-    stated = specimen.metadata
+    stated, needs = specimen.metadata, "the correction for grips needs"
     count = hook_count(str(stated["grips"]))
     for key in ("edge_x_mm", "edge_y_mm"):
         if getattr(specimen, key) is None:
-            problem = f"the correction for grips needs {key}"
-            raise InputError(problem, file=specimen.name, remedy="add the line")
+            raise InputError(f"{needs} {key}", file=specimen.name, remedy="add the line")
     if "grip_inset_mm" not in stated:
-        problem = (
-            "the correction for grips needs grip_inset_mm, the distance of the hooks from the "
-        )
+        problem = f"{needs} grip_inset_mm, the distance of the hooks from the edge"
         remedy = "add a line '# grip_inset_mm: ...'"
-        raise InputError(f"{problem}edge", file=specimen.name, remedy=remedy)
+        raise InputError(problem, file=specimen.name, remedy=remedy)
     inset = float(stated["grip_inset_mm"])
     shortest = float(np.min(edges_mm(specimen) if edges is None else edges))
     spacing = float(stated.get("grip_spacing_mm", shortest / (count + 1.0)))
@@ -38,11 +35,8 @@ def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
         problem = f"{count} hooks per edge, {spacing:.3g} mm apart, do not fit on {shortest:g} mm"
     else:
         return Hooks(count, inset, width / 2.0, spacing if "grip_spacing_mm" in stated else None)
-    raise InputError(
-        problem,
-        file=specimen.name,
-        remedy="correct grips, grip_inset_mm, grip_width_mm or grip_spacing_mm",
-    )
+    remedy = "correct grips, grip_inset_mm, grip_width_mm or grip_spacing_mm"
+    raise InputError(problem, file=specimen.name, remedy=remedy)
 
 
 def edges_mm(specimen: Specimen) -> np.ndarray:

@@ -103,7 +103,7 @@ def same_curves(
         """Fit coordinates of the material with the curves of the draw at a value; None without."""
         point = origin.copy()
         point[index] = value
-        problem = kind(target, "load", point, follows, target.peak, one, law)
+        problem = kind(target, "load", point, follows, float(target.peaks[0]), one, law)
         box = law.lower[follows], law.upper[follows]
         descent = descend(problem, start, *box, steps=200, tolerance=1e-10)
         return problem.fit_coordinates(descent.unknowns) if np.isfinite(descent.cost) else None

@@ -17,10 +17,9 @@ from biaxbayes.machines.outcome import Conversion, OpenQuestions
 from biaxbayes.machines.record import Record, Recording
 from biaxbayes.machines.selection import select, without_repeats
 from biaxbayes.specimens.check import LARGE_DRIFT, check_specimen
-from biaxbayes.specimens.keys import ARGUMENT_KEYS, KEYS, checked_value
+from biaxbayes.specimens.keys import ARGUMENT_KEYS, KEYS, MOUNTED_STATE, checked_value
 from biaxbayes.specimens.protocol import CURVES, Protocol, second_difference_scatter
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.specimen_file import MOUNTED_STATE
 from biaxbayes.tables.layout import ALL_SHEETS, tables_in
 from biaxbayes.tables.question import Proposal, Question
 from biaxbayes.tables.sheets import read_sheets

@@ -1,14 +1,9 @@
-"""Averaging of rows along a loading path without loss of information.
+"""Averaging of every k consecutive rows of a path, with the scatter of their loads about a trend.
 
-Every k consecutive rows of a protocol become one: their mean stretches, their mean loads and the
-scatter of the loads about their trend. For a residual that hardly changes within k rows,
+    sum_j (f_j - m_j)^2 = k [(mean f - m)^2 + scatter]
 
-    sum_j (f_j - m_j)^2 = k [(mean f - m)^2 + scatter],
-
-so a Gaussian likelihood of the averaged rows, each counted k times with its scatter, is that of
-all rows, for any noise sd. Rows are grouped by their number and not by the length of the
-path, because the likelihood counts rows: bins of equal length would give less weight to the parts
-of a path that were recorded slowly, and change the result.
+for a residual that hardly changes within k rows, so that a Gaussian likelihood loses nothing. Bins
+of equal length instead would give less weight to slowly recorded parts of a path.
 """
 
 from __future__ import annotations
@@ -22,10 +17,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.specimens.protocol import CURVES
 from biaxbayes.specimens.specimen import Specimen
 
-AUTO_ABOVE = 200
-"""Rows of a protocol, without those at rest, from which ``auto`` averages."""
-AUTO_ROWS = 100
-"""Largest number of rows of a protocol after ``auto``."""
+AUTO_ABOVE = 200  # rows of a protocol, without those at rest, from which ``auto`` averages
+AUTO_ROWS = 100  # largest number of rows of a protocol after ``auto``
 MIN_ROWS = 10
 
 
@@ -49,14 +42,11 @@ def rows_to_keep(specimen: Specimen, max_rows: int | str, *, automatic: bool) ->
     try:
         rows = int(max_rows)
     except (TypeError, ValueError):
-        raise InputError(
-            f"cannot average to {max_rows!r} rows", remedy="a number, none or auto"
-        ) from None
+        problem, remedy = f"cannot average to {max_rows!r} rows", "a number, none or auto"
+        raise InputError(problem, remedy=remedy) from None
     if rows and rows < MIN_ROWS:
-        raise InputError(
-            f"{rows} rows per protocol leave no curve",
-            remedy=f"{MIN_ROWS} or more, or none",
-        )
+        problem, remedy = f"{rows} rows per protocol leave no curve", f"{MIN_ROWS} or more, or none"
+        raise InputError(problem, remedy=remedy)
     return rows
 
 

@@ -12,24 +12,15 @@ CYCLE_FRACTION = 0.3
 """Fraction of the whole range that a rise and a fall must have to count as a cycle."""
 JUMP = 0.05
 """Distance of a row from its neighbours, as a fraction of the range, from which it lies apart."""
-LONGEST_JUMP = 3
-"""Rows of a jump; more of them are a state of the specimen."""
-STEEP = 4.0
-"""The same over the steps of the rows beside it."""
+LONGEST_JUMP = 3  # rows of a jump; more of them are a state of the specimen
+STEEP = 4.0  # the same over the steps of the rows beside it
 SIDES = ("stretch in x", "stretch in y", "load in x", "load in y")
-"""Curves of a record."""
-STILL = 0.05
-"""Step over the largest of the steps near it, up to which a stretch stands still."""
-GOES_ON = 0.15
-"""The same of a load, from which it goes on."""
-NEAR_ROWS = 21
-"""Rows that are near each other."""
-REPEATED = 0.3
-"""Share of rows in which a stretch stands still, from which it has steps."""
-MOVES = 0.2
-"""Extent of a direction over that of the other, from which it moves."""
-TOLERATED_DROP = 0.05
-"""Tolerated drop below the running maximum, as a fraction of the range."""
+STILL = 0.05  # step over the largest of the steps near it, up to which a stretch stands still
+GOES_ON = 0.15  # the same of a load, from which it goes on
+NEAR_ROWS = 21  # rows that are near each other
+REPEATED = 0.3  # share of rows in which a stretch stands still, from which it has steps
+MOVES = 0.2  # extent of a direction over that of the other, from which it moves
+TOLERATED_DROP = 0.05  # tolerated drop below the running maximum, as a fraction of the range
 
 
 def path_progress(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:

@@ -21,7 +21,6 @@ from biaxbayes.specimens.branches import (
     repeats,
     reversal,
 )
-from biaxbayes.specimens.keys import STRETCHES
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import Specimen
@@ -35,13 +34,11 @@ SERIOUS = (
     "repeats", "clipped",
 )  # fmt: skip
 """Warnings that are repeated in the output of ``sample``; errors always are."""
-DRIFT = 0.002
-"""Difference of the first stretches of protocols from which a warning is given."""
+DRIFT = 0.002  # of the first stretches of protocols, from which a warning is given
 LARGE_DRIFT = 0.02
 """Difference from which they are refused until the header gives their reference: twice the drift of
 the preconditioned aorta among the project's measured tissue."""
-FAR_START = 0.1
-"""Distance of the first stretches from 1 from which a warning is given."""
+FAR_START = 0.1  # distance of the first stretches from 1 from which a warning is given
 SIGNIFICANT_SDS = 3.0
 CLIPPED_ROWS = 3
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
@@ -50,8 +47,7 @@ STIFF_START = 1.5
 LEAST_ROWS_OF_CURVE = 12
 FEW_ROWS = 8
 LAG = 3.0
-DISORDER = 0.15
-"""Scatter about the neighbours over the range; shuffled rows have 0.25 to 0.3."""
+DISORDER = 0.15  # scatter about the neighbours over the range; shuffled rows have 0.25 to 0.3
 USUAL_PEAK_KPA = (1.0, 2_000.0)
 USUAL_STRETCH = (1.01, 2.0)
 USUAL_EDGE_MM = (2.0, 100.0)
@@ -85,15 +81,6 @@ def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
-def serious(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Errors, and the warnings of a wrong file rather than of a difficult specimen."""
-    return tuple(
-        f
-        for f in sorted_findings(findings)
-        if f.severity == "error" or (f.severity == "warning" and f.code in SERIOUS)
-    )
-
-
 def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     """List everything that a user should know of a specimen before trusting a fit of it.
 
@@ -109,11 +96,17 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
         _paths, _resampled, _stiff_start,
         _stress, _sign, _dimensions, _noise, _origin,
     )  # fmt: skip
+    of_mounted = (_mounting_force, _unequal, _references, _stiff_start)
     findings = []
     for piece in specimen.pieces:
         check_readings(piece)
-        known = _with_known_stretches(piece)
-        of_piece = [c for c in checks if piece.experiment.is_mounted or c not in SHEET_CHECKS]
+        known = piece
+        if not all(np.isfinite(p.stretch).all() for p in piece.protocols):
+            # stretches of 1 where none was measured
+            pairs = [(p, p.known_stretch) for p in piece.protocols]
+            protocols = tuple(replace(p, stretch_x=s[:, 0], stretch_y=s[:, 1]) for p, s in pairs)
+            known = replace(piece, protocols=protocols)
+        of_piece = [c for c in checks if piece.experiment.is_mounted or c not in of_mounted]
         found = [finding for check in of_piece for finding in check(known)]
         if len(specimen.pieces) > 1:
             named = [", ".join(filter(None, (piece.name, f.protocol))) for f in found]
@@ -122,19 +115,9 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     return sorted_findings(findings)
 
 
-def _with_known_stretches(piece: Specimen) -> Specimen:
-    """The piece with stretches of 1 where none was measured."""
-    if all(np.isfinite(p.stretch).all() for p in piece.protocols):
-        return piece
-    protocols = (
-        replace(p, **dict(zip(STRETCHES, p.known_stretch.T, strict=True))) for p in piece.protocols
-    )
-    return replace(piece, protocols=tuple(protocols))
-
-
 def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:
     """Return the serious findings; InputError for the first error, unless `file` is None."""
-    findings = serious(check_specimen(specimen))
+    findings = check_specimen(specimen)
     errors = [f for f in findings if f.severity == "error"]
     if errors and file is not None:
         more = f" ({len(errors) - 1} more of the kind)" if len(errors) > 1 else ""
@@ -143,7 +126,7 @@ def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, 
             message = f"cannot be a loading curve: {message}"
         remedy = "or add `anyway=True` to sample it nevertheless"
         raise InputError(f"{message}{more}", file=file, remedy=remedy)
-    return findings
+    return (*errors, *(f for f in findings if f.severity == "warning" and f.code in SERIOUS))
 
 
 # --- a specimen that is changed or made by the program --------------------------------------------
@@ -190,13 +173,13 @@ def check_round_trip(specimen: Specimen, file: object) -> None:
 def _mounting_force(specimen: Specimen) -> Iterator[Finding]:
     """Mounting forces that are zero, compressive, or less than their noise."""
     if specimen.is_tared:
-        message = (
+        yield warning(
+            "tared",
             "the force at the mounted state is zero in every protocol: the load cell was tared "
             "after mounting, or the record was shifted to start at zero before it was exported. "
             "The mounting stretch cannot be inferred from this file; give the force with "
-            "--mounting-force X Y, or sample with --mounting zeroed"
+            "--mounting-force X Y, or sample with --mounting zeroed",
         )
-        yield warning("tared", message)
         return
     zero, unit = 1e-9 * specimen.peak_load, specimen.unit
     readings, sds = specimen.mounting_readings(shared=False)
@@ -267,7 +250,7 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
         apart = [p.name for p in specimen.protocols if p.rest_rows == 0]
         message = f"{len(apart)} of {len(names)} protocols do not start at the mounted state "
         message += f"({first_few(apart, 4)}): the mounting force is taken from the others"
-        yield from [Finding("common-reference", "note", message)] * bool(apart)
+        yield from [Finding("common-reference", "note", message)] if apart else ()
         return
     starts = np.array([p.reference for p in specimen.protocols])
     span = np.ptp(starts, axis=0)
@@ -282,11 +265,12 @@ def _references(specimen: Specimen) -> Iterator[Finding]:
                 "'# reference: each protocol' if each protocol starts at the mounted state"
             )
         severity = "error" if span[k] > LARGE_DRIFT and not specimen.reference else "warning"
-        message = f"the protocols start at different stretches, from {starts[low, k]:.4f} "
-        message += (
-            f"({names[low]}) to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}, and each "
+        message = (
+            f"the protocols start at different stretches, from {starts[low, k]:.4f} ({names[low]}) "
+            f"to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}, and each was divided by its "
+            f"own start{remedy}"
         )
-        yield Finding("stretch-drift", severity, f"{message}was divided by its own start{remedy}")
+        yield Finding("stretch-drift", severity, message)
     elif off > 1e-9:
         message = f"the file's stretches do not start at 1 (off by up to {off:.2g}); they were "
         message += "divided by their value at rest"
@@ -305,7 +289,14 @@ def _paths(specimen: Specimen) -> Iterator[Finding]:
         if p.rows < FEW_ROWS:
             yield warning("few-rows", f"only {p.rows} rows in this protocol", p.name)
         yield from _order(p, load, specimen.noise_sd)
-        yield from _jumps(p, load)
+        curves = dict(zip(SIDES, (*p.stretch.T, *load.T), strict=True))
+        for name, apart in jumps(p.stretch, load).items() if p.rows >= LEAST_ROWS_OF_CURVE else ():
+            row, curve = int(apart[0]), curves[name]
+            message = (
+                f"the {name} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
+                f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off"
+            )
+            yield warning("jump", message, p.name)
         back = np.flatnonzero(np.diff(p.time_s if p.time_s is not None else [0.0]) < 0.0)
         if back.size:
             yield warning("time", f"time_s runs backwards at row {back[0] + 2}", p.name)
@@ -346,18 +337,6 @@ def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Iterator[Finding]:
             "belong to unloading. The first row must be the mounted state; reverse the rows"
         )
         yield Finding("backwards", "error", message, p.name)
-
-
-def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
-    """Readings off the curve: a wrong digit, a lost marker, a truncated line."""
-    curves = dict(zip(SIDES, (*p.stretch.T, *load.T), strict=True))
-    for name, apart in jumps(p.stretch, load).items() if p.rows >= LEAST_ROWS_OF_CURVE else ():
-        row, curve = int(apart[0]), curves[name]
-        message = (
-            f"the {name} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
-            f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off"
-        )
-        yield warning("jump", message, p.name)
 
 
 def _camera_lag(p: Protocol) -> Iterator[Finding]:
@@ -416,7 +395,12 @@ def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
         matrix = stretch - stretch**-3 * stretch[:, ::-1] ** -2
         path = stretch.sum(axis=1)
         for axis, curve, unit in zip("xy", load.T, matrix.T, strict=True):
-            bins = _bins(curve)
+            # rows between fractions of the load's range, by the first crossing of the smooth curve
+            width = max(1, curve.size // 30)
+            smooth = np.convolve(curve, np.ones(width) / width, mode="valid")
+            levels = smooth[0] + np.array(START_BINS[1:]) * (smooth.max() - smooth[0])
+            ends = [int(np.argmax(smooth >= level)) + width // 2 for level in levels]
+            bins = [slice(a, b) for a, b in pairwise([0, *ends])]
             slopes = [_slope(path[rows], curve[rows], unit[rows]) for rows in bins]
             (first, *later), (first_error, *errors) = np.transpose(slopes)
             if np.isnan(later).all():
@@ -427,23 +411,14 @@ def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
                 end = float(curve[bins[1 + k]].mean())
                 found.append((first / later[k], end, f"{p.name} {axis}"))
     if found:
-        ratios, ends, names = zip(*found, strict=True)
+        ratios, loads, names = zip(*found, strict=True)
         yield warning(
             "stiff-start",
             f"{len(ratios)} of {2 * len(specimen.protocols)} curves are concave at their start: up "
-            f"to {max(ratios):.1f} times as stiff there as at about {np.median(ends):.2g} "
+            f"to {max(ratios):.1f} times as stiff there as at about {np.median(loads):.2g} "
             f"{specimen.unit} ({first_few(names, 4)}). GOH predicts a convex start, from which the "
             "mounting stretch is inferred",
         )
-
-
-def _bins(curve: np.ndarray) -> list[slice]:
-    """Rows between fractions of the load's range, by the first crossing of the smoothed curve."""
-    width = max(1, curve.size // 30)
-    smooth = np.convolve(curve, np.ones(width) / width, mode="valid")
-    levels = smooth[0] + np.array(START_BINS[1:]) * (smooth.max() - smooth[0])
-    ends = [int(np.argmax(smooth >= level)) + width // 2 for level in levels]
-    return [slice(a, b) for a, b in pairwise([0, *ends])]
 
 
 def _slope(path: np.ndarray, curve: np.ndarray, matrix: np.ndarray) -> tuple[float, float]:
@@ -526,9 +501,9 @@ def _noise(specimen: Specimen) -> Iterator[Finding]:
     """Load noise that is large, differs from the scatter of the rows, or is absent."""
     given, scatter = specimen.load_noise, specimen.high_frequency_scatter()
     noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
-    message = f"the load noise of {noise:.2g} {unit} is {100.0 * noise / peak:.0f} % of the "
-    message += "largest load"
-    yield from _units({message: noise > LARGE_NOISE * peak})
+    if noise > LARGE_NOISE * peak:
+        share = f"{100.0 * noise / peak:.0f} % of the largest load"
+        yield warning("units", f"the load noise of {noise:.2g} {unit} is {share}")
     if given is not None and scatter > 0.0 and not 0.2 < scatter / given < 5.0:
         smoothed = ": the record was smoothed or averaged" if scatter < given else ""
         yield warning(
@@ -576,7 +551,3 @@ def _origin(specimen: Specimen) -> Iterator[Finding]:
     if set(branch.replace(",", " ").split()) != {"loading"}:
         message = f"converted from the {branch} branch: parameters of unloading are not those of "
         yield warning("branch", f"{message}loading")
-
-
-SHEET_CHECKS = (_mounting_force, _unequal, _references, _stiff_start)
-"""Checks of a mounted state."""

@@ -10,9 +10,7 @@ from biaxbayes.experiments.experiment import (
     DIMENSIONS,
     FROM_SCATTER,
     LOAD_SD,
-    NONE,
     OF_FORCES,
-    REQUIRED,
     STRETCH_RANGE,
     Column,
     Key,
@@ -25,13 +23,13 @@ COLUMNS = {
     "stretch_x": Column(
         "Stretch along x relative to the mounted state; each protocol is divided by its own value "
         "at rest where that is not 1, unless `reference` is common",
-        REQUIRED,
+        "required",
     ),
-    "stretch_y": Column("The same along y", REQUIRED),
+    "stretch_y": Column("The same along y", "required"),
     "protocol": Column(
         "Name of the loading path, the same in all its rows, which are together", "one protocol"
     ),
-    "time_s": Column("Time of the row; may not run backwards in a protocol", NONE),
+    "time_s": Column("Time of the row; may not run backwards in a protocol", "none"),
     **{name: column for test in EXPERIMENTS.values() for name, column in test.columns.items()},
 }
 """Known columns by name."""
@@ -43,10 +41,10 @@ KEYS = {
         BIAXIAL.name,
         choices=tuple(EXPERIMENTS),
     ),
-    "donor": Key("Donor of the specimen, which `batch` groups by", NONE, extra=True),
-    "layer": Key("Such as media", NONE),
-    "axis_x": Key("What x is, such as circumferential", NONE),
-    "axis_y": Key("What y is", NONE),
+    "donor": Key("Donor of the specimen, which `batch` groups by"),
+    "layer": Key("Such as media"),
+    "axis_x": Key("What x is, such as circumferential"),
+    "axis_y": Key("What y is"),
     "geometry": Key(
         "State that dimensions, and stresses in the file, refer to: unloaded or mounted",
         f"unloaded with stresses; {OF_FORCES}",
@@ -61,33 +59,33 @@ KEYS = {
         "such rows are refused",
         choices=("drop",),
     ),
-    "stress_limit_kPa": Key("Accept stresses up to this", "5000", (1.0, 1e9), extra=True),
-    "source": Key("Where the record is from, as `convert` writes it", NONE, extra=True),
-    "conversion": Key("What `convert` took stretches and loads to be", NONE, extra=True),
-    "cycle": Key("Cycle that `convert` took", NONE, extra=True),
-    "branch": Key(
-        "Branch that `convert` took; `check` warns unless it is loading", NONE, extra=True
-    ),
-    "largest_shear": Key("Largest shear, which the model ignores", NONE, (0.0, 10.0), extra=True),
-    "largest_shear_angle_deg": Key("The same as an angle", NONE, (0.0, 90.0), extra=True),
+    "stress_limit_kPa": Key("Accept stresses up to this", "5000", (1.0, 1e9)),
+    "source": Key("Where the record is from, as `convert` writes it"),
+    "conversion": Key("What `convert` took stretches and loads to be"),
+    "cycle": Key("Cycle that `convert` took"),
+    "branch": Key("Branch that `convert` took; `check` warns unless it is loading"),
+    "largest_shear": Key("Largest shear, which the model ignores", range=(0.0, 10.0)),
+    "largest_shear_angle_deg": Key("The same as an angle", range=(0.0, 90.0)),
 }
 """Known header keys by name."""
 ARGUMENT_KEYS = ("layer", "axis_x", "axis_y", *DIMENSIONS, "reference")
 """Keys that are arguments of a specimen of the same name, without a default of their own."""
-METADATA_KEYS = tuple(name for name, key in KEYS.items() if key.extra)
-NO_GRIPS = "none"
-"""Value of `grips` for loads of a uniform test."""
+MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
+"""Measured stretch of the mounted state, in a record with one common reference."""
+_OTHERS = ("specimen", "test", "geometry", "load_noise_N", "load_noise_kPa", "missing_rows")
+METADATA_KEYS = tuple(
+    key for key in KEYS if key not in (*ARGUMENT_KEYS, *MOUNTED_STATE, *_OTHERS, "rest_rows")
+)
+NO_GRIPS = "none"  # of `grips`, for loads of a uniform test
 GRIP_DETAILS = tuple(k for k in KEYS if k.startswith("grip_")) + ("stretch_from",)
 """Keys that need `grips`."""
-LEAST_SD = 1e-6
-"""Of a mounting stretch from an image."""
+LEAST_SD = 1e-6  # of a mounting stretch from an image
 
 
 def keys_of_others(test: Experiment) -> list[str]:
     """Keys of other kinds of test that this one has not."""
-    return list(
-        dict.fromkeys(k for other in EXPERIMENTS.values() for k in other.keys if k not in test.keys)
-    )
+    of_tests = {key: None for other in EXPERIMENTS.values() for key in other.keys}
+    return [key for key in of_tests if key not in test.keys]
 
 
 def checked_value(key: str, value: object) -> float | str:
@@ -121,11 +119,8 @@ def _number(key: str, text: str, low: float, high: float) -> float:
         remedy = "leave the line out where it is not known" if number == 0.0 else remedy
         raise InputError(f"{key} must be {kind}, not {text[:40]!r}", remedy=remedy)
     if not low <= number <= high:
-        unit = (
-            ""
-            if "stretch" in key or key.startswith("mounted_state")
-            else f" in {key.rsplit('_', 1)[1]}"
-        )
+        has_unit = "stretch" not in key and key not in MOUNTED_STATE
+        unit = f" in {key.rsplit('_', 1)[1]}" if has_unit else ""
         remedy = f"give it{unit}, between {low:g} and {high:g}"
         raise InputError(f"{key} of {number:g} is out of range", remedy=remedy)
     return number

@@ -6,17 +6,14 @@ import numpy as np
 
 from biaxbayes.errors import ReadingError
 from biaxbayes.mechanics.mounting import N_PER_KPA_MM2
-from biaxbayes.specimens.protocol import LOAD_ROWS
+from biaxbayes.specimens.protocol import LOAD_ROWS, REST_REMEDY
 from biaxbayes.specimens.specimen import Specimen
 
-STRESS_LIMIT_KPA = 5_000.0
-"""Soft tissue tears below this stress (``stress_limit_kPa`` overrides)."""
+STRESS_LIMIT_KPA = 5_000.0  # soft tissue tears below it (``stress_limit_kPa`` overrides)
 STRESS_FLOOR_KPA = 1e-6
 FINER = {"N": "mN", "kPa": "Pa"}
-OUTLIER = 1e4
-"""Multiple of the limit beyond which the unit is not the reason."""
-SMALL_SECTION_MM2 = 0.1
-"""An edge of 2 mm times a thickness of 0.05 mm, the smallest usual ones."""
+OUTLIER = 1e4  # multiple of the limit beyond which the unit is not the reason
+SMALL_SECTION_MM2 = 0.1  # an edge of 2 mm times a thickness of 0.05 mm, the smallest usual ones
 NEGATIVE = 0.3
 """Compression at the largest stretch over the largest load, beyond which signs are wrong."""
 STRIPS = (
@@ -33,27 +30,18 @@ def check_readings(specimen: Specimen) -> None:
         k = "xy".index(key[-1])
         # protocols may hold it at levels of a common reference
         if np.ptp(np.concatenate([p.known_stretch[:, k] for p in protocols])) == 0.0:
-            name = protocols[0].name
+            problem, name = "the stretch never changes", protocols[0].name
             remedy = "at least one protocol has to stretch this direction"
-            problem = "the stretch never changes"
             raise ReadingError(problem, argument=key, index=0, protocol=name, remedy=remedy)
     for p in protocols:
+        name = p.name
         if not np.ptp(p.stretch[:, axes], axis=0).any():
-            raise ReadingError(
-                f"the stretch never changes in protocol {p.name[:40]!r}",
-                argument="stretch_x",
-                index=0,
-                protocol=p.name,
-                remedy="nothing was tested; remove it",
-            )
+            problem, key = f"the stretch never changes in protocol {name[:40]!r}", "stretch_x"
+            remedy = "nothing was tested; remove it"
+            raise ReadingError(problem, argument=key, index=0, protocol=name, remedy=remedy)
         if p.rest_rows == p.rows:
-            problem = f"rest_rows of {p.rest_rows} leaves no stretched row in protocol "
-            raise ReadingError(
-                f"{problem}{p.name[:40]!r}",
-                argument="rest_rows",
-                protocol=p.name,
-                remedy="rest_rows counts the leading rows recorded before the test starts",
-            )
+            problem = f"rest_rows of {p.rows} leaves no stretched row in protocol {name[:40]!r}"
+            raise ReadingError(problem, argument="rest_rows", protocol=name, remedy=REST_REMEDY)
     for k in axes:
         _check_loads(specimen, k)
     noise, unit = specimen.load_noise, specimen.unit
@@ -89,12 +77,10 @@ def _check_loads(specimen: Specimen, k: int) -> None:
         problem = f"the largest value, {load[row]:g}, means a stress of {stress:.3g} kPa"
         remedy = "check the unit"
     elif stress > limit:
-        problem = f"{load[row]:g} means a stress of {stress / 1000:.3g} MPa, more than soft tissue "
-        problem += "bears"
-        remedy = (
-            f"if the values are in {FINER[unit]}, divide them by 1000; "
-            f"if they are right, state 'stress_limit_kPa: {1.5 * stress:.2g}'"
-        )
+        megapascals = f"a stress of {stress / 1000:.3g} MPa"
+        problem = f"{load[row]:g} means {megapascals}, more than soft tissue bears"
+        remedy = f"if the values are in {FINER[unit]}, divide them by 1000; if they are right, "
+        remedy += f"state 'stress_limit_kPa: {1.5 * stress:.2g}'"
         if specimen.unit == "N" and section_mm2 < SMALL_SECTION_MM2:
             remedy = f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are "
             remedy += "in metres, multiply them by 1000"

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from biaxbayes.errors import ReadingError
 from biaxbayes.experiments.experiment import STRETCH_RANGE
 
-REST_FRACTION = 0.25
-"""Rows count as at rest while they stay within this fraction of the mean increment."""
+REST_FRACTION = 0.25  # of the mean increment, within which rows count as at rest
 LEAST_RISE_ROWS = 3
-RISE_SHARE = 0.005
-"""Largest rise of the load, as a fraction of its range, that counts as drift."""
+RISE_SHARE = 0.005  # largest rise of the load, as a fraction of its range, that counts as drift
 LOAD_ROWS = ("load_x", "load_y")
 CURVES = ("stretch_x", "stretch_y", *LOAD_ROWS)
-AUTO_REST_ROWS = -1
-"""Value of ``rest_rows`` for which the rows at rest are counted from the curves."""
+AUTO_REST_ROWS = -1  # ``rest_rows`` that are counted from the curves
 STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
+REST_REMEDY = "rest_rows counts the leading rows recorded before the test starts"
 TIME_LIMIT_S = 1e9
 
 
@@ -31,15 +30,14 @@ class Protocol:
     ----------
     name : str
     stretch_x, stretch_y : array_like, shape (n,)
-        Measured stretches, relative to the mounted state. A :class:`Specimen` divides them by
-        their value at rest where that is not one (see its ``reference``). All NaN across a strip
-        whose width was not measured.
+        Relative to the mounted state; a :class:`Specimen` divides them by their value at rest (see
+        its ``reference``). All NaN across a strip whose width was not measured.
     load_x, load_y : array_like, shape (n,)
         In N or kPa, as the test reads them; zero across a strip.
     time_s : array_like, shape (n,), optional
     rest_rows : int, optional
-        Leading rows recorded at the mounted state; by default from :func:`rest_rows`.
-        Zero only for a protocol that starts elsewhere, in a specimen with one common reference.
+        Leading rows recorded at the mounted state; by default from :func:`rest_rows`. Zero only
+        for a protocol that starts elsewhere, in a specimen with one common reference.
     reference : (float, float)
         The stretches by which the columns were divided. Not part of equality.
 
@@ -82,8 +80,7 @@ class Protocol:
             object.__setattr__(self, "rest_rows", rest)
         if not 0 <= self.rest_rows <= self.rows:
             problem = f"rest_rows of {self.rest_rows} is less than 0, or leaves no stretched row"
-            remedy = "rest_rows counts the leading rows recorded before the test starts"
-            raise self._error(problem, "rest_rows", None, remedy)
+            raise self._error(problem, "rest_rows", None, REST_REMEDY)
 
     def _error(
         self, fault: str, argument: str, index: int | None = None, remedy: str | None = None
@@ -94,20 +91,19 @@ class Protocol:
 
     def _column(self, key: str) -> np.ndarray:
         """A frozen copy of one column, of the shape of the first and finite."""
-        if np.ma.is_masked(getattr(self, key)):
-            masked = np.flatnonzero(np.ma.getmaskarray(getattr(self, key)))
+        given: Any = getattr(self, key)
+        if np.ma.is_masked(given):
+            masked = np.flatnonzero(np.ma.getmaskarray(given))
             remedy = "leave out masked rows, in all columns"
             raise self._error(f"is masked in {masked.size} rows", key, int(masked[0]), remedy)
         try:
-            values = np.array(getattr(self, key), dtype=float)
+            values = np.array(given, dtype=float)
         except (TypeError, ValueError):
             raise self._error("must be an array of numbers", key) from None
         if values.ndim != 1 or values.shape != np.shape(self.stretch_x) or not values.size:
-            raise self._error(
-                f"has shape {values.shape}, stretch_x has {np.shape(self.stretch_x)}",
-                key,
-                remedy="the columns of a protocol must be one-dimensional and equally long",
-            )
+            remedy = "the columns of a protocol must be one-dimensional and equally long"
+            shapes = f"has shape {values.shape}, stretch_x has {np.shape(self.stretch_x)}"
+            raise self._error(shapes, key, remedy=remedy)
         bad = np.flatnonzero(~np.isfinite(values))
         unmeasured = key in ("stretch_x", "stretch_y") and bool(np.isnan(values).all())
         if bad.size and not unmeasured:
@@ -159,8 +155,8 @@ class Protocol:
     def divided_by(self, reference: Iterable[float], *, loads_too: bool) -> Protocol:
         """The same path with stretches relative to a state of the given (measured) stretches.
 
-        Loads as well where they are Cauchy stresses: the lab multiplied the nominal stress by its
-        own stretch, and the nominal stress must stay what it was.
+        Loads as well where they are Cauchy stresses: the nominal stress, which the lab multiplied
+        by its own stretch, must stay what it was.
         """
         x, y = (1.0 if np.isnan(value) else float(value) for value in reference)
         # Rounding leaves the mean of rows at rest within a few units in the last place of one;
@@ -186,11 +182,7 @@ class Protocol:
         return replace(self, time_s=None, **{key: getattr(self, key)[rows] for key in CURVES})
 
     def with_common_reference(self) -> Protocol:
-        """The same path, at rest only in leading rows that lie at the stretch (1, 1).
-
-        They lie there within a quarter of the mean increment of the path, or three times the
-        scatter of the stretches.
-        """
+        """The same path, at rest only if its leading rows lie at the stretch (1, 1)."""
         x, y = self.known_stretch.T
         for stretch, other in ((x, y), (y, x)):
             mean = stretch[: max(self.rest_rows, 1)].mean()
@@ -228,8 +220,7 @@ def _tolerance(curve: np.ndarray, other: np.ndarray | None = None) -> float:
 def still_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
     """Leading rows, at least one, in which neither stretch leaves its first value.
 
-    They stay within a quarter of the mean increment of the path, or within three times the
-    scatter of the stretch (second differences), of the first row.
+    They stay within a quarter of the mean increment of the path, or three times the scatter, of it.
     """
     if stretch_x.size < 3:
         return 1
@@ -244,9 +235,8 @@ def still_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
 def rest_rows(stretch_x: np.ndarray, stretch_y: np.ndarray, load: np.ndarray | None = None) -> int:
     """Number of leading rows at rest, at least one, from stretches (n,) and loads (n, 2).
 
-    A row is at rest while both stretches stay at their first value (:func:`still_rows`) and
-    neither load rises yet: where the camera lags behind the load cell, the load rises
-    while the stretch still rests. A load that falls there relaxes, and counts.
+    A row is at rest while both stretches stay (:func:`still_rows`) and neither load rises yet, as
+    where the camera lags behind the load cell. A load that falls there relaxes, and counts.
     """
     still = still_rows(stretch_x, stretch_y)
     if load is None or still < LEAST_RISE_ROWS:

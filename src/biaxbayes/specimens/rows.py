@@ -82,8 +82,7 @@ class MeasuredRows:
     @property
     def is_read(self) -> np.ndarray:
         """Whether a direction has readings, (n, 2)."""
-        axes = np.array([np.isin([0, 1], p.experiment.axes) for p in self.pieces])
-        return np.asarray(axes[self.piece])
+        return np.array([np.isin([0, 1], p.experiment.axes) for p in self.pieces])[self.piece]
 
     @property
     def load_scale(self) -> np.ndarray:
@@ -107,11 +106,6 @@ class MeasuredRows:
         largest = np.full(len(self.pieces), 1e-300)
         np.maximum.at(largest, self.piece, np.abs(self.load / self.load_scale).max(axis=1))
         return largest
-
-    @property
-    def peak(self) -> float:
-        """Largest absolute load of the first piece."""
-        return float(self.peaks[0])
 
     def at(self, rows: np.ndarray) -> MeasuredRows:
         """Some of the rows, in their order."""

@@ -24,9 +24,7 @@ from biaxbayes.specimens.keys import (
 )
 from biaxbayes.specimens.protocol import CURVES, Protocol
 
-ASSUMED_RESOLUTION = 1e-6
-"""Resolution over the peak load that every load cell is assumed to have (20 bit); smaller residuals
-are rounding."""
+PHYSIOLOGICAL = ("physiological_stretch_x", "physiological_stretch_y")
 FINE_DIGITS = 0.1
 """Digits finer than this fraction of the standard error of a mounting reading can show a tare."""
 
@@ -53,13 +51,11 @@ class Specimen:
         Standard deviation of one reading of the load cell, in :attr:`unit`.
     layer, axis_x, axis_y : str, optional
     reference : {"each protocol", "common"}, optional
-        Reference of the stretches. ``each protocol`` (the default): the first rows of each protocol
-        are the mounted state, and its stretches are divided by their mean there. ``common``: one
-        mounted state for all protocols, where the stretch is (1, 1); a protocol that does not start
-        there has no rows at rest.
+        ``each protocol`` (the default): the first rows of each protocol are the mounted state, and
+        its stretches are divided by their mean there. ``common``: one mounted state for all, where
+        the stretch is (1, 1); a protocol that does not start there has no rows at rest.
     metadata : mapping, optional
-        Further header keys of a specimen file (measurement uncertainties and the like), as
-        numbers or text.
+        Further header keys of a specimen file, such as measurement uncertainties.
     notes : tuple of str
         Changes made when reading, such as re-referenced stretches.
     further : tuple of Specimen, optional
@@ -89,14 +85,17 @@ class Specimen:
     further: tuple[Specimen, ...] = ()
 
     def __post_init__(self) -> None:
+        test = EXPERIMENTS[self.test] if self.test in tuple(EXPERIMENTS) else BIAXIAL
         for argument, choices in (
             ("test", tuple(EXPERIMENTS)),
             ("geometry", GEOMETRIES),
             ("reference", (*REFERENCES, None)),
+            ("loads", tuple(test.loads)),
         ):
-            _check_choice(argument, getattr(self, argument), choices)
-        test = EXPERIMENTS[self.test]
-        _check_choice("loads", self.loads, tuple(test.loads))
+            if (value := getattr(self, argument)) not in choices:
+                problem = f"{argument} {str(value)[:40]!r} is not one of the choices"
+                remedy = f"use one of {', '.join(filter(None, choices))}"
+                raise ReadingError(problem, argument=argument, remedy=remedy)
         for argument in DIMENSIONS:
             value = getattr(self, argument)
             if value is not None:
@@ -129,24 +128,17 @@ class Specimen:
                 raise ReadingError(problem, argument="metadata", remedy=remedy)
         metadata = {key: _checked(key, value) for key, value in self.metadata.items()}
         object.__setattr__(self, "metadata", metadata)
-        body = [f"physiological_stretch_{axis}" for axis in "xy"]
-        given = [key for key in body if key in metadata]
+        given = [key for key in PHYSIOLOGICAL if key in metadata]
         if len(given) == 1:
-            raise ReadingError(
-                "one of the two physiological stretches is missing",
-                argument=given[0],
-                remedy=f"give {' and '.join(body)}",
-            )
+            problem = "one of the two physiological stretches is missing"
+            remedy = f"give {' and '.join(PHYSIOLOGICAL)}"
+            raise ReadingError(problem, argument=given[0], remedy=remedy)
         object.__setattr__(self, "protocols", self._referenced_protocols())
         self.experiment.check(self.header, self.protocols)
         names = [piece.name for piece in self.pieces]
-        for name in names:
-            if names.count(name) > 1:
-                raise ReadingError(
-                    f"two pieces are called {name[:40]!r}",
-                    argument="further",
-                    remedy="give each a name of its own (# specimen: ...)",
-                )
+        for name in (name for name in names if names.count(name) > 1):
+            problem, remedy = f"two pieces are called {name[:40]!r}", "give each a name of its own"
+            raise ReadingError(problem, argument="further", remedy=f"{remedy} (# specimen: ...)")
 
     def _referenced_protocols(self) -> tuple[Protocol, ...]:
         """The protocols with stretches relative to the mounted state, and their rows there."""
@@ -156,23 +148,19 @@ class Specimen:
             remedy = "for example [Protocol(name, stretch_x, stretch_y, load_x, load_y)]"
             raise ReadingError(problem, argument="protocols", remedy=remedy)
         if len({p.time_s is None for p in protocols}) > 1:
-            raise ReadingError(
-                "is missing in some protocols", argument="time_s", remedy="give it in all or none"
-            )
+            problem, remedy = "is missing in some protocols", "give it in all or none"
+            raise ReadingError(problem, argument="time_s", remedy=remedy)
         test = EXPERIMENTS[self.test]
         if not test.is_mounted:
             return tuple(replace(p, rest_rows=0) for p in protocols)
         if self.reference == "common":
             protocols = tuple(p.with_common_reference() for p in protocols)
             if not any(p.rest_rows for p in protocols):
-                first = protocols[0]
-                raise ReadingError(
-                    "no protocol has a row at the mounted state, stretch (1, 1); the first starts "
-                    f"at ({first.stretch_x[0]:.4g}, {first.stretch_y[0]:.4g})",
-                    argument="reference",
-                    remedy="state the stretch of the mounted state (mounted_state_x and _y), where "
-                    "at least one protocol needs a row",
-                )
+                problem = "no protocol has a row at the mounted state, stretch (1, 1); the first "
+                problem += "starts at ({:.4g}, {:.4g})".format(*protocols[0].stretch[0])
+                remedy = "state the stretch of the mounted state (mounted_state_x and _y), where "
+                remedy += "at least one protocol needs a row"
+                raise ReadingError(problem, argument="reference", remedy=remedy)
             return protocols
         for p in protocols:
             if p.rest_rows == 0:
@@ -188,8 +176,7 @@ class Specimen:
     def __repr__(self) -> str:
         rows = sum(p.rows for p in self.protocols)
         layer = f", {self.layer}" if self.layer else ""
-        count = len(self.protocols)
-        protocols = "1 protocol" if count == 1 else f"{count} protocols"
+        protocols = f"{len(self.protocols)} protocol{'s' * (len(self.protocols) != 1)}"
         return f"Specimen({self.name!r}{layer}, {protocols}, {rows} rows of {self.loads})"
 
     # --- the test, and the pieces of the tissue ---
@@ -208,9 +195,8 @@ class Specimen:
     @property
     def physiological(self) -> tuple[float, float] | None:
         """Total stretches (x, y) in the body, where the header gives them."""
-        stated = [self.metadata.get(f"physiological_stretch_{axis}") for axis in "xy"]
-        x, y = (None if v is None else float(v) for v in stated)
-        return None if x is None or y is None else (x, y)
+        stated = [float(self.metadata[key]) for key in PHYSIOLOGICAL if key in self.metadata]
+        return (stated[0], stated[1]) if stated else None
 
     @property
     def kind_of_loads(self) -> Loads:
@@ -265,8 +251,7 @@ class Specimen:
 
     def same_unit(self, axis: int) -> list[int]:
         """Directions whose readings have the unit of one of them."""
-        units = self.units
-        return [k for k in self.experiment.axes if units[k] == units[axis]] or [axis]
+        return [k for k in self.experiment.axes if self.units[k] == self.units[axis]] or [axis]
 
     @property
     def area(self) -> np.ndarray:
@@ -279,8 +264,7 @@ class Specimen:
     def load(self, protocol: Protocol) -> np.ndarray:
         """Force (N) or first Piola-Kirchhoff stress (kPa) of every row, shape (n, 2).
 
-        A Cauchy stress, computed by the lab with the mounted state as reference, is divided
-        by the measured stretch.
+        A Cauchy stress, of a lab with the mounted state as reference, over the measured stretch.
         """
         return protocol.recorded_load / self.per_nominal(protocol.known_stretch)
 
@@ -313,17 +297,14 @@ class Specimen:
 
     @property
     def load_scale(self) -> np.ndarray:
-        """Readings in y over those in x of equal weight, (1, 1) where they have one unit.
-
-        Else the ratio of their largest values, by which a sum over both directions is formed.
-        """
+        """Readings in y over those in x of equal weight: 1, of two units their peaks' ratio."""
         peaks = self.peak_loads
         return np.array([1.0, peaks[1] / peaks[0] if peaks.all() else 1.0])
 
     @property
     def load_resolution(self) -> float:
-        """Resolution of the load cell, in :attr:`unit`: a millionth of the largest load."""
-        return ASSUMED_RESOLUTION * self.peak_load
+        """Resolution that a load cell is assumed to have (20 bit), in :attr:`unit`."""
+        return 1e-6 * self.peak_load
 
     @property
     def measured_mounting(self) -> np.ndarray:
@@ -334,11 +315,7 @@ class Specimen:
 
     @property
     def is_tared(self) -> bool:
-        """True if every mounting reading is zero, so that the information on prestretch is lost.
-
-        Zero in the digits of the file, as the mean of the rows at rest or as their first one,
-        whichever the tare subtracted.
-        """
+        """True if every mounting reading, mean or first row, is zero in the digits of the file."""
         if not self.experiment.is_mounted:
             return False
         for p in (p for p in self.protocols if p.rest_rows):
@@ -361,9 +338,8 @@ class Specimen:
     def noise_sds(self) -> np.ndarray:
         """Standard deviation of one load reading, (x, y), in :attr:`units`.
 
-        The header's value; otherwise the high-frequency scatter of the record: third differences
-        of the load along the rows, scaled to one reading (median over curves of a unit). Zero when
-        the record is noise-free at the precision of the file.
+        The header's value; otherwise the median over curves of a unit of their third differences,
+        scaled to one reading. Zero for a record without noise at the precision of the file.
         """
         stated = [self.load_noise, self.load_noise]
         if key := self.kind_of_loads.noise_key_y:
@@ -398,9 +374,8 @@ class Specimen:
         """Mounting load and its standard deviation (m, 2), in :attr:`unit`, as the model uses them.
 
         One for all protocols when `shared`, else one for each, NaN where it does not start at the
-        mounted state. The sd is that of the mean of the rows at rest: the load cell's noise, or the
-        scatter of the rows where five or more show a larger one. When shared, the scatter between
-        the protocols counts as well.
+        mounted state. The sd is that of the mean of the rows at rest: the load cell's noise, or a
+        larger scatter of five or more rows; when shared, or that between the protocols.
         """
         if not self.experiment.is_mounted:
             nothing = np.zeros((1 if shared else len(self.protocols), 2))
@@ -468,11 +443,12 @@ class Specimen:
         chosen = tuple(protocols)
         if chosen and not any(p.rest_rows for p in chosen):
             source = next(p for p in self.protocols if p.rest_rows)
-            columns: dict[str, Any] = {
-                key: np.append(getattr(source, key)[: source.rest_rows], getattr(chosen[0], key))
+            rest = source.rest_rows
+            curves: Any = {
+                key: np.concatenate([getattr(source, key)[:rest], getattr(chosen[0], key)])
                 for key in CURVES
             }
-            first = Protocol(chosen[0].name, **columns, rest_rows=source.rest_rows)
+            first = Protocol(chosen[0].name, **curves, rest_rows=rest)
             chosen = (first, *(replace(p, time_s=None) for p in chosen[1:]))
         return replace(self, protocols=chosen)
 
@@ -489,14 +465,6 @@ def third_difference_scatter(load: np.ndarray, place: np.ndarray) -> np.ndarray:
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     loads = np.lib.stride_tricks.sliding_window_view(load, 4, axis=0)
     return 1.4826 * np.median(np.abs((loads * weights[:, None, :]).sum(axis=2)), axis=0)
-
-
-def _check_choice(argument: str, value: object, choices: tuple[str | None, ...]) -> None:
-    """Refuse a value that is not one of the choices."""
-    if value not in choices:
-        problem = f"{argument} {str(value)[:40]!r} is not one of the choices"
-        remedy = f"use one of {', '.join(filter(None, choices))}"
-        raise ReadingError(problem, argument=argument, remedy=remedy)
 
 
 def _checked(key: str, value: object) -> Any:

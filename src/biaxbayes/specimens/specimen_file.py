@@ -21,6 +21,7 @@ from biaxbayes.specimens.keys import (
     GRIP_DETAILS,
     KEYS,
     METADATA_KEYS,
+    MOUNTED_STATE,
     NO_GRIPS,
     STRETCHES,
     checked_value,
@@ -32,10 +33,6 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.table import SpecimenTable, read_table
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import as_path, atomic_write_text, cells_of, one_line, read_lines
-
-KEYS_PAGE = "docs/specimen-file.md lists all keys; "
-MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
-"""Measured stretch of the mounted state, in a record with one common reference."""
 
 
 def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[str, int], int]:
@@ -61,34 +58,25 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[
             problem = f"header key {key!r} appears twice"
             raise InputError(problem, file=path, row=row, remedy="keep one")
         if key not in KEYS:
-            _, hint = likely_name(key, KEYS)
-            raise InputError(
-                f"unknown header key {key[:60]!r}",
-                file=path,
-                row=row,
-                remedy=f"{hint or KEYS_PAGE}drop the colon for a plain comment",
-            )
+            hint = likely_name(key, KEYS)[1] or "docs/specimen-file.md lists all keys; "
+            problem, hint = f"unknown header key {key[:60]!r}", f"{hint}drop the colon for a plain "
+            raise InputError(problem, file=path, row=row, remedy=f"{hint}comment")
         if value:
             try:
                 values[key] = checked_value(key, value)
             except InputError as error:
-                problem, remedy = error.problem, error.remedy
-                raise InputError(problem, file=path, row=row, remedy=remedy) from None
+                remedy = error.remedy
+                raise InputError(error.problem, file=path, row=row, remedy=remedy) from None
             rows[key] = row
-    remedy = "give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows"
-    raise InputError("the file has no table", file=path, remedy=remedy)
+    names = "give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows"
+    raise InputError("the file has no table", file=path, remedy=names)
 
 
 # --- reading -------------------------------------------------------------------------------------
 
 
 def read_specimen(path: str | os.PathLike) -> Specimen:
-    """Read a specimen CSV.
-
-    Parameters
-    ----------
-    path : path-like
-        UTF-8 text: header lines ``# key: value``, one line of column names, then numbers.
+    """Read a specimen CSV: lines ``# key: value``, one line of column names, then numbers.
 
     Returns
     -------
@@ -108,14 +96,13 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     """A specimen from the lines of its file; ``path`` serves messages and the default name."""
     values, rows, first = read_header(lines, path)
     test = EXPERIMENTS[values.get("test", BIAXIAL.name)]
-    table, written = _standard(_read(lines, first, path, values, test), values, test)
+    table, written = _read(lines, first, path, values, test)
     loads = _loads(table, test)
     kind = test.loads[loads]
-    unit = kind.units[0]
-    _check_keys(values, rows, test, loads, path)
-    arguments: dict[str, Any] = {key: values.get(key) for key in ARGUMENT_KEYS}
+    noise_key = f"load_noise_{kind.units[0]}"
+    _check_keys(table, values, rows, test, loads)
     try:
-        protocols = _protocols(table, values, rows, test, kind, path)
+        protocols = _protocols(table, values, test, kind)
         changes = [
             f"protocol {p.name}: stretches divided by their value at rest "
             f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
@@ -128,50 +115,45 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
             loads=loads,
             geometry=values.get("geometry", "unloaded"),
             test=test.name,
-            load_noise=values.get(f"load_noise_{unit}"),
+            load_noise=values.get(noise_key),
             metadata={key: values[key] for key in METADATA_KEYS if key in values},
             notes=(*table.notes, *changes),
-            **arguments,
+            **{key: values.get(key) for key in ARGUMENT_KEYS},  # type: ignore[arg-type]
         )
         check_readings(specimen)
     except ReadingError as error:
         # by line of the header, or by row and column of the table
-        key = f"load_noise_{unit}" if error.argument == "load_noise" else error.argument
+        key = noise_key if error.argument == "load_noise" else error.argument
         if error.index is None and key in values:
             raise InputError(error.fault, file=path, row=rows[key], remedy=error.remedy) from None
         standard = zip(CURVES, (*STRETCHES, *kind.columns), strict=True)
         columns = {argument: written.get(name, name) for argument, name in standard}
         of_protocol = dict(table.groups).get(error.protocol or "", slice(None))
-        where = columns | {"time_s": "time_s"}
-        raise error.at(path, table.lines[of_protocol], where) from None
+        raise error.at(path, table.lines[of_protocol], columns | {"time_s": "time_s"}) from None
     return specimen
 
 
 def _read(
     lines: Sequence[str], first: int, path: Path, values: Mapping[str, Any], test: Experiment
-) -> SpecimenTable:
-    """The table as it is written, with columns that the test has."""
-    stood_for = {name for column in test.columns.values() for name in column.stands_for}
-    directions = [k for k in (0, 1) if k != test.free_side]
-    needed = tuple(STRETCHES[k] for k in directions if STRETCHES[k] not in stood_for)
+) -> tuple[SpecimenTable, dict[str, str]]:
+    """The table with stretches and loads in place of what stands for them; names as written."""
+    standing = {
+        stretch: [name for name, column in test.columns.items() if stretch in column.stands_for]
+        for k, stretch in enumerate(STRETCHES)
+        if k != test.free_side
+    }
+    needed = tuple(stretch for stretch, names in standing.items() if not names)
     drop = values.get("missing_rows") == "drop"
-    table = read_table(lines, first, path, needed=needed, drop_missing=drop)
-    of_tests = {name for other in EXPERIMENTS.values() for name in other.columns}
-    for name in table.columns:
-        if name in of_tests and name not in test.columns:
-            other, *others = (o.name for o in EXPERIMENTS.values() if name in o.columns)
+    table = read_table(lines, first, path, needed, drop_missing=drop)
+    columns, written = table.columns, dict[str, str]()
+    for name in columns:
+        of_tests = [other.name for other in EXPERIMENTS.values() if name in other.columns]
+        if of_tests and name not in test.columns:
+            other, *others = of_tests
             more = f" (or {', '.join(others)})" if others else ""
             remedy = f"state '# test: {other}'{more} at the top, or leave it out"
             raise table.error(f"a {test.name} test has no such column", remedy, name)
-    return table
-
-
-def _standard(
-    table: SpecimenTable, values: Mapping[str, Any], test: Experiment
-) -> tuple[SpecimenTable, dict[str, str]]:
-    """The table with stretches and loads in place of what stands for them; names as written."""
-    columns, written = dict(table.columns), dict[str, str]()
-    for name in (name for name in test.columns if name in table.columns):
+    for name in [name for name in test.columns if name in columns]:
         column = test.columns[name]
         for need in column.needs:
             if need not in (*values, *columns):
@@ -185,20 +167,15 @@ def _standard(
             columns[standard], written[standard] = given, name
         if column.stands_for:
             del columns[name]
-    for k, standard in enumerate(STRETCHES):
-        if standard not in columns and k != test.free_side:
-            names = [name for name, column in test.columns.items() if standard in column.stands_for]
+    for standard, names in standing.items():
+        if standard not in columns:
             raise table.error("missing column", f"give {' or '.join((*names, standard))}", names[0])
-    return replace(table, columns=columns), written
+    return table, written
 
 
 def _loads(table: SpecimenTable, test: Experiment) -> str:
     """The name of the loads of a table, with their columns in the directions of the test."""
-    present = {
-        name: loads
-        for name, loads in test.loads.items()
-        if any(column in table.columns for column in loads.columns)
-    }
+    present = [name for name, of in test.loads.items() if set(of.columns) & set(table.columns)]
     if not present:
         needed = [
             " and ".join(c for k, c in enumerate(loads.columns) if c and k not in loads.optional)
@@ -209,9 +186,9 @@ def _loads(table: SpecimenTable, test: Experiment) -> str:
     if len(present) > 1:
         problem = f"more than one kind of loads ({', '.join(present)})"
         raise table.error(problem, "keep the measured one")
-    [(name, loads)] = present.items()
-    for k, column in enumerate(loads.columns):
-        if k in loads.optional:
+    (name,) = present
+    for k, column in enumerate(test.loads[name].columns):
+        if k in test.loads[name].optional:
             if not table.columns.get(column, np.ones(1)).any():
                 remedy = "leave out a reading that was not made"
                 raise table.error("every value is zero", remedy, column)
@@ -223,17 +200,20 @@ def _loads(table: SpecimenTable, test: Experiment) -> str:
 
 
 def _check_keys(
-    values: Mapping[str, Any], rows: Mapping[str, int], test: Experiment, loads: str, path: Path
+    table: SpecimenTable,
+    values: Mapping[str, Any],
+    rows: Mapping[str, int],
+    test: Experiment,
+    loads: str,
 ) -> None:
-    """Refuse keys that are missing, or do not fit the others or the columns."""
+    """Refuse keys that are missing, or do not fit the others or the table."""
     for key in test.needed(loads):
         if key not in values:
             line = f"add a line '# {key}: ...' at the top"
             if key == "geometry":
-                line = (
-                    line.replace("...", "unloaded|mounted") + ", the state that dimensions refer to"
-                )
-            raise InputError(f"a {loads} file must state {key}", file=path, remedy=line)
+                line = line.replace("...", "unloaded|mounted")
+                line += ", the state that dimensions refer to"
+            raise InputError(f"a {loads} file must state {key}", file=table.path, remedy=line)
     right = test.loads[loads].units[0]
     wrong = "N" if right == "kPa" else "kPa"
     unit = ("does not fit the file's columns", f"give it in {right}")
@@ -244,29 +224,22 @@ def _check_keys(
     if values.get("grips", NO_GRIPS) == NO_GRIPS:
         line = "add a line such as '# grips: hooks 5', or leave it out"
         unfit |= dict.fromkeys(GRIP_DETAILS, ("needs the key grips", line))
-    unfit |= dict.fromkeys(
-        keys_of_others(test), (f"does not belong to a {test.name} test", "leave it out")
-    )
+    others = f"does not belong to a {test.name} test", "leave it out"
+    unfit |= dict.fromkeys(keys_of_others(test), others)
+    numbers, count = len(values.get("rest_rows", "").split(",")), len(table.groups)
+    if numbers not in (1, count):
+        problem = f"has {numbers} values for {count} protocol{'s' * (count != 1)}"
+        unfit.setdefault("rest_rows", (problem, "give one for all protocols, or one per protocol"))
     for key, (problem, remedy) in unfit.items():
         if key in values:
-            raise InputError(f"{key} {problem}", file=path, row=rows[key], remedy=remedy)
+            raise InputError(f"{key} {problem}", file=table.path, row=rows[key], remedy=remedy)
 
 
 def _protocols(
-    table: SpecimenTable,
-    values: Mapping[str, Any],
-    lines: Mapping[str, int],
-    test: Experiment,
-    loads: Loads,
-    path: Path,
+    table: SpecimenTable, values: Mapping[str, Any], test: Experiment, loads: Loads
 ) -> tuple[Protocol, ...]:
     """The protocols of a table, relative to the mounted state if the header gives one."""
     resting = [int(part) for part in values.get("rest_rows", str(AUTO_REST_ROWS)).split(",")]
-    count = len(table.groups)
-    if len(resting) not in (1, count):
-        problem = f"rest_rows has {len(resting)} values for {count} protocol{'s' * (count != 1)}"
-        remedy = "give one for all protocols, or one per protocol"
-        raise InputError(problem, file=path, row=lines["rest_rows"], remedy=remedy)
     mounted = [values.get(key, 1.0) for key in MOUNTED_STATE]
     protocols = []
     for index, (name, rows) in enumerate(table.groups):
@@ -290,14 +263,7 @@ def _protocols(
 
 
 def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
-    """Write a specimen CSV that :func:`read_specimen` reads back equal.
-
-    Parameters
-    ----------
-    specimen : Specimen
-        Its protocols must have different names.
-    path : path-like
-        Written completely or not at all.
+    """Write a specimen CSV, completely or not at all, that :func:`read_specimen` reads back equal.
 
     Raises
     ------
@@ -316,16 +282,13 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
     names = [one_line(p.name) for p in specimen.protocols]
     for name in names:
         if not name or names.count(name) > 1:
-            raise InputError(
-                f"protocol name {name[:40]!r} is empty or duplicated",
-                remedy="give each protocol a name of its own",
-            )
+            problem = f"protocol name {name[:40]!r} is empty or duplicated"
+            raise InputError(problem, remedy="give each protocol a name of its own")
     protocols = specimen.protocols if recorded is None else recorded
     keys: dict[str, object] = {
         "specimen": specimen.name,
         "test": specimen.test if specimen.test != BIAXIAL.name else None,
-        **{key: getattr(specimen, key) for key in ("layer", "axis_x", "axis_y", "geometry")},
-        **{key: getattr(specimen, key) for key in DIMENSIONS},
+        **{k: getattr(specimen, k) for k in ("layer", "axis_x", "axis_y", "geometry", *DIMENSIONS)},
         f"load_noise_{specimen.unit}": specimen.load_noise,
         "reference": specimen.reference,
         **specimen.metadata,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -31,43 +31,28 @@ class SpecimenTable:
     columns: dict[str, np.ndarray]
     lines: np.ndarray  # of the file, from 1, for each row
     groups: tuple[tuple[str, slice], ...]  # rows of each protocol, in the order of the file
-    names_line: int
+    header: int  # line of the column names
     notes: tuple[str, ...] = ()  # on rows left out
 
     def error(self, problem: str, remedy: str, column: str | None = None) -> InputError:
         """An error of the line of column names."""
-        return InputError(
-            problem, file=self.path, row=self.names_line, column=column, remedy=remedy
-        )
+        return InputError(problem, file=self.path, row=self.header, column=column, remedy=remedy)
 
 
 def read_table(
-    lines: Sequence[str],
-    first: int,
-    path: Path,
-    *,
-    needed: tuple[str, ...] = STRETCHES,
-    drop_missing: bool = False,
+    lines: Sequence[str], first: int, path: Path, needed: tuple[str, ...], *, drop_missing: bool
 ) -> SpecimenTable:
     """Read the table with its column names in line `first`; an error names row and column."""
     names = _column_names(lines[first], first + 1, needed, path)
-    rows, numbers = [], []
-    for number, cells in rows_of(lines, path, first=first + 1):
-        if any(cell.strip() for cell in cells):
-            rows.append(_row(cells, names, number, path))
-            numbers.append(number)
-    if len(rows) < 2:
-        problem = "only 1 row of data" if rows else "no row of data below the column names"
+    table = _filled_rows(rows_of(lines, path, first=first + 1), names, path)
+    if table.rows < 2:
+        problem = "only 1 row of data" if table.rows else "no row of data below the column names"
         remedy = "a test needs the mounted state and at least one stretched state"
-        raise InputError(problem, file=path, row=numbers[0] if rows else first + 1, remedy=remedy)
-    table = Table(path, tuple(names), tuple(zip(*rows, strict=True)), np.array(numbers))
+        row = int(table.lines[0]) if table.rows else first + 1
+        raise InputError(problem, file=path, row=row, remedy=remedy)
     numeric = [index for index, name in enumerate(names) if name != "protocol"]
-    lacking = table.lacking(
-        numeric,
-        np.arange(table.rows),
-        drop=drop_missing,
-        remedy="leave such rows out with a line '# missing_rows: drop' at the top",
-    )
+    rows, remedy = np.arange(table.rows), "leave such rows out with a line '# missing_rows: drop'"
+    lacking = table.lacking(numeric, rows, drop=drop_missing, remedy=f"{remedy} at the top")
     if lacking.size:
         lines = in_lines(table.lines[lacking], shown=20)
         note = f"{lacking.size} of {table.rows} rows without a reading left out (lines {lines})"
@@ -78,7 +63,7 @@ def read_table(
         columns={names[index]: table.values(index, np.arange(table.rows)) for index in numeric},
         lines=table.lines,
         groups=_protocol_rows(labels, table.lines, path),
-        names_line=first + 1,
+        header=first + 1,
         notes=table.notes,
     )
 
@@ -92,21 +77,15 @@ def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> l
     names = without_empty_end([name.strip() for name in cells_of(line)])
     for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if any(part.strip().strip('"') in COLUMNS for part in line.split(separator)[1:]):
-            raise error(
-                f"the columns are separated by {word}",
-                "save it with commas and decimal points, or use 'biaxbayes convert --machine "
-                "generic'",
-            )
+            remedy = "save it with commas and decimal points, or use 'biaxbayes convert --machine "
+            raise error(f"the columns are separated by {word}", f"{remedy}generic'")
+    other = "not a specimen CSV:"
     if len(names) > MAX_SPECIMEN_COLUMNS:
-        raise error(
-            f"not a specimen CSV: {len(names)} columns", "'biaxbayes convert' reads exports"
-        )
+        raise error(f"{other} {len(names)} columns", "'biaxbayes convert' reads exports")
     if not any(name in COLUMNS for name in names):
-        raise error(
-            "not a specimen CSV: no column of the first line after the header is known",
-            "expected comma-separated column names such as "
-            "stretch_x,stretch_y,force_x_N,force_y_N ('biaxbayes convert' reads machine exports)",
-        )
+        remedy = "expected comma-separated column names such as stretch_x,stretch_y,force_x_N,"
+        remedy += "force_y_N ('biaxbayes convert' reads machine exports)"
+        raise error(f"{other} no column of the first line after the header is known", remedy)
     for name in names:
         if not name:
             raise error("a column without a name", "write the table without row names or indices")
@@ -121,6 +100,13 @@ def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> l
             remedy += f"at the top, by '# test: ...' ({', '.join(list(EXPERIMENTS)[1:])})"
             raise error("missing column", remedy, name)
     return names
+
+
+def _filled_rows(rows: Iterable[tuple[int, list[str]]], names: list[str], path: Path) -> Table:
+    """The rows that have a cell with text."""
+    filled = [(row, _row(cells, names, row, path)) for row, cells in rows if "".join(cells).strip()]
+    columns = tuple(zip(*(cells for _, cells in filled), strict=True))
+    return Table(path, tuple(names), columns, np.array([row for row, _ in filled], dtype=int))
 
 
 def _row(cells: list[str], names: list[str], row: int, path: Path) -> list[str]:
@@ -188,14 +174,11 @@ def read_stretches(path: str | os.PathLike) -> np.ndarray:
             problem = "missing column" if column not in names else "column appears twice"
             remedy = "name the columns stretch_x,stretch_y"
             raise InputError(problem, file=path, row=rows[0][0], column=column, remedy=remedy)
-    cells = [_row(cells, names, row, path) for row, cells in rows[1:]]
-    numbers = np.array([row for row, _ in rows[1:]])
-    table = Table(path, tuple(names), tuple(zip(*cells, strict=True)), numbers)
-    stretches = np.column_stack(
-        [table.values(names.index(column), np.arange(table.rows)) for column in STRETCHES]
-    )
+    table = _filled_rows(rows[1:], names, path)
+    places = [names.index(column) for column in STRETCHES]
+    stretches = np.column_stack([table.values(k, np.arange(table.rows)) for k in places])
     low, high = STRETCH_RANGE
     for row, k in np.argwhere((stretches < low) | (stretches > high)):
-        problem, where = f"{stretches[row, k]:g} is not a stretch", int(numbers[row])
-        raise InputError(problem, file=path, row=where, column=STRETCHES[k], remedy=STRETCH_REMEDY)
+        problem = f"{stretches[row, k]:g} is not a stretch"
+        raise table.error(problem, STRETCH_REMEDY, column=places[k], row=row)
     return stretches

@@ -1,11 +1,7 @@
-"""Virtual specimens, homogeneous or hooked, as a virtual biaxial machine records them.
+"""Virtual specimens of known material, as a virtual machine records them, and their true values.
 
-The readings go into a :class:`Specimen`, the true values (material, mounting stretch, true mounting
-force) into a separate :class:`Truth` with its own file.
-
-A homogeneous specimen follows the model, plus the errors of the machine. A hooked specimen is a
-known material held by five hooks per edge: its stress is not uniform, and a force divided by the
-nominal section is wrong by more than the noise. Tests without a mounted state start without load.
+A homogeneous specimen follows the model, plus the errors of the machine. One on hooks, in finite
+elements, has no uniform stress: a force over its nominal section is wrong by more than the noise.
 """
 
 from __future__ import annotations
@@ -28,7 +24,6 @@ from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.truth import Truth
 
-MISFIT_LENGTH = 0.25
 Stretch = float | tuple[float, float]
 
 
@@ -59,27 +54,21 @@ class Machine:
     ----------
     noise_N : float
         Standard deviation of every force reading, the mounting reading included.
-    misfit : float
-        Standard deviation of the smooth model error relative to the local true force, a
-        squared-exponential process along the path, independent in x and y and between
-        protocols. It multiplies the true force of every row, the mounted state included.
-    misfit_length : float
-        Its correlation length as a fraction of the path.
+    misfit, misfit_length : float
+        Standard deviation of the smooth relative error of every true force, a squared-exponential
+        process, independent in x and y and between protocols; its length over that of the path.
     loads : {"force", "piola", "cauchy"}
-        What the record holds. Stresses are computed as a lab does: force over the section in
-        ``geometry``; "cauchy" is multiplied by the measured stretch.
+        Stresses are computed as a lab does: force over the section in ``geometry``; "cauchy" is
+        multiplied by the measured stretch.
     geometry : {"unloaded", "mounted"}
         The state whose dimensions the record states.
     """
 
     noise_N: float = 0.0
     misfit: float = 0.0
-    misfit_length: float = MISFIT_LENGTH
+    misfit_length: float = 0.25
     loads: str = "force"
     geometry: str = "unloaded"
-
-
-# --- tests: homogeneous ones in closed form, hooked ones in finite elements ----------------------
 
 
 def virtual_specimen(
@@ -95,6 +84,8 @@ def virtual_specimen(
     hooks: Hooks | None = None,
     elements: int = 20,
     serendipity: bool = False,
+    machine: Machine | None = None,
+    labels: Mapping[str, str] | None = None,
     **record: Any,
 ) -> tuple[Specimen, Truth]:
     """Test a specimen of known material on a virtual biaxial machine.
@@ -122,13 +113,13 @@ def virtual_specimen(
         Kind of test; across a strip neither stretch nor load is recorded.
     hooks : Hooks, optional
         Hooks that hold the specimen, in finite elements (needs scikit-fem); else it is homogeneous.
-    elements : int
-        Elements along an edge.
-    serendipity : bool
-        Elements of eight nodes instead of nine.
+    elements, serendipity : int, bool
+        Elements along an edge; whether they have eight nodes instead of nine.
+    machine : Machine, optional
+    labels : mapping, optional
+        ``layer``, ``axis_x`` and ``axis_y``.
     **record
-        ``name`` and ``seed``; ``machine``, a :class:`Machine`; ``labels``, with ``layer``,
-        ``axis_x`` and ``axis_y``; ``source``, the origin of the material.
+        ``name`` and ``seed``; ``source``, the origin of the material.
 
     Returns
     -------
@@ -143,8 +134,9 @@ def virtual_specimen(
     NotConverged
         If no equilibrium on hooks can be computed, however small the increments.
     """
-    dimensions = dimensions or Dimensions()
+    dimensions, machine, grips = dimensions or Dimensions(), machine or Machine(), None
     largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
+    tests: dict[str, VirtualTest | SheetTest] = {}
     if hooks is not None:
         if test != BIAXIAL.name or not isinstance(material, GOH):
             raise ValueError("tests on hooks are simulated for squares of GOH alone")
@@ -152,34 +144,56 @@ def virtual_specimen(
         sheet = Sheet(*edges, elements=elements, serendipity=serendipity)
         tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
         start = tester.mount(mounting_stretch)
-        hooked = {
-            label: tester.stretch_to(start, stretch, increments=increments)
-            for label, stretch in largest.items()
-        }
+        for label, stretch in largest.items():
+            tests[label] = tester.stretch_to(start, stretch, increments=increments)
         grips = {"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE}
-        return _recorded(hooked, material, mounting_stretch, dimensions, grips=grips, **record)
-    tests = {
-        label: virtual_test(
-            material,
-            mounting_stretch=mounting_stretch,
-            measured_stretch=stretch,
-            increments=increments,
-            free_side=EXPERIMENTS[test].free_side,
-            **asdict(dimensions),
-        )
-        for label, stretch in largest.items()
-    }
-    first = next(iter(tests.values()))
-    # of a strip, with the width that follows
-    mounted = tuple(first.total[0].tolist())
-    return _recorded(tests, material, mounted, dimensions, test=test, **record)
+    else:
+        for label, stretch in largest.items():
+            tests[label] = virtual_test(
+                material,
+                mounting_stretch=mounting_stretch,
+                measured_stretch=stretch,
+                increments=increments,
+                free_side=EXPERIMENTS[test].free_side,
+                **asdict(dimensions),
+            )
+        # of a strip, with the width that follows
+        x, y = next(iter(tests.values())).total[0].tolist()
+        mounting_stretch = (x, y)
+    nominal = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
+    # N per unit of the record
+    section = np.ones(2) if machine.loads == "force" else nominal.area
+    # One header value stands for both directions; sections differ by the mounting stretch only.
+    noise = machine.noise_N / float(np.sqrt(section.prod()))
+    # f0_k = A0_k P_k(theta, lm)
+    mounting = np.array(material.piola(*mounting_stretch)) * dimensions.area
+    force_x, force_y = (mounting / section).tolist()
+    return _recorded(
+        # twelve digits, to avoid 1.0020000000000002 in the file
+        {
+            label if len(tests) > 1 else "1": (np.round(of.measured, 12), of.force_N)
+            for label, of in tests.items()
+        },
+        material,
+        test,
+        machine,
+        {**asdict(nominal), **(labels or {})},
+        section=section,
+        noise=(noise, noise),
+        mounting_stretch_x=mounting_stretch[0],
+        mounting_stretch_y=mounting_stretch[1],
+        mounting_force_x=force_x,
+        mounting_force_y=force_y,
+        unloaded_dimensions=asdict(dimensions),
+        grips=grips,
+        **record,
+    )
 
 
 def virtual_inflation(
     material: MaterialResponse,
     test: str,
     *,
-    name: str,
     thickness_mm: float,
     header: Mapping[str, float],
     largest_stretch: float,
@@ -187,12 +201,11 @@ def virtual_inflation(
     increments: int = 100,
     noise: Mapping[str, float],
     misfit: float = 0.0,
-    seed: int,
-    source: str = "",
+    **record: Any,
 ) -> tuple[Specimen, Truth]:
     """Test a specimen of known material that has no mounted state, such as a pressurised tube.
 
-    ``header`` holds the dimensions that this test states, ``noise`` sds by unit of the reading.
+    ``header``: dimensions of the test; ``noise``: sds by unit; ``record``: as of a square.
     """
     stated = {**header, "thickness_mm": thickness_mm}
     experiment = EXPERIMENTS[test].of(stated, (True, True))
@@ -208,34 +221,19 @@ def virtual_inflation(
             total = with_free_side(material.cauchy, total, side)
         return points.sums(np.stack(material.cauchy(*total.T), axis=-1) * section)
 
-    rng, protocols = np.random.default_rng(seed), []
     paths = experiment.paths(largest_stretch, axial_stretches, increments, readings)
-    for label, stretch in paths.items():
-        load = _with_misfit(readings(stretch), misfit, MISFIT_LENGTH, rng)
-        load = _rounded(load + sd * rng.standard_normal(load.shape), sd)
-        protocols.append(Protocol(label, *stretch.T, *load.T))
     of_y = {loads.noise_key_y: sd[1]} if sd[1] > 0.0 else {}
-    specimen = Specimen(
-        name,
-        tuple(protocols),
-        kind,
-        thickness_mm=thickness_mm,
-        load_noise=sd[0] or None,
-        metadata={**header, **of_y},
-        test=test,
-    )
-    truth = Truth(
-        specimen=name,
-        material=_material_values(material),
-        unit=specimen.unit,
+    return _recorded(
+        {label: (stretch, readings(stretch)) for label, stretch in paths.items()},
+        material,
+        test,
+        Machine(noise["N"], misfit, loads=kind),
+        {"thickness_mm": thickness_mm, "metadata": {**header, **of_y}},
+        section=np.ones(2),
+        noise=sd,
         unloaded_dimensions=stated,
-        load_noise_N=noise["N"],
-        misfit=misfit,
-        misfit_length=MISFIT_LENGTH,
-        seed=seed,
-        source=source,
+        **record,
     )
-    return specimen, truth
 
 
 def _largest_stretches(
@@ -263,97 +261,73 @@ def _largest_stretches(
     return out
 
 
-# --- the record and the true values --------------------------------------------------------------
-
-
 def _recorded(
-    tests: Mapping[str, VirtualTest | SheetTest],
+    tests: Mapping[str, tuple[np.ndarray, np.ndarray]],
     material: MaterialResponse,
-    mounting_stretch: tuple[float, float],
-    dimensions: Dimensions,
+    test: str,
+    machine: Machine,
+    header: Mapping[str, Any],
     *,
     name: str,
     seed: int,
-    test: str = BIAXIAL.name,
-    machine: Machine | None = None,
-    labels: Mapping[str, Any] | None = None,
     source: str = "",
-    grips: dict[str, float] | None = None,
+    section: np.ndarray,
+    noise: Sequence[float],
+    **truth: Any,
 ) -> tuple[Specimen, Truth]:
-    """Record error-free tests (first row: the mounted state) with the errors of a machine."""
-    machine = machine or Machine()
-    nominal = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
-    # N per unit of the record
-    divisor = np.ones(2) if machine.loads == "force" else nominal.area
-    # One header value stands for both directions; sections differ by the mounting stretch only.
-    noise_sd = machine.noise_N / float(np.sqrt(divisor.prod()))
-    rng, across = np.random.default_rng(seed), ~np.isin([0, 1], EXPERIMENTS[test].axes)
+    """Record error-free stretches and loads, both (n, 2), with the errors of a machine.
+
+    ``section``: load per reading; ``noise``: sds of the readings.
+    """
+    experiment, rng = EXPERIMENTS[test], np.random.default_rng(seed)
     protocols, disturbed = [], {}
-    for label, ideal in tests.items():
-        # twelve digits, to avoid 1.0020000000000002 in the file
-        stretch, force = np.round(ideal.measured, 12), ideal.force_N
-        force = _with_misfit(force, machine.misfit, machine.misfit_length, rng)
-        noise = machine.noise_N * rng.standard_normal(force.shape)
-        load = (force + noise) / divisor * (stretch if machine.loads == "cauchy" else 1.0)
-        load = _rounded(load, (noise_sd, noise_sd))
-        stretch[:, across], load[:, across] = np.nan, 0.0
-        protocol = label if len(tests) > 1 else "1"
-        protocols.append(Protocol(protocol, *stretch.T, *load.T))
-        disturbed[protocol] = tuple((force[0] / divisor).tolist())
+    for label, (stretch, load) in tests.items():
+        path = np.arange(len(load), dtype=float)
+        # always drawn, so that the noise of a seed does not depend on the misfit
+        length = machine.misfit_length
+        misfits = [simulate_smooth_misfit(path, 1.0, rng, length=length) for _ in range(2)]
+        # f = f_true (1 + misfit)
+        load = load * (1.0 + machine.misfit * np.column_stack(misfits))
+        of_cell = machine.noise_N if experiment.is_mounted else np.array(noise)
+        reading = (load + of_cell * rng.standard_normal(load.shape)) / section
+        if machine.loads == "cauchy":
+            reading = reading * stretch
+        # to a thousandth of the noise, as a machine writes readings
+        digits = [3 + math.ceil(-math.log10(sd)) if sd > 0.0 else 15 for sd in noise]
+        reading = [
+            np.round(values, digits[k]) if k in experiment.axes else np.zeros(len(load))
+            for k, values in enumerate(reading.T)
+        ]
+        if experiment.free_side is not None:
+            stretch[:, experiment.free_side] = np.nan
+        protocols.append(Protocol(label, *stretch.T, *reading))
+        if experiment.is_mounted:
+            disturbed[label] = tuple((load[0] / section).tolist())
     specimen = Specimen(
         name,
         tuple(protocols),
         machine.loads,
         machine.geometry,
-        **asdict(nominal),
-        load_noise=noise_sd or None,
+        load_noise=noise[0] or None,
         test=test,
-        **(labels or {}),
+        **header,
     )
-    # f0_k = A0_k P_k(theta, lm)
-    mounting = np.array(material.piola(*mounting_stretch)) * dimensions.area
-    force_x, force_y = (mounting / divisor).tolist()
-    truth = Truth(
+    if isinstance(material, GOH):  # needs no name
+        values: dict[str, Any] = asdict(material)
+    else:
+        law = material.law
+        values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
+        switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
+        values = {"law": law.name, **values, **switch}
+    return specimen, Truth(
         specimen=name,
-        material=_material_values(material),
-        mounting_stretch_x=mounting_stretch[0],
-        mounting_stretch_y=mounting_stretch[1],
+        material=values,
         unit=specimen.unit,
-        mounting_force_x=force_x,
-        mounting_force_y=force_y,
         disturbed_mounting_force=disturbed,
-        unloaded_dimensions=asdict(dimensions),
         load_noise_N=machine.noise_N,
         misfit=machine.misfit,
         misfit_length=machine.misfit_length,
         seed=seed,
         source=source,
-        grips=grips,
+        **truth,
     )
-    return specimen, truth
-
-
-def _material_values(material: MaterialResponse) -> dict[str, float | bool | str]:
-    """A material by the parameters of its law; one of GOH needs no name."""
-    if isinstance(material, GOH):
-        return asdict(material)
-    law = material.law
-    values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
-    switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
-    return {"law": law.name, **values, **switch}
-
-
-def _with_misfit(
-    load: np.ndarray, misfit: float, length: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Loads (n, 2) with a smooth error along the path, f = f_true (1 + misfit)."""
-    path = np.arange(len(load), dtype=float)
-    # always drawn, so that the noise of a seed does not depend on the misfit
-    drawn = [simulate_smooth_misfit(path, 1.0, rng, length=length) for _ in range(2)]
-    return load * (1.0 + misfit * np.column_stack(drawn))
-
-
-def _rounded(load: np.ndarray, noise: Sequence[float]) -> np.ndarray:
-    """Loads (n, 2) to a thousandth of their noise, as a machine writes readings."""
-    digits = [3 + math.ceil(-math.log10(sd)) if sd > 0.0 else 15 for sd in noise]
-    return np.column_stack([np.round(v, d) for v, d in zip(load.T, digits, strict=True)])

@@ -24,7 +24,7 @@ from biaxbayes.machines.outcome import (
 )
 from biaxbayes.options import takes_options
 from biaxbayes.reports.text import plural
-from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
+from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import aligned, atomic_write_text
@@ -177,7 +177,7 @@ HEADER_OPTIONS = (
 
 def _header_option(key: str) -> opt.Decorator:
     """An option for a header key of a specimen file."""
-    meaning, default, between, choices, _ = KEYS[key]
+    meaning, default, between, choices = KEYS[key]
     metavar = "TEXT" if between is None else key.rpartition("_")[2].upper()  # the unit
     if choices:
         metavar = "|".join(map(shlex.quote, choices))
@@ -185,7 +185,7 @@ def _header_option(key: str) -> opt.Decorator:
         metavar = "'M +- SD'"
     default = "what the names of the files begin with" if key == "specimen" else default
     without = default if default == OF_FORCES else f"default: {default}"
-    text = f"{meaning}." if default == NONE else f"{meaning} ({without})."
+    text = f"{meaning}." if default == "none" else f"{meaning} ({without})."
     flag = f"--{key.replace('_', '-')}"
     flags = dict.fromkeys([flag, flag.lower()])
     return click.option(*flags, key.lower(), metavar=metavar, help=text)

@@ -223,8 +223,8 @@ class SampleJob:
         if self.correction is not None:
             sd_log_ratio = self.correction.sd_log_ratio(draws.quantities, posterior.forward)
             ratios = self.correction.table(sd_log_ratio)
-            findings = (*findings, *grips.grip_findings(self.correction, ratios))
-            record["grips"] = grips.grip_record(self.correction, ratios)
+            record["grips"], found = grips.grip_record(self.correction, ratios)
+            findings = (*findings, *found)
             write_csv(folder / "grips.csv", ratios, digits=8)
             save_pictures(grips_figure(specimen, ratios), folder, "grips")
         record["findings"] = [asdict(finding) for finding in findings]
