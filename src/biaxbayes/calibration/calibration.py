@@ -1,10 +1,7 @@
 """Simulation-based calibration on the protocols and load noise of a specimen.
 
-True values are drawn from a prior, readings are simulated, and the posterior of the readings is
-sampled with the same prior and the procedure that a measured specimen gets. The rank of a true
-value among its posterior draws is then uniform (Talts et al., arXiv:1804.06788), whatever the
-prior, if and only if density and sampler are right for what was ranked. A misfit is drawn from its
-prior, relative to the loads that fit the specimen, in simulation and inference alike.
+The rank of a true value, drawn from the prior, among the draws of the posterior of its simulated
+readings is uniform if and only if density and sampler are right (Talts et al., arXiv:1804.06788).
 """
 
 from __future__ import annotations
@@ -33,7 +30,7 @@ from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import CalibrationPlan, ModelOptions, Settings
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.tasks import Executor, Stop, no_stop
+from biaxbayes.tasks import Executor, Stop
 
 RANKED_DRAWS = 127
 """Number of draws among which a true value is ranked; 128 possible ranks."""
@@ -68,13 +65,8 @@ class Calibration:
 
     def posterior(self, specimen: Specimen, seed: int = 0) -> Posterior:
         """The posterior of a simulated specimen."""
-        return prepare(
-            specimen,
-            **self.options,
-            priors=self.priors,
-            seed=seed,
-            misfit_fit=self.misfit_fit,
-        )
+        given = {**self.options, "priors": self.priors, "misfit_fit": self.misfit_fit}
+        return prepare(specimen, **given, seed=seed)
 
     @cached_property
     def misfit_fit(self) -> FitResult | None:
@@ -84,8 +76,8 @@ class Calibration:
 
     def model(self) -> Posterior:
         """The statistical model that true values and readings are simulated from."""
-        fit = self.misfit_fit
-        return Posterior(self.specimen, **self.options, priors=self.priors, misfit_fit=fit)
+        given = {**self.options, "priors": self.priors, "misfit_fit": self.misfit_fit}
+        return Posterior(self.specimen, **given)
 
 
 def planned_calibration(
@@ -169,25 +161,17 @@ def _ranked(
     return rows
 
 
-# --- many replications, on any executor -----------------------------------------------------
-
-
 def run_replications(
-    calibration: Calibration,
-    indices: Sequence[int],
-    *,
-    executor: Executor | None = None,
-    stop: Stop = no_stop,
+    calibration: Calibration, indices: Sequence[int], executor: Executor, *, stop: Stop
 ) -> Iterator[tuple[int, list[dict[str, Any]]]]:
     """Yield index and rows of replications as they finish; RunError if workers keep dying."""
     left, work = list(indices), partial(replicate, calibration)
-    chosen = executor or Executor()
-    if type(chosen) is not Executor and left:
+    if type(executor) is not Executor and left:
         # The first runs here and fills the cache of compiled code for the workers.
         for outcome in Executor().run(work, left[:1], stop=stop):
             yield left[0], outcome.value
             left = left[1:]
-    for outcome in chosen.run(work, left, stop=stop):
+    for outcome in executor.run(work, left, stop=stop):
         if outcome.failure:
             raise RunError(
                 f"replication {left[outcome.index]}: {outcome.failure}; `resume=True` continues, "

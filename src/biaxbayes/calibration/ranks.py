@@ -1,14 +1,8 @@
 """Uniformity of the ranks of a calibration, and coverage.
 
-With N replications and ranks 0 ... L, the number of ranks up to r is binomial with probability
-z_r = (r + 1) / (L + 1). A pointwise tail probability
-
-    p_r = 2 min(P(X <= count_r), P(X >= count_r)),   X ~ Bin(N, z_r)
-
-is small where the count is far off. The smallest p_r over all r decides. Its distribution under
-uniformity is computed exactly, since the counts form a Markov chain:
-count_r - count_(r-1) ~ Bin(N - count_(r-1), 1 / (L + 2 - r - 1)).
-Saeilynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32, section 2.
+With N replications and ranks 0 ... L, the number of ranks up to r is Bin(N, z_r), with
+z_r = (r + 1) / (L + 1). The smallest of its tail probabilities over all r decides (Saeilynoja,
+Buerkner and Vehtari, Statistics and Computing 32 (2022) 32, section 2).
 """
 
 from __future__ import annotations
@@ -26,9 +20,6 @@ from scipy.stats import binom, binomtest
 from biaxbayes.errors import RunError
 from biaxbayes.text_files import read_csv
 
-# --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
-
-
 BAND_PROBABILITY = 0.95
 """Probability that uniform ranks lie inside their simultaneous band everywhere."""
 
@@ -39,9 +30,8 @@ def rank_counts(ranks: np.ndarray, draws: int) -> np.ndarray:
 
 
 def tail_probabilities(counts: np.ndarray, replications: int, z: float | np.ndarray) -> np.ndarray:
-    """Pointwise two-sided tail probability of counts up to ranks of the probability z."""
-    below = binom.cdf(counts, replications, z)
-    above = binom.sf(counts - 1, replications, z)
+    """2 min(P(X <= count), P(X >= count)) of counts up to ranks of the probability z."""
+    below, above = binom.cdf(counts, replications, z), binom.sf(counts - 1, replications, z)
     return 2.0 * np.minimum(below, above)
 
 
@@ -56,13 +46,15 @@ def _allowed(replications: int, draws: int, level: float) -> list[tuple[int, int
 
 
 def probability_inside(replications: int, draws: int, level: float) -> float:
-    """Probability, under uniform ranks, that every tail probability exceeds `level`."""
+    """Probability, under uniform ranks, that every tail probability exceeds `level`, exactly.
+
+    The counts form a Markov chain: count_r - count_(r-1) ~ Bin(N - count_(r-1), 1 / (L + 1 - r)).
+    """
     low, probability = 0, np.ones(1)  # count before the first rank: 0
     allowed = _allowed(replications, draws, level)
     for r, (first, last) in enumerate(allowed):
         before = low + np.arange(probability.size)[:, None]
         more = np.arange(first, last + 1) - before
-        # a rank beyond r - 1 is r with probability 1 / (L + 1 - r)
         probability = probability @ binom.pmf(more, replications - before, 1.0 / (draws + 1 - r))
         low = first
     return float(min(probability.sum(), 1.0)) if allowed else 0.0
@@ -92,8 +84,6 @@ def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
     return 1.0 - probability_inside(ranks.size, draws, min(worst, 1.0))
 
 
-# --- coverage ------------------------------------------------------------------------------------
-
 COVERAGE_LEVELS = (0.50, 0.80, 0.90, 0.95)
 
 
@@ -104,8 +94,6 @@ def coverage(below: np.ndarray, level: float) -> tuple[float, float, float]:
     interval = binomtest(hits, n).proportion_ci(0.95)
     return hits / n, float(interval.low), float(interval.high)
 
-
-# --- uniformity and coverage of each parameter ---------------------------------------------------
 
 MIN_REPLICATIONS = 50
 """Replications below which even clearly wrong intervals leave uniform ranks."""
@@ -140,24 +128,9 @@ def uniformity(table: pd.DataFrame) -> tuple[bool, float]:
     return p >= SIGNIFICANT, p
 
 
-# --- the table of ranks, ranks.csv ----------------------------------------------------------------
-
-
 RANK_COLUMNS = (
-    "replication",
-    "parameter",
-    "unit",
-    "truth",
-    "rank",
-    "below",
-    "median",
-    "sd",
-    "state",
-    "reason",
-    "worst_ess",
-    "worst_rhat",
-    "rejected_draws",
-    "seconds",
+    *("replication", "parameter", "unit", "truth", "rank", "below", "median", "sd"),
+    *("state", "reason", "worst_ess", "worst_rhat", "rejected_draws", "seconds"),
 )
 TEXT_COLUMNS = ("parameter", "unit", "state", "reason")
 
@@ -168,10 +141,9 @@ def read_ranks(path: Path) -> pd.DataFrame:
         table = read_csv(path, dtype=str, keep_default_na=False)
         if tuple(table.columns) != RANK_COLUMNS:
             raise ValueError
-        for name in RANK_COLUMNS:
-            if name not in TEXT_COLUMNS:
-                # Python's parser reads back exactly what was written.
-                table[name] = [float(v) if v else math.nan for v in table[name]]
+        for name in {*RANK_COLUMNS} - {*TEXT_COLUMNS}:
+            # Python's parser reads back exactly what was written.
+            table[name] = [float(v) if v else math.nan for v in table[name]]
         return table.astype({"replication": int, "rejected_draws": int})
     except (OSError, ValueError):
         raise RunError(

@@ -7,14 +7,11 @@ with the offset o of the load cell, its noise s and the factor c of it, eps ~ N(
 misfit delta of each piece (with its toe, see :mod:`biaxbayes.model.misfit`) drawn from its prior,
 relative to the loads of a fit that the inference uses as well. With independent errors there is no
 misfit.
-
-The default priors of a posterior are so wide that most of their draws are not like tissue on the
-protocols of a specimen (10 MPa, or compressed at mounting). A calibration needs realistic true
-values, and must sample with the prior that it draws from.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -55,11 +52,9 @@ def draw_truth(
 ) -> tuple[dict[str, float], int]:
     """Draw from the prior truncated to the support of the posterior; also the number of rejections.
 
-    ``priors`` replace those of the model.
-
-    The posterior is zero where the law has no such material, where no stable mounted state exists
-    in the bracket, and, if the mounting force is sampled, where Newton's method, started from the
-    unloaded state, converges to another one. Rejecting such draws gives the posterior's prior.
+    ``priors`` replace those of the model. The posterior is zero where the law has no such material,
+    where no stable mounted state exists in the bracket, and, if the mounting force is sampled,
+    where Newton's method, started from the unloaded state, converges to another one.
     """
     priors, quantities = model.priors if priors is None else priors, model.quantities
     for rejected in range(1000):
@@ -77,9 +72,7 @@ def draw_truth(
 
 
 def simulate_specimen(
-    model: Posterior,
-    truth: Mapping[str, float],
-    rng: np.random.Generator,
+    model: Posterior, truth: Mapping[str, float], rng: np.random.Generator
 ) -> SimulatedSpecimen:
     """Simulate readings of a material, from :func:`draw_truth`, on the protocols of a specimen."""
     pieces = [_simulated_piece(model, i, truth, rng) for i in range(len(model.pieces))]
@@ -87,10 +80,7 @@ def simulate_specimen(
 
 
 def _simulated_piece(
-    model: Posterior,
-    index: int,
-    truth: Mapping[str, float],
-    rng: np.random.Generator,
+    model: Posterior, index: int, truth: Mapping[str, float], rng: np.random.Generator
 ) -> SimulatedSpecimen:
     """Readings of one piece, with a misfit of its own."""
     piece, settings = model.pieces[index], model.settings
@@ -115,9 +105,8 @@ def _simulated_piece(
     for i, p in enumerate(specimen.protocols):
         errors = noise * rng.standard_normal((p.rows, 2))
         if settings.has_misfit:
-            errors[p.rest_rows :] += noise * _shared(
-                piece.readings_of(i), p.rows - p.rest_rows, rng
-            )
+            loaded = p.rows - p.rest_rows
+            errors[p.rest_rows :] += noise * _shared(piece.readings_of(i), loaded, rng)
         errors *= scatter
         errors[p.rest_rows :] += misfit[i][1:]
         load = read * (forward.load(truth, p.stretch, p.name)[0] + offset + errors)
@@ -195,14 +184,15 @@ def _add_mounting_forces(model: Posterior, truth: dict[str, float]) -> bool:
     return True
 
 
-# --- priors of a calibration ---------------------------------------------------------------------
-
 LOCAL_PRIOR_WIDTH = 2.0
 """Width of a local prior relative to the posterior it is taken from."""
 
 
 def protocol_prior(specimen: Specimen, settings: Settings) -> dict[str, Prior | float | Tie]:
-    """Prior of tissue that reaches these stresses; independent errors around 0.5 % of the peak."""
+    """Prior of tissue that reaches these stresses; independent errors around 0.5 % of the peak.
+
+    Most draws of the default priors are not like tissue on these protocols.
+    """
     tested = [p for piece in specimen.pieces for p in piece.protocols]
     stretch = 1.02 * max(float(p.known_stretch.max()) for p in tested)  # mounted at 1.02
     prior = default_priors(specimen, settings)
@@ -244,10 +234,6 @@ def local_prior(
 
 def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) -> str:
     """A priors file that reads back to these priors."""
-
-    def toml(value: object) -> str:
-        return f'"{value}"' if isinstance(value, str) else repr(value)
-
     by_unit: dict[str, list[str]] = {}
     for p in law.parameters:
         if p.unit_words():
@@ -257,10 +243,10 @@ def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) 
     for name, prior in priors.items():
         value = prior_value(prior)
         if isinstance(value, dict):
-            items = ", ".join(f"{key} = {toml(item)}" for key, item in value.items())
+            items = ", ".join(f"{key} = {json.dumps(item)}" for key, item in value.items())
             lines.append(f"{name} = {{ {items} }}")
         else:
-            lines.append(f"{name} = {toml(value)}")
+            lines.append(f"{name} = {json.dumps(value)}")
     return "\n".join(lines) + "\n"
 
 

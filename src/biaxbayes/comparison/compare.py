@@ -1,8 +1,7 @@
 """Comparison of runs: quantities that each determines, and distances between them.
 
 A difference in a parameter that one of the runs does not determine is not a difference between
-tissues: the same curves could have been described by other values of it. The stresses, the
-stiffness and the structure tensor are compared as well, each with how much the data determine it.
+tissues. Stresses, stiffness and structure tensor are compared as well.
 """
 
 from __future__ import annotations
@@ -30,9 +29,6 @@ from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED, Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import prior_text
 from biaxbayes.parameters import MATERIAL
-
-# --- whether runs can be compared at all: what else than the tissue differs between them ---------
-
 
 OPTIONS = {
     "law": "the material law is",
@@ -85,30 +81,21 @@ def _prior_text(posterior: Posterior, name: str) -> str:
     return "" if prior is None else prior_text(prior)
 
 
-# --- several runs side by side: what each determines, and how far apart they are -----------------
-
-
 WARNING = (
     "A difference in a quantity that is not identified in both runs is not a difference between "
     "tissues: other values of it describe the same curves."
 )
-PARAMETER = "parameter"
 
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """One run of a comparison.
-
-    Attributes
-    ----------
-    reported : sequence of Reported
-        What the run reports of its parameters; assessed by the draws alone where empty.
-    """
+    """One run of a comparison."""
 
     label: str
     posterior: Posterior
     draws: pd.DataFrame
     state: str
+    # what the run reports of its parameters; assessed by the draws alone where empty
     reported: Sequence[Reported] = ()
 
 
@@ -116,20 +103,10 @@ class ComparedRun:
 class Comparison:
     """Runs with what they report, their common quantities and the distances between them.
 
-    Attributes
-    ----------
-    reported : tuple of sequence of Reported
-        What each run reports.
-    derived : tuple of list of Derived
-        The same quantities of every run.
-    identified : tuple of dict
-        For each run, whether it identifies or bounds a quantity, by its key.
-    distances : DataFrame
-        One row per pair of runs and quantity.
-    stretches : list of float
-        Total equibiaxial stretches that all runs reached.
-    notes : list of str
-        Differences between the runs that are not of tissue.
+    ``reported`` and ``derived`` (the same quantities) are of each run, as is ``identified``:
+    whether it identifies or bounds a quantity, by its key. ``distances`` has one row per pair of
+    runs and quantity, ``stretches`` are the total equibiaxial ones that all runs reached, and
+    ``notes`` differences between the runs that are not of tissue.
     """
 
     members: tuple[ComparedRun, ...]
@@ -152,12 +129,9 @@ class Comparison:
 
     def matrix(self) -> pd.DataFrame:
         """Reports of all runs, one row per run and parameter."""
-        tables = []
-        for member, rows in zip(self.members, self.reported, strict=True):
-            table = report_frame(rows)
-            table.insert(0, "run", member.label)
-            tables.append(table)
-        return pd.concat(tables, ignore_index=True)
+        tables = map(report_frame, self.reported)
+        whole = pd.concat(dict(zip(self.labels, tables, strict=True)), names=["run"])
+        return whole.reset_index("run").reset_index(drop=True)
 
     def __repr__(self) -> str:
         runs = ", ".join(f"{m.label!r} {m.state}" for m in self.members)
@@ -216,17 +190,12 @@ def compare(members: Sequence[ComparedRun], *, thresholds: Thresholds | None = N
         for quantity, contraction in zip(own, contractions(prior, own), strict=True):
             known[quantity.key] = m.state == "converged" and contraction >= chosen.contraction
         identified.append(known)
-    pairs = combinations(range(len(members)), 2)
-    distances = [row for i, j in pairs for row in _distances(members, derived, identified, i, j)]
-    return Comparison(
-        tuple(members),
-        reported,
-        tuple(derived),
-        tuple(identified),
-        pd.DataFrame(distances),
-        stretches,
-        differing_settings([(m.label, m.posterior) for m in members]),
-    )
+    quantities = [[*_parameters(m), *own] for m, own in zip(members, derived, strict=True)]
+    pairs = combinations(zip(labels, quantities, identified, strict=True), 2)
+    distances = [row for first, second in pairs for row in _distances(first, second)]
+    notes = differing_settings([(m.label, m.posterior) for m in members])
+    of_runs = tuple(members), reported, tuple(derived), tuple(identified)
+    return Comparison(*of_runs, pd.DataFrame(distances), stretches, notes)
 
 
 def run_labels(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
@@ -239,23 +208,20 @@ def run_labels(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
     return [f"{name} ({i})" for i, name in enumerate(names, start=1)]
 
 
-def _distances(
-    members: Sequence[ComparedRun],
-    derived: Sequence[list[Derived]],
-    identified: Sequence[dict[str, bool]],
-    i: int,
-    j: int,
-) -> list[dict[str, Any]]:
+OfRun = tuple[str, list[Derived], dict[str, bool]]  # label, quantities, which it identifies
+
+
+def _distances(first: OfRun, second: OfRun) -> list[dict[str, Any]]:
     rows = []
-    others = {q.key: q for q in [*_parameters(members[j]), *derived[j]]}
-    for a in [*_parameters(members[i]), *derived[i]]:
+    others = {q.key: q for q in second[1]}
+    for a in first[1]:
         if (b := others.get(a.key)) is None:
             continue  # of another law
-        known_a, known_b = (identified[k].get(a.key, False) for k in (i, j))
+        known_a, known_b = (known.get(a.key, False) for *_, known in (first, second))
         rows.append(
             {
-                "run_a": members[i].label,
-                "run_b": members[j].label,
+                "run_a": first[0],
+                "run_b": second[0],
                 "kind": a.kind,
                 "quantity": a.name,
                 "unit": a.unit,
@@ -274,7 +240,7 @@ def _distances(
 def _parameters(m: ComparedRun) -> list[Derived]:
     """The parameters of a run; a mounting stretch is a state of the test, not of the tissue."""
     return [
-        Derived(PARAMETER, s.name, s.unit, None, m.draws[s.name].to_numpy(dtype=float))
+        Derived("parameter", s.name, s.unit, None, m.draws[s.name].to_numpy(dtype=float))
         for s in parameter_scales(m.posterior.priors, m.posterior.quantities, m.draws)
         if s.parameter.kind == MATERIAL
     ]

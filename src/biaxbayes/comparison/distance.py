@@ -1,8 +1,4 @@
-"""Distances of posteriors from one another, and from their priors.
-
-A quantity that follows from the parameters has no prior of its own; its prior is what the
-parameters' priors make of it.
-"""
+"""Distances of posteriors from one another, and from their priors."""
 
 from __future__ import annotations
 
@@ -17,8 +13,6 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
 from biaxbayes.prediction.percentiles import quantile_columns
-
-# --- how far two posteriors of one quantity lie apart --------------------------------------------
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
@@ -50,9 +44,6 @@ def distance(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
     }
 
 
-# --- materials drawn from the priors of a run, and how much less its posterior spreads -----------
-
-
 PRIOR_DRAWS = 4096
 EQUIBIAXIAL_STEPS = 5
 
@@ -60,14 +51,12 @@ EQUIBIAXIAL_STEPS = 5
 def equibiaxial_steps(largest: float) -> list[float]:
     """Five total equibiaxial stretches, evenly up to the largest, rounded down to 0.001."""
     top = 1.0 + np.floor(1e3 * (largest - 1.0)) / 1e3 if largest > 1.005 else largest
-    return [
-        float(round(v, 6))
-        for v in 1.0 + (top - 1.0) * np.arange(1, EQUIBIAXIAL_STEPS + 1) / EQUIBIAXIAL_STEPS
-    ]
+    steps = 1.0 + (top - 1.0) * np.arange(1, EQUIBIAXIAL_STEPS + 1) / EQUIBIAXIAL_STEPS
+    return [float(round(v, 6)) for v in steps]
 
 
 def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
-    """Materials drawn from the priors of a run, with the names of its draws."""
+    """Materials from the priors of a run; of them follow the priors of derived quantities."""
     rng = np.random.default_rng(0)
     level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
     columns: dict[str, np.ndarray] = {}
@@ -98,7 +87,5 @@ def spread(quantity: Derived) -> float:
 
 def contractions(prior: Sequence[Derived], posterior: Sequence[Derived]) -> list[float]:
     """Fraction by which the data shrink the variance of each quantity, given in the same order."""
-    return [
-        1.0 - (spread(after) / spread(before)) ** 2
-        for before, after in zip(prior, posterior, strict=True)
-    ]
+    pairs = zip(prior, posterior, strict=True)
+    return [1.0 - (spread(after) / spread(before)) ** 2 for before, after in pairs]

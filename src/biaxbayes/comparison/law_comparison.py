@@ -1,9 +1,7 @@
 """Laws fitted and sampled on a record without a part of it, and their predictions of that part.
 
-Each protocol is left out in turn; of a single protocol, each quarter of its path. The mode of the
-mounting force and the errors of readings are the same for every law. Given a draw, a left-out
-reading is normal: its mean is the load of the law plus the misfit that the other readings lead one
-to expect there, its variance that of the misfit given them plus the noise of the load cell.
+Given a draw, a left-out reading is normal: its mean is the load of the law plus the misfit that the
+other readings lead one to expect there, its variance that of the misfit given them plus the noise.
 """
 
 from __future__ import annotations
@@ -35,9 +33,6 @@ WHOLE = "whole record"
 QUARTERS = 4
 MAX_LAW_DRAWS, MAX_PART_DRAWS = 2000, 500
 """Draws used of the posterior of a whole record, and of one without a part."""
-
-
-# --- what is left out ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -84,9 +79,6 @@ def restricted_to(specimen: Specimen, part: Part) -> Specimen:
     return replace(specimen, protocols=(p.at_rows(rows),))
 
 
-# --- one posterior -------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Task:
     """One law on one record."""
@@ -116,15 +108,10 @@ class PredictedReadings:
     noise_sd: np.ndarray  # of a reading about the tissue
 
     @property
-    def reading_sd(self) -> np.ndarray:
-        """Sd of a reading about the mean."""
-        return np.hypot(self.sd, self.noise_sd)
-
-    @property
     def log_density(self) -> np.ndarray:
         """Log predictive density of each reading, (2 m,)."""
         with np.errstate(over="ignore", invalid="ignore"):
-            each = log_likelihood(self.mean, self.reading_sd, self.measured)
+            each = log_likelihood(self.mean, np.hypot(self.sd, self.noise_sd), self.measured)
         each = np.where(np.isfinite(each), each, -np.inf)
         # ln p(y_i | rest) = ln mean_s N(y_i | m_si, sd_si)
         return np.asarray(logsumexp(each, axis=0) - np.log(len(each))).ravel()
@@ -166,11 +153,7 @@ def sample_part(task: Task, progress: OnProgress = no_progress) -> Prediction:
     readings = None
     if task.part is not None:
         readings = predicted_readings(posterior, table, task.specimen, task.part)
-    convergence = drawn.convergence
-    return Prediction(convergence.state, convergence.reason, rmse, table, readings)
-
-
-# --- predicted readings --------------------------------------------------------------------------
+    return Prediction(drawn.convergence.state, drawn.convergence.reason, rmse, table, readings)
 
 
 def predicted_readings(
@@ -188,19 +171,15 @@ def predicted_readings(
     law = tissue.law(rows.stretch) + posterior.forward.offset(tissue.draws)
     # a quarter lies on the path of the protocol that is known
     misfit, sd = tissue.misfit(rows.stretch, 0 if single else None)
-    shape = np.shape(law)
-    return PredictedReadings(
-        average @ rows.load,
-        average @ _load_per_stress(tissue, rows.stretch, rows.names[0]),
-        average @ (law + misfit),
-        average @ np.broadcast_to(sd, shape),
-        tissue.noise_sd / np.sqrt(readings.weight[::2, None]),
-    )
-
-
-def _load_per_stress(tissue: Tissue, stretch: np.ndarray, protocol: str) -> np.ndarray:
-    """Load per Cauchy stress at measured stretches (m, 2) and the median mounting stretch."""
-    mounting = tissue.posterior.quantities.of_kind(STRETCH, FORCE)
+    # load per Cauchy stress at the median mounting stretch
+    mounting = posterior.quantities.of_kind(STRETCH, FORCE)
     names = [q.name for q in mounting if q.name in tissue.draws]
     medians = {name: tissue.draws[name].median() for name in names}
-    return np.asarray(tissue.posterior.forward.load_per_stress(medians, stretch, protocol)[0])
+    load_per_stress = posterior.forward.load_per_stress(medians, rows.stretch, rows.names[0])[0]
+    return PredictedReadings(
+        average @ rows.load,
+        average @ load_per_stress,
+        average @ (law + misfit),
+        average @ np.broadcast_to(sd, law.shape),
+        tissue.noise_sd / np.sqrt(readings.weight[::2, None]),
+    )

@@ -47,11 +47,7 @@ def law_tasks(
 
 
 def sample_parts(
-    tasks: Sequence[Task],
-    folder: Path | None,
-    executor: Executor,
-    progress: OnProgress,
-    stop: Stop,
+    tasks: Sequence[Task], folder: Path | None, executor: Executor, progress: OnProgress, stop: Stop
 ) -> dict[tuple[str, str], Prediction]:
     """Predictions by law and part, read from the folder or computed and stored there."""
     files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]

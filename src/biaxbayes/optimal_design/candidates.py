@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -25,7 +24,6 @@ from biaxbayes.options import DesignOptions
 from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.percentiles import quantiles
-from biaxbayes.specimens.specimen import Specimen
 
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
 MAX_PLANNED_ROWS = 100
@@ -79,7 +77,14 @@ class FurtherProtocol:
 
     def load(self, draws: pd.DataFrame) -> np.ndarray:
         """Loads of the law with the offset of the cell, (draws, rows, 2)."""
-        columns = _one_mounted_state(draws, self.posterior.specimen)
+        columns = {str(k): draws[k].to_numpy(dtype=float) for k in draws.columns}
+        labels = mounting_labels(draws, self.posterior.specimen)
+        if labels and labels != ("",):
+            # of several mounted states one by the number of the draw, the same each time
+            chosen = np.asarray(draws.index, dtype=np.int64) * 7919 % len(labels)
+            for axis, name in enumerate(mounting_names("stretch")):
+                states = np.stack([columns[mounting_names("stretch", n)[axis]] for n in labels])
+                columns[name] = states[chosen, np.arange(len(draws))]
         forward = self.posterior.forward
         return forward.load(columns, self.stretch) + forward.offset(columns)
 
@@ -104,7 +109,7 @@ class FurtherProtocol:
 
     def expected(self, draws: pd.DataFrame) -> np.ndarray:
         """Expected readings, (draws, readings)."""
-        gain, _ = self._errors
+        gain = self._errors[0]
         readings = self.load(draws)[:, self.first :].reshape(len(draws), -1)
         return readings if gain is None else readings + self.posterior.residuals(draws, 0) @ gain
 
@@ -215,29 +220,7 @@ class FurtherPieces(FurtherProtocol):
         return all(e.is_mounted for e in self.experiments)
 
 
-def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.ndarray]:
-    """Columns with one mounted state: of several, one at random for each draw."""
-    columns = {str(k): draws[k].to_numpy(dtype=float) for k in draws.columns}
-    labels = mounting_labels(draws, specimen)
-    if labels and labels != ("",):
-        # by the number of the draw, so that it has the same mounted state each time
-        chosen = np.asarray(draws.index, dtype=np.int64) * 7919 % len(labels)
-        for axis, name in enumerate(mounting_names("stretch")):
-            states = np.stack([columns[mounting_names("stretch", n)[axis]] for n in labels])
-            columns[name] = states[chosen, np.arange(len(draws))]
-    return columns
-
-
-def _misfit_weights(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
-    """Posterior weights of the terms of the misfit, (terms,)."""
-    if not posterior.settings.has_misfit:
-        return np.empty(0)
-    residual = posterior.residuals(draws.iloc[evenly_chosen(len(draws), SHARE_DRAWS)], 0)
-    return np.asarray(posterior.misfit.shares(residual).mean(axis=0))
-
-
-Candidate: TypeAlias = Reading | FurtherProtocol
-"""Something that could be measured."""
+Candidate = Reading | FurtherProtocol
 
 
 def standard_candidates(
@@ -255,7 +238,10 @@ def standard_candidates(
     ends = [p.known_stretch[-1] - 1.0 for p in specimen.protocols]
     top = np.max([p.known_stretch.max(axis=0) for p in specimen.protocols], axis=0) - 1.0
     rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
-    planned, weights = min(rows, MAX_PLANNED_ROWS), _misfit_weights(posterior, draws)
+    planned, weights = min(rows, MAX_PLANNED_ROWS), np.empty(0)
+    if settings.has_misfit:
+        residual = posterior.residuals(draws.iloc[evenly_chosen(len(draws), SHARE_DRAWS)], 0)
+        weights = np.asarray(posterior.misfit.shares(residual).mean(axis=0))
 
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
         path = 1.0 + np.linspace(0.0, 1.0, planned + 1)[:, None] * end

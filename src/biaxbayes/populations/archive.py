@@ -24,25 +24,28 @@ def archive(result: Population) -> bytes:
     names = [v.name for v in result.values]
     groups = list(grouping.groups)
 
-    def flat(values: np.ndarray) -> np.ndarray:
+    def flat(values: np.ndarray, *dims: str) -> tuple[tuple[str, ...], np.ndarray]:
         # (ensembles, sweeps, chains, ...) to (chain, draw, ...), chain after chain of an ensemble,
         # as in posterior.nc
         moved = np.moveaxis(values, 2, 1)
-        return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
+        return ("chain", "draw", *dims), moved.reshape(len(moved), -1, *moved.shape[3:])
 
-    dims = ("chain", "draw")
-    sets = groups if history.sd.shape[3] > 2 else ["all"]
     common = {
-        "mean": ((*dims, "group", "quantity"), flat(history.mu) + result.centre),
-        "sd_donors": ((*dims, "quantity"), flat(history.sd[..., 0, :])),
-        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd[..., 1:, :])),
+        "mean": flat(history.mu + result.centre, "group", "quantity"),
+        "sd_donors": flat(history.sd[..., 0, :], "quantity"),
+        "sd_specimens": flat(history.sd[..., 1:, :], "spread", "quantity"),
     }
     if history.partial.shape[-1]:
-        common["partial_correlations_0"] = ((*dims, "of", "pair"), flat(history.partial))
-    coords = {"group": groups, "quantity": names, "spread": sets, "of": ["donors", "specimens"]}
+        common["partial_correlations_0"] = flat(history.partial, "of", "pair")
     own = {
-        "values": ((*dims, "specimen", "quantity"), flat(result.sampled.theta) + result.centre),
-        "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
+        "values": flat(result.sampled.theta + result.centre, "specimen", "quantity"),
+        "donor_effect": flat(history.effect, "donor", "quantity"),
+    }
+    coords = {
+        "group": groups,
+        "quantity": names,
+        "spread": groups if history.sd.shape[3] > 2 else ["all"],
+        "of": ["donors", "specimens"],
     }
     materials = np.array([table.to_numpy() for table in result.new_specimens().values()])
     attributes = {

@@ -11,12 +11,8 @@ never computed: rejection sampling draws a truncated normal as the first draw in
 rejected draws before it are auxiliary variables, simulated again in every sweep (Rao, Lin and
 Dunson, Biometrika 103 (2016) 319). With them as further specimens, everything is normal.
 
-The model excludes a location m_i if P(low_k <= N(m_ik, sd_k^2) <= high_k) < 0.01 for one of its
-values k.
-
-The values may be any quantities, centred on the prior means of the groups. Arrays have the chain as
-first axis, and where values are independent (K blocks of b = 1 value) or all correlated (K = 1,
-b = p) the block as second.
+The values are centred on the prior means of the groups. Arrays have the chain as first axis, then
+the block of values: K blocks of b = 1 independent value, or K = 1 of all b = p correlated ones.
 """
 
 from __future__ import annotations
@@ -28,6 +24,7 @@ import numpy as np
 from scipy.special import ndtr
 
 MIN_INSIDE_PROBABILITY = 0.01
+"""Least P(low_k <= N(m_ik, sd_k^2) <= high_k) of a location m_i, for each of its values k."""
 SD_RANGE = np.log([1e-4, 20.0])
 """Range of ln sd, relative to the scale of its prior, which has 1e-4 of its mass outside."""
 SLICE_WIDTH = 4.0
@@ -53,17 +50,6 @@ class Layout:
     def set_of(self) -> np.ndarray:
         """Index of the covariance Sigma of each specimen, (n,)."""
         return np.asarray(self.covariance_index[self.group])
-
-    @property
-    def locations(self) -> np.ndarray:
-        """Matrix X (n, groups + donors) of ones and zeros: m = X (mu, b)."""
-        groups = np.eye(len(self.covariance_index))[self.group]
-        return np.hstack([groups, np.eye(self.donors)[self.donor]])
-
-    @property
-    def sd_scale(self) -> np.ndarray:
-        """Scales of the half-normal priors of donors and of every set, (1 + sets, p)."""
-        return np.repeat(self.scale, [1, self.sets], axis=0)
 
 
 class Sums(NamedTuple):
@@ -103,14 +89,14 @@ class Common:
     def __init__(self, layout: Layout, theta: np.ndarray, rng: np.random.Generator) -> None:
         """Means start at those of ``theta`` (C, n, p), sds over-dispersed around their scale."""
         self.layout, self.rng = layout, rng
-        (self.C, _, self.p), self.donors = theta.shape, layout.donors
+        self.C, _, self.p = theta.shape
         self.b = self.p if layout.eta.any() else 1
         self.K = self.p // self.b
         means = [theta[:, layout.group == g].mean(1) for g in range(len(layout.covariance_index))]
         self.mu = np.stack(means, axis=1).clip(layout.low, layout.high)
         self.effect = np.zeros((self.C, layout.donors, self.p))
         spread = rng.uniform(-1.5, 0.5, (self.C, 1 + layout.sets, self.p))
-        self.sd = np.exp(spread) * layout.sd_scale
+        self.sd = np.exp(spread) * np.repeat(layout.scale, [1, layout.sets], axis=0)
         self.partial = np.zeros((self.C, 2, self.b * (self.b - 1) // 2))
 
     def _blocks(self, values: np.ndarray) -> np.ndarray:
@@ -184,8 +170,11 @@ class Common:
 
         The second and third results are the Cholesky factor L of M, and L^-1 r.
         """
-        layout, X = self.layout, self.layout.locations
-        C, K, b, G, q = self.C, self.K, self.b, len(layout.covariance_index), X.shape[1]
+        layout, C, K, b = self.layout, self.C, self.K, self.b
+        G = len(layout.covariance_index)
+        q = G + layout.donors
+        # m = X (mu, b)
+        X = np.hstack([np.eye(G)[layout.group], np.eye(layout.donors)[layout.donor]])
         P, log_det = self.inverse_covariances()
         own = P[:, :, 1 + layout.set_of]
         pairs = (X[:, :, None] * X[:, None, :]).reshape(len(X), q * q)
@@ -201,13 +190,13 @@ class Common:
         y = np.linalg.solve(L, r)[..., 0]
         value = -0.5 * (sums.N * log_det[:, :, 1 + layout.set_of]).sum(axis=-1)
         value -= 0.5 * (P[:, :, 1:] * sums.Q).sum(axis=(-3, -2, -1))
-        value -= 0.5 * self.donors * log_det[:, :, 0]
+        value -= 0.5 * layout.donors * log_det[:, :, 0]
         value -= np.log(np.diagonal(L, axis1=-2, axis2=-1)).sum(axis=-1)
         return value + 0.5 * (y * y).sum(axis=-1), L, y
 
     def _move_sd(self, sums: Sums, s: int, j: int) -> None:
         """Move one sd of every block by a slice (Neal 2003), x = (mu, b) integrated out; draw x."""
-        before, scale = self.sd.copy(), self._blocks(self.layout.sd_scale[None])[0, :, s, j]
+        before, scale = self.sd.copy(), self.layout.scale[min(s, 1)].reshape(self.K, -1)[:, j]
         sd = self._blocks(self.sd)[:, :, s, j]  # a view
 
         def log_density(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -240,7 +229,7 @@ class Common:
         """
         if side == 0:
             z = self.effect / self.sd[:, :1]
-            return z.swapaxes(1, 2) @ z, np.full(self.C, float(self.donors))
+            return z.swapaxes(1, 2) @ z, np.full(self.C, float(self.layout.donors))
         V, m = np.zeros((self.C, self.b, self.b)), self.m()
         for s in range(self.layout.sets):
             of = self.layout.set_of == s
@@ -259,7 +248,7 @@ class Common:
             ln L = -count ln |F| - 1/2 tr(R^-1 V)
         """
         partial = self.partial[:, side]
-        j = np.array([j for i in range(self.b) for j in range(i)])
+        j = np.tril_indices(self.b, -1)[1]
         power = self.layout.eta[side] + 0.5 * (self.b - 2 - j) - 1.0
 
         for k in range(partial.shape[1]):

@@ -1,8 +1,6 @@
-"""Pooled values with scales and priors; the group and donor of each specimen.
+"""Pooled values with scales and priors (docs/population.md); group and donor of each specimen.
 
-The pooled values are the law's parameters: natural logs of positive scales, angles in degrees,
-bounded ones untransformed, truncated at their physical bounds. The sampling coordinates of single
-runs are never pooled: an average of them is not a material. Priors files: docs/population.md.
+The sampling coordinates of single runs are never pooled: an average of them is not a material.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from biaxbayes.model.priors import FAMILIES
 from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import MOUNTING_PARAMETERS, STRETCH, Parameter
 from biaxbayes.populations.hierarchy import Layout
-from biaxbayes.studies.groups import LINEAR, LOG, SPREAD_LOG, SPREAD_SHARE, SPREAD_STRETCH
+from biaxbayes.studies.groups import LINEAR, LOG, spread_scale
 from biaxbayes.text_files import read_toml
 
 ETA = 2.0
@@ -69,34 +67,30 @@ class PooledValue:
             return f"LN({math.exp(self.mean):.4g}, {self.mean_sd:.3g})"
         return f"N({self.mean:.4g}, {self.mean_sd:.3g})"
 
-    @classmethod
-    def from_parameter(cls, parameter: Parameter) -> PooledValue:
-        """The value with its default priors: its mean has the prior of a single run."""
-        low, high = parameter.range
-        family, first, second = parameter.prior or ("uniform", low, high)
-        if parameter.kind == STRETCH:
-            mean, sd = 1.0, 0.1
-        elif family in ("uniform", "loguniform"):
-            if family == "loguniform":
-                first, second = math.log(first), math.log(second)
-            mean, sd = 0.5 * (first + second), 0.25 * (second - first)
-        else:
-            mean, sd = math.log(first) if family == "lognormal" else first, second
-        if parameter.logarithmic:
-            scale = SPREAD_LOG
-        elif math.isfinite(high - low):
-            scale = SPREAD_SHARE * (high - low)
-        else:
-            scale = SPREAD_STRETCH if parameter.kind == STRETCH else 0.5 * sd
-        return cls(parameter, mean, sd, scale, scale)
-
 
 def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> list[PooledValue]:
-    """The pooled values of a law with default priors, for the parameters that the runs sampled."""
+    """The pooled values of a law for the parameters that the runs sampled, with default priors.
+
+    A group's mean has the prior of a single run.
+    """
     chosen = [p for p in law.parameters if p.name in free]
     if mounting:
         chosen += [p for p in MOUNTING_PARAMETERS if p.kind == STRETCH]
-    return [PooledValue.from_parameter(p) for p in chosen]
+    out = []
+    for p in chosen:
+        family, first, second = p.prior or ("uniform", p.low, p.high)
+        if family in ("lognormal", "loguniform"):
+            first = math.log(first)
+        if p.kind == STRETCH:
+            mean, sd = 1.0, 0.1
+        elif family in ("uniform", "loguniform"):
+            last = math.log(second) if family == "loguniform" else second
+            mean, sd = 0.5 * (first + last), 0.25 * (last - first)
+        else:
+            mean, sd = first, second
+        scale = spread_scale(p, 0.5 * sd, log=p.logarithmic)
+        out.append(PooledValue(p, mean, sd, scale, scale))
+    return out
 
 
 @dataclass(frozen=True)
@@ -107,8 +101,10 @@ class PopulationPriors:
     mean: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     sd_donors: Mapping[str, float] = field(default_factory=dict)
     sd_specimens: Mapping[str, float] = field(default_factory=dict)
-    eta_donors: float = ETA
-    eta_specimens: float = ETA
+    # of the LKJ priors
+    correlations: Mapping[str, float] = field(
+        default_factory=lambda: dict.fromkeys(("donors", "specimens"), ETA)
+    )
 
     def apply_to(self, values: Sequence[PooledValue]) -> list[PooledValue]:
         """The values with these priors; InputError for a parameter that is not pooled."""
@@ -131,8 +127,7 @@ class PopulationPriors:
     @classmethod
     def read(cls, path: Path) -> PopulationPriors:
         """Read a priors file (docs/population.md); InputError for a wrong key or value."""
-        read: dict[str, Any] = {"mean": {}, "sd_donors": {}, "sd_specimens": {}}
-        read["correlations"] = {"donors": ETA, "specimens": ETA}
+        read: dict[str, Any] = {key: dict(known) for key, known in vars(cls()).items()}
         for table, entries in read_toml(path).items():
             if table not in read or not isinstance(entries, dict):
                 raise InputError(
@@ -145,8 +140,7 @@ class PopulationPriors:
                     raise InputError(f"[correlations] has no {name[:60]!r}", file=path)
                 one = _read_mean if table == "mean" else _read_number
                 read[table][name] = one(f"[{table}] {name[:60]}", value, path)
-        eta = {f"eta_{side}": value for side, value in read.pop("correlations").items()}
-        return cls(**read, **eta)
+        return cls(**read)
 
 
 def _read_number(where: str, value: Any, path: Path, *, least: float = 0.0) -> float:
@@ -210,10 +204,13 @@ def make_layout(
     chosen = priors or PopulationPriors()
     donors, groups = grouping.donors, grouping.groups
     by_group = options.spread == "by-group"
-    counts = (chosen.eta_donors, len(donors)), (chosen.eta_specimens, len(grouping.labels))
+    least = {"never": math.inf, "auto": SPECIMENS_PER_VALUE * len(values), "always": 0}
+    counts = {"donors": len(donors), "specimens": len(grouping.labels)}
     eta = [
-        eta if has_correlations(options.correlations, count, len(values)) else 0.0
-        for eta, count in counts
+        chosen.correlations[side]
+        if len(values) > 1 and count >= least[options.correlations]
+        else 0.0
+        for side, count in counts.items()
     ]
     centre = np.array([v.mean for v in values])
     return Layout(
@@ -228,10 +225,3 @@ def make_layout(
         scale=np.array([[v.donor_scale, v.specimen_scale] for v in values]).T,
         eta=np.array(eta),
     )
-
-
-def has_correlations(option: str, count: int, values: int) -> bool:
-    """True if correlations are inferred from this many specimens or donors."""
-    if values < 2 or option == "never":
-        return False
-    return option == "always" or count >= SPECIMENS_PER_VALUE * values

@@ -26,12 +26,7 @@ from biaxbayes.populations.hierarchy import (
 )
 from biaxbayes.populations.model import Grouping, PooledValue
 from biaxbayes.populations.reweighting import RunDraws
-from biaxbayes.populations.sampler import (
-    History,
-    PopulationDraws,
-    PopulationPlan,
-    draw_population,
-)
+from biaxbayes.populations.sampler import History, PopulationDraws, PopulationPlan, draw_population
 from biaxbayes.populations.specimens import Source, is_cut_short, run_draws, sample_again
 from biaxbayes.sampling.sampler import Plan
 
@@ -63,16 +58,9 @@ class Hyper:
     ) -> tuple[Hyper, np.ndarray]:
         """Draws of the prior without correlations, and specimens' locations (draws, groups, p)."""
         parts = [_prior_draws(v, layout, draws, rng) for v in values]
-        mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
-        whole = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))
-        return cls(
-            tuple(values), layout.covariance_index, mu, sd_donors, sd, whole, whole
-        ), location
-
-    @property
-    def draws(self) -> int:
-        """Number of draws."""
-        return len(self.mu)
+        mu, *sds, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
+        eyes = [np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))] * 2
+        return cls(tuple(values), layout.covariance_index, mu, *sds, *eyes), location
 
     @property
     def limits(self) -> np.ndarray:
@@ -86,7 +74,7 @@ class Hyper:
 
     def repeat(self, times: int) -> Hyper:
         """Each draw repeated, one copy after the other."""
-        return self.at(np.repeat(np.arange(self.draws), times))
+        return self.at(np.repeat(np.arange(len(self.mu)), times))
 
     def log_prior(self) -> np.ndarray:
         """Log prior density of means and spreads, up to a constant, shape (M,)."""
@@ -94,8 +82,6 @@ class Hyper:
         mean, mean_sd, donors, specimens = np.array(numbers).T
         parts = (self.mu - mean) / mean_sd, (self.sd_donors / donors)[:, None], self.sd / specimens
         return np.asarray(-0.5 * np.square(np.concatenate(parts, axis=1)).sum(axis=(1, 2)))
-
-    # --- what follows ---
 
     def specimen_sd(self, group: int) -> np.ndarray:
         """Sds between specimens of a donor, shape (M, p)."""
@@ -135,7 +121,7 @@ class Hyper:
         self, location: np.ndarray, factor: np.ndarray, sd: np.ndarray, allowed: Any, rng: Any
     ) -> np.ndarray:
         """One normal draw around each location, shape (M, p), the first with allowed values."""
-        out, left = np.clip(location, *self.limits), np.arange(self.draws)
+        out, left = np.clip(location, *self.limits), np.arange(len(self.mu))
         for _ in range(MAX_REJECTIONS):
             z = rng.standard_normal((len(left), len(self.values)))
             new = location[left] + np.einsum("mij,mj->mi", factor[left], z) * sd[left]
@@ -159,14 +145,9 @@ class Hyper:
         with that of a new specimen of the same draw (Gelman, Meng and Stern 1996). A specimen
         pulls its own group, so that p is rather too large.
         """
-        covariance = np.zeros_like(self.factor)
-        for sd, factor in (
-            (self.sd_donors, self.factor_donors),
-            (self.specimen_sd(group), self.factor),
-        ):
-            root = sd[:, :, None] * factor
-            covariance += root @ root.transpose(0, 2, 1)
-        inverse = np.linalg.inv(covariance)
+        donors = self.sd_donors[:, :, None] * self.factor_donors
+        within = self.specimen_sd(group)[:, :, None] * self.factor
+        inverse = np.linalg.inv(sum(root @ root.transpose(0, 2, 1) for root in (donors, within)))
         new = self.new_specimens(group, rng)
         off = [x - self.mu[:, group] for x in (theta, new)]
         own, other = (np.einsum("mi,mij,mj->m", x, inverse, x) for x in off)
@@ -192,13 +173,10 @@ def _prior_draws(
         accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
         if sum(len(part[1]) for part in accepted) >= draws:
             break
-    mu, sd_donors, sd, location = (np.concatenate(part) for part in zip(*accepted, strict=True))
     # priors with hardly a location inside: some draws are repeated
-    at = np.arange(draws) % max(len(sd_donors), 1)
-    return mu[at], sd_donors[at], sd[at], location[at]
-
-
-# --- the population -------------------------------------------------------------------------------
+    at = np.arange(draws) % max(sum(len(part[1]) for part in accepted), 1)
+    mu, sd_donors, sd, location = (np.concatenate(p)[at] for p in zip(*accepted, strict=True))
+    return mu, sd_donors, sd, location
 
 
 def assessed_quantities(

@@ -12,7 +12,9 @@ Gelman, Yao and Gabry, JMLR 25 (2024) 72).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,12 +32,12 @@ class RunDraws:
     natural: dict[str, np.ndarray]  # (ensembles, N) each, by the names of ``summary.csv``
     theta: np.ndarray  # (ensembles, N, p): the pooled values, centred
     log_prior: np.ndarray  # (ensembles, N): of these values, in the run
-    terms: np.ndarray = field(init=False, repr=False)  # (ensembles, N, p (p + 1) / 2 + p)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def terms(self) -> np.ndarray:
+        """Products of two values, and the values, (ensembles, N, p (p + 1) / 2 + p)."""
         i, j = np.triu_indices(self.theta.shape[2])
-        products = self.theta[..., i] * self.theta[..., j]
-        object.__setattr__(self, "terms", np.concatenate([products, self.theta], axis=2))
+        return np.concatenate([self.theta[..., i] * self.theta[..., j], self.theta], axis=2)
 
     def log_weights(self, ensemble: int, m: np.ndarray, P: np.ndarray) -> np.ndarray:
         """Log weights (N, C) up to a constant of each column, of m (C, p) and P (C, p, p).
@@ -72,13 +74,18 @@ class Chains:
         pairs = zip(self.specimens, self.index.T, strict=True)
         return np.stack([s.theta[self.ensemble][at] for s, at in pairs], axis=1)
 
-    def sweep(self) -> None:
-        """Draw every specimen given the others, then move what they have in common."""
+    def _log_weights(self) -> Iterator[np.ndarray]:
+        """Log weights (N, C) of the draws of each specimen, at most zero in every chain."""
         m, P = self.common.m(), self.common.precisions()
         for i, specimen in enumerate(self.specimens):
             log = specimen.log_weights(self.ensemble, m[:, i], P[:, i])
-            cumulated = np.exp(log - log.max(axis=0)).cumsum(axis=0)
-            level = self.rng.random(len(m)) * cumulated[-1]
+            yield log - log.max(axis=0)
+
+    def sweep(self) -> None:
+        """Draw every specimen given the others, then move what they have in common."""
+        for i, log in enumerate(self._log_weights()):
+            cumulated = np.exp(log).cumsum(axis=0)
+            level = self.rng.random(len(self.index)) * cumulated[-1]
             self.index[:, i] = (cumulated < level).sum(axis=0)
         theta = self.theta
         for _ in range(2 if self.common.b == 1 else 1):  # without correlations it costs little
@@ -93,14 +100,10 @@ class Chains:
 
             psislw = array_stats.psislw
 
-        m, P = self.common.m(), self.common.precisions()
-        out = []
-        for i, specimen in enumerate(self.specimens):
-            log = specimen.log_weights(self.ensemble, m[:, i], P[:, i])
-            with np.errstate(over="ignore", invalid="ignore"):
-                out.append(psislw((log - log.max(axis=0)).T)[1])
+        with np.errstate(over="ignore", invalid="ignore"):
+            k = np.stack([psislw(log.T)[1] for log in self._log_weights()], axis=1)
         # not a number where a few draws have all the weight
-        return np.nan_to_num(np.stack(out, axis=1), nan=np.inf)
+        return np.nan_to_num(k, nan=np.inf)
 
     def snapshot(self) -> dict[str, Any]:
         """Copy of all that later sweeps depend on."""

@@ -1,11 +1,7 @@
 """Draws of a population and their convergence.
 
-Warm-up sweeps show which runs have too few draws where the population puts their specimen (Pareto
-k). These are sampled again under the population's current prior of a specimen, and the warm-up is
-repeated, until none is left or a number of rounds is spent. Then blocks of sweeps are stored until
-R-hat and effective sample size of all reported quantities suffice. Every decision depends on the
-draws alone, so that a seed determines every byte, whatever the number of threads and however often
-it was interrupted.
+Every decision depends on the draws alone, so that a seed determines every byte, whatever the number
+of threads and however often it was interrupted.
 """
 
 from __future__ import annotations
@@ -65,6 +61,15 @@ class History:
         names = [f.name for f in fields(cls)]
         return cls(*(np.concatenate([getattr(h, n) for h in parts], axis) for n in names))
 
+    def values_of(self, specimens: list[RunDraws]) -> np.ndarray:
+        """Values of the specimens, centred, (ensembles, sweeps, chains, n, p)."""
+        every = range(len(self.index))
+        values = [
+            np.stack([s.theta[e][self.index[e, ..., i]] for e in every])
+            for i, s in enumerate(specimens)
+        ]
+        return np.stack(values, axis=-2)
+
 
 @dataclass
 class PopulationCheckpoint:
@@ -80,22 +85,17 @@ class PopulationCheckpoint:
 
     def record(self) -> dict[str, Any]:
         """Plain values and arrays for a checkpoint."""
-        parts = ("natural", "theta", "log_prior")
+        parts = [f.name for f in fields(RunDraws)]
         again = {str(i): {p: getattr(d, p) for p in parts} for i, d in self.again.items()}
-        history = None if self.history is None else vars(self.history)
-        return {**vars(self), "again": again, "history": history}
+        return {**vars(self), "again": again, "history": self.history and vars(self.history)}
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> PopulationCheckpoint:
         """Inverse of :meth:`record`."""
-        return cls(
-            **record
-            | {
-                "again": {int(i): RunDraws(**parts) for i, parts in record["again"].items()},
-                "left": [(i, mean, sd) for i, mean, sd in record["left"]],
-                "history": record["history"] and History(**record["history"]),
-            }
-        )
+        again = {int(i): RunDraws(**parts) for i, parts in record["again"].items()}
+        left = [(i, mean, sd) for i, mean, sd in record["left"]]
+        history = record["history"] and History(**record["history"])
+        return cls(**record | {"again": again, "left": left, "history": history})
 
 
 @dataclass(frozen=True)
@@ -111,30 +111,15 @@ class PopulationDraws:
     @property
     def theta(self) -> np.ndarray:
         """Values of the specimens, centred, (ensembles, sweeps, chains, n, p)."""
-        return specimen_values(self.history, self.specimens)
-
-
-def specimen_values(history: History, specimens: list[RunDraws]) -> np.ndarray:
-    """Values of the specimens, centred, (ensembles, sweeps, chains, n, p)."""
-    return np.stack(
-        [
-            np.stack([theta[at] for theta, at in zip(s.theta, history.index[..., i], strict=True)])
-            for i, s in enumerate(specimens)
-        ],
-        axis=-2,
-    )
-
-
-Quantities = Callable[[History, np.ndarray], dict[str, np.ndarray]]
-SampleAgain = Callable[[int, np.ndarray, np.ndarray, int], RunDraws | None]
+        return self.history.values_of(self.specimens)
 
 
 def draw_population(
     layout: Layout,
     specimens: list[RunDraws],
     plan: PopulationPlan,
-    quantities: Quantities,
-    sample_again: SampleAgain,
+    quantities: Callable[[History, np.ndarray], dict[str, np.ndarray]],
+    sample_again: Callable[[int, np.ndarray, np.ndarray, int], RunDraws | None],
     *,
     labels: Sequence[str],
     cut_short: list[int] | None = None,
@@ -144,6 +129,9 @@ def draw_population(
     stop: Callable[[], object] = lambda: False,
 ) -> PopulationDraws | None:
     """Draw from a population until the draws have converged, or the plan ends; None if stopped.
+
+    Runs that the warm-up shows to have too few draws where the population puts their specimen are
+    sampled again, until none is left or the rounds are spent. Then blocks of sweeps are stored.
 
     ``quantities`` of a history and the specimens' values are assessed: arrays (ensembles, sweeps,
     chains) by name. ``sample_again`` of a specimen's index, mean and sd (p,) of a normal prior and
@@ -177,7 +165,13 @@ def draw_population(
                     break
                 state.rounds += 1
                 state.left = [(i, *_prior_of_specimen(layout, warm, i)) for i in sorted(poor)]
-                progress(Progress("warming up", note=_announcement(state, plan, labels)))
+                named = first_few([labels[i] for i in sorted(poor)], 4)
+                note = (
+                    f"sampling {named} of {len(labels)} specimens again, which takes about as long "
+                    "as each run did: too few of the draws lie where the other specimens put them "
+                    f"(Pareto k above {MAX_K:g}); round {state.rounds} of at most {plan.rounds}"
+                )
+                progress(Progress("warming up", note=note))
             for k, (i, mean, sd) in enumerate(again := list(state.left)):
                 text = f"sampling {labels[i]} again, round {state.rounds}"
                 progress(Progress(text, k / len(again)))
@@ -194,7 +188,7 @@ def draw_population(
         known, history = ensembles[0].specimens, state.history
 
         def assessed(history: History) -> Convergence:
-            values = quantities(history, specimen_values(history, known))
+            values = quantities(history, history.values_of(known))
             return assess(values, target_ess=plan.ess)
 
         convergence, done = None, 0
@@ -217,15 +211,6 @@ def draw_population(
             on_step(state)
         assert history is not None
     return PopulationDraws(history, known, convergence, _upper_k(ensembles), sorted(state.again))
-
-
-def _announcement(state: PopulationCheckpoint, plan: PopulationPlan, labels: Sequence[str]) -> str:
-    again = first_few([labels[i] for i, *_ in state.left], 4)
-    return (
-        f"sampling {again} of {len(labels)} specimens again, which takes about as long as each "
-        "run did: too few of the draws lie where the other specimens put them (Pareto k above "
-        f"{MAX_K:g}); round {state.rounds} of at most {plan.rounds}"
-    )
 
 
 def _stored_sweeps(chains: Chains, sweeps: int) -> History:

@@ -81,16 +81,10 @@ def _pooled_rows(
     hyper, thinned = population.hyper(), population.hyper(NATURAL_DRAWS * 2)
     typical, location = hyper.typical_median(g), thinned.donors(g, rng)
     donor, new = thinned.median(location, g), thinned.specimens(location, g, rng)
-    means = mean_verdicts(
-        hyper,
-        population.prior[0],
-        g,
-        population.law,
-        population.materials(typical),
-        population.largest_stretch,
-        population.state,
-    )
-    spreads = spread_verdicts(hyper, g, population.law, population.state)
+    law, state, top = population.law, population.state, population.largest_stretch
+    materials = population.materials(typical)
+    means = mean_verdicts(hyper, population.prior[0], g, law, materials, top, state)
+    spreads = spread_verdicts(hyper, g, law, state)
     for k, v in enumerate(population.values):
         of_mean = means[v.name]
         verdicts: dict[str, Any] = {"in_words": in_words(of_mean)}
@@ -127,7 +121,7 @@ def _derived_rows(population: Population, g: int) -> Iterator[dict[str, Any]]:
             verdict = derived_verdict(median.values, contraction, parameter)
         with np.errstate(over="ignore", invalid="ignore"):
             sds = [
-                (np.log(v) if log else v).reshape(hyper.draws, -1).std(axis=1, ddof=1)
+                (np.log(v) if log else v).reshape(len(hyper.mu), -1).std(axis=1, ddof=1)
                 for v in (donor.values, q.values)
             ]
         parts = (median.values, *sds, np.hypot(*sds), new_specimen.values, new_donor.values)
@@ -151,7 +145,7 @@ def _typical(
     """Quantities of the typical donor's specimens, and their median draw by draw."""
     within = hyper.repeat(SPECIMENS_PER_DRAW)
     single = derived_from_values(population, within.specimens(within.mu[:, g], g, rng))
-    shape = (hyper.draws, SPECIMENS_PER_DRAW)
+    shape = (len(hyper.mu), SPECIMENS_PER_DRAW)
     return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
 
 
@@ -168,8 +162,7 @@ def _numbers(population: Population, *parts: np.ndarray) -> dict[str, float]:
 def specimens_table(population: Population) -> pd.DataFrame:
     """Table of specimens.csv."""
     rows = []
-    theta = population.specimen_values(NATURAL_DRAWS)
-    hyper = population.hyper(NATURAL_DRAWS)
+    theta, hyper = population.specimen_values(NATURAL_DRAWS), population.hyper(NATURAL_DRAWS)
     prior, locations = population.prior
     rng = population.rng(800)
     prior_specimens = [prior.specimens(locations[:, g], g, rng) for g in range(locations.shape[1])]
@@ -224,22 +217,16 @@ def contrasts_table(population: Population) -> pd.DataFrame:
                 difference = np.log(y) - np.log(x) if log else y - x
             found.append((q.key, q.unit or "1", LOG if log else LINEAR, difference))
         for name, unit, scale, difference in found:
-            row = {"quantity": name, "unit": unit, "scale": scale}
-            rows.append(head | row | _difference(population, difference))
+            row: dict[str, Any] = head | {"quantity": name, "unit": unit, "scale": scale}
+            if population.state != "unusable":
+                values = difference[~np.isnan(difference)]  # stresses beyond all numbers in both
+                larger = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
+                row |= quantile_columns("difference", values) | {"probability_positive": larger}
+            if population.state == "converged":
+                low, high = row["difference_q05"], row["difference_q95"]
+                row["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else OPEN
+            rows.append(row)
     return pd.DataFrame(rows, columns=list(CONTRAST_COLUMNS))
-
-
-def _difference(population: Population, values: np.ndarray) -> dict[str, Any]:
-    """Quantiles of a difference, and whether its 90 % interval excludes zero."""
-    if population.state == "unusable":
-        return {}
-    values = values[~np.isnan(values)]  # of stresses beyond all numbers in both groups
-    larger = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
-    out: dict[str, Any] = quantile_columns("difference", values) | {"probability_positive": larger}
-    if population.state == "converged":
-        low, high = out["difference_q05"], out["difference_q95"]
-        out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else OPEN
-    return out
 
 
 def bands_table(population: Population) -> pd.DataFrame:
@@ -307,22 +294,19 @@ def differences_from_study(population: Population, contrasts: pd.DataFrame) -> l
         for row in rows_of_run(source.run)
         if row["quantity"] in names
     ]
-    own = group_contrasts(pd.DataFrame(rows))
-    found = contrasts.set_index(["group_a", "group_b", "quantity"])
+    pooled: dict[tuple[str, str, str], str] = {}
+    swapped, words = {LARGER: SMALLER, SMALLER: LARGER, OPEN: OPEN}, {OPEN: "no difference"}
+    for r in contrasts.to_dict("records"):
+        a, b, name, said = (r[key] for key in ("group_a", "group_b", "quantity", "direction"))
+        pooled |= {(a, b, name): said, (b, a, name): swapped[said]}
     notes = []
-    for r in own.to_dict("records"):
-        pair = (r["group_a"], r["group_b"])
-        swap = pair + (r["quantity"],) not in found.index
-        key: Any = (*(pair[::-1] if swap else pair), r["quantity"])
-        pooled = found.loc[key]
-        said = str(pooled["direction"])
-        said = {LARGER: SMALLER, SMALLER: LARGER}.get(said, said) if swap else said
-        if isinstance(r["direction"], str) and said != r["direction"]:
-            words = {OPEN: "no difference"}
+    for r in group_contrasts(pd.DataFrame(rows)).to_dict("records"):
+        a, b, name, own = (r[key] for key in ("group_a", "group_b", "quantity", "direction"))
+        said = pooled[a, b, name]
+        if isinstance(own, str) and said != own:
             notes.append(
-                f"{r['quantity']}, {r['group_b']} compared with {r['group_a']}: batch, parameter "
-                f"by parameter from each specimen's own draws, says "
-                f"{words.get(r['direction'], r['direction'])}; the population, of all parameters "
-                f"together with priors of their spread, says {words.get(said, said)}"
+                f"{name}, {b} compared with {a}: batch, parameter by parameter from each "
+                f"specimen's own draws, says {words.get(own, own)}; the population, of all "
+                f"parameters together with priors of their spread, says {words.get(said, said)}"
             )
     return notes

@@ -1,15 +1,14 @@
 """Verdicts on pooled values and on quantities that follow from them.
 
-The rule is :func:`biaxbayes.identifiability.verdict.assess_material`. A group's mean is compared
-with the prior of the same median, a specimen's pooled value with the prior of a specimen of its
-group, both without any data: all records of the study count, not only the specimen's own. Spreads
-are compared on the scale of the model, where their priors are half-normal and end at zero.
+The rule is that of single runs, with the prior of the same median for a group's mean, and that of a
+specimen of its group, both without any data. Spreads are compared on the scale of the model.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,8 +36,6 @@ from biaxbayes.populations.specimens import Source
 from biaxbayes.report_table import interval_texts
 
 CONSTANT_TOLERANCE = 1e-9
-
-# --- verdicts: the rule of single runs, with the prior that a value has here ---------------------
 
 
 def mean_verdicts(
@@ -79,21 +76,6 @@ def in_words(p: ParameterVerdict) -> str:
     return (known if interval else p.verdict) + (f"; {reason}" if reason else "")
 
 
-def spread_parameter(v: PooledValue, side: str) -> Parameter:
-    """The sd of a pooled value; sharp if its uncertainty barely widens a new specimen."""
-    p = v.parameter
-    width = math.log(p.sharp) if p.logarithmic else p.sharp
-    return Parameter(
-        f"{side} of {v.name}",
-        unit="1" if p.logarithmic else p.unit,
-        words=f"sd of {'ln ' if p.logarithmic else ''}{v.name}",
-        low=0.0,
-        at_low="no spread",
-        sharp=width / (2.0 * Z90),
-        digits=".2g",
-    )
-
-
 def spread_verdicts(
     hyper: Hyper, group: int, law: Law, state: str
 ) -> dict[str, dict[str, ParameterVerdict]]:
@@ -113,14 +95,25 @@ def spread_verdicts(
         both = (v.donor_scale, v.specimen_scale)
         priors = [halfnorm.ppf(levels, scale=scale) for scale in both]
         priors.append(np.hypot(*(rng.normal(0.0, scale, PRIOR_DRAWS) for scale in both)))
-        parameters = [spread_parameter(v, side) for side in own]
+        log, unit = v.parameter.logarithmic, v.parameter.unit
+        # sharp if its uncertainty barely widens a new specimen
+        sharp = (math.log(v.parameter.sharp) if log else v.parameter.sharp) / (2.0 * Z90)
+        sd = Parameter(
+            name=v.name,
+            unit="1" if log else unit,
+            words=f"sd of {'ln ' if log else ''}{v.name}",
+            low=0.0,
+            at_low="no spread",
+            sharp=sharp,
+            digits=".2g",
+        )
+        names = [f"{side} of {v.name}" for side in own]
         scales = [
-            ComparisonScale(Quantity(p), DrawnPrior(prior))
-            for p, prior in zip(parameters, priors, strict=True)
+            ComparisonScale(Quantity(replace(sd, name=name)), DrawnPrior(prior))
+            for name, prior in zip(names, priors, strict=True)
         ]
-        names = [p.name for p in parameters]
         columns = dict(zip(names, (values[:, k] for values in own.values()), strict=True))
-        distances = {p.name: p.sharp for p in parameters}
+        distances = dict.fromkeys(names, sharp)
         # the total separately: it is a function of the other two, not a further parameter
         verdicts = _assess(scales[:2], columns, log_prior, distances, law, state)
         verdicts |= _assess(scales[2:], columns, log_prior, distances, law, state)
@@ -178,6 +171,5 @@ def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter
     narrow = not parameter.logarithmic or high <= Thresholds().max_ratio * low
     if contraction < Thresholds().contraction or not narrow:
         return {"verdict": NOT_IDENTIFIED, "contraction": contraction}
-    _, first, last = interval_texts(low, low, high, parameter)
-    text = f"{first} to {last}"
+    text = " to ".join(interval_texts(low, low, high, parameter)[1:])
     return {"verdict": IDENTIFIED, "reported": text, "contraction": contraction}

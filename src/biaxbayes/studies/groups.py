@@ -1,23 +1,8 @@
 r"""Groups of a study: their means, and how they differ, from the draws of every converged specimen.
 
-The posterior of specimen i has the median m_i and the sd d_i, its 90 % interval over 2 z(0.95); of
-logs where the quantity is positive. A normal prior of its run, of mean m_0 and sd d_0, is divided
-out, or every specimen would bring it anew (a uniform one does not pull; r = 0):
-
-    y_i = (m_i - r m_0) / (1 - r)      s_i = d_i / sqrt(1 - r)      r = d_i^2 / d_0^2
-
-No verdict decides: a specimen that knows little has a large s_i, so it weighs little. The true
-values of group g scatter about mu_g with sd tau, the same in both groups:
-
-    y_i ~ N(mu_g, tau^2 + s_i^2)      mu_g flat      tau ~ half-normal(scale)
-
-This is the normal-normal model of meta-analysis (Roever, J. Stat. Softw. 93 (2020) 6). For a given
-tau, with w_i = 1 / (tau^2 + s_i^2) and W_g = sum_i w_i,
-
-    mu_g ~ N(m_g, 1 / W_g)            m_g = sum_i w_i y_i / W_g
-    p(tau | y)  ~  p(tau) prod_g W_g^-1/2 prod_i w_i^1/2 exp(-w_i (y_i - m_g)^2 / 2)
-
-so that mu_g, and the difference of two groups, are mixtures of normal distributions over tau.
+The model, y_i ~ N(mu_g, tau^2 + s_i^2), is that of docs/studies.md, the normal-normal one of
+meta-analysis (Roever, J. Stat. Softw. 93 (2020) 6). mu_g, and the difference of two groups, are
+mixtures of normal distributions over tau.
 """
 
 from __future__ import annotations
@@ -33,7 +18,7 @@ import pandas as pd
 from scipy.special import ndtr
 
 from biaxbayes.laws import all_parameters
-from biaxbayes.parameters import MATERIAL, STRETCH, Quantities
+from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities
 
 GROUP_COLUMNS = (
     *("group_by", "group", "quantity", "unit", "specimens", "converged", "scale"),
@@ -56,9 +41,6 @@ LEAST_DONORS = 2
 LARGER, SMALLER, OPEN = "larger", "smaller", "open"
 LOG, LINEAR = "log", "linear"
 KNOWN_QUANTITIES = Quantities(all_parameters())
-
-
-# --- the model -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -107,7 +89,13 @@ class GroupMeans:
 
 
 def group_means(groups: Sequence[tuple[np.ndarray, np.ndarray]], scale: float) -> GroupMeans:
-    """Posterior of the means of groups, each given by values and their sds."""
+    """Posterior of the means of groups, each given by values y and their sds s.
+
+    For a given tau, with w_i = 1 / (tau^2 + s_i^2) and W_g = sum_i w_i,
+
+        mu_g ~ N(m_g, 1 / W_g)            m_g = sum_i w_i y_i / W_g
+        p(tau | y)  ~  p(tau) prod_g W_g^-1/2 prod_i w_i^1/2 exp(-w_i (y_i - m_g)^2 / 2)
+    """
     tau = scale * np.concatenate([[0.0], np.geomspace(1e-3, 5.0, 200)])
     log = -0.5 * (tau / scale) ** 2
     means, variances = [], []
@@ -124,33 +112,29 @@ def group_means(groups: Sequence[tuple[np.ndarray, np.ndarray]], scale: float) -
 
 
 SPREAD_LOG, SPREAD_SHARE, SPREAD_STRETCH = 0.5, 0.15, 0.02
-"""Scales of the half-normal priors of sds, such as tau: of a log, as a share of the range of a
-bounded quantity, of a mounting stretch."""
+"""Scales of the half-normal priors of sds: of a log, as a share of a range, of a stretch."""
 
 
-def spread_scale(name: str, values: np.ndarray, *, log: bool) -> float:
-    """Scale of the half-normal prior of tau, as in a population."""
+def spread_scale(p: Parameter, otherwise: float, *, log: bool) -> float:
+    """Scale of the half-normal prior of an sd on the scale of its quantity."""
     if log:
         return SPREAD_LOG
-    known = KNOWN_QUANTITIES.get(name)
-    if known is not None and known.parameter.kind == STRETCH:
+    if p.kind == STRETCH:
         return SPREAD_STRETCH
-    if known is None and name.startswith("H"):  # a share of the fibres
-        return SPREAD_SHARE
-    if known is not None and math.isfinite(np.ptp(known.parameter.range)):
-        return SPREAD_SHARE * float(np.ptp(known.parameter.range))
-    return max(SPREAD_LOG * float(np.abs(values).sum()) / max(values.size, 1), 1e-300)
+    return SPREAD_SHARE * (p.high - p.low) if math.isfinite(p.high - p.low) else otherwise
 
 
-def _range(name: str) -> tuple[float, float]:
-    """Physical range of a quantity."""
-    known = KNOWN_QUANTITIES.get(name)
-    if known is not None:
-        return known.parameter.range
-    return (0.0, 1.0) if name.startswith("H") else (-math.inf, math.inf)
+def _parameter(name: str) -> Parameter:
+    """The parameter of a name, or of a quantity that follows from parameters, its range."""
+    if name in KNOWN_QUANTITIES:
+        return KNOWN_QUANTITIES[name].parameter
+    # a share of the fibres
+    return Parameter(name, low=0.0, high=1.0) if name.startswith("H") else Parameter(name)
 
 
-# --- specimens and their groups ------------------------------------------------------------------
+def _scale_of_tau(name: str, values: np.ndarray, *, log: bool) -> float:
+    mean = float(np.abs(values).sum()) / max(values.size, 1)
+    return spread_scale(_parameter(name), max(SPREAD_LOG * mean, 1e-300), log=log)
 
 
 def group_names(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.Series:
@@ -160,10 +144,10 @@ def group_names(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.Series:
 
 
 def _on_scale(part: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
-    """Rows of one quantity with values and sds on the scale; whether that is a log."""
+    """Converged rows of a quantity with values and sds on the scale; whether that is a log."""
     columns = ["q05", "q50", "q95", *PRIOR_COLUMNS]
     ends = part.reindex(columns=columns).to_numpy(dtype=float)
-    known = np.isfinite(ends[:, :3]).all(axis=1)
+    known = np.isfinite(ends[:, :3]).all(axis=1) & (part["state"] == "converged").to_numpy()
     part, ends = part.loc[known], ends[known]
     log = bool((part["scale"] == LOG).any() and (ends[:, :3] > 0.0).all())
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -177,10 +161,6 @@ def _on_scale(part: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
     return part.assign(value=value, sd=sd / np.sqrt(1.0 - r)), log
 
 
-def _converged(table: pd.DataFrame) -> pd.DataFrame:
-    return table[(table["state"] == "converged") & table["q50"].notna()]
-
-
 def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFrame:
     """Means of layers, donors and the study, never across values of `own` columns.
 
@@ -190,12 +170,8 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
     rows = []
     for group_by in ("layer", "donor", "all"):
         named = table if group_by == "all" else table[table[group_by].fillna("") != ""]
-        parts = [named[c].astype(str) for c in own]
-        if group_by != "all":
-            parts.append(named[group_by])
-        elif not own:
-            parts.append(pd.Series("all", index=named.index))
-        keys = [", ".join(key) for key in zip(*parts, strict=True)]
+        columns = [*own, *(() if group_by == "all" else (group_by,))]
+        keys = group_names(named, columns) if columns else "all"
         for group, members in named.assign(_group=keys).groupby("_group", sort=False):
             total = int(members["specimen"].nunique())
             for quantity, part in members.groupby("quantity", sort=False):
@@ -205,23 +181,21 @@ def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
 
 
 def _summary(quantity: str, part: pd.DataFrame) -> dict[str, Any]:
-    known, log = _on_scale(_converged(part))
+    known, log = _on_scale(part)
     unit = next((v for v in part["unit"] if isinstance(v, str)), "")
     out: dict[str, Any] = {"unit": unit, "converged": len(known), "scale": LOG if log else LINEAR}
     if known.empty:
         return out
     y, s = known["value"].to_numpy(), known["sd"].to_numpy()
-    means = group_means([(y, s)], spread_scale(quantity, y, log=log))
+    means = group_means([(y, s)], _scale_of_tau(quantity, y, log=log))
     back = np.exp if log else np.asarray
-    low, mean, high = np.clip(back(means.of(0).quantiles()), *_range(quantity)).tolist()
+    limits = _parameter(quantity).range
+    low, mean, high = np.clip(back(means.of(0).quantiles()), *limits).tolist()
     out |= {"mean": mean, "mean_low": low, "mean_high": high}
     out |= {"lowest": float(known["q50"].min()), "highest": float(known["q50"].max())}
     if len(known) > 1:
         out["sd_between"] = float(np.interp(0.5, means.weight.cumsum(), means.tau))
     return out
-
-
-# --- contrasts -----------------------------------------------------------------------------------
 
 
 def group_contrasts(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFrame:
@@ -231,7 +205,12 @@ def group_contrasts(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
     with weights 1 / (scale^2 + s_i^2). Where two donors or more are in both groups, their
     differences are the values of one group, else the donors of either are those of two.
     """
-    tissue = table[[is_of_tissue(str(q)) for q in table["quantity"]]]
+    # properties of the tissue, not of a mounted state or a piece
+    of_tissue = [
+        "[" not in name and _parameter(name).kind == MATERIAL
+        for name in map(str, table["quantity"])
+    ]
+    tissue = table[of_tissue]
     tissue = tissue.assign(
         group=group_names(tissue, own),
         unit_of_donor=tissue["donor"].fillna("").where(tissue["donor"] != "", tissue["specimen"]),
@@ -240,22 +219,14 @@ def group_contrasts(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFram
     rows = []
     for a, b in combinations(names, 2):
         for quantity, part in tissue.groupby("quantity", sort=False):
-            known, log = _on_scale(_converged(part[part["group"].isin((a, b))]))
-            scale = spread_scale(str(quantity), known["value"].to_numpy(), log=log)
+            known, log = _on_scale(part[part["group"].isin((a, b))])
+            scale = _scale_of_tau(str(quantity), known["value"].to_numpy(), log=log)
             first, second = (_donors(known[known["group"] == g], scale) for g in (a, b))
             head = {"group_a": a, "group_b": b, "quantity": quantity}
             head |= {"unit": part["unit"].iloc[0], "scale": LOG if log else LINEAR}
-            limits = _range(str(quantity))
+            limits = _parameter(str(quantity)).range
             rows.append(head | _contrast(first, second, scale, limits, log=log))
     return pd.DataFrame(rows, columns=list(GROUP_CONTRAST_COLUMNS))
-
-
-def is_of_tissue(name: str) -> bool:
-    """True for a property of the tissue, not of a mounted state or a piece."""
-    if "[" in name:
-        return False
-    quantity = KNOWN_QUANTITIES.get(name)
-    return quantity is None or quantity.parameter.kind == MATERIAL
 
 
 def _donors(part: pd.DataFrame, scale: float) -> pd.DataFrame:

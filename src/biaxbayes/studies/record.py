@@ -13,8 +13,6 @@ from biaxbayes.stored_data import json_text, read_object
 from biaxbayes.studies.study_file import Study
 from biaxbayes.text_files import atomic_write_text, read_csv
 
-UNREADABLE = (OSError, ValueError, KeyError, AttributeError, TypeError)
-
 
 def recorded_runs(folder: Path) -> dict[str, str]:
     """Fingerprints of finished runs; empty if the record cannot be read."""
@@ -54,7 +52,7 @@ def members_of_study(folder: Path) -> tuple[str, list[StudyRun]]:
         labels = [str(r["specimen"]) for r in rows]
         columns = [str(c) for c in record.get("columns", [])]
         values: dict[str, dict[str, str]] = record.get("values", {})
-    except UNREADABLE:
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
         raise InputError(
             "is not the folder of a finished study",
             file=folder,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
@@ -14,7 +15,6 @@ from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws import law_key, law_named
 from biaxbayes.model.priors import parse_priors, prior_value
 from biaxbayes.options import ModelOptions, SamplingPlan, options_of
-from biaxbayes.runs.folder import RUNS
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.check import with_force
 from biaxbayes.specimens.specimen import Specimen
@@ -75,7 +75,7 @@ def study_of_files(
     for key, value in {"seed": seed, "ess": ess, "max_steps": max_steps}.items():
         SamplingPlan.check(key, value)
     for path in files:
-        _check_file(path, path)
+        _check_file(path)
     specimens = tuple(
         StudySpecimen(path, path.stem, dict(options), seed, anyway=anyway) for path in files
     )
@@ -110,7 +110,7 @@ def _specimen(entry: object, what: str, common: Mapping[str, Any], path: Path) -
     _check_table({"file": None, **entry}, known, what, where, path)
     specimen, *pieces = (path.parent / f for f in (entry["file"], *entry.get("pieces", [])))
     for key, file in (("file", specimen), *(("pieces", piece) for piece in pieces)):
-        _check_file(file, f"{path}, {where}{key}", path=path)
+        _check_file(file, f"{path}, {where}{key}")
     for name in own_columns:
         if name not in entry:
             raise InputError(
@@ -203,14 +203,13 @@ def _options_and_priors(
     return options
 
 
-def _check_file(file: Path, name_in_message: object, *, path: Path | None = None) -> None:
-    try:
-        there = file.is_file()
-    except (OSError, ValueError):
-        there = False
-    if not there:
-        name = f": {str(file)[:200]}" if path is not None else ""
-        raise InputError(f"no such file{name}", file=name_in_message, remedy="check the path")
+def _check_file(file: Path, listed: str = "") -> None:
+    """Refuse a file that is not there; of a study file, with the place where it is listed."""
+    with contextlib.suppress(OSError, ValueError):
+        if file.is_file():
+            return
+    name = f": {str(file)[:200]}" if listed else ""
+    raise InputError(f"no such file{name}", file=listed or file, remedy="check the path")
 
 
 def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> None:
@@ -226,23 +225,15 @@ def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> No
             )
 
 
-# --- the specimens as they were read, with the digest of what their runs depend on ----------------
-
-
 @dataclass(frozen=True)
 class LoadedSpecimen:
     """A specimen of the study, or the problem with reading it."""
 
     listing: StudySpecimen  # as in the study file
-    slug: str  # name of the run folder
+    slug: str  # name of the run folder, in the folder of runs
     specimen: Specimen | None = None
     problem: str = ""
     fingerprint: str = ""  # of everything that the run depends on
-
-    @property
-    def folder(self) -> str:
-        """Run folder, relative to the study's."""
-        return f"{RUNS}/{self.slug}"
 
     @property
     def donor(self) -> str:

@@ -19,6 +19,7 @@ from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.priors import Prior
 from biaxbayes.prediction.percentiles import QUANTILES, quantiles
+from biaxbayes.runs.folder import RUNS
 from biaxbayes.runs.run import Run
 from biaxbayes.studies.groups import (
     LINEAR,
@@ -67,7 +68,7 @@ def study_table(
             "donor": e.donor,
             "layer": e.layer,
             "file": os.fspath(e.listing.file),
-            "folder": e.folder,
+            "folder": f"{RUNS}/{e.slug}",
             **e.listing.columns,
         }
         rows += [head | row for row in outcomes[e.slug].rows]
@@ -76,10 +77,13 @@ def study_table(
     return pd.DataFrame(rows, columns=list(names))
 
 
-def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[dict[str, Any]]:
-    """Rows of a specimen that could not be sampled: its parameters, without numbers."""
-    common = {"state": state, "reason": reason, "kind": PARAMETER}
-    return [common | {"quantity": name} for name in law_named(law).names]
+def failed_outcome(
+    reason: str, notes: Sequence[str] = (), law: str = DEFAULT_LAW
+) -> SpecimenOutcome:
+    """Outcome of a specimen that could not be sampled: its parameters, without numbers."""
+    common = {"state": FAILED, "reason": reason, "kind": PARAMETER}
+    rows = [common | {"quantity": name} for name in law_named(law).names]
+    return SpecimenOutcome(FAILED, reason, rows, list(notes))
 
 
 def rows_of_run(run: Run) -> list[dict[str, Any]]:
@@ -88,16 +92,14 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
     `scale_sd` is the sd of its log or of itself, `prior_q05` to `prior_q95` are of its prior where
     that is normal or lognormal.
     """
-    noise, convergence = run.provenance["noise"], run.provenance["convergence"]
     common = {
         "state": run.state,
-        "reason": convergence["reason"] if run.state != "converged" else "",
-        "readings": noise["readings"],
+        "reason": run.provenance["convergence"]["reason"] if run.state != "converged" else "",
+        "readings": run.provenance["noise"]["readings"],
         "misfit": run.provenance["misfit"]["amplitude"],
+        "law_misses": next(iter(run.result.warnings), ""),
     }
-    result = run.result
-    common["law_misses"] = next(iter(result.warnings), "")
-    reported = {row["parameter"]: row for row in result.to_frame().to_dict("records")}
+    reported = {row["parameter"]: row for row in run.result.to_frame().to_dict("records")}
     rows = []
     usable, priors = run.state != "unusable", run.posterior().priors
     draws = run.draws if usable else pd.DataFrame()
@@ -120,7 +122,15 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
             }
             | _prior_columns(priors.get(name))
         )
-    return rows + ([common | row for row in _curve_rows(run, draws)] if usable else [])
+    # structure tensor and small-strain stiffness, often known if parameters are correlated
+    curves = derived_quantities(thin_draws(draws), run.law, [], [1.0]) if usable else []
+    for quantity in curves:
+        scale, values = LOG if quantity.unit else LINEAR, quantity.values
+        own = {"kind": CURVE, "quantity": quantity.key, "verdict": "", "scale": scale}
+        own |= {"unit": quantity.unit or "1", "mean": values.mean(), "sd": values.std(ddof=1)}
+        numbers = dict(zip(QUANTILES, quantiles(values), strict=True))
+        rows.append(common | own | numbers | {"scale_sd": _sd_on_scale(values, scale)})
+    return rows
 
 
 def _prior_columns(prior: Any) -> dict[str, float]:
@@ -132,28 +142,12 @@ def _prior_columns(prior: Any) -> dict[str, float]:
     return dict(zip(PRIOR_COLUMNS, whole.ppf(levels).tolist(), strict=True))
 
 
-def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
-    """Structure tensor and small-strain stiffness, often known if parameters are correlated."""
-    rows = []
-    for quantity in derived_quantities(thin_draws(draws), run.law, [], [1.0]):
-        scale, values = LOG if quantity.unit else LINEAR, quantity.values
-        row: dict[str, Any] = {"kind": CURVE, "quantity": quantity.key, "verdict": ""}
-        row |= {"unit": quantity.unit or "1", "scale": scale}
-        row |= {"mean": values.mean(), "sd": values.std(ddof=1)}
-        row |= dict(zip(QUANTILES, quantiles(values), strict=True))
-        rows.append(row | {"scale_sd": _sd_on_scale(values, scale)})
-    return rows
-
-
 def _sd_on_scale(values: Any, scale: str) -> float:
     """Sd of the logs or of the values themselves; NaN where one is not finite."""
     natural = np.asarray(values, dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.log(natural) if scale == LOG else natural
     return float(moved.std()) if np.isfinite(moved).all() else math.nan
-
-
-# --- stresses and stiffnesses at stretches that all specimens have in common --------------------
 
 
 COMMON = {
@@ -174,8 +168,7 @@ def common_stretches(largest: Sequence[float]) -> list[float]:
 
 def rows_at_stretches(run: Run, stretches: Sequence[float]) -> list[dict[str, Any]]:
     """Stresses of the tissue and tangent stiffnesses at total equibiaxial stretches."""
-    states = [(v, v) for v in stretches]
-    table = determined(run.posterior(), run.draws, stretches=states)
+    table = determined(run.posterior(), run.draws, stretches=[(v, v) for v in stretches])
     common = {"state": run.state, "kind": CURVE, "verdict": "", "scale": LOG, "unit": "kPa"}
     return [
         common
@@ -186,21 +179,13 @@ def rows_at_stretches(run: Run, stretches: Sequence[float]) -> list[dict[str, An
     ]
 
 
-# --- result of a study, as plain tables ----------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class StudyResult:
     """A finished study.
 
-    Attributes
-    ----------
-    folder : Path
-        Holds ``study.csv``, ``study.html`` and, in ``runs``, a run folder of each specimen.
-    table : DataFrame
-        One row per specimen and quantity, as ``study.csv``.
-    notes : list of str
-        Why specimens could not be compared at common stretches.
+    ``folder`` holds ``study.csv``, ``study.html`` and, in ``runs``, a run folder of each specimen.
+    ``table`` has one row per specimen and quantity, as ``study.csv``; ``notes`` say why specimens
+    could not be compared at common stretches.
     """
 
     name: str

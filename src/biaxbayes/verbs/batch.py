@@ -30,7 +30,6 @@ from biaxbayes.errors import (
     as_options,
     printable,
 )
-from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import Progress, with_progress
@@ -42,7 +41,12 @@ from biaxbayes.stored_data import read_object
 from biaxbayes.studies import study_file, study_result
 from biaxbayes.studies.record import record_runs, recorded_runs
 from biaxbayes.studies.study_file import LoadedSpecimen, Study
-from biaxbayes.studies.study_result import FAILED, INTERRUPTED, SpecimenOutcome, StudyResult
+from biaxbayes.studies.study_result import (
+    INTERRUPTED,
+    SpecimenOutcome,
+    StudyResult,
+    failed_outcome,
+)
 from biaxbayes.tasks import Executor
 from biaxbayes.text_files import cache_problem, os_error_text
 from biaxbayes.verbs import options as opt
@@ -135,14 +139,7 @@ def sample_specimen(task: SpecimenTask) -> SpecimenOutcome:
             elif os.environ.get("BIAXBAYES_DEBUG"):
                 traceback.print_exc()
             reason = reason or f"internal error: {type(error).__name__}: {error}"
-    return _failed_outcome(reason, notes, task.loaded.listing.options["law"])
-
-
-def _failed_outcome(
-    reason: str, notes: Sequence[str] = (), law: str = DEFAULT_LAW
-) -> SpecimenOutcome:
-    rows = study_result.rows_without_run(FAILED, reason, law)
-    return SpecimenOutcome(FAILED, reason, rows, list(notes))
+    return failed_outcome(reason, notes, task.loaded.listing.options["law"])
 
 
 def _sample(task: SpecimenTask, notes: list[str]) -> Run:
@@ -265,7 +262,7 @@ def _sample_all(
 ) -> dict[str, SpecimenOutcome]:
     """The outcome of every specimen, by the name of its run folder."""
     runs = folder.absolute() / RUNS
-    outcomes = {e.slug: _failed_outcome(e.problem) for e in entries if e.specimen is None}
+    outcomes = {e.slug: failed_outcome(e.problem) for e in entries if e.specimen is None}
     recorded = recorded_runs(folder)
     finished = {}
     for e in entries:
@@ -289,7 +286,7 @@ def _sample_all(
     tasks.sort(key=lambda task: not task.finished)  # reading a finished run takes no time
     for outcome in executor.run(sample_specimen, tasks, stop=stopped):
         entry = tasks[outcome.index].loaded
-        result = _failed_outcome(outcome.failure) if outcome.failure else outcome.value
+        result = failed_outcome(outcome.failure) if outcome.failure else outcome.value
         if result.state == INTERRUPTED:
             if not stopped():
                 place = folder.absolute()

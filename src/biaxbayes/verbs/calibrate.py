@@ -92,7 +92,7 @@ def run_calibration(
             progress(Progress("compiling (once; cached for later runs)"))
         saved, done = time.monotonic(), replications - len(missing)
         executor = executor or Executor()
-        for i, made in run_replications(calibration, missing, executor=executor, stop=stop):
+        for i, made in run_replications(calibration, missing, executor, stop=stop):
             rows[i] = made
             done += 1
             progress(Progress(f"replication {done} of {replications}", done / replications))

@@ -185,7 +185,7 @@ def _identity(
         "options": {k: v for k, v in asdict(options).items() if k not in NOT_OF_DRAWS},
         "priors": {
             **{v.name: {k: x for k, x in vars(v).items() if k != "parameter"} for v in values},
-            "eta": [priors.eta_donors, priors.eta_specimens],
+            "eta": list(priors.correlations.values()),
         },
         "sampler": {"ensembles": plan.ensembles, "chains": plan.chains},
         "runs": runs,
