@@ -59,17 +59,17 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[
             raise InputError(problem, file=path, row=row, remedy="keep one")
         if key not in KEYS:
             hint = likely_name(key, KEYS)[1] or "docs/specimen-file.md lists all keys; "
-            problem, hint = f"unknown header key {key[:60]!r}", f"{hint}drop the colon for a plain "
-            raise InputError(problem, file=path, row=row, remedy=f"{hint}comment")
+            remedy = f"{hint}drop the colon for a plain comment"
+            raise InputError(f"unknown header key {key[:60]!r}", file=path, row=row, remedy=remedy)
         if value:
             try:
                 values[key] = checked_value(key, value)
             except InputError as error:
-                remedy = error.remedy
-                raise InputError(error.problem, file=path, row=row, remedy=remedy) from None
+                problem, remedy = error.problem, error.remedy
+                raise InputError(problem, file=path, row=row, remedy=remedy) from None
             rows[key] = row
-    names = "give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows"
-    raise InputError("the file has no table", file=path, remedy=names)
+    remedy = "give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows"
+    raise InputError("the file has no table", file=path, remedy=remedy)
 
 
 # --- reading -------------------------------------------------------------------------------------
