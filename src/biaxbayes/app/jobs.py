@@ -123,8 +123,8 @@ class Job:
                 result = verb(*asked["arguments"], progress=show, **options)
                 code, message = 0, getattr(result, "conclusion", "")
             except BiaxbayesError as error:
-                print(error, flush=True)
                 code, message = error.exit_code, getattr(error, "done", str(error))
+                print(error, flush=True)
             except BaseException as error:
                 code, message = 70, f"internal error: {type(error).__name__}: {error}"
                 raise

@@ -211,10 +211,12 @@ def command(
         click.echo(json.dumps(result.record(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
         _print_result(result)
-        picture = None if no_picture else _picture(result.specimen, specimen)
-        for what, where in {"figure": figure, "sketch": sketch, "picture": picture}.items():
-            if where is not None:
-                click.echo(f"{what}: {where}")
+        if figure is not None:
+            click.echo(f"figure: {figure}")
+        if sketch is not None:
+            click.echo(f"sketch: {sketch}")
+        if not no_picture:
+            click.echo(f"picture: {_picture(result.specimen, specimen)}")
     refused = any(finding.severity == "error" for finding in result.findings)
     return InputError.exit_code if refused else 0
 
