@@ -55,7 +55,8 @@ class Specimen:
         its stretches are divided by their mean there. ``common``: one mounted state for all, where
         the stretch is (1, 1); a protocol that does not start there has no rows at rest.
     metadata : mapping, optional
-        Further header keys of a specimen file, such as measurement uncertainties.
+        Further header keys of a specimen file, such as measurement uncertainties, as numbers or
+        text.
     notes : tuple of str
         Changes made when reading, such as re-referenced stretches.
     further : tuple of Specimen, optional
@@ -137,8 +138,9 @@ class Specimen:
         self.experiment.check(self.header, self.protocols)
         names = [piece.name for piece in self.pieces]
         for name in (name for name in names if names.count(name) > 1):
-            problem, remedy = f"two pieces are called {name[:40]!r}", "give each a name of its own"
-            raise ReadingError(problem, argument="further", remedy=f"{remedy} (# specimen: ...)")
+            problem = f"two pieces are called {name[:40]!r}"
+            remedy = "give each a name of its own (# specimen: ...)"
+            raise ReadingError(problem, argument="further", remedy=remedy)
 
     def _referenced_protocols(self) -> tuple[Protocol, ...]:
         """The protocols with stretches relative to the mounted state, and their rows there."""

@@ -65,8 +65,8 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[
             try:
                 values[key] = checked_value(key, value)
             except InputError as error:
-                problem, remedy = error.problem, error.remedy
-                raise InputError(problem, file=path, row=row, remedy=remedy) from None
+                fault = error.problem
+                raise InputError(fault, file=path, row=row, remedy=error.remedy) from None
             rows[key] = row
     remedy = "give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows"
     raise InputError("the file has no table", file=path, remedy=remedy)
@@ -76,7 +76,12 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[dict[str, Any], dict[
 
 
 def read_specimen(path: str | os.PathLike) -> Specimen:
-    """Read a specimen CSV: lines ``# key: value``, one line of column names, then numbers.
+    """Read a specimen CSV.
+
+    Parameters
+    ----------
+    path : path-like
+        UTF-8 text: header lines ``# key: value``, one line of column names, then numbers.
 
     Returns
     -------
@@ -263,7 +268,14 @@ def _protocols(
 
 
 def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
-    """Write a specimen CSV, completely or not at all, that :func:`read_specimen` reads back equal.
+    """Write a specimen CSV that :func:`read_specimen` reads back equal.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        Its protocols must have different names.
+    path : path-like
+        Written completely or not at all.
 
     Raises
     ------

@@ -54,12 +54,15 @@ class Machine:
     ----------
     noise_N : float
         Standard deviation of every force reading, the mounting reading included.
-    misfit, misfit_length : float
-        Standard deviation of the smooth relative error of every true force, a squared-exponential
-        process, independent in x and y and between protocols; its length over that of the path.
+    misfit : float
+        Standard deviation of the smooth relative error of every true force, that of the mounted
+        state included: a squared-exponential process along the path, independent in x and y and
+        between protocols.
+    misfit_length : float
+        Its correlation length as a fraction of the path.
     loads : {"force", "piola", "cauchy"}
-        Stresses are computed as a lab does: force over the section in ``geometry``; "cauchy" is
-        multiplied by the measured stretch.
+        What the record holds. Stresses are computed as a lab does: force over the section in
+        ``geometry``; "cauchy" is multiplied by the measured stretch.
     geometry : {"unloaded", "mounted"}
         The state whose dimensions the record states.
     """
@@ -294,13 +297,13 @@ def _recorded(
             reading = reading * stretch
         # to a thousandth of the noise, as a machine writes readings
         digits = [3 + math.ceil(-math.log10(sd)) if sd > 0.0 else 15 for sd in noise]
-        reading = [
+        columns = [
             np.round(values, digits[k]) if k in experiment.axes else np.zeros(len(load))
             for k, values in enumerate(reading.T)
         ]
         if experiment.free_side is not None:
             stretch[:, experiment.free_side] = np.nan
-        protocols.append(Protocol(label, *stretch.T, *reading))
+        protocols.append(Protocol(label, *stretch.T, *columns))
         if experiment.is_mounted:
             disturbed[label] = tuple((load[0] / section).tolist())
     specimen = Specimen(
