@@ -30,15 +30,16 @@ def check_readings(specimen: Specimen) -> None:
         k = "xy".index(key[-1])
         # protocols may hold it at levels of a common reference
         if np.ptp(np.concatenate([p.known_stretch[:, k] for p in protocols])) == 0.0:
-            problem, name = "the stretch never changes", protocols[0].name
+            problem = "the stretch never changes"
+            name = protocols[0].name
             remedy = "at least one protocol has to stretch this direction"
             raise ReadingError(problem, argument=key, index=0, protocol=name, remedy=remedy)
     for p in protocols:
         name = p.name
         if not np.ptp(p.stretch[:, axes], axis=0).any():
-            problem, key = f"the stretch never changes in protocol {name[:40]!r}", "stretch_x"
+            problem = f"the stretch never changes in protocol {name[:40]!r}"
             remedy = "nothing was tested; remove it"
-            raise ReadingError(problem, argument=key, index=0, protocol=name, remedy=remedy)
+            raise ReadingError(problem, argument="stretch_x", index=0, protocol=name, remedy=remedy)
         if p.rest_rows == p.rows:
             problem = f"rest_rows of {p.rows} leaves no stretched row in protocol {name[:40]!r}"
             raise ReadingError(problem, argument="rest_rows", protocol=name, remedy=REST_REMEDY)
@@ -77,8 +78,9 @@ def _check_loads(specimen: Specimen, k: int) -> None:
         problem = f"the largest value, {load[row]:g}, means a stress of {stress:.3g} kPa"
         remedy = "check the unit"
     elif stress > limit:
-        megapascals = f"a stress of {stress / 1000:.3g} MPa"
-        problem = f"{load[row]:g} means {megapascals}, more than soft tissue bears"
+        problem = (
+            f"{load[row]:g} means a stress of {stress / 1000:.3g} MPa, more than soft tissue bears"
+        )
         remedy = f"if the values are in {FINER[unit]}, divide them by 1000; if they are right, "
         remedy += f"state 'stress_limit_kPa: {1.5 * stress:.2g}'"
         if specimen.unit == "N" and section_mm2 < SMALL_SECTION_MM2:

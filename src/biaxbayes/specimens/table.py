@@ -31,12 +31,14 @@ class SpecimenTable:
     columns: dict[str, np.ndarray]
     lines: np.ndarray  # of the file, from 1, for each row
     groups: tuple[tuple[str, slice], ...]  # rows of each protocol, in the order of the file
-    header: int  # line of the column names
+    names_line: int
     notes: tuple[str, ...] = ()  # on rows left out
 
     def error(self, problem: str, remedy: str, column: str | None = None) -> InputError:
         """An error of the line of column names."""
-        return InputError(problem, file=self.path, row=self.header, column=column, remedy=remedy)
+        return InputError(
+            problem, file=self.path, row=self.names_line, column=column, remedy=remedy
+        )
 
 
 def read_table(
@@ -51,8 +53,8 @@ def read_table(
         row = int(table.lines[0]) if table.rows else first + 1
         raise InputError(problem, file=path, row=row, remedy=remedy)
     numeric = [index for index, name in enumerate(names) if name != "protocol"]
-    rows, remedy = np.arange(table.rows), "leave such rows out with a line '# missing_rows: drop'"
-    lacking = table.lacking(numeric, rows, drop=drop_missing, remedy=f"{remedy} at the top")
+    remedy = "leave such rows out with a line '# missing_rows: drop' at the top"
+    lacking = table.lacking(numeric, np.arange(table.rows), drop=drop_missing, remedy=remedy)
     if lacking.size:
         lines = in_lines(table.lines[lacking], shown=20)
         note = f"{lacking.size} of {table.rows} rows without a reading left out (lines {lines})"
@@ -63,7 +65,7 @@ def read_table(
         columns={names[index]: table.values(index, np.arange(table.rows)) for index in numeric},
         lines=table.lines,
         groups=_protocol_rows(labels, table.lines, path),
-        header=first + 1,
+        names_line=first + 1,
         notes=table.notes,
     )
 
@@ -77,15 +79,20 @@ def _column_names(line: str, row: int, needed: tuple[str, ...], path: Path) -> l
     names = without_empty_end([name.strip() for name in cells_of(line)])
     for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if any(part.strip().strip('"') in COLUMNS for part in line.split(separator)[1:]):
-            remedy = "save it with commas and decimal points, or use 'biaxbayes convert --machine "
-            raise error(f"the columns are separated by {word}", f"{remedy}generic'")
-    other = "not a specimen CSV:"
+            raise error(
+                f"the columns are separated by {word}",
+                "save it with commas and decimal points, or use "
+                "'biaxbayes convert --machine generic'",
+            )
     if len(names) > MAX_SPECIMEN_COLUMNS:
-        raise error(f"{other} {len(names)} columns", "'biaxbayes convert' reads exports")
+        problem = f"not a specimen CSV: {len(names)} columns"
+        raise error(problem, "'biaxbayes convert' reads exports")
     if not any(name in COLUMNS for name in names):
-        remedy = "expected comma-separated column names such as stretch_x,stretch_y,force_x_N,"
-        remedy += "force_y_N ('biaxbayes convert' reads machine exports)"
-        raise error(f"{other} no column of the first line after the header is known", remedy)
+        raise error(
+            "not a specimen CSV: no column of the first line after the header is known",
+            "expected comma-separated column names such as "
+            "stretch_x,stretch_y,force_x_N,force_y_N ('biaxbayes convert' reads machine exports)",
+        )
     for name in names:
         if not name:
             raise error("a column without a name", "write the table without row names or indices")
