@@ -123,7 +123,11 @@ def _record(table: Table, name: str, choice: Choice, header: Header) -> Record:
     force = np.zeros((table.rows, 2))
     for target, origin in sources.items():
         force[:, "xy".index(target[6])] = origin.values(table, rows, header)
-    columns = [f"{a.upper()}{of}" * (a in read) for of in (f" {source}", "Force") for a in "xy"]
+    columns = [
+        f"{axis.upper()}{of}" if axis in read else ""
+        for of in (f" {source}", "Force")
+        for axis in "xy"
+    ]
     record = Record(
         name=name,
         path=table.path,

@@ -554,7 +554,7 @@ class Columns:
         moved = f"({column} - first({column}))" if abs(start) > 0.01 * extent else column
         displaced = {f"1 {sign} {moved} {over}": f"a displacement, over {of} in the first row"}
         at_zero = f"a displacement, over {of} where it is zero"
-        displaced.setdefault(f"1 {sign} {column} {over}", at_zero)
+        displaced.setdefault(f"1 {sign} {column} {over}", at_zero)  # where it starts elsewhere
         edge = "unloaded_length_mm" if target == "stretch_z" else f"edge_{target[-1]}_mm"
         if edge in self.header and unit is not None and unit.name != "px":
             scale = "" if unit.factor == 1.0 else f" * {unit.factor:g}"
@@ -691,7 +691,8 @@ class Columns:
                      for target in ("protocol", "cycle") if target not in sources}  # fmt: skip
             if "specimen" not in sources:
                 gives[f"specimen_by={text}"] = "each a specimen"
-            gives[ignored := f"columns={IGNORE}={text}"] = "nothing"
+            ignored = f"columns={IGNORE}={text}"
+            gives[ignored] = "nothing"
             problem = f"column {text!r} has {len(counts)} labels ({shown}), and nothing says what "
             problem += "they separate"
             raise Question(problem, gives, file=table.path, likely=False, assumed=ignored)

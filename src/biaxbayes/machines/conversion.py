@@ -136,10 +136,11 @@ def _converted(files: Files, choice: Choice, header: Header, names: Sequence[str
         )
         findings = check_specimen(specimen)
     except ReadingError as error:
-        for r in (r for r in recordings if r.name == error.protocol):
-            columns = dict(zip(CURVES, r.record.columns, strict=True))
-            raise error.at(r.record.path, r.lines, columns) from None
-        raise
+        of_error = next((r for r in recordings if r.name == error.protocol), None)
+        if of_error is None:
+            raise
+        columns = dict(zip(CURVES, of_error.record.columns, strict=True))
+        raise error.at(of_error.record.path, of_error.lines, columns) from None
     for protocol, recording in zip(specimen.protocols, recordings, strict=True):
         _check_start(protocol, recording)
         if in_doubt:

@@ -245,14 +245,16 @@ def _of_values(
             stretch = np.sqrt((gradient**2).sum(axis=1))
     shown = []
     for target, source in sources.items():
-        text, part = f"{target} = {source}", next(p for p in parts if target in p.sources)
+        text = f"{target} = {source}"
         if target in values:
-            several = len(source.indices) > 1
-            called = [part.table.names[i] if several else "" for i in source.indices]
-            first = [part.table.text(i, part.rows[:SHOWN_ROWS]) for i in source.indices]
-            cells = [" ".join(filter(None, [n, *c])) for n, c in zip(called, first, strict=True)]
+            part = next(p for p in parts if target in p.sources)
+            before = []
+            for i in source.indices:
+                name = part.table.names[i] if len(source.indices) > 1 else ""
+                cells = part.table.text(i, part.rows[:SHOWN_ROWS])
+                before.append(" ".join(filter(None, [name, *cells])))
             after = " ".join(f"{value:.5g}" for value in values[target][rows[:SHOWN_ROWS]])
-            text += f": {', '.join(cells)}{' ' * bool(cells)}-> {after}"
+            text += f": {', '.join(before)}{' ' if before else ''}-> {after}"
         shown.append(text)
     conflicts = [s.conflict for s in sources.values() if s.conflict]
     computed = [f"{t} = {s}" for t, s in sources.items() if s.computed]
@@ -479,7 +481,10 @@ def _ask_about_times(table: Table, sources: Mapping[str, Source], ignored: Seque
     # times that stand before all readings are of the same rows
     same = [i for i in times if i < min(readings, default=0)] or times[:1]
     curves = {i: table.sparse_numbers(i, texts=True) for i in times}
-    copies = [i for i in times if any(np.array_equal(curves[k], curves[i], True) for k in same)]
+    copies = [
+        i for i in times
+        if any(np.array_equal(curves[k], curves[i], equal_nan=True) for k in same)
+    ]  # fmt: skip
     own = [i for i in times if i not in (*same, *ignored, *copies)]
     if not own and not short:
         return

@@ -89,8 +89,10 @@ def _protocols(record: Record, choice: Choice) -> Mapping[str, list[Cycle]]:
 
 def _in_groups(groups: Mapping[str, Sequence[int]]) -> str:
     """Cycles by ratio, for a question."""
-    numbers = {name: " ".join(str(n + 1) for n in group) for name, group in groups.items()}
-    listed = [f"{name}: cycle{'s' * (' ' in text)} {text}" for name, text in numbers.items()]
+    listed = [
+        f"{name}: cycle{'s' * (len(group) > 1)} {' '.join(str(n + 1) for n in group)}"
+        for name, group in groups.items()
+    ]
     return first_few(listed, SHOWN, "; ")
 
 
@@ -106,8 +108,9 @@ def _chosen(
         if reach[1] < UNFINISHED * reach[0]:  # it ends on its rise
             gives = {f"cycles={c.label}": record.shown(c.loading) for c in cycles[-2:]}
             problem = f"the record ends on the rise of cycle {cycles[-1].label}"
-            problem += f"{f' of {name}' if name else ''}, at {reach[1] / reach[0]:.0%} of the "
-            raise Question(f"{problem}stretch of the one before", gives, file=record.path)
+            problem += f" of {name}" if name else ""
+            problem += f", at {reach[1] / reach[0]:.0%} of the stretch of the one before"
+            raise Question(problem, gives, file=record.path)
     several = {name: cycles for name, cycles in protocols.items() if len(cycles) > 1}
     if which is None and several:
         numbers = [f"{name}: {len(c)}".removeprefix(": ") for name, c in several.items()]
