@@ -38,7 +38,10 @@ class InputError(BiaxbayesError):
         column: str | None = None,
         remedy: str | None = None,
     ) -> None:
-        self.problem, self.file, self.row, self.column = problem, file, row, column
+        self.problem = problem
+        self.file = file
+        self.row = row
+        self.column = column
         self.remedy = remedy
         where = [] if file is None else [str(file)]
         if row is not None:

@@ -162,15 +162,17 @@ M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200
     def check(self, header: Mapping[str, Any], protocols: Sequence[Any]) -> None:
         """Refuse a tube without a lumen."""
         if {"opening_angle_fung_deg", "missing_sector_deg"} <= set(header):
-            problem, key = "the opening angle is given twice", "missing_sector_deg"
-            raise ReadingError(
-                problem, argument=key, remedy=f"keep opening_angle_fung_deg or {key}"
-            )
+            problem = "the opening angle is given twice"
+            remedy = "keep opening_angle_fung_deg or missing_sector_deg"
+            raise ReadingError(problem, argument="missing_sector_deg", remedy=remedy)
         diameter = 2.0 * self.outer_radius_mm
         if not self.sector[0] > 0.0 or not self.thickness_mm < self.outer_radius_mm:
-            problem = f"a wall of {self.thickness_mm:g} mm leaves no lumen in an outer diameter of "
+            problem = (
+                f"a wall of {self.thickness_mm:g} mm leaves no lumen in an outer diameter of "
+                f"{diameter:g} mm"
+            )
             remedy = "both are those of the unloaded tube, in mm"
-            raise ReadingError(f"{problem}{diameter:g} mm", argument="thickness_mm", remedy=remedy)
+            raise ReadingError(problem, argument="thickness_mm", remedy=remedy)
         for p in protocols:
             for index in np.flatnonzero(np.isnan(self.radii(p.stretch)[0])).tolist():
                 around, along = p.stretch[index]
@@ -179,8 +181,9 @@ M60 117v30 M55 117h10 M55 130h10"/><path stroke-dasharray="4" d="M100 40v90 M200
                     f"{along:.4g} the wall fills the outer diameter"
                 )
                 remedy = "check this row, and thickness and diameter of the unloaded tube"
-                place: dict[str, Any] = {"argument": "stretch_x", "index": index}
-                raise ReadingError(problem, **place, protocol=p.name, remedy=remedy)
+                raise ReadingError(
+                    problem, argument="stretch_x", index=index, protocol=p.name, remedy=remedy
+                )
 
     def pulled(self, load: np.ndarray) -> tuple[int, ...]:
         """Around while it is inflated, along at constant pressure."""

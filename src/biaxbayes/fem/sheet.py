@@ -7,8 +7,12 @@ lz = 1 / det F; F[i, J] = dx_i / dX_J has the tensor axes first. With shear the 
     W   = C1 (I1 - 3) + k1 / (2 k2) sum_i (exp(k2 E_i^2) - 1),     I1 = F : F + (det F)^-2
     E_i = H_i : F^T F + kappa (det F)^-2 - 1,     H_i = kappa 1 + (1 - 3 kappa) M_i (x) M_i
 
+with the in-plane part H_i of the structure tensor, whose xy terms have opposite signs in the two.
+Without shear this is :mod:`biaxbayes.laws.goh`.
+
 Mirroring x or y swaps the two families, and grips are symmetric: the quarter 0 <= X <= edge_x/2,
-0 <= Y <= edge_y/2 with u_x = 0 on X = 0 and u_y = 0 on Y = 0 carries every symmetric solution.
+0 <= Y <= edge_y/2 with u_x = 0 on X = 0 and u_y = 0 on Y = 0 carries every symmetric solution (one
+that buckles out of the symmetry is excluded).
 Quadrilaterals are biquadratic with 3 x 3 Gauss points; the thickness follows, so nothing locks.
 """
 

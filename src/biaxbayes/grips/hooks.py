@@ -13,13 +13,16 @@ from biaxbayes.specimens.specimen import Specimen
 
 def stated_hooks(specimen: Specimen, edges: np.ndarray | None = None) -> Hooks:
     """The hooks that a specimen file states, on edges (2,) in mm, else its own."""
-    stated, needs = specimen.metadata, "the correction for grips needs"
+    stated = specimen.metadata
     count = hook_count(str(stated["grips"]))
     for key in ("edge_x_mm", "edge_y_mm"):
         if getattr(specimen, key) is None:
-            raise InputError(f"{needs} {key}", file=specimen.name, remedy="add the line")
+            problem = f"the correction for grips needs {key}"
+            raise InputError(problem, file=specimen.name, remedy="add the line")
     if "grip_inset_mm" not in stated:
-        problem = f"{needs} grip_inset_mm, the distance of the hooks from the edge"
+        problem = (
+            "the correction for grips needs grip_inset_mm, the distance of the hooks from the edge"
+        )
         remedy = "add a line '# grip_inset_mm: ...'"
         raise InputError(problem, file=specimen.name, remedy=remedy)
     inset = float(stated["grip_inset_mm"])
