@@ -122,7 +122,7 @@ def export(
     table[[nearest_law.TO_TISSUE, nearest_law.TO_READINGS]] = np.nan
     table.loc[cards.index, list(cards)] = cards
     folder = _folder(opened.path, to, chosen.units, out)
-    return export_cards(table, *data[1:], rows, folder, origin=origin, **how)
+    return export_cards(table, opened.specimen, opened.law, rows, folder, origin=origin, **how)
 
 
 def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:

@@ -132,9 +132,12 @@ def sample_population(
         for source in sources:
             check_stretches(source, values)
         layout = make_layout(grouping, values, options, priors)
-        model = (sources, grouping, values, layout, plan)
         sampled = draw_sources(
-            *model,
+            sources,
+            grouping,
+            values,
+            layout,
+            plan,
             state=stored,
             on_step=lambda s: checkpoint.save(folder, s, identity, PopulationCheckpoint.record),
             progress=progress,

@@ -128,8 +128,11 @@ def predict(
 
 def _about_total(run: Run) -> str:
     """What stretches from the unloaded state rest on; nothing where no mounting was inferred."""
-    reported = {r.name: f"{r.name} ({r.interval})" for r in run.result.reported}
-    known = [w for n, w in reported.items() if run.quantities[n].parameter.kind == STRETCH]
+    known = [
+        f"{r.name} ({r.interval})"
+        for r in run.result.reported
+        if run.quantities[r.name].parameter.kind == STRETCH
+    ]
     if not known:
         return ""
     return (

@@ -330,8 +330,10 @@ def command(
         raise InputError("--out is missing", remedy="give --out FILE")
     chosen: Any = material
     if sum(x is not None for x in (material, goh, law or values)) != 1:
-        ways = "--material NAME and --goh C1 k1 k2 ALPHA KAPPA, or --law with --values"
-        raise InputError(f"give one of {ways}", remedy="'--material list' prints the names")
+        problem = (
+            "give one of --material NAME and --goh C1 k1 k2 ALPHA KAPPA, or --law with --values"
+        )
+        raise InputError(problem, remedy="'--material list' prints the names")
     if goh:
         try:
             chosen = GOH(*goh)
