@@ -207,7 +207,7 @@ def test_strips_are_those_of_a_virtual_test_and_their_unknowns_are_errors(run):
     assert np.all(sd > posterior.settings.piece_sd * 0.8 * np.abs(pair.load(pair.median)[0, -1]))
     found = design(posterior, draws, [pair, *standard_candidates(posterior, draws)[:1]])
     assert found.expected[0].name == "strips x and y"
-    assert found.expected[0].load_unit == "N"
+    assert found.expected[0].peak.unit == "N"
 
 
 def test_rows_beyond_those_planned_average_the_noise_of_strips(run):
@@ -239,4 +239,4 @@ def test_a_planned_tube_has_the_pressure_of_its_wall(run):
         r / np.sqrt(25.0 - (outer**2 - r**2) * along), np.full(r.size, along)
     )
     assert tube.load(one)[0, -1, 0] == pytest.approx(trapezoid(stress / r, r), rel=1e-4)
-    assert design(posterior, draws.iloc[::20], [tube]).expected[0].load_unit == ""
+    assert design(posterior, draws.iloc[::20], [tube]).expected[0].peak is None

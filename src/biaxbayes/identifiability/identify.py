@@ -188,6 +188,12 @@ def identify_draws(
             for name, (mean, sd) in zip(mounting_names("stretch", label), pairs, strict=True):
                 if np.isfinite(mean):
                     measured[name] = (float(mean), float(sd))
+    for scale in free if diagnostics else ():
+        if scale.parameter.kind != STRETCH or scale.name in measured:
+            continue  # of the material, or a measurement
+        values, log_prior = draws[scale.name], power_scaling.log_prior((scale,), draws)
+        by_prior = power_scaling.ends_by_prior(values.to_numpy(dtype=float), log_prior)
+        diagnostics[scale.name] = replace(diagnostics[scale.name], by_prior=by_prior)
     parameters = assess_parameters(
         scales,
         diagnostics,
@@ -208,13 +214,13 @@ def diagnostics_from_draws(
     distances: Mapping[str, float],
     thresholds: Thresholds,
 ) -> dict[str, Diagnostics]:
-    """Diagnostics by name from thinned draws; medians, intervals and `by_prior` are of all draws.
+    """Diagnostics by name from thinned draws; medians and intervals are of all draws.
 
     `log_components` are log prior and log likelihood of each draw, `distances` those from a
     physical end that count as near, by parameter.
     """
     scaled = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
-    of_prior, of_data = (power_scaling.sensitivity(scaled, log) for log in log_components)
+    by_prior, by_data = (power_scaling.sensitivity(scaled, log) for log in log_components)
     partners = find_partners(scaled, tuple(s.name for s in free))
     out = {}
     for j, scale in enumerate(free):
@@ -227,11 +233,6 @@ def diagnostics_from_draws(
         # posterior over prior density: the density of the draws' cumulative prior probability
         likelihood = density(prior.cdf(values), (0.0, 1.0))
         q05, q50, q95 = quantiles(all_draws[scale.name])
-        by_prior = (False, False)
-        if scale.parameter.kind == STRETCH:
-            every = all_draws[scale.name].to_numpy(dtype=float)
-            log_prior = power_scaling.log_prior((scale,), all_draws)
-            by_prior = power_scaling.ends_by_prior(every, log_prior)
         out[scale.name] = Diagnostics(
             parameter=scale.parameter,
             median=q50,
@@ -243,9 +244,8 @@ def diagnostics_from_draws(
             ends=range_ends(scale, values, likelihood, distances.get(scale.parameter.name)),
             partners=partners[scale.name],
             modes=count_modes(x, limits, after),
-            prior_sensitivity=float(of_prior[j]),
-            likelihood_sensitivity=float(of_data[j]),
-            by_prior=by_prior,
+            prior_sensitivity=float(by_prior[j]),
+            likelihood_sensitivity=float(by_data[j]),
             prior_density=density(before, limits),
             posterior_density=after,
         )

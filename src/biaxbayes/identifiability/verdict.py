@@ -85,7 +85,7 @@ class Diagnostics:
     modes: int
     prior_sensitivity: float  # by power-scaling, as the next
     likelihood_sensitivity: float
-    by_prior: tuple[bool, bool] = (False, False)  # of a stretch: the prior decides (low, high)
+    by_prior: tuple[bool, bool] = (False, False)  # the prior decides the (low, high) end
     prior_density: Density | None = field(default=None, repr=False)
     posterior_density: Density | None = field(default=None, repr=False)
 
