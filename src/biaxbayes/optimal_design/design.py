@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -43,40 +42,76 @@ USED_DRAWS = 4000
 
 
 @dataclass(frozen=True)
-class Expected:
-    """Expected benefit of a candidate, and the load of one that loads the specimen."""
+class PeakLoad:
+    """Largest load of a planned protocol, and the largest tested one.
 
-    name: str
-    gain: float  # information, in nats
-    reduction: np.ndarray  # of the sd of each quantity, relative
-    peak_load: tuple[float, float] = (math.nan, math.nan)  # 5 and 95 % quantile over the draws
-    tested_load: float = math.nan  # largest of the record
-    load_unit: str = ""  # N or kPa
+    Attributes
+    ----------
+    low, high : float
+        5 and 95 % quantile over the draws.
+    tested : float
+        Largest load of the record.
+    unit : str
+        N or kPa.
+    """
+
+    low: float
+    high: float
+    tested: float
+    unit: str
 
     @property
     def caution(self) -> str:
         """Text if the load is beyond the tested ones; otherwise empty."""
-        high, tested, unit = self.peak_load[1], self.tested_load, self.load_unit
-        if not high > BEYOND_TESTED * tested:
+        if not self.high > BEYOND_TESTED * self.tested:
             return ""
         return (
-            f"needs up to {high:.3g} {unit} where {tested:.3g} {unit} were "
+            f"needs up to {self.high:.3g} {self.unit} where {self.tested:.3g} {self.unit} were "
             "tested: the tissue may be damaged or rupture before"
         )
 
 
 @dataclass(frozen=True)
+class Expected:
+    """Expected benefit of a candidate.
+
+    Attributes
+    ----------
+    gain : float
+        Information, in nats.
+    reduction : ndarray
+        Of the sd of each quantity, relative.
+    peak : PeakLoad or None
+        Of a candidate that loads the specimen.
+    """
+
+    name: str
+    gain: float
+    reduction: np.ndarray
+    peak: PeakLoad | None = None
+
+
+@dataclass(frozen=True)
 class Design:
-    """Candidates in the order of their rank."""
+    """Candidates in the order of their rank.
+
+    Attributes
+    ----------
+    skipped : tuple of str
+        Candidates whose loads overflow for some draws.
+    known : Quantities
+        Symbol, unit and range of the parameters.
+    """
 
     quantities: tuple[str, ...]
     expected: tuple[Expected, ...]
-    skipped: tuple[str, ...]  # candidates whose loads overflow for some draws
-    known: Quantities  # symbol, unit and range of the parameters
+    skipped: tuple[str, ...]
+    known: Quantities
 
     def cautions(self) -> dict[str, str]:
         """Cautions by the name of candidates that load the specimen beyond the tested range."""
-        return {e.name: e.caution for e in self.expected if e.caution}
+        loading = {e.name: e.peak.caution for e in self.expected if e.peak is not None}
+        return {name: caution for name, caution in loading.items() if caution}
 
     @property
     def conclusion(self) -> str:
@@ -93,22 +128,28 @@ class Design:
                 f"the best is {best.name}"
             )
         named = listed([f"{n} by {100 * s:.0f} %" for s, n in sorted(reductions)[::-1]])
-        more = f", but it {best.caution}" if best.caution else ""
+        caution = self.cautions().get(best.name)
+        more = f", but it {caution}" if caution else ""
         return f"measure next: {best.name}. Expected reduction of the sd, at least: {named}{more}"
 
     def to_frame(self) -> pd.DataFrame:
         """One row per candidate and quantity."""
         rows = []
         for rank, e in enumerate(self.expected, start=1):
-            head = {"rank": rank, "candidate": e.name, "information_gain_nats": e.gain}
-            loads: dict[str, Any] = {
-                "peak_load_q05": e.peak_load[0],
-                "peak_load_q95": e.peak_load[1],
-            }
-            loads |= {"largest_tested_load": e.tested_load, "load_unit": e.load_unit}
-            for name, share in zip(self.quantities, e.reduction, strict=True):
-                own = {"quantity": name, "expected_reduction_of_sd": share}
-                rows.append(head | own | loads | {"caution": e.caution})
+            head, p = {"rank": rank, "candidate": e.name, "information_gain_nats": e.gain}, e.peak
+            for i, name in enumerate(self.quantities):
+                rows.append(
+                    head
+                    | {
+                        "quantity": name,
+                        "expected_reduction_of_sd": e.reduction[i],
+                        "peak_load_q05": np.nan if p is None else p.low,
+                        "peak_load_q95": np.nan if p is None else p.high,
+                        "largest_tested_load": np.nan if p is None else p.tested,
+                        "load_unit": "" if p is None else p.unit,
+                        "caution": "" if p is None else p.caution,
+                    }
+                )
         return pd.DataFrame(rows)
 
     def __repr__(self) -> str:
@@ -223,11 +264,12 @@ def design(
         expected = expect(candidate, draws, quantities)
         if expected is None:
             skipped.append(candidate.name)
-            continue
-        if isinstance(candidate, FurtherProtocol) and candidate.loads_as_tested:
-            loads = candidate.peak_load(draws), specimen.peak_load, specimen.unit
-            expected = Expected(expected.name, expected.gain, expected.reduction, *loads)
-        found.append(expected)
+        elif isinstance(candidate, FurtherProtocol) and candidate.loads_as_tested:
+            loads = candidate.peak_load(draws)
+            peak = PeakLoad(*loads, specimen.peak_load, specimen.unit)
+            found.append(replace(expected, peak=peak))
+        else:
+            found.append(expected)
     names = tuple(quantities)
     wanted = [n in posterior.law.names if rank_by == "parameters" else n == rank_by for n in names]
 
