@@ -6,6 +6,7 @@ fixed point is not a minimum of one objective: with noise it differs from the le
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -73,8 +74,12 @@ def fit(
     *,
     starts: int = FitOptions.starts,
     seed: int = FitOptions.seed,
+    fixed: Mapping[str, float] | None = None,
+    mounting_stretch: str = FitOptions.mounting_stretch,
+    law: str = FitOptions.law,
+    fibre_switch: bool = False,
+    piece_sd: float = FitOptions.piece_sd,
     initial: MaterialResponse | None = None,
-    **options: Any,
 ) -> FitResult:
     """Fit a material, and the mounting stretch where the method has one.
 
@@ -89,8 +94,25 @@ def fit(
         reading with the load cell's noise: the maximum of the posterior's likelihood.
         The first four minimise residuals of the Cauchy stress over all rows, as their
         authors did; ``constrained`` minimises residuals of the load, as the posterior does.
-    starts, seed, initial, **options
-        As in :class:`.FitOptions`. With ``initial``, ``starts`` may be 0.
+    starts : int
+        Starting points, the most promising of 512 random ones. With ``initial`` it may be 0.
+    seed : int
+        Seed of the random starting points.
+    fixed : mapping, optional
+        Fixed values, by the law's parameters in their own units.
+    mounting_stretch : {"shared", "per-protocol"}
+    law : str
+        Name of the material law.
+    fibre_switch : bool
+        Fibres carry no compression, for laws that leave it open.
+    piece_sd : float
+        Sd of the log of the stiffness of each further piece over that of the first.
+    initial : Material, optional
+        A further starting point.
+
+    Returns
+    -------
+    FitResult
 
     Raises
     ------
@@ -102,7 +124,15 @@ def fit(
     if method not in METHODS:
         raise InputError(f"unknown method {method!r}", remedy=f"one of {', '.join(METHODS)}")
     mounting = {"standard": "ignored", "zeroed": "zeroed", "constrained": "noisy"}
-    setup = FitSetup.from_options(specimen, mounting.get(method, "exact"), **options)
+    setup = FitSetup.from_options(
+        specimen,
+        mounting.get(method, "exact"),
+        mounting_stretch=mounting_stretch,
+        fixed=fixed,
+        law=law,
+        fibre_switch=fibre_switch,
+        piece_sd=piece_sd,
+    )
     if method == "constrained":
         return setup.fitted(starts, seed, initial)
     points, stretches = setup.starting_points(starts, seed, initial)
