@@ -105,9 +105,11 @@ def load(
             stored = read_record(path)
             before, found = dict(stored["identity"]), stored["format"]
             state = from_record(stored["state"]) if found == FORMAT else None
+        except DamagedArchive as error:
+            damaged.append(f"{name} {error}")
+            continue
         except Exception as error:  # whatever foreign values make of it
-            known = isinstance(error, DamagedArchive)
-            damaged.append(f"{name} {error if known else f'is damaged ({type(error).__name__})'}")
+            damaged.append(f"{name} is damaged ({type(error).__name__})")
             continue
         if found != FORMAT:
             problem = f"has checkpoint format {_short(found)}, this version reads {FORMAT}"
@@ -130,7 +132,8 @@ def _differences(before: dict[str, Any], now: dict[str, Any], of: str = "") -> l
     for key in {**now, **before}:
         a, b = before.get(key), now.get(key)
         if isinstance(a, dict) and isinstance(b, dict) and a != b:
-            differing += _differences(a, b, f"{of}{key}: ")
+            # a key that is None in one and missing in the other is not named
+            differing += _differences(a, b, f"{of}{key}: ") or [""]
         elif a != b:
             differing.append(f"{of}{key} ({_short(a)} there, {_short(b)} now)")
     return differing

@@ -221,6 +221,7 @@ class Run:
 
     def posterior(self) -> Posterior:
         """The posterior that was sampled, rebuilt from the stored settings."""
+        specimen = self.specimen
         try:
             (record,) = self.fit
             fit = fit_from_record(record, self.law, len(self.quantities.states))
@@ -229,7 +230,7 @@ class Run:
             raise RunError(f"{self.path / 'fit.json'}: {problem}") from None
         # the terms of the smooth misfit that the run summed, by piece
         stored = self.provenance["misfit"]["terms"]
-        pieces = self.specimen.pieces if self.settings.has_misfit else ()
+        pieces = specimen.pieces if self.settings.has_misfit else ()
         counts = [len(Terms.every(len(p.protocols), self.settings.toe).toe) for p in pieces]
         if len(stored) != len(counts) or not all(
             isinstance(own, list) and own and all(type(i) is int and 0 <= i < n for i in own)
@@ -237,7 +238,7 @@ class Run:
         ):
             raise RunError(f"{self.path / PROVENANCE}: is not the record of a run (misfit: terms)")
         return Posterior(
-            self.specimen,
+            specimen,
             **parse_options(self.provenance["settings"]),
             misfit_fit=fit,
             terms=[np.array(own) for own in stored] or None,
