@@ -16,7 +16,7 @@ from biaxbayes.prediction.draws import (
     protocol_mounting,
     with_free_sides,
 )
-from biaxbayes.prediction.percentiles import band_columns
+from biaxbayes.prediction.percentiles import band_columns, tails
 from biaxbayes.prediction.tissue import Tissue
 from biaxbayes.specimens.specimen import Specimen
 
@@ -144,6 +144,7 @@ def predict_stress(
         raise InputError("stretches must be positive numbers")
     if relative_to not in ("unloaded", "mounted") or stress not in ("cauchy", "piola"):
         raise InputError("relative_to is mounted or unloaded, stress is cauchy or piola")
+    tails(probability)  # refused before anything is computed
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     forward = posterior.forward
     specimen = with_free_sides(draws, posterior.specimen, posterior.law)

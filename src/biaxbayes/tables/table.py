@@ -174,7 +174,7 @@ class Table:
     ) -> np.ndarray:
         """Numbers of a column, NaN where a reading is missing and, with `texts`, for a text."""
         if index not in self.parsed:
-            self.parsed[index] = numbers = np.full(self.rows, np.nan)
+            numbers = np.full(self.rows, np.nan)
             unit = self.cell_units[index] if self.cell_units else ""
             for row, cell in enumerate(self.columns[index]):
                 text = plain(cell)
@@ -187,6 +187,7 @@ class Table:
                     text = text.replace(".", "x").replace(",", ".")
                 with contextlib.suppress(ValueError):
                     numbers[row] = number_in(text)
+            self.parsed[index] = numbers
         values = self.parsed[index] if rows is None else self.parsed[index][rows]
         places = np.arange(self.rows) if rows is None else rows
         for row in [] if texts else places[np.isnan(values)].tolist():
