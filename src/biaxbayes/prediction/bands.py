@@ -91,8 +91,8 @@ def true_loads(
     """Loads (rows,) of a known material and mounted state, at the rows of :func:`bands`.
 
     ``truth`` has material parameters, of the law of the run or else of the default one, and
-    mounting stretches by the names of ``summary.csv``; InputError if one is missing. The loads are
-    in the unit of the file, without noise.
+    mounting stretches by the names of ``summary.csv``; InputError if one is missing. ``max_rows``
+    is as in :func:`bands`. The loads are in the unit of the file, without noise.
     """
     settings = settings or Settings()
     if not set(settings.material_law.names) <= set(truth):

@@ -39,12 +39,22 @@ CLUSTER_POINTS = 600
 
 @dataclass(frozen=True)
 class Start:
-    """Result of a search, from which walkers start."""
+    """Result of a search, from which walkers start.
 
-    proposal: MixtureProposal  # that fits the density, with a part for each cluster of modes
-    points: np.ndarray  # (n, d), a population
-    log_weight: np.ndarray  # (n,), log importance weights; -inf where the density is zero
-    rng: np.random.Generator  # of the search, which the warm-up continues with
+    Attributes
+    ----------
+    proposal : MixtureProposal
+        A proposal that fits the density, with a part for each cluster of modes.
+    points, log_weight : ndarray, shapes (n, d) and (n,)
+        A population with log importance weights, -inf where the density is zero.
+    rng : numpy.random.Generator
+        The generator of the search, which the warm-up continues with.
+    """
+
+    proposal: MixtureProposal
+    points: np.ndarray
+    log_weight: np.ndarray
+    rng: np.random.Generator
 
 
 def search(

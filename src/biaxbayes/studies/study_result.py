@@ -183,9 +183,14 @@ def rows_at_stretches(run: Run, stretches: Sequence[float]) -> list[dict[str, An
 class StudyResult:
     """A finished study.
 
-    ``folder`` holds ``study.csv``, ``study.html`` and, in ``runs``, a run folder of each specimen.
-    ``table`` has one row per specimen and quantity, as ``study.csv``; ``notes`` say why specimens
-    could not be compared at common stretches.
+    Attributes
+    ----------
+    folder : Path
+        Holds ``study.csv``, ``study.html`` and, in ``runs``, a run folder of each specimen.
+    table : DataFrame
+        One row per specimen and quantity, as ``study.csv``.
+    notes : list of str
+        Why specimens could not be compared at common stretches.
     """
 
     name: str
