@@ -128,12 +128,16 @@ def _distance_note(distances: Mapping[str, float]) -> tuple[str, ...]:
     """What the card's stresses are off the readings."""
     if not distances:
         return ()
-    law = f"this law is off the drawn tissue by {100.0 * distances[TO_TISSUE]:.2g} %, and"
+    off = f"{100.0 * distances[TO_READINGS]:.2g} %"
     if np.isnan(distances[TO_TISSUE]):
-        law = "this drawn law, without its misfit, is"
+        return (
+            f"Distance: on the tested paths this drawn law, without its misfit, is off the "
+            f"readings by {off} (relative root mean square).",
+        )
+    near = f"{100.0 * distances[TO_TISSUE]:.2g} %"
     return (
-        f"Distance: on the tested paths {law} off the readings by "
-        f"{100.0 * distances[TO_READINGS]:.2g} % (relative root mean square).",
+        f"Distance: on the tested paths this law is off the drawn tissue by {near}, and off the "
+        f"readings by {off} (relative root mean square).",
     )
 
 

@@ -128,9 +128,13 @@ def laws_page(compared: LawComparison, drawings: Mapping[str, Figure]) -> str:
             "between the unloaded and the mounted state: where laws of some weight disagree, "
             "measure the mounting stretch."
         )
-        caption = "Median and 90 % [interval] of every law; grey symbols: laws with a weight below "
-        drawn = figures["law-mounting"], "Mounting stretches by law", prose(f"{caption}0.05.")
-        mounting = [paragraph(about), captioned(*drawn)]
+        caption = prose(
+            "Median and 90 % [interval] of every law; grey symbols: laws with a weight below 0.05."
+        )
+        mounting = [
+            paragraph(about),
+            captioned(figures["law-mounting"], "Mounting stretches by law", caption),
+        ]
     files = "laws.csv: one row per law, the last one the mixture. left-out.csv: every law on every "
     sections = [
         Section("weights", "Misfit and weight", weights),

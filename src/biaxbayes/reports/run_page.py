@@ -117,8 +117,9 @@ def _stress(run: Run, figure: Draw, further: Mapping[str, str]) -> list[Block]:
         "the mounting stretches and on the law below the mounted state, where nothing was read: "
         "their intervals hold what is not known of these."
     )
-    of_piece = "Measured load of a further piece against stretch with both bands, and the "
-    of_piece += "residuals below."
+    of_piece = (
+        "Measured load of a further piece against stretch with both bands, and the residuals below."
+    )
     return [
         figure(
             "stress-bands",
@@ -205,8 +206,10 @@ def _evidence(run: Run, figure: Draw) -> list[Block | None]:
     known_best = [d["in_words"] for d in result.directions[:1]] + [result.same_curves_in_words]
     checks = pd.DataFrame() if run.state == "unusable" else result.checks
     if smooth["amplitude"] is None:
-        misfit = f"The {noise['readings']} readings were taken as independent. If the law misses "
-        misfit += "smoothly, the intervals are too narrow."
+        misfit = (
+            f"The {noise['readings']} readings were taken as independent. If the law misses "
+            "smoothly, the intervals are too narrow."
+        )
     else:
         friction = smooth["friction"]
         probability = "less than 0.1 %" if friction < 1e-3 else f"{100 * friction:.2g} %"
@@ -219,8 +222,10 @@ def _evidence(run: Run, figure: Draw) -> list[Block | None]:
         )
     fit = f"{capital(result.fit)}: readings minus the law at its least-squares fit."
     better = f" {capital(result.better_law)}." if result.better_law else ""
-    others = "Other laws fitted to the same record by least squares, for information: nothing "
-    others += f"above depends on them.{better}"
+    others = (
+        "Other laws fitted to the same record by least squares, for information: nothing above "
+        f"depends on them.{better}"
+    )
     explore = "`biaxbayes app` shows these draws to brush, with their curves and other priors."
     determined = result.determined
     if len(determined):

@@ -125,7 +125,8 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     ess = np.minimum(bulk, tail)
     worst, slow, least = int(np.argmax(rhat)), int(np.argmax(tau)), int(np.argmin(ess))
     stuck = longest_stuck(np.moveaxis(draws, 0, -1))
-    reason, good = "", rhat[worst] < TENTATIVE_RHAT and ess[least] >= TENTATIVE_ESS
+    reason = ""
+    good = rhat[worst] < TENTATIVE_RHAT and ess[least] >= TENTATIVE_ESS
     good = good and steps >= TENTATIVE_STEPS_PER_TAU * tau[slow]
     if not rhat[worst] < RHAT_LIMIT:
         reason = f"R-hat of {names[worst]} is {rhat[worst]:.3f} (limit {RHAT_LIMIT})"
@@ -135,8 +136,9 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
             f"long (limit {MIN_STEPS_PER_TAU:.0f})"
         )
     elif not ess[least] >= target_ess:
-        least_ess = f"{ess[least]:.0f} of {target_ess:.0f}"
-        reason = f"the effective sample size of {names[least]} is {least_ess}"
+        reason = (
+            f"the effective sample size of {names[least]} is {ess[least]:.0f} of {target_ess:.0f}"
+        )
     elif stuck > MAX_STUCK * steps:
         reason, good = f"a walker was stuck for {stuck} of {steps} steps", True
     state = "converged" if not reason else "tentative" if good else "unusable"
