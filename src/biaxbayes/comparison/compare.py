@@ -103,10 +103,20 @@ class ComparedRun:
 class Comparison:
     """Runs with what they report, their common quantities and the distances between them.
 
-    ``reported`` and ``derived`` (the same quantities) are of each run, as is ``identified``:
-    whether it identifies or bounds a quantity, by its key. ``distances`` has one row per pair of
-    runs and quantity, ``stretches`` are the total equibiaxial ones that all runs reached, and
-    ``notes`` differences between the runs that are not of tissue.
+    Attributes
+    ----------
+    reported : tuple of sequence of Reported
+        What each run reports.
+    derived : tuple of list of Derived
+        The same quantities of every run.
+    identified : tuple of dict
+        For each run, whether it identifies or bounds a quantity, by its key.
+    distances : DataFrame
+        One row per pair of runs and quantity.
+    stretches : list of float
+        Total equibiaxial stretches that all runs reached.
+    notes : list of str
+        Differences between the runs that are not of tissue.
     """
 
     members: tuple[ComparedRun, ...]
@@ -129,9 +139,12 @@ class Comparison:
 
     def matrix(self) -> pd.DataFrame:
         """Reports of all runs, one row per run and parameter."""
-        tables = map(report_frame, self.reported)
-        whole = pd.concat(dict(zip(self.labels, tables, strict=True)), names=["run"])
-        return whole.reset_index("run").reset_index(drop=True)
+        tables = []
+        for member, rows in zip(self.members, self.reported, strict=True):
+            table = report_frame(rows)
+            table.insert(0, "run", member.label)
+            tables.append(table)
+        return pd.concat(tables, ignore_index=True)
 
     def __repr__(self) -> str:
         runs = ", ".join(f"{m.label!r} {m.state}" for m in self.members)
@@ -193,9 +206,15 @@ def compare(members: Sequence[ComparedRun], *, thresholds: Thresholds | None = N
     quantities = [[*_parameters(m), *own] for m, own in zip(members, derived, strict=True)]
     pairs = combinations(zip(labels, quantities, identified, strict=True), 2)
     distances = [row for first, second in pairs for row in _distances(first, second)]
-    notes = differing_settings([(m.label, m.posterior) for m in members])
-    of_runs = tuple(members), reported, tuple(derived), tuple(identified)
-    return Comparison(*of_runs, pd.DataFrame(distances), stretches, notes)
+    return Comparison(
+        tuple(members),
+        reported,
+        tuple(derived),
+        tuple(identified),
+        pd.DataFrame(distances),
+        stretches,
+        differing_settings([(m.label, m.posterior) for m in members]),
+    )
 
 
 def run_labels(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:

@@ -68,9 +68,15 @@ def weighted_density(log_density: np.ndarray, weight: np.ndarray) -> np.ndarray:
 class LawComparison:
     """Laws weighted by what they predict.
 
-    ``table``, as ``laws.csv``, has one row per law, with quantiles of the mounting stretches; the
-    last one is ``mixture``. ``parts``, as ``left-out.csv``, has one per law and part. ``left_out``
-    are the laws that are not part of the mixture, and why.
+    Attributes
+    ----------
+    table : DataFrame
+        ``laws.csv``: one row per law, with quantiles of the mounting stretches; the last one is
+        ``mixture``.
+    parts : DataFrame
+        ``left-out.csv``: one row per law and part.
+    left_out : dict of str to str
+        Laws that are not part of the mixture, and why.
     """
 
     specimen: str
