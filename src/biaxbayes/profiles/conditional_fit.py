@@ -68,7 +68,7 @@ class ConditionalLikelihood:
         values = {**start, **held}
         # parameters of the law off the ends of their ranges
         inner = law.clip_inside([values[name] for name in law.names])
-        values |= zip(law.names, inner, strict=True)
+        values |= dict(zip(law.names, inner, strict=True))
         point = sampling_coordinates(assembly, values)[0] if assembly.free else np.empty(0)
         # a stretch has a coordinate of its own; a parameter of the law is fixed in the assembly
         free = np.array([i for i, name in enumerate(assembly.free) if name not in held], dtype=int)

@@ -62,8 +62,9 @@ class ProfiledParameter:
 
 THRESHOLD = 2.0 * float(gammaincinv(0.5, CONTENT))
 """Deviance below which a value lies in the interval: chi-squared with one degree of freedom."""
-CEILING = THRESHOLD + 2.0
-"""Deviance at which the continuation ends, and up to which a curve is drawn."""
+MAX_EXCESS_DEVIANCE = 2.0  # deviance beyond the threshold at which the continuation ends
+CEILING = THRESHOLD + MAX_EXCESS_DEVIANCE
+"""The same deviance over the lowest, up to which a curve is drawn."""
 DEVIANCE_STEP = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MAX_CURVE_STEPS = 80
 SWEEPS = 3
@@ -115,7 +116,7 @@ class ProfileCurve:
                 here = float(np.interp(at, self.at, [f.deviance for f in self.fits]))
                 lower = new_fit.deviance < here - MIN_LOWER_DEVIANCE
             else:
-                lower = new_fit.deviance < best.deviance + CEILING
+                lower = new_fit.deviance < best.deviance + THRESHOLD + MAX_EXCESS_DEVIANCE
             if lower and at not in self.at:
                 self._add(at, new_fit)
                 is_lower = True
