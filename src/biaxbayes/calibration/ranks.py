@@ -141,9 +141,10 @@ def read_ranks(path: Path) -> pd.DataFrame:
         table = read_csv(path, dtype=str, keep_default_na=False)
         if tuple(table.columns) != RANK_COLUMNS:
             raise ValueError
-        for name in {*RANK_COLUMNS} - {*TEXT_COLUMNS}:
-            # Python's parser reads back exactly what was written.
-            table[name] = [float(v) if v else math.nan for v in table[name]]
+        for name in RANK_COLUMNS:
+            if name not in TEXT_COLUMNS:
+                # Python's parser reads back exactly what was written.
+                table[name] = [float(v) if v else math.nan for v in table[name]]
         return table.astype({"replication": int, "rejected_draws": int})
     except (OSError, ValueError):
         raise RunError(

@@ -35,7 +35,7 @@ def matrix_figure(comparison: Comparison) -> Figure:
     figure = style.blank_figure(style.PAGE_MM, 15.0 + CELL_MM * len(runs))
     draw_cells(
         figure.subplots(),
-        [
+        [  # "only in combination" would not fit
             [f"{r.verdict.removeprefix('only ')}\n{r.interval}" if r else "" for r in rows]
             for rows in cells
         ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
@@ -61,7 +61,7 @@ class FitResult:
     converged: bool
     at_bound: tuple[str, ...]
     residuals: tuple[np.ndarray, ...]
-    stiffness: np.ndarray
+    stiffness: np.ndarray = field(default_factory=lambda: np.ones(1))
 
     def __repr__(self) -> str:
         values = ", ".join(f"{label}={v:.4g}" for label, v in self._values().items())
@@ -127,10 +127,13 @@ def fit_from_record(record: Mapping[str, Any], law: Law, states: int) -> FitResu
     if not (inside and positive and stretch.shape == (states, 2)):
         raise ValueError("its values are out of range")
     method, converged = str(record["method"]), bool(record["converged"])
-    unknown = (np.full_like(stretch, math.nan), math.nan, math.nan, math.nan, 0)
+    nan = math.nan
+    unknown = np.full_like(stretch, nan)
     stiffness = np.asarray(record.get("stiffness", [1.0]), dtype=float)
     material = law.material_at(tuple(values))
-    return FitResult(method, material, stretch, *unknown, converged, (), (), stiffness)
+    return FitResult(
+        method, material, stretch, unknown, nan, nan, nan, 0, converged, (), (), stiffness
+    )
 
 
 def root_mean_square(residuals: Sequence[np.ndarray]) -> float:

@@ -101,8 +101,10 @@ def fit_laws(
             fitted = setup.fitted(starts, compiled=False, compared=of_all, **LAW_FIT_LIMITS)
         stretch, smooth = fitted.mounting_stretch, has_smooth_misfit(fitted.residuals)
         if np.isfinite(fitted.rms) and np.isfinite(stretch).all():
-            errors, name = (fitted.rms, fitted.rmse_kPa), law_named(law).name
-            fits.append(LawFit(name, law, *errors, stretch, smooth, fitted.converged))
+            name = law_named(law).name
+            fits.append(
+                LawFit(name, law, fitted.rms, fitted.rmse_kPa, stretch, smooth, fitted.converged)
+            )
     ordered = tuple(sorted(fits, key=lambda f: f.rms))
     # a mean of k rows has noise s0 / sqrt(k)
     noise = specimen.noise_sd / np.sqrt(np.mean(average_rows(specimen, rows).weight))

@@ -58,9 +58,10 @@ class Hyper:
     ) -> tuple[Hyper, np.ndarray]:
         """Draws of the prior without correlations, and specimens' locations (draws, groups, p)."""
         parts = [_prior_draws(v, layout, draws, rng) for v in values]
-        mu, *sds, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
-        eyes = [np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))] * 2
-        return cls(tuple(values), layout.covariance_index, mu, *sds, *eyes), location
+        mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
+        eye = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))
+        hyper = cls(tuple(values), layout.covariance_index, mu, sd_donors, sd, eye, eye)
+        return hyper, location
 
     @property
     def limits(self) -> np.ndarray:

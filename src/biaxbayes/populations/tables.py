@@ -295,11 +295,11 @@ def differences_from_study(population: Population, contrasts: pd.DataFrame) -> l
         if row["quantity"] in names
     ]
     pooled: dict[tuple[str, str, str], str] = {}
-    swapped, words = {LARGER: SMALLER, SMALLER: LARGER, OPEN: OPEN}, {OPEN: "no difference"}
+    swapped = {LARGER: SMALLER, SMALLER: LARGER, OPEN: OPEN}
     for r in contrasts.to_dict("records"):
         a, b, name, said = (r[key] for key in ("group_a", "group_b", "quantity", "direction"))
         pooled |= {(a, b, name): said, (b, a, name): swapped[said]}
-    notes = []
+    notes, words = [], {OPEN: "no difference"}
     for r in group_contrasts(pd.DataFrame(rows)).to_dict("records"):
         a, b, name, own = (r[key] for key in ("group_a", "group_b", "quantity", "direction"))
         said = pooled[a, b, name]

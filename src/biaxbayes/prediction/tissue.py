@@ -49,7 +49,10 @@ class Tissue:
     def __init__(
         self, posterior: Posterior, draws: pd.DataFrame, seed: int = 0, piece: int = 0
     ) -> None:
-        self.posterior, self.draws, self.seed, self.piece = posterior, draws, seed, piece
+        self.posterior = posterior
+        self.draws = draws
+        self.seed = seed
+        self.piece = piece  # the first, or which of the others
         self._model = posterior.pieces[piece]
 
     @property

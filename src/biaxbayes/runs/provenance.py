@@ -192,8 +192,11 @@ REQUIRED_ENTRIES: dict[str, Any] = {
 """Entries that the readers of a run rely on."""
 OPTIONAL_ENTRIES = {
     "files": dict,
-    "grips": {"in_words": str, "mesh_difference": NUMBER}
-    | {"largest_sd_of_log_ratio": OPTIONAL_NUMBER},
+    "grips": {
+        "in_words": str,
+        "mesh_difference": NUMBER,
+        "largest_sd_of_log_ratio": OPTIONAL_NUMBER,
+    },
 }
 """Entries that may be missing."""
 
@@ -210,10 +213,12 @@ def read_record(folder: Path) -> dict[str, Any]:
     if not wrong:
         state = record["convergence"]["state"]
         # A converged run has both numbers, any other run both or neither.
-        ess, rhat = (record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat"))
+        has_ess, has_rhat = (
+            record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat")
+        )
         if state not in STATES:
             wrong = "convergence: state"
-        elif ess != rhat or (state == "converged" and not ess):
+        elif has_ess != has_rhat or (state == "converged" and not has_ess):
             wrong = "convergence: worst_ess, worst_rhat"
     problem = f"{folder / PROVENANCE}: is not the record of a run"
     if wrong:

@@ -246,7 +246,8 @@ def further_test(posterior: Posterior) -> str:
     if not missing or law.key != DEFAULT_LAW or len(strips) != len(specimen.further):
         return f"to know more parameters: {ranked}"
     # parameters of GOH that a simulated square identified, alone and with strips: docs/pieces.md
-    brought, without = 3.3, 2.1 if strips else 1.1
+    brought = 3.3
+    without = 2.1 if strips else 1.1
     if len(specimen.protocols) > 1 and not strips:  # three protocols
         brought, without = 3.6, 2.9
     pieces = f"a strip along {missing[0]}" if strips else "two strips, along x and y,"

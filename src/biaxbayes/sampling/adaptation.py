@@ -86,7 +86,9 @@ def warm_up(
             break
         if acceptance < GOOD_ACCEPTANCE:
             _adapt(ensembles, points, cluster_points, COMPONENTS_OF_ROUNDS)
-    points, log_prob = map(np.concatenate, zip(*histories[-ROUNDS_OF_FIT:], strict=True))
+    newest = histories[-ROUNDS_OF_FIT:]
+    points = np.concatenate([of_round for of_round, _ in newest])
+    log_prob = np.concatenate([of_round for _, of_round in newest])
     if acceptance < ENOUGH_ACCEPTANCE or not _fits(ensembles, points, log_prob, overdispersed):
         components = COMPONENTS
         for steps, limit in CHECKS:

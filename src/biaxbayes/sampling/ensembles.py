@@ -162,9 +162,11 @@ class Ensembles:
 
     def adapt(self, history: np.ndarray, **options: Any) -> None:
         """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
+        lead = self.members[0].independence
         with one_blas_thread():
-            self.members[0].independence.adapt(history, **options)
-        self.proposal = self.proposal  # that of the first, for all
+            lead.adapt(history, **options)
+        assert lead.proposal is not None
+        self.proposal = lead.proposal
 
     def reset_counts(self) -> None:
         """Start counting acceptance afresh."""
