@@ -134,6 +134,13 @@ def test_a_file_of_lengths_and_mmHg_is_read(tmp_path):
     assert read_specimen(tmp_path / "artery.csv") == replace(tube, name="artery")
 
 
+def test_a_protocol_of_a_tube_can_be_taken_alone():
+    # it has no mounted state, and so no rows at rest
+    tube = virtual_tube(1.1, 1.2)
+    (taken,) = tube.only(tube.protocols[-1].name).protocols
+    assert np.array_equal(taken.recorded_load, tube.protocols[-1].recorded_load)
+
+
 def test_a_pressure_alone_is_enough():
     lines = FILE.replace(",axial_force_N", "").splitlines()
     text = "\n".join(line.rpartition(",")[0] if line[0].isdigit() else line for line in lines)

@@ -443,7 +443,7 @@ class Specimen:
         front of the first: with a common reference they hold for all.
         """
         chosen = tuple(protocols)
-        if chosen and not any(p.rest_rows for p in chosen):
+        if chosen and self.experiment.is_mounted and not any(p.rest_rows for p in chosen):
             source = next(p for p in self.protocols if p.rest_rows)
             rest = source.rest_rows
             curves: Any = {
