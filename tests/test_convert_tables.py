@@ -142,6 +142,20 @@ def test_two_files_are_joined_by_time(tmp_path):
         read([machine, camera], said, join="time")
 
 
+@pytest.mark.parametrize("count", [4, 5])
+def test_five_complete_rows_are_enough_to_join(count, tmp_path):
+    machine = written(tmp_path, [T, *FORCE.T], ["Time (s)", *NAMES[2:]], name="machine.csv")
+    times = np.linspace(0.0, 1.0, count)
+    video = 1.0 + np.outer(times, [0.2, 0.1])
+    camera = written(tmp_path, [times, *video.T], ["Time (s)", *NAMES[:2]], name="camera.csv")
+    said = COLUMNS + ",time_s=Time (s)"
+    if count == 5:
+        assert read([machine, camera], said, join="time").specimen.protocols[0].stretch_x.size > 5
+    else:
+        with pytest.raises(InputError, match="4 rows have all of"):
+            read([machine, camera], said, join="time")
+
+
 def test_digitised_curves_of_one_ratio_are_joined_by_stretch(tmp_path):
     names = [NAMES[0], NAMES[2], NAMES[1], NAMES[3]]
     few = np.linspace(0, 29, 15).astype(int)

@@ -69,6 +69,12 @@ def test_each_ratio_of_a_record_is_a_protocol(peaks, names, interleaved, tmp_pat
     assert len(every.specimen.protocols) == len(order)
 
 
+def test_an_unloading_branch_goes_from_the_peak_to_the_valley_of_both_cycles(tmp_path):
+    paths = record([(0.2, 0.2)] * 2)
+    (taken,) = read(tmp_path, *paths, cycles="1", branch="unloading").recordings
+    assert sorted(taken.rows) == list(range(30, 61))
+
+
 def test_a_load_controlled_record_is_split_by_its_loads(tmp_path):
     """Creep turns the stretches from cycle to cycle; the loads keep their ratio."""
     paths = []
