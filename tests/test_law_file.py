@@ -15,6 +15,7 @@ from biaxbayes.model.density import evaluate
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.provenance import parse_options, settings_table
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from biaxbayes.verbs.options import fixed_values
 from commands import refused, run
 from quick_posteriors import runs_without_figures, small_specimen
 
@@ -257,3 +258,12 @@ def test_a_single_amplitude_carries_the_whole_load_of_a_scaled_prior(
     family, median, _ = law.scaled_prior(1.2, 40.0)["mu"]
     stress, _ = law.material_at([median, *medians]).cauchy(1.2, 1.2)
     assert family == "lognormal" and stress / 1.2 == pytest.approx(40.0)
+
+
+def test_an_angle_of_any_name_that_looks_like_radians_is_warned_of(tmp_path, capsys):
+    path = tmp_path / "dispersed.py"
+    path.write_text(GOH_FILE.replace("alpha", "theta"))
+    given = ("theta_deg=0.7", "k2=0.7")
+    assert fixed_values(given, law_named(str(path))) == {"theta": 0.7, "k2": 0.7}
+    warnings = capsys.readouterr().err
+    assert "theta_deg=40.11" in warnings and "k2" not in warnings

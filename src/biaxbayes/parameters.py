@@ -16,7 +16,8 @@ LOAD = "load"
 """Unit of a quantity that is in the unit of the file's loads, N or kPa."""
 DEGREE = "deg"
 
-GREEK = {r"\alpha": "α", r"\kappa": "κ", r"\lambda": "λ", r"\mu": "μ", r"\rho": "ρ", r"\delta": "δ"}
+LETTERS = "alpha beta gamma delta eta theta kappa lambda mu nu rho sigma tau phi psi omega"
+GREEK = dict(zip((f"\\{name}" for name in LETTERS.split()), "αβγδηθκλμνρστφψω", strict=True))
 
 MATERIAL, STRETCH, FORCE, ERROR, DIMENSION = "material", "stretch", "force", "error", "dimension"
 PIECE, FREE_SIDE = "piece", "free side"

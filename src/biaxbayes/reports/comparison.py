@@ -138,8 +138,11 @@ def comparison_page(comparison: Comparison, drawings: Mapping[str, Figure]) -> s
     overlay: list[Block] = []
     if "overlay" in figures:
         alt = "Pairwise posteriors of the runs over one another"
-        caption = "Every parameter (diagonal) and every pair, one colour per run. A narrow slanted "
-        overlay = [captioned(figures["overlay"], alt, f"{caption}cloud is a correlated pair.")]
+        caption = (
+            "Every parameter (diagonal) and every pair, one colour per run. A narrow slanted cloud "
+            "is a correlated pair."
+        )
+        overlay = [captioned(figures["overlay"], alt, caption)]
     files = "compare-report.csv: what each run reports. compare-distances.csv: every difference."
     laws = ", ".join(dict.fromkeys(m.posterior.law.name for m in comparison.members))
     alt = "Posterior of every quantity in every run"

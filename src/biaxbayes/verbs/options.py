@@ -12,6 +12,7 @@ import click
 
 from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.options import WORKERS_HELP, ModelOptions, Options, options_of
+from biaxbayes.parameters import DEGREE
 from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
@@ -189,7 +190,7 @@ def with_priors(
         click.echo(f"priors of {priors}: {text}. Assumed: {known['assumed']}", err=True)
     for name, value in chosen.items():
         if isinstance(value, float):
-            _warn_of_radians(name, value)
+            _warn_of_radians(material_law, name, value)
     for name, value in fixed_values(fix, material_law).items():
         chosen[name] = check_fixed(name, value, law=material_law)
     return {**others, "law": law, "priors": chosen}
@@ -201,7 +202,7 @@ def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
     for text in texts:
         given, value = named_number(text, "--fix", "kappa=0.1")
         fixed[law.known_name(given)] = value
-        _warn_of_radians(given, value)
+        _warn_of_radians(law, given, value)
     return fixed
 
 
@@ -215,9 +216,10 @@ def named_number(text: str, flag: str, example: str) -> tuple[str, float]:
         raise InputError(problem, remedy=f"write it as {flag} {example}") from None
 
 
-def _warn_of_radians(name: str, value: float) -> None:
+def _warn_of_radians(law: Law, name: str, value: float) -> None:
     """Warn of an angle below pi / 2 degrees, which may be meant in radians."""
-    if name.startswith("alpha") and 0.0 < value <= math.pi / 2.0:
+    angles = [p.name for p in law.parameters if p.unit == DEGREE]
+    if law.known_name(name) in angles and 0.0 < value <= math.pi / 2.0:
         click.echo(
             f"warning: {name} is fixed at {value:g} degrees; if that is in radians, write "
             f"{name}={math.degrees(value):.4g}",
