@@ -153,6 +153,13 @@ def test_other_ratios_tell_more_than_a_repeat(run):
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
 
 
+def test_candidates_are_ranked_by_what_was_asked(run):
+    angle, dispersion = Reading("angle", ("alpha",), 1e-6), Reading("dispersion", ("kappa",), 1e-4)
+    for rank_by, first in (("kappa", "dispersion"), ("alpha", "angle"), ("information", "angle")):
+        found = design(run.posterior(), run.draws, [dispersion, angle], rank_by=rank_by)
+        assert found.expected[0].name == first, rank_by
+
+
 def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
     """In the table, the figure and the terminal, in the same words."""
     p = run.posterior().specimen.protocols[0]
