@@ -16,8 +16,8 @@ LOAD = "load"
 """Unit of a quantity that is in the unit of the file's loads, N or kPa."""
 DEGREE = "deg"
 
-LETTERS = "alpha beta gamma delta eta theta kappa lambda mu nu rho sigma tau phi psi omega"
-GREEK = dict(zip((f"\\{name}" for name in LETTERS.split()), "αβγδηθκλμνρστφψω", strict=True))
+GREEK_NAMES = "alpha beta gamma delta eta theta kappa lambda mu nu rho sigma tau phi psi omega"
+GREEK = dict(zip((f"\\{name}" for name in GREEK_NAMES.split()), "αβγδηθκλμνρστφψω", strict=True))
 
 MATERIAL, STRETCH, FORCE, ERROR, DIMENSION = "material", "stretch", "force", "error", "dimension"
 PIECE, FREE_SIDE = "piece", "free side"
