@@ -63,6 +63,7 @@ FIBRES = {
 MIXTURES = [
     *(("fung", FUNG), ("fung", FUNG_BACK), ("four-fibre", FIBRES)),
     ("four-fibre", FIBRES | {"k1_x": 0.0, "k2_y": 0.0}),
+    ("fung", FUNG | {"c": 0.0}),
 ]
 
 

@@ -128,6 +128,12 @@ def test_sets_and_files_become_protocols(tmp_path, capsys):
     assert [p.name for p in read_specimen(out).protocols] == ["a", "b"]
     code, _, err = run([*arguments, "a,b,c"], capsys)
     assert code == 2 and "3 protocol names for 2 protocols" in err
+    # sets of two files are not parts of one table
+    path.write_text(second.text().replace("XForce_mN", "Cell 1 (mN)"))
+    other.write_text(third.text().replace("1:0.5,", "1:1,").replace("YForce_mN", "Cell 2 (mN)"))
+    columns = "force_x_N=Cell 1 (mN),force_y_N=Cell 2 (mN)"
+    code, _, err = run([*arguments[:-1], "--columns", columns], capsys)
+    assert code == 2 and "no column 'Cell 2 (mN)'" in err and "join" not in err
 
 
 def test_shear_of_tracked_points_is_carried_along_and_a_turn_is_not(tmp_path, capsys):

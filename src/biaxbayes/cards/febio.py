@@ -59,6 +59,9 @@ zero, and the law has none."""
 
 
 def _fung_parts(p: Mapping[str, float]) -> list[Part]:
+    matrix = (MATRIX, {"c1": p["c0"], "c2": 0.0}, 0.0)
+    if p["c"] == 0.0:
+        return [matrix]
     b = np.array([[p["b_x"], p["b_xy"]], [p["b_xy"], p["b_y"]]])
     # Q = (1/c) E : C : E with the in-plane block of C = c b; E_a and nu_ab from its inverse
     compliance = np.linalg.inv(p["c"] * b)
@@ -69,7 +72,7 @@ def _fung_parts(p: Mapping[str, float]) -> list[Part]:
     values |= {"E3": THROUGH_THICKNESS_RATIO * np.min(young)}
     values |= dict.fromkeys(("G12", "G23", "G31"), shear)
     values |= {"v12": -compliance[0, 1] * young[0], "v23": 0.0, "v31": 0.0}
-    return [(MATRIX, {"c1": p["c0"], "c2": 0.0}, 0.0), (FUNG, values, 0.0)]
+    return [matrix, (FUNG, values, 0.0)]
 
 
 def _four_fibre_parts(p: Mapping[str, float]) -> list[Part]:

@@ -238,7 +238,8 @@ def _named_recordings(
     """Records of all files, and their recordings with the given names or those in the files."""
     records: list[Record] = []
     recordings: list[Recording] = []
-    if choice.join is None and (len(files) > 1 or len(next(iter(files.values()))) > 1):
+    several = len(files) > 1 or len(next(iter(files.values()))) > 1
+    if choice.join is None and choice.machine == "generic" and several:
         _ask_for_join(files, choice)
     if choice.join in ("time", "stretch"):
         tables = [t for path, s in files.items() for t in _tables(path, s, choice)[0].values()]
