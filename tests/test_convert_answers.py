@@ -390,6 +390,13 @@ def test_loads_that_do_not_follow_the_stretch_are_asked_about(fault, words, tmp_
     assert read(path, rows="all").specimen.protocols[0].rows >= 60
 
 
+def test_a_load_that_falls_with_the_stretch_is_not_lost(tmp_path):
+    up = made()
+    rows = np.concatenate([up[:40], up[30:40][::-1], up[30:]])
+    assert up[39, 2] - up[30, 2] > 0.12 * np.ptp(up[:, 2])
+    assert is_made_of(read(written(tmp_path, table_of(rows))), rows)
+
+
 @pytest.mark.parametrize("late", [3, 6, 10])
 def test_a_load_that_is_recorded_late_is_named(late, tmp_path):
     up = made()

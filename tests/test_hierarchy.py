@@ -178,7 +178,7 @@ def quantities(history, theta=None):
     }
 
 
-def pooled(plan=None, *, prior_mean=0.0, prior_sd=0.7, **work):
+def pooled(plan=None, *, prior_mean=0.0, prior_sd=0.7, again=again, **work):
     """The population of six specimens from draws under one prior."""
     rng = np.random.default_rng(8)
     specimens = [drawn(i, prior_mean, prior_sd, rng) for i in range(6)]
@@ -254,6 +254,23 @@ def test_runs_whose_draws_are_elsewhere_are_sampled_again():
     assert not left.sampled_again and (left.pareto_k > MAX_K).any()
     assert not pooled({"rounds": 1}).sampled_again
     assert pooled({"rounds": 1}, cut_short=[4]).sampled_again == [4]
+
+
+@pytest.mark.long
+def test_a_run_is_sampled_again_under_the_prior_that_the_others_make():
+    given = {}
+
+    def noted(i: int, mean: np.ndarray, sd: np.ndarray, seed: int) -> RunDraws:
+        assert mean.shape == sd.shape == (1,)
+        given[i] = mean[0], sd[0]
+        return again(i, mean, sd, seed)
+
+    h = pooled({"rounds": 1, "warm_up": 160}, cut_short=[4], again=noted).history
+    # a new specimen of its donor and group
+    m = h.mu[..., GROUP[4], 0] + h.effect[..., DONOR[4], 0]
+    new = m + h.sd[..., 1, 0] * np.random.default_rng(4).standard_normal(m.shape)
+    assert [*given] == [4]
+    assert given[4] == pytest.approx((new.mean(), new.std()), rel=0.1)
 
 
 @pytest.mark.long

@@ -331,6 +331,32 @@ def result_of(made, state="converged"):
     return result, run_result(result, made.target, made.draws, pd.DataFrame(), {})
 
 
+def test_a_mounting_stretch_alone_calls_for_a_photograph():
+    """More parameters that are not identified call for a test, and none for nothing."""
+    made = case("determined")
+    posterior, draws = made.posterior(), made.draws
+    result = identify_draws(posterior, draws, "converged")
+    result = replace(result, checks=predictive_checks(posterior, draws))
+
+    def advice(*unknown: str) -> str:
+        of = {
+            p.name: NOT_IDENTIFIED if p.name in unknown else IDENTIFIED for p in result.parameters
+        }
+        parameters = tuple(
+            replace(p, assessment=replace(p.assessment, verdict=of[p.name]))
+            for p in result.parameters
+        )
+        judged = replace(result, parameters=parameters)
+        return run_result(judged, posterior, draws, pd.DataFrame(), {}).advice
+
+    assert advice() == ""
+    text = advice("mounting_stretch_y")
+    assert "photograph two marks" in text and "# mounting_stretch_y: VALUE +- SD" in text
+    assert "mounting_stretch_x" not in text
+    text = advice("mounting_stretch_y", "k2")
+    assert "photograph" not in text and "cut two strips" in text
+
+
 # --- what is determined, and what moves freely ---
 
 

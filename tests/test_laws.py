@@ -33,6 +33,12 @@ def test_stresses_are_the_printed_ones(name, values, stretch, stress):
 
 
 @pytest.mark.parametrize("name", LAWS)
+def test_an_unloaded_material_stores_no_energy(name):
+    for material in random_materials(name, 20):
+        assert abs(material.strain_energy(1.0, 1.0)) < 1e-12 * material.strain_energy(1.2, 1.1)
+
+
+@pytest.mark.parametrize("name", LAWS)
 def test_derivatives_are_those_of_the_energy(name):
     """Stress and its slope at a thousand random states against complex steps of W and of s."""
     rng = np.random.default_rng(1)

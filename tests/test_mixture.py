@@ -84,6 +84,18 @@ def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(
         ensembles.adapt(spread)
 
 
+def test_a_warm_up_ends_after_two_rounds_that_are_not_better(monkeypatch):
+    accepted = iter([0.2, 0.2, 0.3, 0.31, 0.31, *[0.31] * 9])
+    monkeypatch.setattr(Ensembles, "acceptance", property(lambda self: next(accepted)))
+    rng = np.random.default_rng(2)
+    starts = [rng.standard_normal((24, 2)) for _ in range(2)]
+    ensembles = Ensembles(lambda x: norm.logpdf(x).sum(axis=1), starts, np.random.SeedSequence(5))
+    part = first_proposal(np.zeros((1, 2)), [1.1 * np.eye(2)], np.ones(1), NO_BOUNDS)
+    spread = rng.standard_normal((1000, 2))
+    result = warm_up(ensembles, MixtureProposal(np.ones(1), (part,)), spread, spread)
+    assert result.rounds == 5
+
+
 SHAPES = [(60, 2, 1), (300, 3, 4), (900, 5, 12), (4000, 8, 8), (2500, 13, 6)]
 
 

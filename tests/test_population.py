@@ -339,6 +339,10 @@ def test_words_for_difficult_studies(study):
         ({"donor": "ppqq"}, "no donor in common"),
     ):
         assert words in " | ".join(group_sources(changed(**values), sources)[1])
+    assert "the runs differ" not in " | ".join(group_sources(members, sources)[1])
+    other = replace(sources[0], posterior=sources[0].posterior.replaced(noise="correlated"))
+    notes = group_sources(members, [other, *sources[1:]])[1]
+    assert "the runs differ in noise: correlated, independent" in notes
     states = ["converged", "unusable", "converged", "converged"]
     _, left_out = open_sources(changed(state=states), anyway=True)
     assert list(left_out) == ["b"] and "did not converge" in left_out["b"]

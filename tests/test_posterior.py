@@ -398,6 +398,22 @@ def test_sampling_density_is_the_natural_one_times_the_jacobian(mounting, priors
         assert got == pytest.approx(log_jacobian, abs=1e-3)
 
 
+@pytest.mark.parametrize("fixed", [(), ("b_xy",), ("b_x",), ("b_x", "b_y"), ("b_x", "b_xy")])
+def test_coordinates_of_fungs_law_lead_back(fixed):
+    """The coupling is sampled as a share of sqrt(b_x b_y), and stays what it is where fixed."""
+    rng = np.random.default_rng(29)
+    of = {"c0": 10.0, "c": 5.0, "b_x": 8.0, "b_y": 5.0, "noise_sd": 0.01}
+    natural = {n: v * np.exp(0.3 * rng.standard_normal(12)) for n, v in of.items()}
+    natural["b_xy"] = rng.uniform(-2.0, 2.0, 12)
+    priors = {n: {"b_x": 8.0, "b_y": 5.0, "b_xy": 1.5}[n] for n in fixed}
+    specimen, options = specimen_of(noise=0.005), {"mounting": "exact", "noise": "independent"}
+    posterior = Posterior(specimen, law="fung", priors=priors, **options)
+    back = posterior.natural(posterior.coordinates(natural))
+    for name, values in (natural | priors).items():
+        np.testing.assert_allclose(back[name], values, rtol=1e-8)
+    np.testing.assert_allclose(back["lp"], posterior.log_density(natural), rtol=1e-9)
+
+
 # --- never NaN -------------------------------------------------------------------------------
 
 
