@@ -339,9 +339,11 @@ STILL = {
 }
 
 
-@pytest.mark.parametrize("name", STILL)
-def test_a_stretch_that_stands_still_is_asked_about(name, tmp_path):
-    truth = made(rows=600)
+@pytest.mark.parametrize(
+    ("name", "per_N"), [*((name, 1.0) for name in STILL), ("frozen for a while", 0.02)]
+)
+def test_a_stretch_that_stands_still_is_asked_about(name, per_N, tmp_path):
+    truth = made(rows=600) * [1, 1, per_N, per_N]
     path = written(tmp_path, table_of(STILL[name](truth)))
     question = asked(path)
     assert "stands still" in str(question) and "still=first" in question.choices

@@ -41,6 +41,14 @@ def test_a_density_keeps_its_height_at_a_closed_end_and_loses_half_at_an_open_on
         assert height[128] == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("limits", "closed"), [((0.0, 1.0), (1, 1)), ((0.0, 2.0), (1, 0)), ((-1.0, 1.0), (0, 1))]
+)
+def test_a_density_is_reflected_at_the_limits_that_it_reaches(limits, closed):
+    shape = density(uniform.ppf(LEVELS), limits)
+    assert (shape.at(0.0), shape.at(1.0)) == pytest.approx([0.5 + 0.5 * c for c in closed], abs=0.1)
+
+
 def test_a_logarithmic_axis_has_the_density_of_the_logarithm():
     values = lognorm.ppf(LEVELS, 0.5, scale=3.0)
     axis = Span(0.1, 90.0, log=True)

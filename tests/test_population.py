@@ -370,7 +370,11 @@ def test_what_cannot_be_pooled_is_refused(study, tmp_path, capsys):
     for text, message in (
         ("[spread]\nC1 = 1", "is not a table of population priors; tables are"),
         ("[sd_donors]\nC1 = -1", "above zero"),
-        ('[mean]\nC1 = { distribution = "cauchy" }', "normal or a lognormal"),
+        ("[correlations]\nC1 = 0.3", r"\[correlations\] has no 'C1'"),
+        (
+            '[mean]\nC1 = { distribution = "cauchy" }',
+            r"\[mean\] C1 must be a normal or a lognormal",
+        ),
     ):
         priors.write_text(text)
         with pytest.raises(InputError, match=message):

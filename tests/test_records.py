@@ -67,8 +67,17 @@ def test_what_cannot_be_a_loading_curve_is_refused_before_the_work(capsys, tmp_p
     first = next(line for line in out.splitlines() if line.startswith(kinds))
     assert code == 2 and first.startswith("error: ")
     assert "refuses it without --anyway" in out and "no warnings" not in out
+    more = sum(line.startswith("error: ") for line in out.splitlines()) - 1
+    assert more > 0 and f"({more} more of the kind)" in err
     code, out, _ = run(capsys, "check", path, "--no-fit", "--json")
     assert code == 2 and any(f["severity"] == "error" for f in json.loads(out)["findings"])
+
+
+def test_of_one_protocol_that_is_wrong_no_more_is_said(capsys, tmp_path):
+    wrong, path = changed(GOOD, reversed_rows), tmp_path / "wrong.csv"
+    write_specimen(replace(GOOD, protocols=(wrong.protocols[0], *GOOD.protocols[1:])), path)
+    err = refused(capsys, "sample", path, "--out", tmp_path / "run")
+    assert "are in reverse order" in err and "more of the kind" not in err
 
 
 def test_anyway_samples_it_and_says_so_first(capsys, tmp_path):

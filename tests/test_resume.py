@@ -222,6 +222,18 @@ def test_a_signal_that_compiled_code_hides_is_still_a_signal():
         raise SystemError("bad argument to internal function")
 
 
+def test_signals_are_handled_afterwards_as_before():
+    before = signal.signal(signal.SIGTERM, lambda *_: None)
+    try:
+        own = signal.getsignal(signal.SIGTERM)
+        with graceful_stop() as stop:
+            signal.raise_signal(signal.SIGTERM)
+            assert stop() == signal.SIGTERM
+        assert signal.getsignal(signal.SIGTERM) is own
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def test_a_signal_that_nohup_ignores_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
