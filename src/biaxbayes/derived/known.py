@@ -68,8 +68,9 @@ def known_table(determined: pd.DataFrame) -> Table:
         [Column(relative), *(Column(head) for head in columns)],
         rows,
         label,
-        f"{label} of the tissue: posterior medians with 90 % intervals. Tangent stiffness: "
-        "d s / d ln l of the law in one direction at constant stretch in the other",
+        f"{label} of the tissue: posterior medians with 90 % intervals. Tangent stiffness of the "
+        "law: change of the Cauchy stress by the log of the stretch in one direction, at constant "
+        "stretch in the other",
     )
 
 
