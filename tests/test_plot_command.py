@@ -2,8 +2,10 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from biaxbayes.figures.corner import corner_figure
@@ -47,6 +49,12 @@ def test_profiles_are_readable(small_run):
     result = profiles(small_run.posterior(), ["k1", "C1"])
     for width in (85.0, 180.0):
         assert_readable(profile_figure(result, width_mm=width), width)
+    # a curve that reaches the end of a range is drawn whole, its axis on the right with a line
+    k1 = result[0]
+    kappa = np.linspace(0.0, 0.1, len(k1.table))
+    figure = profile_figure([replace(k1, table=k1.table.assign(kappa=kappa))], width_mm=180.0)
+    (right,) = [ax for ax in figure.axes if ax.yaxis.get_label_position() == "right"]
+    assert right.get_ylim()[0] <= 0.0 and right.spines["right"].get_visible()
 
 
 def test_corner_with_truth_comparison_and_style(run, tmp_path, capsys):
