@@ -15,6 +15,7 @@ from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Tie
 from biaxbayes.reports.comparison import distance_tables
+from commands import refused, run
 from goh_functions import GOH_LAW
 from made_up import SOFT, STIFF
 from quick_posteriors import EQUIBIAXIAL, sampled, small_specimen, specimen
@@ -216,3 +217,21 @@ def test_a_small_median_keeps_two_digits_beside_a_large_difference():
     (table,) = distance_tables(pd.DataFrame([row]))
     text = " ".join(table.lines())
     assert " 1.6 " in text and " 84 " in text
+
+
+@pytest.mark.long
+def test_the_command_names_runs_by_their_folders_or_as_it_is_told(
+    small_run, media_run, tmp_path, capsys
+):
+    """And prints what it writes."""
+    arguments = ("compare", small_run.path, media_run.path, "--anyway", "--out")
+    for labels in ((), ("--labels", "thin, thick")):
+        out = tmp_path / f"{len(labels)}"
+        code, said, _ = run(capsys, *arguments, out, *labels)
+        assert code in (0, 3) and "compare.html" in said
+        page = (out / "compare.html").read_text(encoding="utf-8")
+        named = ("thin", "thick") if labels else ("virtual", "media")
+        assert all(f"{name}: medians" in said and name in page for name in named)
+    assert "3 --labels for 2 runs" in refused(
+        capsys, *arguments, tmp_path / "x", "--labels", "a,b,c"
+    )

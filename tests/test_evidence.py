@@ -74,6 +74,14 @@ def test_correlated_draws_widen_the_error():
     _, repeated = bridge(np.repeat(first, 8, axis=1), second)
     # eight times the rows, the same information
     assert repeated == pytest.approx(error, rel=0.03)
+    # also of a proposal that is hardly off the target: ln N(x; 0, 1) - ln N(x; 0.1, 1)
+    near, many = (
+        0.005 - 0.1 * x[:, 0].reshape(4, 50, 10),
+        0.005 - 0.1 * rng.normal(0.1, 1.0, 20_000),
+    )
+    _, error = bridge(near, many)
+    _, repeated = bridge(np.repeat(near, 8, axis=1), many)
+    assert repeated == pytest.approx(error, rel=0.03)
     # and a wrong normaliser of the proposal is seen at once
     value, error = bridge(first + 0.2, second + 0.2)
     assert value == pytest.approx(0.2, abs=5 * error)
