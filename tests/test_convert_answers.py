@@ -409,6 +409,14 @@ def test_a_load_that_is_recorded_late_is_named(late, tmp_path):
     assert "recorded late" in str(question) and f"for {late} rows" in str(question)
 
 
+def test_a_record_begins_with_its_rest_that_settles(tmp_path):
+    """The stretch falls there by less than a fiftieth of the rise."""
+    up = made()
+    rest = np.repeat(up[:1], 8, axis=0) + np.outer(np.linspace(0.003, 0.0, 8), [1, 1, 0, 0])
+    (p,) = read(written(tmp_path, table_of(np.concatenate([rest, up])))).specimen.protocols
+    assert p.rows == 68
+
+
 # --- cycles in a column, in files and in sheets ---------------------------------------------------
 
 
