@@ -14,9 +14,11 @@ from biaxbayes.model.misfit import CurvePoints, Structure
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.optimal_design.candidates import PIECE_MOUNTING, Reading, standard_candidates
 from biaxbayes.optimal_design.design import design, expect
+from biaxbayes.parameters import mounting_names
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.protocol import Protocol as MeasuredProtocol
 from biaxbayes.verbs.design import print_design
+from goh_functions import PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 from readable import in_view
 
@@ -88,6 +90,29 @@ def test_readings_weigh_as_in_the_posterior_that_holds_them(run, candidates):
     readings, noise = protocol.response(draws)
     square = (np.square(readings - readings[first]) / noise).sum(axis=1)
     assert gained - gained[first] == pytest.approx(-0.5 * square, rel=1e-6, abs=1e-4)
+
+
+def test_a_further_protocol_is_mounted_as_one_of_those_before():
+    data = specimen(MATERIAL, ratios=((1.0, 1.0), (1.0, 0.5)), increments=15)
+    values = dict(zip(PARAMETERS, MATERIAL.values, strict=True))
+    states = dict(zip([p.name for p in data.protocols], ((1.01, 1.02), (1.03, 1.04)), strict=True))
+
+    def loads(mounting_stretch: str, **mounted: tuple[float, float]) -> np.ndarray:
+        stretches = {
+            name: value
+            for state, pair in mounted.items()
+            for name, value in zip(mounting_names("stretch", state), pair, strict=True)
+        }
+        draws = pd.DataFrame([values | stretches] * 200)
+        posterior = Posterior(data, noise="independent", mounting_stretch=mounting_stretch)
+        (protocol,) = [c for c in standard_candidates(posterior, draws) if c.name == "1:0"]
+        return protocol.load(draws)
+
+    own = loads("per-protocol", **states)
+    of_states = [loads("shared", **{"": pair}) for pair in states.values()]
+    is_of = np.array([np.isclose(own, one, rtol=1e-12).all(axis=(1, 2)) for one in of_states])
+    assert (is_of.sum(axis=0) == 1).all() and is_of[0].sum() == 100
+    np.testing.assert_array_equal(loads("per-protocol", **states), own)
 
 
 @pytest.mark.parametrize("name", ["1:0", "repeat 1:1"])
