@@ -218,6 +218,16 @@ def test_rows_in_which_the_load_rises_are_not_at_rest(late, rest, noise):
     assert "the camera lags behind the load cell" in lag.message and " s) while" in lag.message
 
 
+def test_a_load_that_rises_as_the_stretch_does_is_no_lag():
+    """The stretch creeps by less than a quarter of a step, and the load by what that explains."""
+    stretch = np.concatenate([np.linspace(1.0, 1.004, 8), np.linspace(1.02, 1.2, 10)])
+    load = 0.1 + 2.0 * (stretch - 1.0)
+    p = Protocol("p", stretch, stretch, load, load)
+    assert p.rest_rows < 8
+    specimen = Specimen("s", [p], "force", **header("force", "unloaded"))
+    assert "camera-lag" not in {f.code for f in check_specimen(specimen)}
+
+
 def test_a_synchronous_record_has_no_lag():
     for seed in range(10):
         rng = np.random.default_rng(seed)
