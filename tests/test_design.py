@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
+import commands
 from biaxbayes.figures.simulations import design_figure
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.misfit import CurvePoints, Structure
@@ -272,3 +273,12 @@ def test_a_planned_tube_has_the_pressure_of_its_wall(run):
     )
     assert tube.load(one)[0, -1, 0] == pytest.approx(trapezoid(stress / r, r), rel=1e-4)
     assert design(posterior, draws.iloc[::20], [tube]).expected[0].peak is None
+
+
+@pytest.mark.long
+def test_the_command_writes_into_the_run_or_where_it_is_told(small_copy, tmp_path, capsys):
+    for folder, more in ((small_copy.path, ()), (tmp_path / "next", ("--out", tmp_path / "next"))):
+        code, said, _ = commands.run(capsys, "design", small_copy.path, *more)
+        assert code == 0 and str(folder / "design.csv") in said
+        best = pd.read_csv(folder / "design.csv")["candidate"][0]
+        assert f"measure next: {best}" in said and (folder / "design.pdf").exists()

@@ -407,6 +407,17 @@ def test_readings_are_those_of_the_protocols_along_the_path():
     assert measured_stress(of, one, aside).empty
 
 
+def test_an_offset_of_the_load_cell_is_taken_off_the_readings():
+    tested = replace(specimen(((1.0, 1.0),)), metadata={"load_offset_sd_N": 0.02})
+    offset = np.array([0.01, -0.02])
+    one = draws(1, spread=0.0).assign(load_offset_x=offset[0], load_offset_y=offset[1])
+    (p,) = tested.protocols
+    of = Posterior(tested, noise="independent")
+    result = measured_stress(of, one, p.stretch, stress="piola")
+    stress = (tested.load(p) - offset) / tested.area
+    np.testing.assert_allclose(result[["piola_x_kPa", "piola_y_kPa"]], stress, rtol=1e-12)
+
+
 def test_readings_along_a_tested_path_lie_on_the_tissue_where_the_law_misses(smooth):
     """By the noise, as their band is that of the law and its misfit; the law misses by 3 %."""
     of, frame = smooth
