@@ -220,7 +220,7 @@ def test_a_small_median_keeps_two_digits_beside_a_large_difference():
 
 
 @pytest.mark.long
-def test_the_command_names_runs_by_their_folders_or_as_it_is_told(
+def test_the_command_names_runs_by_their_specimens_or_as_it_is_told(
     small_run, media_run, tmp_path, capsys
 ):
     """And prints what it writes."""
@@ -230,8 +230,8 @@ def test_the_command_names_runs_by_their_folders_or_as_it_is_told(
         code, said, _ = run(capsys, *arguments, out, *labels)
         assert code in (0, 3) and "compare.html" in said
         page = (out / "compare.html").read_text(encoding="utf-8")
-        named = ("thin", "thick") if labels else ("virtual", "media")
-        assert all(f"{name}: medians" in said and name in page for name in named)
+        named = ("thin", "thick") if labels else ("virtual", "donor2-media")
+        assert all(f"\n{name}: medians" in f"\n{said}" and name in page for name in named)
     assert "3 --labels for 2 runs" in refused(
         capsys, *arguments, tmp_path / "x", "--labels", "a,b,c"
     )

@@ -73,7 +73,7 @@ def test_what_cannot_be_a_loading_curve_is_refused_before_the_work(capsys, tmp_p
     assert code == 2 and any(f["severity"] == "error" for f in json.loads(out)["findings"])
 
 
-def test_of_one_protocol_that_is_wrong_no_more_is_said(capsys, tmp_path):
+def test_a_single_error_is_not_said_to_be_one_of_several(capsys, tmp_path):
     wrong, path = changed(GOOD, reversed_rows), tmp_path / "wrong.csv"
     write_specimen(replace(GOOD, protocols=(wrong.protocols[0], *GOOD.protocols[1:])), path)
     err = refused(capsys, "sample", path, "--out", tmp_path / "run")

@@ -68,9 +68,9 @@ def known_table(determined: pd.DataFrame) -> Table:
         [Column(relative), *(Column(head) for head in columns)],
         rows,
         label,
-        f"{label} of the tissue: posterior medians with 90 % intervals. Tangent stiffness of the "
-        "law: change of the Cauchy stress by the log of the stretch in one direction, at constant "
-        "stretch in the other",
+        f"{label} of the tissue: posterior medians with 90 % intervals. Tangent stiffness: "
+        "derivative of the law's Cauchy stress with respect to the log of the stretch in one "
+        "direction, at constant stretch in the other",
     )
 
 
